@@ -148,6 +148,11 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("keys", "lock a fleet's bus; its keys issued, listed, renewed", "keys:keys"),
         Command("router", "a router of the bus, for fleets on several networks", "router:router"),
         Command("mocap", "the relay from a motion capture to the fleet's bus", "mocap:mocap"),
+        Command(
+            "corrections",
+            "RTK corrections for the fleet: cable, NTRIP, TCP or a recording",
+            "corrections:corrections",
+        ),
     ),
     "Simulation": (
         Command(

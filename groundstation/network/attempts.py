@@ -190,10 +190,14 @@ def _attempts_with_keys(first: str, last: str) -> Iterator[Attempt]:
             f"{outsider}: publishes a vehicle's state", partial(_publishes, identity=outsider)
         )
         yield Attempt(
+            f"{outsider}: publishes corrections of a false base",
+            partial(_corrects, identity=outsider, node_name=_UNKNOWN_NODE),
+        )
+        yield Attempt(
             f"{outsider}: reads states", partial(_reads, identity=outsider, vehicle=first)
         )
 
-    for role in (NodeRole.VIEWER, NodeRole.MOCAP, NodeRole.EMULATOR):
+    for role in (NodeRole.VIEWER, NodeRole.MOCAP, NodeRole.CORRECTIONS, NodeRole.EMULATOR):
         yield Attempt(
             f"a {role.value}'s key: orders hold",
             partial(_orders, identity=role, node_name=NODES[role], vehicle=first),
@@ -265,6 +269,12 @@ def _orders_otherwise(context: AttackContext, vehicle: str, order_attempt: Order
 def _publishes(context: AttackContext, identity: str) -> bool:
     with context.joined(identity, _UNKNOWN_NODE, SPARE) as node:
         return bool(_arrivals(context, node, [(Topic.STATE, "attacked")]))
+
+
+def _corrects(context: AttackContext, identity: str, node_name: str) -> bool:
+    """Publish corrections, by which a false base would move all that believe it."""
+    with context.joined(identity, node_name, SPARE) as node:
+        return bool(_arrivals(context, node, [(Topic.CORRECTIONS, "attacked")]))
 
 
 def _arrivals(

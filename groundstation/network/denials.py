@@ -32,6 +32,7 @@ _STATES = frozenset(
     }
 )
 _POSES = frozenset({Topic.MOCAP, Topic.ALL_POSES})
+_CORRECTIONS = frozenset({Topic.CORRECTIONS})  # a wrong base moves all who believe it
 _TRUTH = frozenset({Topic.TRUTH})
 _SENTENCES = frozenset({Topic.EVENT})
 _LIGHTS = frozenset({Topic.LIGHT})
@@ -40,25 +41,30 @@ _CLOCKS = frozenset({Topic.CLOCK})
 DENIED: dict[NodeRole, Denial] = {
     # a vehicle speaks for itself, and says nothing of what others measure
     NodeRole.VEHICLE: Denial(
-        as_itself=_POSES | _TRUTH | _LIGHTS,
-        as_another=_STATES | _SENTENCES | _POSES | _TRUTH | _LIGHTS | _CLOCKS,
+        as_itself=_POSES | _CORRECTIONS | _TRUTH | _LIGHTS,
+        as_another=_STATES | _SENTENCES | _POSES | _CORRECTIONS | _TRUTH | _LIGHTS | _CLOCKS,
     ),
     # a ground orders, and is no vehicle and no motion capture
     NodeRole.GROUND: Denial(
-        as_itself=_STATES | _POSES | _TRUTH,
-        as_another=_STATES | _POSES | _TRUTH | _CLOCKS,
+        as_itself=_STATES | _POSES | _CORRECTIONS | _TRUTH,
+        as_another=_STATES | _POSES | _CORRECTIONS | _TRUTH | _CLOCKS,
     ),
     NodeRole.VIEWER: Denial(
-        as_itself=_STATES | _POSES | _TRUTH | _SENTENCES | _LIGHTS,
-        as_another=_STATES | _POSES | _TRUTH | _SENTENCES | _LIGHTS | _CLOCKS,
+        as_itself=_STATES | _POSES | _CORRECTIONS | _TRUTH | _SENTENCES | _LIGHTS,
+        as_another=_STATES | _POSES | _CORRECTIONS | _TRUTH | _SENTENCES | _LIGHTS | _CLOCKS,
     ),
     # a motion capture measures bodies, whatever their names
     NodeRole.MOCAP: Denial(
-        as_itself=_STATES | _TRUTH | _SENTENCES | _LIGHTS,
-        as_another=_STATES | _TRUTH | _SENTENCES | _LIGHTS | _CLOCKS,
+        as_itself=_STATES | _CORRECTIONS | _TRUTH | _SENTENCES | _LIGHTS,
+        as_another=_STATES | _CORRECTIONS | _TRUTH | _SENTENCES | _LIGHTS | _CLOCKS,
+    ),
+    # a base corrects satellites, and measures no body
+    NodeRole.CORRECTIONS: Denial(
+        as_itself=_STATES | _POSES | _TRUTH | _SENTENCES | _LIGHTS,
+        as_another=_STATES | _POSES | _TRUTH | _SENTENCES | _LIGHTS | _CLOCKS,
     ),
     NodeRole.EMULATOR: Denial(
-        as_itself=_STATES | _SENTENCES | _LIGHTS,
-        as_another=_STATES | _SENTENCES | _LIGHTS | _CLOCKS,
+        as_itself=_STATES | _CORRECTIONS | _SENTENCES | _LIGHTS,
+        as_another=_STATES | _CORRECTIONS | _SENTENCES | _LIGHTS | _CLOCKS,
     ),
 }

@@ -28,6 +28,7 @@ NODES = {
     NodeRole.GROUND: "ground-0-intruder",
     NodeRole.VIEWER: "watcher-0-intruder",
     NodeRole.MOCAP: "mocap",
+    NodeRole.CORRECTIONS: "corrections",
     NodeRole.EMULATOR: "sitl",
 }
 

@@ -19,7 +19,14 @@ from msgspec.structs import replace
 from onboard.bus.clock_offsets import Clocks
 from onboard.bus.codec import Malformed
 from onboard.bus.protocol import Bus
-from onboard.bus.schema import ClockMessage, Message, MocapPose, Order, StateMessage
+from onboard.bus.schema import (
+    ClockMessage,
+    Corrections,
+    Message,
+    MocapPose,
+    Order,
+    StateMessage,
+)
 from onboard.bus.topics import Topic
 
 BEAT_S = 0.5  # from one clock message to the next
@@ -96,6 +103,20 @@ class ClockNode:
         if stamp_ns == pose.stamp_ns:
             return pose
         return replace(pose, stamp_ns=stamp_ns)
+
+    def corrections(self, message: Corrections, received_ns: int) -> Corrections:
+        """Return corrections with their stamp on our clock.
+
+        Args:
+            message: as received.
+            received_ns: its arrival, by our clock.
+        Returns:
+            the same object where the clock is shared, else a changed copy.
+        """
+        stamp_ns = self.clocks.own_ns(message.source, message.stamp_ns, received_ns)
+        if stamp_ns == message.stamp_ns:
+            return message
+        return replace(message, stamp_ns=stamp_ns)
 
     def _warn_of_unknown_clock(self, source: str, now_ns: int) -> None:
         since_ns = self._unknown_since_ns.setdefault(source, now_ns)

@@ -184,6 +184,14 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
 
     is_path_paused: bool = False  # an order has stopped its path's clock, and so everybody's
 
+    # of a vehicle that flies by satellites
+    fix: str = ""  # of its PX4's receiver, in words; empty while it is not known
+    satellites: int = -1  # that the receiver uses; -1: not known
+    # of corrections, where the fleet has some
+    corrections_age_s: float = math.nan  # since the newest were given to PX4; NaN: never
+    base_id: int = -1  # station of those corrections; -1: none is known
+    base_distance_m: float = math.nan  # from the vehicle to that station; NaN: not known
+
 
 class PreflightReport(Message, frozen=True, array_like=True, kw_only=True):
     """Go or no-go of one vehicle, 1 Hz while it stands on the ground."""
@@ -360,6 +368,16 @@ class MocapPoses(Message, frozen=True, array_like=True, kw_only=True):
     """Newest poses of several bodies."""
 
     poses: tuple[MocapPose, ...]
+
+
+class Corrections(Message, frozen=True, array_like=True, kw_only=True):
+    """One RTCM 3 frame of the fleet's base, as its source sent it, for every vehicle's PX4."""
+
+    source: str  # the node whose clock stamps it
+    boot_id: int
+    sequence: int
+    stamp_ns: int  # when the frame was complete at the node that reads the source
+    frame: bytes  # preamble, length, message and checksum
 
 
 class HeardClock(msgspec.Struct, frozen=True, array_like=True):

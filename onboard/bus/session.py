@@ -64,6 +64,9 @@ _BLOCKING_PRIORITY = zenoh.Priority.INTERACTIVE_HIGH
 # Topics that overtake all others on a link.
 _URGENT = (Topic.STATE, Topic.MOCAP)
 
+# Topics that all others overtake: on a full radio they are dropped first.
+_LAST = (Topic.CORRECTIONS,)
+
 # Topics whose messages fit into one datagram. Over QUIC nothing of a larger one arrives, so all
 # others, ticks and preflight reports among them, travel in streams. A publisher of the newest still
 # drops rather than waits.
@@ -192,6 +195,8 @@ class BusSession:
 
         if topic in _URGENT:
             priority = zenoh.Priority.REAL_TIME
+        elif topic in _LAST:
+            priority = zenoh.Priority.BACKGROUND
 
         reliability = zenoh.Reliability.RELIABLE
         if topic in _IN_DATAGRAMS:

@@ -25,6 +25,7 @@ class Topic(str, Enum):
     ORDER = "order"
     MOCAP = "mocap"  # pose of one body
     ALL_POSES = "poses"  # poses of all bodies
+    CORRECTIONS = "corrections"  # RTK, of the fleet's base
     CLOCK = "clock"
     TRUTH = "truth"  # of the emulator
     LIGHT = "light"  # colour of a vehicle in a show
@@ -123,12 +124,19 @@ TOPICS: dict[Topic, TopicSpec] = {
         delivery=Delivery.LATEST,
         from_to="mocap relay -> agents, all bodies",
     ),
+    Topic.CORRECTIONS: TopicSpec(
+        message=schema.Corrections,
+        rate_hz=0.0,
+        stale_after_s=2.0,
+        delivery=Delivery.LATEST,
+        from_to="node of corrections -> agents, one RTCM frame each",
+    ),
     Topic.CLOCK: TopicSpec(
         message=schema.ClockMessage,
         rate_hz=2.0,
         stale_after_s=60.0,
         delivery=Delivery.LATEST,
-        from_to="agents, ground, relay <-> each other",
+        from_to="agents, ground, relays <-> each other",
     ),
     Topic.TRUTH: TopicSpec(
         message=schema.Truth,

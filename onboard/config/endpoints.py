@@ -14,6 +14,16 @@ def host_of(endpoint: str) -> str:
     return endpoint.partition("/")[2].lstrip("/").rpartition(":")[0]
 
 
+def split_host_and_port(address: str) -> tuple[str, int]:
+    """Return the host and the port of ``HOST:PORT``; an IPv6 address without its brackets.
+
+    Args:
+        address: as in the fleet file, and checked there.
+    """
+    host, _, port = address.rpartition(":")
+    return host.strip("[]"), int(port)
+
+
 def is_loopback(host: str) -> bool:
     """Whether a host name or address means this computer and nothing else.
 

@@ -50,6 +50,9 @@ FENCE_FILE = FileKind("file", 16 * _MB, "Give a .plan of QGroundControl or a Geo
 PARAMETER_FILE = FileKind("file", 16 * _MB, "Give a file of covey px4 params --dump.")
 # Certificates and keys take 1 kB.
 KEY_FILE = FileKind("file", 64_000, "Copy it again, or issue it anew.")
+# A base sends a kilobyte a second: an hour takes 4 MB.
+RTCM_FILE = FileKind("recording of RTCM", 64 * _MB, "Correct corrections.address.")
+PASSWORD_FILE = FileKind("file with a password", 4_000, "Correct corrections.password_file.")
 # A map of 10,000 cells takes 5 MB.
 RESULTS_FILE = FileKind("file", 64 * _MB, "Name a file of covey simulate --map.")
 # a flight takes 1 kB

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from onboard.config import fences, formation_shape, obstacles
+from onboard.config.corrections import CorrectionsConfig as CorrectionsConfig
 from onboard.config.fleet_config import FleetConfig as FleetConfig
 from onboard.config.fleet_config import FleetSection as FleetSection
 from onboard.config.fleet_config import Geofence as Geofence
@@ -35,6 +36,7 @@ from onboard.config.validation import check_fleet
 from onboard.config.vehicle_tables import vehicle_from_tables
 
 _KNOWN_KEYS = (
+    "corrections",
     "defaults",
     "fences",
     "fleet",
@@ -109,6 +111,9 @@ def fleet_from_mapping(
     radio: RadioConfig | None = None
     if "radio" in data:
         radio = convert(data["radio"], RadioConfig, path, "radio")
+    corrections: CorrectionsConfig | None = None
+    if "corrections" in data:
+        corrections = convert(data["corrections"], CorrectionsConfig, path, "corrections")
 
     types = tables(data.get("types", {}), path, "types")
     defaults = table(data.get("defaults", {}), path, "defaults")
@@ -128,6 +133,7 @@ def fleet_from_mapping(
         mocap=mocap,
         shapes=shapes,
         radio=radio,
+        corrections=corrections,
     )
     check_fleet(config)
 

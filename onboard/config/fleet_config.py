@@ -13,6 +13,7 @@ import msgspec
 
 from onboard.config import fences, obstacles
 from onboard.config.areas import BELOW_FLOOR_M
+from onboard.config.corrections import CorrectionsConfig
 from onboard.config.earth import Origin as Origin
 from onboard.config.endpoints import host_of
 from onboard.config.formation_shape import FormationShape
@@ -196,6 +197,8 @@ class FleetConfig(msgspec.Struct, frozen=True):
     shapes: dict[str, FormationShape] = {}
     # the channel that all share; only its expected lateness is in the hash
     radio: RadioConfig | None = None
+    # RTK; what the agents do not judge by is not in the hash
+    corrections: CorrectionsConfig | None = None
     own_law: OwnLaw | None = None  # that law.name names, if it is none of Covey's
 
     @property
@@ -266,8 +269,15 @@ class FleetConfig(msgspec.Struct, frozen=True):
         ]
         if self.fences:  # a file without them keeps the hash that it had before there were any
             parts.append(self.fences)
+        if self.corrections is not None:  # likewise
+            parts.append(self.corrections.judged)
         values = msgspec.json.encode(parts, order="deterministic")
         return hashlib.sha256(values).hexdigest()[:12]
+
+    def takes_corrections(self, vehicle: Vehicle) -> bool:
+        """Whether corrections are given to a vehicle's PX4: it flies by satellites."""
+        by_satellites = not vehicle.mocap_required and vehicle.px4_position == "gps"
+        return self.corrections is not None and by_satellites
 
     @property
     def expected_radio(self) -> RadioConfig:

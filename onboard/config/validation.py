@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from onboard.config import fences, folders, formation_shape, obstacles
+from onboard.config import corrections, fences, folders, formation_shape, obstacles
 from onboard.config import mocap as mocap_config
 from onboard.config import radio as radio_config
 from onboard.config import sitl as sitl_profile
@@ -66,7 +66,7 @@ _KEYED = ("quic/", "tls/")  # begins of endpoints whose links have keys
 
 # Names of keys beside the vehicles' own: common names of certificates, and the certificate
 # authority's file.
-_NODE_NAMES = ("ground", "viewer", "mocap", "sitl", "router", "ca")
+_NODE_NAMES = ("ground", "viewer", "mocap", "corrections", "sitl", "router", "ca")
 
 _WITHOUT_SIGNING = ("1.16", "1.17")  # versions of PX4 that do not sign MAVLink
 
@@ -93,6 +93,7 @@ def _problems(config: FleetConfig) -> Iterator[str]:
     bodies = {name: vehicle.body for name, vehicle in config.vehicles.items()}
     yield from mocap_config.problems(config.mocap, bodies)
     yield from radio_config.problems(config.radio)
+    yield from _corrections_problems(config)
 
     clearance_m = 0.5 * config.fleet.body_diameter_m + config.law.obstacle_margin_m
     starts_enu_m = {name: vehicle.start_enu_m for name, vehicle in config.vehicles.items()}
@@ -130,6 +131,18 @@ def _fleet_section_problems(config: FleetConfig) -> Iterator[str]:
         low, high = getattr(fleet.geofence_m, axis)
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             yield f"'fleet.geofence_m.{axis}' is [{low}, {high}]; give [low, high] with low < high."
+
+
+def _corrections_problems(config: FleetConfig) -> Iterator[str]:
+    yield from corrections.problems(config.corrections, config.fleet.global_origin)
+    if config.corrections is None:
+        return
+    if not any(map(config.takes_corrections, config.vehicles.values())):
+        yield (
+            "'corrections' are for vehicles that fly by satellites, and this fleet has none. "
+            "Remove the table, or give a vehicle mocap_required = false and "
+            'px4_position = "gps".'
+        )
 
 
 def _bound(fleet: FleetSection, bound: float | str) -> float:

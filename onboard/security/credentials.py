@@ -159,6 +159,7 @@ def _description(node: str) -> str:
         ),
         NodeRole.VIEWER.value: "a ground that only watches",
         NodeRole.MOCAP.value: "the relay of the motion capture",
+        NodeRole.CORRECTIONS.value: "the node of corrections",
         NodeRole.EMULATOR.value: "the emulator",
         ROUTER: "a router",
     }

@@ -22,6 +22,7 @@ class NodeRole(StrEnum):
     GROUND = "ground"  # orders, and reads all
     VIEWER = "viewer"  # reads all
     MOCAP = "mocap"  # publishes poses
+    CORRECTIONS = "corrections"  # publishes corrections of RTK
     EMULATOR = "sitl"  # publishes poses and ground truth of what it emulates
 
 
@@ -73,6 +74,7 @@ GRANTS: dict[NodeRole, Grant] = {
                 Topic.SLOW_TELEMETRY,
                 Topic.MOCAP,
                 Topic.ALL_POSES,
+                Topic.CORRECTIONS,
                 Topic.CLOCK,
                 Topic.ALIVE,
             )
@@ -99,6 +101,14 @@ GRANTS: dict[NodeRole, Grant] = {
         tokens=("mocap$*",),
         # covey mocap --check reads ticks
         reads=frozenset((Topic.MOCAP, Topic.TICK, Topic.CLOCK, Topic.ALIVE)),
+    ),
+    NodeRole.CORRECTIONS: Grant(
+        publishes={Topic.CORRECTIONS: _ANY, Topic.CLOCK: ("corrections$*",)},
+        answers={},
+        asks={},
+        tokens=("corrections$*",),
+        # its report says which fix the vehicles have
+        reads=frozenset((Topic.SLOW_TELEMETRY, Topic.CLOCK, Topic.ALIVE)),
     ),
     NodeRole.EMULATOR: Grant(
         publishes={

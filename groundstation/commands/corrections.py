@@ -1,0 +1,66 @@
+"""``covey corrections``: the node that brings RTK corrections to the fleet's bus.
+
+Examples:
+  covey corrections --fleet fleet.toml
+  covey corrections --fleet fleet.toml --check --seconds 10
+
+Exit status: 0 stopped, or all is right at the end of --seconds (base and observations come); 1
+something is not; 2 wrong input; 10 no frame came. docs/corrections.md says more.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+
+from groundstation.commands.parameters import FleetFile, Seconds
+from onboard.config.fleet import ConfigError, load_fleet
+from onboard.corrections.relay.corrections_relay import CorrectionsRelay, relay_problem
+from onboard.corrections.relay.sources import source_of
+
+_SHORTEST_S = 0.5  # of a run
+# between two reports
+_LEAST_PERIOD_S = 0.1
+_MOST_PERIOD_S = 3600.0
+
+
+def corrections(
+    *,
+    fleet: FleetFile,
+    check: bool = False,
+    seconds: Seconds | None = None,
+    every_s: Seconds = 5.0,
+) -> int:
+    """Read RTK corrections and publish them on the fleet's bus.
+
+    Args:
+        check: only read the source: what does it send, and where is its base?
+        seconds: end after so long (default: run until Ctrl-C)
+        every_s: time between reports
+    """
+    is_long_enough = seconds is None or seconds >= _SHORTEST_S
+    if not is_long_enough or not _LEAST_PERIOD_S <= every_s <= _MOST_PERIOD_S:
+        raise ConfigError("--every-s must lie between 0.1 and 3600, --seconds be 0.5 or more.")
+
+    config = load_fleet(fleet)
+    problem = relay_problem(config)
+    if problem is not None:
+        raise problem
+
+    relay = CorrectionsRelay(
+        config, lambda: source_of(config, os.environ), _print, publishes=not check
+    )
+    return asyncio.run(_run(relay, seconds=seconds, every_s=every_s))
+
+
+async def _run(relay: CorrectionsRelay, *, seconds: float | None, every_s: float) -> int:
+    stopped = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):  # a clean end
+        loop.add_signal_handler(number, stopped.set)
+    return await relay.run(seconds=seconds, every_s=every_s, stopped=stopped)
+
+
+def _print(line: str) -> None:
+    print(line, flush=True)

@@ -1,0 +1,155 @@
+"""``[corrections]`` of a fleet file: where RTK corrections come from, and what flights ask of them.
+
+One node (``covey corrections``) reads the source and publishes it once on the bus; each agent gives
+it to its own PX4. The password of an NTRIP caster never stands in this file: the node reads it from
+a file of its own or from its environment. Only what the agents judge by is in the fleet's hash.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from typing import Literal
+
+import msgspec
+
+from onboard.config.earth import Origin, is_on_earth
+from onboard.config.toml_reading import bound_problems
+
+PASSWORD_VARIABLE = "COVEY_NTRIP_PASSWORD"  # of the node's environment
+BAUDS = (9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600)
+
+BOUNDS: dict[str, tuple[float, float]] = {
+    "max_age_s": (2.0, 120.0),
+    "max_base_km": (0.01, 200.0),
+    "base_tolerance_m": (0.02, 100.0),
+    "hold_accuracy_m": (0.02, 0.7),
+}
+
+_HOST_AND_PORT = re.compile(r"(?:[A-Za-z0-9._-]{1,253}|\[[0-9A-Fa-f:.]{2,45}\]):(\d{1,5})")
+_MOUNTPOINT = re.compile(r"[A-Za-z0-9_.-]{1,100}")
+_USER = re.compile(r"[!-9;-~]{1,100}")  # what stands before the colon of HTTP's authentication
+_OF_NTRIP = ("mountpoint", "user", "password_file", "tls", "sends_position")
+
+
+class CorrectionsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """``[corrections]``: docs/corrections.md explains each key."""
+
+    # a receiver on a cable, a caster of NTRIP, a server that sends RTCM over TCP, or a recording
+    source: Literal["serial", "ntrip", "tcp", "file"]
+    # serial: /dev/ttyUSB0; ntrip and tcp: HOST:PORT; file: a path beside this file
+    address: str
+    baud: int = 115200  # serial only
+    mountpoint: str = ""  # ntrip only, as the four keys below
+    user: str = ""  # by which the caster knows you
+    # file with the password in its first line, beside this file, readable by its owner only;
+    # without it the node reads COVEY_NTRIP_PASSWORD of its environment
+    password_file: str = ""
+    tls: bool = False  # the caster speaks TLS
+    # the fleet's origin is sent to the caster, which then makes corrections for that place
+    sends_position: bool = False
+    # that take-off demands of PX4's receiver; one that falls back below it in flight is a failsafe
+    fix: Literal["any", "rtk_float", "rtk_fixed"] = "any"
+    max_age_s: float = 10.0  # with a demanded fix nobody takes off on older corrections
+    max_base_km: float = 20.0  # beyond it the base is too far away: nobody takes off
+    # latitude, longitude where the base was surveyed: corrections of a base elsewhere are not given
+    # to PX4
+    base_deg: tuple[float, float] | None = None
+    # its height above the ellipsoid of WGS 84, not above the sea; without it heights are not judged
+    base_height_m: float | None = None
+    base_tolerance_m: float = 2.0  # by which a base may be elsewhere, or move while a vehicle flies
+    # a vehicle whose fix has fallen back holds when its position is worse, of two axes together
+    hold_accuracy_m: float = 0.5
+
+    @property
+    def judged(self) -> tuple[object, ...]:
+        """What the agents judge by: equal on all vehicles of a fleet."""
+        return (
+            self.fix,
+            self.max_age_s,
+            self.max_base_km,
+            self.base_deg,
+            self.base_height_m,
+            self.base_tolerance_m,
+            self.hold_accuracy_m,
+        )
+
+
+def problems(corrections: CorrectionsConfig | None, origin: Origin | None) -> Iterator[str]:
+    """Check the table.
+
+    Args:
+        corrections: the table; None where the file has none.
+        origin: of the fleet frame on Earth, if the file has one.
+    Yields:
+        a sentence for each mistake.
+    """
+    if corrections is None:
+        return
+    yield from _source_problems(corrections, origin)
+    for key, (low, high) in BOUNDS.items():
+        yield from bound_problems(f"corrections.{key}", getattr(corrections, key), low, high)
+
+    base_deg = corrections.base_deg
+    if base_deg is not None and not is_on_earth(*base_deg):
+        yield (
+            f"'corrections.base_deg' is {list(base_deg)}, which is no place on Earth. Give "
+            "[latitude, longitude] of the surveyed point."
+        )
+    height_m = corrections.base_height_m
+    if height_m is not None:
+        yield from bound_problems("corrections.base_height_m", height_m, -1000.0, 10_000.0)
+        if base_deg is None:
+            yield (
+                "'corrections.base_height_m' is given without 'corrections.base_deg'. Give the "
+                "surveyed point as well, or remove the height."
+            )
+
+
+def _source_problems(corrections: CorrectionsConfig, origin: Origin | None) -> Iterator[str]:
+    """Yield a sentence about a source that cannot be opened as it is written."""
+    source = corrections.source
+    if source in ("ntrip", "tcp"):
+        match = _HOST_AND_PORT.fullmatch(corrections.address)
+        if match is None or not 0 < int(match[1]) < 65536:
+            yield (
+                f"'corrections.address' is {corrections.address!r}; {source} needs HOST:PORT, for "
+                'instance address = "caster.example.org:2101".'
+            )
+    elif not corrections.address.strip():
+        yield "'corrections.address' is empty. Name the device or the file to read."
+
+    if corrections.baud not in BAUDS:
+        rates = ", ".join(map(str, BAUDS))
+        yield f"'corrections.baud' is {corrections.baud}; it is one of {rates}."
+
+    if source != "ntrip":
+        for key in _OF_NTRIP:
+            if getattr(corrections, key):
+                yield (
+                    f"'corrections.{key}' is given, but 'corrections.source' is '{source}'. Only "
+                    "ntrip has it: remove the key."
+                )
+        return
+
+    if not _MOUNTPOINT.fullmatch(corrections.mountpoint):
+        yield (
+            f"'corrections.mountpoint' is {corrections.mountpoint!r}; ntrip needs one of A-Z a-z "
+            "0-9 _ . -, as the caster's list names it."
+        )
+    if corrections.user and not _USER.fullmatch(corrections.user):
+        yield (
+            "'corrections.user' has characters that a caster does not take: letters, digits and "
+            "signs without blanks and colons are taken."
+        )
+    if corrections.sends_position and origin is None:
+        yield (
+            "'corrections.sends_position' needs the place: give fleet.origin as "
+            "{ latitude_deg, longitude_deg, altitude_m }, or remove the key."
+        )
+
+
+def beside(fleet_path: str, path: str) -> str:
+    """Return a path that a fleet file names, which counts from the file's own folder."""
+    return os.path.join(os.path.dirname(os.path.abspath(fleet_path)), path)

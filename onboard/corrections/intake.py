@@ -1,0 +1,203 @@
+"""The corrections of one vehicle: from the bus, judged, in fragments to its PX4. Pure.
+
+What is no frame, is old, comes from a second source or belongs to a base that is not believed is
+not given to PX4; its receiver falls back to a worse fix then, which the failsafes see. Nothing of a
+base is given before it has said where it is.
+
+At each tick one fragment leaves at most, behind the setpoint: 9 kB a second, and never a frame
+within another one. What waits is bounded; of more the newest is kept, since a receiver has no use
+for what it could have heard a second ago.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from msgspec import Struct
+
+from onboard.autopilot import Snapshot
+from onboard.bus.schema import Corrections
+from onboard.bus.topics import TOPICS, Topic
+from onboard.config.corrections import CorrectionsConfig
+from onboard.config.earth import Origin, latitude_longitude_deg
+from onboard.corrections import rtcm
+from onboard.corrections.base_watch import BaseJudgement, BaseWatch, base_distance_m
+from onboard.corrections.fragments import MOST_BYTES, SEQUENCES, Fragment, fragments_of
+from onboard.message_counts import MessageCounts
+
+MOST_WAITING = 24  # frames; a moment of four systems of satellites takes six
+_STALE_NS = round(1e9 * TOPICS[Topic.CORRECTIONS].stale_after_s)
+_FUTURE_NS = 100_000_000  # a stamp may be so far ahead of its arrival
+_SOURCE_GONE_NS = 5_000_000_000  # after which another source is heard
+_SEVERAL_NS = 5_000_000_000  # for which a second source is told of
+_LONG_TOLD_NS = 60_000_000_000  # for which a frame that is too long is told of
+
+
+class CorrectionsStatus(Struct, frozen=True):
+    """What is known of a vehicle's corrections at one tick."""
+
+    age_s: float = math.inf  # since the newest observations that PX4 was given; inf: never
+    base_id: int = -1  # station that is believed; -1: none
+    base_distance_m: float = math.nan  # from the vehicle; NaN: not known
+    base: BaseJudgement = BaseJudgement()  # of where the base says that it is
+    unsteady_s: float | None = None  # how long ago it moved, while that is too recent
+    has_several_sources: bool = False
+    too_long_bytes: int = 0  # of a frame that no fragments hold; 0: none lately
+
+
+class _Waiting(Struct, frozen=True):
+    """A frame that waits for its turn."""
+
+    frame: bytes
+    stamp_ns: int
+
+
+class CorrectionsIntake:
+    """Corrections of one vehicle; :meth:`hear` each message, :meth:`due` once a tick.
+
+    Args:
+        corrections: of the fleet file.
+    """
+
+    def __init__(self, corrections: CorrectionsConfig) -> None:
+        self.counts = MessageCounts()  # of messages that PX4 was not given
+        self._watch = BaseWatch(corrections)
+
+        self._boot_id: int | None = None  # of the source that is heard
+        self._heard_ns = 0  # its newest message
+        self._several_ns: int | None = None  # when a second one was heard
+        self._too_long = (0, 0)  # bytes of the newest frame that was too long, and its arrival
+
+        self._waiting: deque[_Waiting] = deque()
+        self._fragments: deque[Fragment] = deque()  # of the frame that is being sent
+        self._sending: _Waiting | None = None
+        self._sequence = 0
+        self._observed_ns: int | None = None  # stamp of the newest observations that PX4 was given
+
+    def hear(self, message: Corrections, received_ns: int, *, is_on_ground: bool) -> None:
+        """Take a message of the bus.
+
+        Args:
+            message: with its stamp on our clock.
+            received_ns: its arrival.
+            is_on_ground: whether this vehicle stands, disarmed.
+        """
+        frame = message.frame
+        if not rtcm.is_frame(frame):
+            self.counts.malformed += 1
+            return
+        if not self._is_of_the_source(message, received_ns):
+            self.counts.refused += 1
+            return
+        if not -_FUTURE_NS <= received_ns - message.stamp_ns <= _STALE_NS:
+            self.counts.late += 1
+            return
+        if not rtcm.is_for_receivers(rtcm.number_of(frame)):
+            return  # of a maker for its own receivers: nothing is wrong with it
+        if len(frame) > MOST_BYTES:
+            self._too_long = (len(frame), received_ns)
+            self.counts.refused += 1
+            return
+        if not self._is_of_the_base(frame, received_ns, is_on_ground=is_on_ground):
+            self.counts.refused += 1
+            return
+
+        if len(self._waiting) == MOST_WAITING:
+            self._waiting.popleft()
+            self.counts.dropped += 1
+        self._waiting.append(_Waiting(frame, message.stamp_ns))
+
+    def _is_of_the_source(self, message: Corrections, received_ns: int) -> bool:
+        """Whether a message is of the source that is heard; another one waits until it is gone."""
+        is_gone = received_ns - self._heard_ns > _SOURCE_GONE_NS
+        if self._boot_id is None or is_gone:
+            self._boot_id = message.boot_id
+        if message.boot_id != self._boot_id:
+            self._several_ns = received_ns
+            return False
+        self._heard_ns = received_ns
+        return True
+
+    def _is_of_the_base(self, frame: bytes, received_ns: int, *, is_on_ground: bool) -> bool:
+        """Whether a frame may be given to PX4, by where its base is."""
+        position = rtcm.base_of(frame)
+        if position is not None:
+            return self._watch.hear(position, received_ns, is_on_ground=is_on_ground)
+
+        base = self._watch.base
+        if base is None or self._watch.judgement.fault is not None:
+            return False
+        station = rtcm.station_of(frame)
+        return station is None or station == base.station
+
+    def due(self, now_ns: int) -> Fragment | None:
+        """Return the fragment that leaves at this tick; None for none."""
+        if not self._fragments:
+            self._begin(now_ns)
+        if not self._fragments:
+            return None
+
+        fragment = self._fragments.popleft()
+        sent = self._sending
+        if not self._fragments and sent is not None:
+            if rtcm.is_observation(rtcm.number_of(sent.frame)):
+                self._observed_ns = max(sent.stamp_ns, self._observed_ns or sent.stamp_ns)
+            self._sending = None
+        return fragment
+
+    def _begin(self, now_ns: int) -> None:
+        """Begin with the next frame that is not too old by now."""
+        while self._waiting:
+            waiting = self._waiting.popleft()
+            if now_ns - waiting.stamp_ns > _STALE_NS:
+                self.counts.late += 1
+                continue
+            self._sending = waiting
+            self._fragments.extend(fragments_of(waiting.frame, self._sequence))
+            self._sequence = (self._sequence + 1) % SEQUENCES
+            return
+
+    def status(self, snapshot: Snapshot, now_ns: int) -> CorrectionsStatus:
+        """Return what is known at this tick.
+
+        Args:
+            snapshot: newest of PX4, which says where the vehicle is on Earth.
+            now_ns: the time.
+        """
+        age_s = math.inf
+        if self._observed_ns is not None:
+            age_s = max(0.0, (now_ns - self._observed_ns) * 1e-9)
+
+        base_id = -1
+        distance_m = math.nan
+        base = self._watch.base
+        if base is not None:
+            base_id = base.station
+            place_deg = _place_deg(snapshot)
+            if place_deg is not None:
+                distance_m = base_distance_m(base, *place_deg)
+
+        several_ns = self._several_ns
+        too_long_bytes, too_long_ns = self._too_long
+        if now_ns - too_long_ns > _LONG_TOLD_NS:
+            too_long_bytes = 0
+        return CorrectionsStatus(
+            age_s=age_s,
+            base_id=base_id,
+            base_distance_m=distance_m,
+            base=self._watch.judgement,
+            unsteady_s=self._watch.unsteady_s(now_ns),
+            has_several_sources=several_ns is not None and now_ns - several_ns < _SEVERAL_NS,
+            too_long_bytes=too_long_bytes,
+        )
+
+
+def _place_deg(snapshot: Snapshot) -> tuple[float, float] | None:
+    """Return latitude and longitude of a vehicle by its PX4; None while it does not know them."""
+    if snapshot.global_origin is None or snapshot.local_position_ns == 0:
+        return None
+    latitude_deg, longitude_deg, altitude_m = snapshot.global_origin
+    origin = Origin(latitude_deg=latitude_deg, longitude_deg=longitude_deg, altitude_m=altitude_m)
+    north_m, east_m, _ = snapshot.position_local_ned_m
+    return latitude_longitude_deg(origin, east_m, north_m)

@@ -1,0 +1,374 @@
+"""``covey corrections``: one process that reads the source and publishes its frames on the bus.
+
+Each frame crosses each link once. What is no frame, or has a wrong checksum, is counted and goes
+nowhere. A source that ends is opened again, later each time; one that has refused is asked once a
+minute only, since casters shut out who asks too often.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import secrets
+import time
+from collections import Counter
+from collections.abc import AsyncIterator, Callable
+from contextlib import aclosing
+
+from onboard.bus.clock_sync import BEAT_S, ClockNode
+from onboard.bus.codec import Malformed
+from onboard.bus.protocol import Bus
+from onboard.bus.schema import Corrections, Message, Telemetry
+from onboard.bus.session import BusSession
+from onboard.bus.topics import Topic
+from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.corrections import rtcm
+from onboard.corrections.base_watch import BaseWatch
+from onboard.corrections.fragments import MOST_BYTES
+from onboard.corrections.relay.framing import FrameCutter
+from onboard.corrections.relay.source_error import SourceError
+from onboard.corrections.relay.sources import words_of
+from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
+from onboard.plain_text import plain_line
+from onboard.security.credentials import credentials_of
+from onboard.security.node_roles import NodeRole
+
+NODE = NodeRole.CORRECTIONS.value
+NAME = "base"  # under which frames are published
+
+MOST_BYTES_S = 6000.0  # of frames that are passed on; a base sends a kilobyte
+_FIRST_PAUSE_S = 1.0  # before a source is opened again
+_LONGEST_PAUSE_S = 30.0
+_REFUSED_PAUSE_S = 60.0
+_TELEMETRY_S = 3.0  # age up to which a vehicle's fix is shown
+
+OpenSource = Callable[[], AsyncIterator[bytes]]
+
+
+class CorrectionsRelay:
+    """One run of the node.
+
+    Args:
+        fleet: the fleet file, with a table of corrections.
+        open_source: opens the source anew.
+        say: prints a line for a person.
+        publishes: False: it only reads the source, and joins no bus.
+    """
+
+    def __init__(
+        self,
+        fleet: FleetConfig,
+        open_source: OpenSource,
+        say: Callable[[str], None],
+        *,
+        publishes: bool = True,
+    ) -> None:
+        corrections = fleet.corrections
+        assert corrections is not None
+        self.fleet = fleet
+        self._corrections = corrections
+        self._open_source = open_source
+        self._say = say
+
+        self._bus: Bus | None = None
+        if publishes:
+            self._bus = BusSession(
+                namespace=fleet.namespace,
+                node=NODE,
+                connect=[fleet.vehicles[name].agent for name in fleet.enabled_names],
+                credentials=credentials_of(fleet, NODE),
+                routers=fleet.fleet.routers,
+            )
+
+        self.publisher = FramePublisher(self._bus)
+        self._watch = BaseWatch(corrections)
+        self._numbers: Counter[int] = Counter()  # messages since the last report
+        self._cutter = FrameCutter()
+        self._reported = (0, 0, 0)  # bad checksums, skipped bytes and dropped frames told of
+        self._too_long = 0  # bytes of the newest frame that no PX4 can be given
+        self._observed_s = -math.inf  # when the newest observations came
+        self._has_frame = False
+        self._problem = ""  # of the source, as told last
+        # vehicle -> telemetry and arrival
+        self._vehicles: dict[str, tuple[Telemetry, float]] = {}
+
+    async def run(self, *, seconds: float | None, every_s: float, stopped: asyncio.Event) -> int:
+        """Run until ``stopped`` or for ``seconds``; return the exit status.
+
+        Raises:
+            BusError: no router answers.
+            ConfigError: the source cannot be opened as it is written.
+        """
+        if self._bus is not None:
+            self._bus.start()
+        reading = asyncio.create_task(self._read())
+        beating = asyncio.create_task(self._beat())
+        try:
+            self._say(
+                f"corrections: {words_of(self._corrections)} -> bus "
+                f"{self.fleet.namespace}/{Topic.CORRECTIONS.value}/{NAME}. Ctrl-C ends."
+            )
+            await self._report_until(reading, seconds=seconds, every_s=every_s, stopped=stopped)
+        finally:
+            for task in (reading, beating):
+                task.cancel()
+            await asyncio.gather(reading, beating, return_exceptions=True)
+            if self._bus is not None:
+                self._bus.stop()
+
+        if not self._has_frame:
+            return EXIT_NO_ANSWER
+        if seconds is None or self._is_complete():
+            return EXIT_OK
+        return EXIT_FAILED
+
+    def _is_complete(self) -> bool:
+        """Whether the base is known and believed, and observations come."""
+        age_s = time.monotonic() - self._observed_s
+        is_believed = self._watch.base is not None and self._watch.judgement.fault is None
+        return is_believed and age_s <= self._corrections.max_age_s
+
+    # -- in ----------------------------------------------------------------------------------------
+
+    async def _read(self) -> None:
+        """Read the source, and open it again when it ends."""
+        pause_s = _FIRST_PAUSE_S
+        while True:
+            try:
+                async with aclosing(self._open_source()) as source:  # type: ignore[type-var]
+                    async for data in source:
+                        if self._take(data):
+                            pause_s = _FIRST_PAUSE_S
+                            self._problem = ""
+            except SourceError as error:
+                self._tell_problem(str(error))
+                if error.is_refusal:
+                    pause_s = _REFUSED_PAUSE_S
+            self._cutter = self._fresh_cutter()
+            await asyncio.sleep(pause_s)
+            pause_s = min(2.0 * pause_s, max(_LONGEST_PAUSE_S, pause_s))
+
+    def _fresh_cutter(self) -> FrameCutter:
+        """Return a cutter for the next connection, whose counts go on."""
+        cutter = FrameCutter()
+        cutter.bad_checksums = self._cutter.bad_checksums
+        cutter.skipped_bytes = self._cutter.skipped_bytes
+        return cutter
+
+    def _tell_problem(self, sentence: str) -> None:
+        if sentence != self._problem:
+            self._problem = sentence
+            self._say(f"  ! {plain_line(sentence)} It is tried again.")
+
+    def _take(self, data: bytes) -> bool:
+        """Pass on the frames of some bytes; return whether there were any."""
+        now_ns = time.monotonic_ns()
+        frames = self._cutter.feed(data)
+        for frame in frames:
+            self._note(frame, now_ns)
+            self.publisher.publish(frame, now_ns)
+        return bool(frames)
+
+    def _note(self, frame: bytes, now_ns: int) -> None:
+        """Keep what the report says of a frame."""
+        self._has_frame = True
+        number = rtcm.number_of(frame)
+        self._numbers[number] += 1
+        if rtcm.is_observation(number):
+            self._observed_s = now_ns * 1e-9
+        if rtcm.is_for_receivers(number) and len(frame) > MOST_BYTES:
+            self._too_long = len(frame)
+        position = rtcm.base_of(frame)
+        if position is not None:
+            # The node flies nothing: a base may move, and the report says where it is.
+            self._watch.hear(position, now_ns, is_on_ground=True)
+
+    async def _beat(self) -> None:
+        """Publish the clock, and hear which fix the vehicles have."""
+        if self._bus is None:
+            return
+        self._bus.collect(Topic.SLOW_TELEMETRY, "*", self._telemetry_received)
+        clock = ClockNode(self._bus)
+        clock.start()
+        while True:
+            clock.beat()
+            self._bus.deliver()
+            await asyncio.sleep(BEAT_S)
+
+    def _telemetry_received(self, _topic: Topic, name: str, message: Message | Malformed) -> None:
+        if isinstance(message, Telemetry) and message.vehicle == name:
+            self._vehicles[name] = (message, time.monotonic())
+
+    # -- out ---------------------------------------------------------------------------------------
+
+    async def _report_until(
+        self,
+        reading: asyncio.Task[None],
+        *,
+        seconds: float | None,
+        every_s: float,
+        stopped: asyncio.Event,
+    ) -> None:
+        """Print a report now and then, until the end.
+
+        Raises:
+            ConfigError: the source cannot be opened as it is written.
+        """
+        began_s = time.monotonic()
+        while True:
+            left_s = every_s
+            if seconds is not None:
+                left_s = min(every_s, began_s + seconds - time.monotonic())
+            waiting = asyncio.create_task(stopped.wait())
+            done, _ = await asyncio.wait(
+                (waiting, reading),
+                timeout=max(0.0, left_s),
+                return_when=asyncio.FIRST_COMPLETED,
+            )
+            waiting.cancel()
+            if reading in done:
+                reading.result()
+            if waiting in done:
+                return
+
+            for line in self.report(every_s):
+                self._say(line)
+            if seconds is not None and time.monotonic() - began_s >= seconds:
+                return
+
+    def report(self, period_s: float) -> list[str]:
+        """Return the lines of a report.
+
+        Args:
+            period_s: since the last one.
+        """
+        count = sum(self._numbers.values())
+        kinds = " ".join(str(number) for number in sorted(self._numbers))
+        self._numbers.clear()
+        lines = [
+            f"{time.strftime('%H:%M:%S')} {self._base_words()}; {count / period_s:.1f} messages/s "
+            f"({kinds or 'none'})"
+        ]
+
+        judgement = self._watch.judgement
+        if judgement.fault is not None:
+            lines.append(
+                f"  ! The base {judgement.fault.value} ({judgement.by_m:.1f} m off): no vehicle "
+                "gives its corrections to PX4."
+            )
+        if self._too_long:
+            lines.append(
+                f"  ! A message has {self._too_long} bytes, and {MOST_BYTES} fit into four "
+                "fragments of MAVLink: no vehicle gives it to PX4. Let the base send MSM4 instead "
+                "of MSM7, or fewer systems."
+            )
+            self._too_long = 0
+        lines += self._damage_words()
+
+        now_s = time.monotonic()
+        for name, (telemetry, heard_s) in sorted(self._vehicles.items()):
+            if now_s - heard_s < _TELEMETRY_S:
+                lines.append(f"  {name}: {_fix_words(telemetry)}")
+        return lines
+
+    def _base_words(self) -> str:
+        base = self._watch.base
+        if not self._has_frame:
+            return "no frame has come yet"
+        if base is None:
+            return "the base has not said where it is (1005 or 1006)"
+        latitude_deg, longitude_deg, height_m = base.latitude_longitude_height
+        return (
+            f"base {base.station} at {latitude_deg:.7f}, {longitude_deg:.7f}, {height_m:.2f} m "
+            "above the ellipsoid"
+        )
+
+    def _damage_words(self) -> list[str]:
+        """Return lines about what has not been passed on since the last report."""
+        counts = (
+            self._cutter.bad_checksums,
+            self._cutter.skipped_bytes,
+            self.publisher.dropped,
+        )
+        bad, skipped, dropped = (
+            now - before for now, before in zip(counts, self._reported, strict=True)
+        )
+        self._reported = counts
+
+        lines: list[str] = []
+        if bad or skipped:
+            lines.append(
+                f"  ! {bad} frames with a wrong checksum, {skipped} bytes of no frame: not passed "
+                "on. Is the cable good, and is it RTCM 3?"
+            )
+        if dropped:
+            lines.append(
+                f"  ! {dropped} frames more than {MOST_BYTES_S / 1000:g} kB/s: not passed on. Let "
+                "the base send fewer."
+            )
+        return lines
+
+
+class FramePublisher:
+    """Publishes frames, within a rate.
+
+    Args:
+        bus: an open node; None publishes nothing.
+    """
+
+    def __init__(self, bus: Bus | None) -> None:
+        self.dropped = 0  # frames beyond the rate
+        self._bus = bus
+        self._boot_id = secrets.randbits(31)
+        self._sequence = 0
+        self._room_bytes = MOST_BYTES_S  # that may be sent now
+        self._last_ns: int | None = None
+
+    def publish(self, frame: bytes, now_ns: int) -> None:
+        """Publish a frame, unless too much has been published lately; never blocks.
+
+        Args:
+            frame: a whole one, its checksum right.
+            now_ns: this computer's monotonic clock.
+        """
+        since_ns = 0 if self._last_ns is None else now_ns - self._last_ns
+        self._last_ns = now_ns
+        self._room_bytes = min(MOST_BYTES_S, self._room_bytes + MOST_BYTES_S * since_ns * 1e-9)
+        if len(frame) > self._room_bytes:
+            self.dropped += 1
+            return
+        self._room_bytes -= len(frame)
+
+        if self._bus is None:
+            return
+        self._sequence += 1
+        message = Corrections(
+            source=self._bus.node,
+            boot_id=self._boot_id,
+            sequence=self._sequence,
+            stamp_ns=now_ns,
+            frame=frame,
+        )
+        self._bus.publish(Topic.CORRECTIONS, NAME, message)
+
+
+def _fix_words(telemetry: Telemetry) -> str:
+    """Return a vehicle's fix and its corrections for the report."""
+    words = [plain_line(telemetry.fix) or "no fix is told"]
+    if telemetry.satellites >= 0:
+        words.append(f"{telemetry.satellites} satellites")
+    if math.isfinite(telemetry.corrections_age_s):
+        words.append(f"corrections {telemetry.corrections_age_s:.1f} s old")
+    if math.isfinite(telemetry.base_distance_m):
+        words.append(f"{telemetry.base_distance_m / 1000:.2f} km from the base")
+    return ", ".join(words)
+
+
+def relay_problem(fleet: FleetConfig) -> ConfigError | None:
+    """Return what is wrong with a fleet file for this command; None for a right one."""
+    if fleet.corrections is not None:
+        return None
+    return ConfigError(
+        f"{fleet.path} has no table [corrections]: nothing says where they come from. Add it: "
+        "docs/corrections.md."
+    )

@@ -1,0 +1,72 @@
+"""RTCM 3 frames out of a stream of bytes; the only file of the project that imports pyrtcm.
+
+The checksum is pyrtcm's. Its reader of streams is not used: a preamble in the middle of noise, or a
+byte that got lost on a cable, would make it skip a kilobyte of good frames. Here the search goes on
+one byte behind a preamble that led to nothing.
+
+That costs a check for each such preamble, and somebody could send nothing else. So no more bytes
+are checked than a few for each one that came; beyond that what is skipped is the whole candidate.
+"""
+
+from __future__ import annotations
+
+from pyrtcm import calc_crc24q
+
+from onboard.corrections import rtcm
+
+_CHECKS_PER_BYTE = 4
+_PREAMBLE = bytes((rtcm.PREAMBLE,))
+
+
+class FrameCutter:
+    """Frames of one stream; :meth:`feed` what comes."""
+
+    def __init__(self) -> None:
+        self.bad_checksums = 0
+        self.skipped_bytes = 0  # that were part of no frame
+        self._buffer = bytearray()
+        self._budget_bytes = 4 * rtcm.MOST_FRAME_BYTES  # that may still be checked
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Return the frames that are complete with these bytes.
+
+        Args:
+            data: the next bytes of the stream, however many.
+        """
+        buffer = self._buffer
+        buffer += data
+        self._budget_bytes += _CHECKS_PER_BYTE * len(data)
+
+        frames: list[bytes] = []
+        while True:
+            begin = buffer.find(_PREAMBLE)
+            if begin < 0:
+                self._skip(len(buffer))
+                break
+            self._skip(begin)
+            if len(buffer) < rtcm.HEADER_BYTES:
+                break
+
+            size = rtcm.frame_bytes(buffer)
+            if size == 0:
+                self._skip(1)
+                continue
+            if len(buffer) < size:
+                break
+
+            frame = bytes(buffer[:size])
+            self._budget_bytes -= size
+            if calc_crc24q(frame) == 0:
+                frames.append(frame)
+                del buffer[:size]
+                continue
+
+            self.bad_checksums += 1
+            self._skip(1 if self._budget_bytes > 0 else size)
+
+        self._budget_bytes = min(self._budget_bytes, 8 * rtcm.MOST_FRAME_BYTES)
+        return frames
+
+    def _skip(self, count: int) -> None:
+        self.skipped_bytes += count
+        del self._buffer[:count]

@@ -1,0 +1,278 @@
+"""A small client of NTRIP, versions 1 and 2: one request, its answer, then a stream of bytes.
+
+Version 2 is HTTP; its body comes in chunks, or as it is. Version 1 answers "ICY 200 OK", sometimes
+without the blank line behind it, which no library for HTTP reads. A mountpoint that a caster does
+not have is answered with the list of those that it has.
+
+Everything has a limit: the time to connect and to answer, the size of an answer's head and of a
+chunk, and the time without a byte.
+
+The protocol: RTCM 10410.1.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import ssl
+from collections.abc import AsyncIterator, Callable
+from contextlib import suppress
+from typing import NamedTuple
+
+from onboard.config.endpoints import split_host_and_port
+from onboard.corrections.relay.source_error import SourceError
+from onboard.plain_text import plain_line
+
+ANSWER_S = 10.0  # to connect, and to answer
+SILENCE_S = 30.0  # without a byte, after which the connection is closed
+_MOST_HEAD_BYTES = 8192
+_MOST_CHUNK_BYTES = 65_536
+_READ_BYTES = 4096
+_POSITION_S = 10.0  # from one position that the caster is told to the next
+
+_OK_OF_VERSION_1 = b"ICY 200"
+_LIST_OF_VERSION_1 = b"SOURCETABLE 200"
+_LIST_TYPE = "gnss/sourcetable"
+
+
+class NtripRequest(NamedTuple):
+    """What a caster is asked for."""
+
+    address: str  # HOST:PORT
+    mountpoint: str
+    user: str
+    password: str
+    tls: bool
+    position: Callable[[], bytes] | None  # a line of NMEA with the fleet's place; None: not told
+
+
+class _Answer(NamedTuple):
+    """Head of an answer."""
+
+    status: int
+    headers: dict[str, str]  # in small letters
+    rest: bytes  # what came behind the head
+
+
+async def read_ntrip(
+    request: NtripRequest, *, answer_s: float = ANSWER_S, silence_s: float = SILENCE_S
+) -> AsyncIterator[bytes]:
+    """Yield what a caster sends for a mountpoint.
+
+    Args:
+        request: for what, and who asks.
+        answer_s: to connect, and to answer.
+        silence_s: without a byte.
+
+    Raises:
+        SourceError: it cannot be reached, refuses, says nothing, or ends the stream.
+    """
+    context = ssl.create_default_context() if request.tls else None
+    host, port = split_host_and_port(request.address)
+    try:
+        async with asyncio.timeout(answer_s):
+            reader, writer = await asyncio.open_connection(
+                host, port, ssl=context, limit=_MOST_HEAD_BYTES
+            )
+    except TimeoutError:
+        raise SourceError(f"{request.address} does not answer within {answer_s:g} s.") from None
+    except OSError as error:
+        raise SourceError(f"{request.address} cannot be reached: {_reason(error)}.") from None
+
+    sending: asyncio.Task[None] | None = None
+    try:
+        writer.write(_head(request))
+        try:
+            async with asyncio.timeout(answer_s):
+                answer = await _read_answer(reader)
+        except TimeoutError:
+            raise SourceError(
+                f"{request.address} took the request and says nothing for {answer_s:g} s."
+            ) from None
+        _refuse(request, answer)
+
+        if request.position is not None:
+            sending = asyncio.create_task(_send_positions(writer, request.position))
+        is_chunked = answer.headers.get("transfer-encoding", "").lower() == "chunked"
+        body = _Body(reader, answer.rest, silence_s)
+        async for data in body.chunks() if is_chunked else body.plain():
+            yield data
+        raise SourceError(f"{request.address} has ended the stream.")
+    except (OSError, asyncio.IncompleteReadError) as error:
+        raise SourceError(f"The connection to {request.address} broke: {_reason(error)}.") from None
+    finally:
+        if sending is not None:
+            sending.cancel()
+        writer.close()
+        with suppress(OSError, TimeoutError):
+            async with asyncio.timeout(1.0):
+                await writer.wait_closed()
+
+
+def _head(request: NtripRequest) -> bytes:
+    """Return the request, which a caster of either version takes."""
+    lines = [
+        f"GET /{request.mountpoint} HTTP/1.1",
+        f"Host: {request.address}",
+        "Ntrip-Version: Ntrip/2.0",
+        "User-Agent: NTRIP covey",
+        "Connection: close",
+    ]
+    if request.user:
+        pair = f"{request.user}:{request.password}".encode()
+        lines.append(f"Authorization: Basic {base64.b64encode(pair).decode()}")
+
+    head = "\r\n".join(lines).encode() + b"\r\n"
+    if request.position is not None:
+        head += b"Ntrip-GGA: " + request.position() + b"\r\n"
+    return head + b"\r\n"
+
+
+async def _read_answer(reader: asyncio.StreamReader) -> _Answer:
+    """Read the head of an answer.
+
+    Raises:
+        SourceError: it is none of a caster, or too long.
+    """
+    data = b""
+    while b"\r\n" not in data:
+        data = await _more(reader, data)
+    first, _, rest = data.partition(b"\r\n")
+
+    if first.startswith(_OK_OF_VERSION_1):
+        return _Answer(status=200, headers={}, rest=rest.removeprefix(b"\r\n"))
+    if first.startswith(_LIST_OF_VERSION_1):
+        return _Answer(status=200, headers={"content-type": _LIST_TYPE}, rest=b"")
+
+    words = first.decode("ascii", "replace").split()
+    is_http = len(words) >= 2 and words[0].startswith("HTTP/1.") and words[1].isdigit()
+    if not is_http or len(words[1]) != 3:
+        raise SourceError("What answers is no caster of NTRIP: correct corrections.address.")
+
+    while b"\r\n\r\n" not in data:
+        data = await _more(reader, data)
+    head, _, rest = data.partition(b"\r\n\r\n")
+    headers: dict[str, str] = {}
+    for line in head.decode("ascii", "replace").split("\r\n")[1:]:
+        name, _, value = line.partition(":")
+        headers[name.strip().lower()] = value.strip()
+    return _Answer(status=int(words[1]), headers=headers, rest=rest)
+
+
+async def _more(reader: asyncio.StreamReader, data: bytes) -> bytes:
+    """Return the bytes of an answer's head with those that come next."""
+    more = await reader.read(_READ_BYTES)
+    if not more:
+        raise SourceError("What answers ends the connection before it has said anything.")
+    if len(data) + len(more) > _MOST_HEAD_BYTES:
+        raise SourceError("What answers is no caster of NTRIP: its answer has no end.")
+    return data + more
+
+
+def _refuse(request: NtripRequest, answer: _Answer) -> None:
+    """Raise the sentence for an answer that is no stream.
+
+    Raises:
+        SourceError: it is none.
+    """
+    if answer.status == 401:
+        password = "another password" if request.user else "a user and a password"
+        raise SourceError(
+            f"{request.address} wants {password} for {request.mountpoint} (401). Correct "
+            "corrections.user, and the password in corrections.password_file or "
+            "COVEY_NTRIP_PASSWORD.",
+            is_refusal=True,
+        )
+    is_list = answer.headers.get("content-type", "").lower().startswith(_LIST_TYPE)
+    if answer.status == 404 or is_list:
+        raise SourceError(
+            f"{request.address} has no mountpoint {request.mountpoint}. Correct "
+            "corrections.mountpoint: the caster's list names those that it has.",
+            is_refusal=True,
+        )
+    if answer.status != 200:
+        raise SourceError(
+            f"{request.address} refuses {request.mountpoint} with status {answer.status}.",
+            is_refusal=True,
+        )
+
+
+class _Body:
+    """The bytes behind the head of an answer."""
+
+    def __init__(self, reader: asyncio.StreamReader, first: bytes, silence_s: float) -> None:
+        self._reader = reader
+        self._buffer = first
+        self._silence_s = silence_s
+
+    async def plain(self) -> AsyncIterator[bytes]:
+        """Yield them as they come."""
+        while True:
+            if not self._buffer:
+                await self._fill()
+                if not self._buffer:
+                    return
+            data = self._buffer
+            self._buffer = b""
+            yield data
+
+    async def chunks(self) -> AsyncIterator[bytes]:
+        """Yield the chunks of HTTP/1.1, which have their size before them."""
+        while True:
+            line = await self._line()
+            size_text = line.partition(b";")[0].strip()
+            try:
+                size = int(size_text, 16)
+            except ValueError:
+                size = -1
+            if not 0 <= size <= _MOST_CHUNK_BYTES:
+                raise SourceError("The caster's stream is damaged: a chunk has no size.")
+            if size == 0:
+                return
+
+            while len(self._buffer) < size + 2:
+                before = len(self._buffer)
+                await self._fill()
+                if len(self._buffer) == before:
+                    return
+            yield self._buffer[:size]
+            self._buffer = self._buffer[size + 2 :]
+
+    async def _line(self) -> bytes:
+        while b"\r\n" not in self._buffer:
+            before = len(self._buffer)
+            await self._fill()
+            if len(self._buffer) == before or before > _READ_BYTES:
+                raise SourceError("The caster's stream is damaged: a chunk has no size.")
+        line, _, self._buffer = self._buffer.partition(b"\r\n")
+        return line
+
+    async def _fill(self) -> None:
+        """Read more; nothing is added at the end of the stream.
+
+        Raises:
+            SourceError: nothing comes.
+        """
+        try:
+            async with asyncio.timeout(self._silence_s):
+                self._buffer += await self._reader.read(_READ_BYTES)
+        except TimeoutError:
+            raise SourceError(f"The caster sends nothing for {self._silence_s:g} s.") from None
+
+
+async def _send_positions(writer: asyncio.StreamWriter, position: Callable[[], bytes]) -> None:
+    """Tell the caster where the fleet is, from time to time."""
+    while True:
+        writer.write(position() + b"\r\n")
+        with suppress(OSError):  # the reading side says what is wrong
+            await writer.drain()
+        await asyncio.sleep(_POSITION_S)
+
+
+def _reason(error: Exception) -> str:
+    """Return why a connection failed, in few words: others may have written them."""
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return "its certificate is not valid for this address"
+    if isinstance(error, OSError) and error.strerror:
+        return plain_line(error.strerror.removesuffix("."))
+    return plain_line(str(error).removesuffix(".")) or type(error).__name__

@@ -1,0 +1,261 @@
+"""The sources of corrections: a cable, a caster of NTRIP, a server of TCP, or a recording.
+
+Each is an iterator of bytes as they come, which ends with a SourceError: what happened, and what to
+do. Whoever reads it opens it anew.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import suppress
+
+from onboard.config.config_error import ConfigError
+from onboard.config.corrections import PASSWORD_VARIABLE, CorrectionsConfig, beside
+from onboard.config.earth import Origin
+from onboard.config.endpoints import split_host_and_port
+from onboard.config.file_reading import PASSWORD_FILE, RTCM_FILE, read_bytes, read_text
+from onboard.config.fleet_config import FleetConfig
+from onboard.corrections import rtcm
+from onboard.corrections.relay.framing import FrameCutter
+from onboard.corrections.relay.ntrip import ANSWER_S, SILENCE_S, NtripRequest, read_ntrip
+from onboard.corrections.relay.source_error import SourceError
+from onboard.security.private_files import refuse_open_to_others
+from onboard.serial_device import open_serial
+
+EPOCH_S = 1.0  # from one moment of a recording to the next
+_READ_BYTES = 4096
+_WITHOUT_EPOCH_FRAMES = 8  # a recording without observations is played so many frames a second
+
+
+def source_of(fleet: FleetConfig, environment: Mapping[str, str]) -> AsyncIterator[bytes]:
+    """Return the bytes of a fleet's source, from now on.
+
+    Args:
+        fleet: with a table of corrections.
+        environment: of this process, which may hold the password.
+
+    Raises:
+        ConfigError: the password or the recording cannot be read.
+    """
+    corrections = fleet.corrections
+    assert corrections is not None
+    match corrections.source:
+        case "serial":
+            return read_serial(corrections.address, corrections.baud)
+        case "tcp":
+            return read_tcp(corrections.address)
+        case "ntrip":
+            return read_ntrip(_request(fleet, corrections, environment))
+        case "file":
+            return play(frames_of_file(beside(fleet.path, corrections.address)))
+
+
+def words_of(corrections: CorrectionsConfig) -> str:
+    """Return what a source is, for a sentence.
+
+    Args:
+        corrections: of the fleet file.
+    """
+    if corrections.source == "ntrip":
+        return f"{corrections.mountpoint} of {corrections.address}"
+    return corrections.address
+
+
+def password_of(
+    corrections: CorrectionsConfig, fleet_path: str, environment: Mapping[str, str]
+) -> str:
+    """Return the password for a caster; empty where there is none.
+
+    Args:
+        corrections: of the fleet file.
+        fleet_path: of that file.
+        environment: of this process.
+
+    Raises:
+        ConfigError: its file cannot be read, is open to others, or is empty.
+    """
+    if not corrections.password_file:
+        return environment.get(PASSWORD_VARIABLE, "")
+
+    path = beside(fleet_path, corrections.password_file)
+    text = read_text(path, PASSWORD_FILE)
+    refuse_open_to_others(path)
+    password = text.partition("\n")[0].strip()
+    if not password:
+        raise ConfigError(f"{path} has no password in its first line. Write it there.")
+    return password
+
+
+def _request(
+    fleet: FleetConfig, corrections: CorrectionsConfig, environment: Mapping[str, str]
+) -> NtripRequest:
+    position: Callable[[], bytes] | None = None
+    origin = fleet.fleet.global_origin
+    if corrections.sends_position and origin is not None:
+        place = origin
+
+        def position() -> bytes:
+            return gga(place, time.gmtime())
+
+    return NtripRequest(
+        address=corrections.address,
+        mountpoint=corrections.mountpoint,
+        user=corrections.user,
+        password=password_of(corrections, fleet.path, environment),
+        tls=corrections.tls,
+        position=position,
+    )
+
+
+def gga(place: Origin, now: time.struct_time) -> bytes:
+    """Return a line of NMEA that says where the fleet is.
+
+    Args:
+        place: on Earth.
+        now: the time, UTC.
+    """
+    latitude = _degrees_and_minutes(place.latitude_deg, 2)
+    longitude = _degrees_and_minutes(place.longitude_deg, 3)
+    north_south = "N" if place.latitude_deg >= 0.0 else "S"
+    east_west = "E" if place.longitude_deg >= 0.0 else "W"
+    clock = time.strftime("%H%M%S.00", now)
+    text = (
+        f"GPGGA,{clock},{latitude},{north_south},{longitude},{east_west},1,12,1.0,"
+        f"{place.altitude_m:.1f},M,0.0,M,,"
+    )
+    checksum = 0
+    for byte in text.encode():
+        checksum ^= byte
+    return f"${text}*{checksum:02X}".encode()
+
+
+def _degrees_and_minutes(value_deg: float, digits: int) -> str:
+    """Return an angle as NMEA writes it: whole degrees, then minutes with five decimals."""
+    hundred_thousandths = round(abs(value_deg) * 60 * 1e5)
+    degrees, rest = divmod(hundred_thousandths, 60 * 100_000)
+    return f"{degrees:0{digits}d}{rest / 1e5:08.5f}"
+
+
+async def read_tcp(
+    address: str, *, answer_s: float = ANSWER_S, silence_s: float = SILENCE_S
+) -> AsyncIterator[bytes]:
+    """Yield what a server sends.
+
+    Args:
+        address: HOST:PORT.
+        answer_s: to connect.
+        silence_s: without a byte, after which the connection is closed.
+
+    Raises:
+        SourceError: it cannot be reached, says nothing, or ends the stream.
+    """
+    host, port = split_host_and_port(address)
+    try:
+        async with asyncio.timeout(answer_s):
+            reader, writer = await asyncio.open_connection(host, port)
+    except TimeoutError:
+        raise SourceError(f"{address} does not answer within {answer_s:g} s.") from None
+    except OSError as error:
+        raise SourceError(f"{address} cannot be reached: {error.strerror or error}.") from None
+
+    try:
+        while True:
+            try:
+                async with asyncio.timeout(silence_s):
+                    data = await reader.read(_READ_BYTES)
+            except TimeoutError:
+                raise SourceError(f"{address} sends nothing for {silence_s:g} s.") from None
+            except OSError as error:
+                raise SourceError(f"The connection to {address} broke: {error}.") from None
+            if not data:
+                raise SourceError(f"{address} has ended the stream.")
+            yield data
+    finally:
+        writer.close()
+        with suppress(OSError, TimeoutError):
+            async with asyncio.timeout(1.0):
+                await writer.wait_closed()
+
+
+async def read_serial(
+    device: str, baud: int, *, silence_s: float = SILENCE_S
+) -> AsyncIterator[bytes]:
+    """Yield what comes over a cable.
+
+    Args:
+        device: its file.
+        baud: of the line.
+        silence_s: without a byte, after which it is opened anew.
+
+    Raises:
+        SourceError: it cannot be opened, says nothing, or is unplugged.
+    """
+    try:
+        descriptor = open_serial(f"serial://{device}:{baud}")
+    except (OSError, ValueError) as error:
+        raise SourceError(f"{device} cannot be opened: {error}.") from None
+
+    loop = asyncio.get_running_loop()
+    is_readable = asyncio.Event()
+    loop.add_reader(descriptor, is_readable.set)
+    try:
+        while True:
+            try:
+                async with asyncio.timeout(silence_s):
+                    await is_readable.wait()
+            except TimeoutError:
+                raise SourceError(
+                    f"{device} sends nothing for {silence_s:g} s. Is corrections.baud right, and "
+                    "does the receiver send RTCM 3 on this port?"
+                ) from None
+            is_readable.clear()
+            try:
+                data = os.read(descriptor, _READ_BYTES)
+            except BlockingIOError:
+                continue
+            except OSError as error:
+                raise SourceError(f"{device} is gone: {error.strerror}.") from None
+            if not data:
+                raise SourceError(f"{device} is gone.")
+            yield data
+    finally:
+        loop.remove_reader(descriptor)
+        os.close(descriptor)
+
+
+def frames_of_file(path: str) -> list[bytes]:
+    """Return the frames of a recording.
+
+    Args:
+        path: of the file.
+
+    Raises:
+        ConfigError: it cannot be read, or has no frame.
+    """
+    frames = FrameCutter().feed(read_bytes(path, RTCM_FILE))
+    if not frames:
+        raise ConfigError(
+            f"{path} has no frame of RTCM 3. Give a recording of what a base sends, byte by byte."
+        )
+    return frames
+
+
+async def play(frames: list[bytes], *, epoch_s: float = EPOCH_S) -> AsyncIterator[bytes]:
+    """Yield the frames of a recording as a base would send them, over and over.
+
+    Args:
+        frames: one or more.
+        epoch_s: from one moment's observations to the next's.
+    """
+    has_epochs = any(map(rtcm.ends_epoch, frames))
+    while True:
+        for number, frame in enumerate(frames, start=1):
+            yield frame
+            is_last = rtcm.ends_epoch(frame)
+            if not has_epochs:
+                is_last = number % _WITHOUT_EPOCH_FRAMES == 0 or number == len(frames)
+            if is_last:
+                await asyncio.sleep(epoch_s)
