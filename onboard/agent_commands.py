@@ -50,6 +50,13 @@ class PlayTune(Struct, frozen=True):
     """Let PX4 play a tune, so that people hear which vehicle it is."""
 
 
+class SendCorrections(Struct, frozen=True):
+    """Give PX4's satellite receiver a fragment of an RTCM frame."""
+
+    flags: int
+    data: bytes
+
+
 class SendOdometry(Struct, frozen=True):
     """Forward a mocap pose to PX4's estimator."""
 
@@ -103,6 +110,7 @@ Command = (
     | Kill
     | RequestHeartbeat
     | PlayTune
+    | SendCorrections
     | SendOdometry
     | WatchBodies
     | Publish

@@ -14,7 +14,7 @@ from msgspec import Struct
 
 from onboard.autopilot import Snapshot
 from onboard.bus.protocol import UntrustedOrder
-from onboard.bus.schema import MocapPose, Order, StateMessage, Telemetry
+from onboard.bus.schema import Corrections, MocapPose, Order, StateMessage, Telemetry
 
 
 class PoseReceived(Struct, frozen=True):
@@ -35,6 +35,13 @@ class NeighbourReceived(Struct, frozen=True):
     """A neighbour's state or telemetry."""
 
     message: StateMessage | Telemetry
+    received_ns: int  # on our clock
+
+
+class CorrectionsReceived(Struct, frozen=True):
+    """An RTCM frame of the fleet's base."""
+
+    message: Corrections
     received_ns: int  # on our clock
 
 
@@ -132,6 +139,7 @@ AgentInput = (
     PoseReceived
     | AllPosesReceived
     | NeighbourReceived
+    | CorrectionsReceived
     | OrderReceived
     | OrderUntrusted
     | NodeChanged

@@ -94,6 +94,9 @@ class Snapshot(Struct, frozen=True):
     position_accuracy_ns: int = 0  # of both
     has_fix: bool = False  # of satellites, three-dimensional
     fix_ns: int = 0
+    fix_type: int = 0  # of the receiver: MAVLink's GPS_FIX_TYPE
+    satellites: int = -1  # that the receiver uses; -1: not told
+    fix_accuracy_m: float = 0.0  # std of the receiver's horizontal position; 0: not told
     # of PX4's local frame: latitude [deg], longitude [deg], altitude [m]
     global_origin: Vec3 | None = None
     px4_version: Version | None = None
@@ -186,6 +189,9 @@ class Autopilot(Protocol):
 
     def play_tune(self) -> None:
         """Play a tune; PX4 does not acknowledge it."""
+
+    def send_corrections(self, flags: int, data: bytes) -> None:
+        """Give PX4's satellite receiver a fragment of an RTCM frame."""
 
     def send_odometry(
         self,

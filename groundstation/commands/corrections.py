@@ -3,6 +3,7 @@
 Examples:
   covey corrections --fleet fleet.toml
   covey corrections --fleet fleet.toml --check --seconds 10
+  covey corrections --fleet fleet.toml --source mock
 
 Exit status: 0 stopped, or all is right at the end of --seconds (base and observations come); 1
 something is not; 2 wrong input; 10 no frame came. docs/corrections.md says more.
@@ -13,11 +14,14 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
 
 from groundstation.commands.parameters import FleetFile, Seconds
 from onboard.config.fleet import ConfigError, load_fleet
 from onboard.corrections.relay.corrections_relay import CorrectionsRelay, relay_problem
-from onboard.corrections.relay.sources import source_of
+from onboard.corrections.relay.sources import source_of, with_source
 
 _SHORTEST_S = 0.5  # of a run
 # between two reports
@@ -28,6 +32,7 @@ _MOST_PERIOD_S = 3600.0
 def corrections(
     *,
     fleet: FleetFile,
+    source: Annotated[Literal["mock"] | None, Parameter()] = None,
     check: bool = False,
     seconds: Seconds | None = None,
     every_s: Seconds = 5.0,
@@ -35,6 +40,7 @@ def corrections(
     """Read RTK corrections and publish them on the fleet's bus.
 
     Args:
+        source: mock: a base that is made up, instead of the fleet's source
         check: only read the source: what does it send, and where is its base?
         seconds: end after so long (default: run until Ctrl-C)
         every_s: time between reports
@@ -47,6 +53,8 @@ def corrections(
     problem = relay_problem(config)
     if problem is not None:
         raise problem
+    if source is not None:
+        config = with_source(config, source)
 
     relay = CorrectionsRelay(
         config, lambda: source_of(config, os.environ), _print, publishes=not check

@@ -1,4 +1,6 @@
-"""The processes of a simulated fleet: its routers, one emulator, and an agent for each vehicle."""
+"""The processes of a simulated fleet: its routers, one emulator, an agent for each vehicle, and the
+node of corrections where the fleet takes some.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +12,7 @@ from groundstation.processes.supervisor import Processes, agent_command, leaves_
 from onboard.config.fleet import FleetConfig
 
 EMULATOR = "sitl"  # name of the emulator's process and of its log
+CORRECTIONS = "corrections"  # the same of the node of corrections
 
 
 def start_fleet(
@@ -20,7 +23,7 @@ def start_fleet(
     *,
     emulator_options: Sequence[str] = (),
 ) -> None:
-    """Start the emulator and the agents of the ``fleet.toml`` in a folder.
+    """Start the processes of the ``fleet.toml`` in a folder.
 
     All start at once: they find each other in whatever order they come up.
 
@@ -43,6 +46,11 @@ def start_fleet(
             processes.start(f"router{number}", words)
 
     processes.start(EMULATOR, ["sitl", "--fleet", path, "--seed", str(seed), *emulator_options])
+
+    if fleet.corrections is not None:
+        # No real base stands beside emulated vehicles: this one is made up.
+        words = ["groundstation", "corrections", "--fleet", path, "--source", "mock"]
+        processes.start(CORRECTIONS, words)
 
     names = fleet.enabled_names
     is_realtime = leaves_room(len(names))

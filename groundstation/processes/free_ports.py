@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
+from onboard.config.corrections import beside
 from onboard.config.endpoints import host_of, is_loopback
 from onboard.config.fleet import ConfigError, FleetConfig
 
@@ -91,7 +92,8 @@ def with_free_ports(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
 def in_another_folder(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
     """Return the data of a fleet file for a copy elsewhere.
 
-    A law of somebody's own and the keys stay where they are: the copy names their folders.
+    A law of somebody's own, the keys, a recording of corrections and the password for a caster stay
+    where they are: the copy names their places.
 
     Args:
         data: the file's content; not changed.
@@ -103,9 +105,22 @@ def in_another_folder(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any
         law_folder = os.path.join(fleet_folder, data["law"].get("folder", "."))
         copied["law"] = {**data["law"], "folder": law_folder}
 
+    if "corrections" in data:
+        copied["corrections"] = _corrections_elsewhere(data["corrections"], fleet.path)
+
     has_signing = any(vehicle.mavlink_signing for vehicle in fleet.vehicles.values())
     if fleet.has_keys or has_signing:
         copied["fleet"] = {**data["fleet"], "keys": fleet.keys_folder}
+    return copied
+
+
+def _corrections_elsewhere(table: dict[str, Any], fleet_path: str) -> dict[str, Any]:
+    """Return the table of corrections with files that are named from the root."""
+    copied = dict(table)
+    if table.get("source") == "file":
+        copied["address"] = beside(fleet_path, str(table["address"]))
+    if table.get("password_file"):
+        copied["password_file"] = beside(fleet_path, str(table["password_file"]))
     return copied
 
 

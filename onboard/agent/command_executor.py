@@ -64,6 +64,7 @@ class CommandExecutor:
             agent_commands.SendAttitude: self._send_attitude,
             agent_commands.Publish: self._publish,
             agent_commands.SendOdometry: self._send_odometry,
+            agent_commands.SendCorrections: self._send_corrections,
             agent_commands.Reply: self._reply,
             agent_commands.WatchBodies: self._watch_bodies,
             agent_commands.Follow: self._follow,
@@ -116,6 +117,9 @@ class CommandExecutor:
             command.std_m,
             command.reset_count,
         )
+
+    def _send_corrections(self, command: agent_commands.SendCorrections) -> None:
+        self._link.send_corrections(command.flags, command.data)
 
     def _reply(self, command: agent_commands.Reply) -> None:
         reply = self._replies.pop(command.reply.order_id, None)

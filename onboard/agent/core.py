@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
 
@@ -30,12 +30,21 @@ from onboard.agent.order_intake import OrderIntake
 from onboard.agent.peers import BusNodes, NeighbourFollower
 from onboard.agent.setpoint_output import SetpointOutput
 from onboard.agent.telemetry import TelemetryPublisher
-from onboard.agent_commands import Command, Exit, Publish, Reply, RequestHeartbeat, WatchBodies
+from onboard.agent_commands import (
+    Command,
+    Exit,
+    Publish,
+    Reply,
+    RequestHeartbeat,
+    SendCorrections,
+    WatchBodies,
+)
 from onboard.agent_inputs import (
     AgentInput,
     AllPosesReceived,
     CertificateChecked,
     ClocksCompared,
+    CorrectionsReceived,
     DiskChecked,
     LoopTimed,
     MessagesCounted,
@@ -53,11 +62,12 @@ from onboard.agent_inputs import (
 from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import StateMessage
 from onboard.bus.topics import Topic
-from onboard.config.fleet import FleetConfig
+from onboard.config.fleet import CorrectionsConfig, FleetConfig
 from onboard.config.wind_limit import wind_limit_m_s
 from onboard.control import pipeline
 from onboard.control.control_mode import ControlMode
 from onboard.control.pipeline import PipelineParams
+from onboard.corrections.status import CorrectionsStatus
 from onboard.flight import state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.order_checks import OrderFacts
@@ -76,9 +86,13 @@ from onboard.supervision.tick_context import TickContext
 from onboard.types import TICK_S, LawStatus, Tick
 from onboard.vectors import subtract
 
+if TYPE_CHECKING:
+    from onboard.corrections.intake import CorrectionsIntake
+
 _SHORTEST_S = 0.005  # time that one tick integrates over
 _LONGEST_S = 0.1
 _STILL_M_S = (0.0, 0.0, 0.0)
+_CORRECTIONS_TICKS = 5  # from one look at the corrections to the next
 _IN_AIR = (Landed.IN_AIR, Landed.TAKING_OFF, Landed.LANDING)
 _MAY_END = (Situation.GROUND, Situation.SILENT)
 
@@ -115,9 +129,14 @@ class AgentCore:
         )
 
         # what the agent knows
-        self.own = OwnState(vehicle, fleet.fleet.global_origin)
+        taken_corrections: CorrectionsConfig | None = None  # None where the vehicle takes none
+        if fleet.takes_corrections(vehicle):
+            taken_corrections = fleet.corrections
+        self.own = OwnState(vehicle, fleet.fleet.global_origin, taken_corrections)
         self.neighbours = NeighbourTable(fleet, vehicle_name)
         self.nodes = BusNodes(fleet, vehicle_name)
+        self.corrections = _intake_of(taken_corrections)
+        self._corrections_status: CorrectionsStatus | None = None  # of the newest look at it
         self._snapshot = Snapshot()  # of PX4, as far as it is believed
 
         # what it decides
@@ -148,6 +167,7 @@ class AgentCore:
         self.odometry = OdometryForwarder()
         self._setpoints = SetpointOutput(vehicle, self.own, self.flight, self.failsafes)
         self._follower = NeighbourFollower(self.neighbours)
+        counts = [] if self.corrections is None else [self.corrections.counts]
         sources = TelemetrySources(
             own=self.own,
             neighbours=self.neighbours,
@@ -156,8 +176,11 @@ class AgentCore:
             roles=self.nodes.roles,
             duplicates=self.preflight.inputs.duplicates,
             orders=self._orders,
+            corrections_counts=tuple(counts),
         )
         self._publisher = TelemetryPublisher(self.identity, sources, fleet.state_ticks)
+
+        self._corrections_ticks = 0
 
         # as the inputs have said last
         self._is_stopping = False  # the agent is asked to end
@@ -207,6 +230,10 @@ class AgentCore:
         self._ages_s = self.neighbours.followed_ages_s(now_ns)
         self._distances_m = self.neighbours.distances_m(view.position_enu_m, now_ns)
 
+        # What do the satellites say?
+        if self.corrections is not None and self._is_corrections_tick():
+            self._corrections_status = self.corrections.status(self._snapshot, now_ns)
+
         # What is wrong? On the ground also: may we take off?
         self._supervise(view, own)
         was_on_ground = self.flight.step.situation is Situation.GROUND
@@ -232,6 +259,11 @@ class AgentCore:
         events = self.nodes.lost_ends.pass_on(flight.take_commands(), now_ns)
         requests = self._requests(view, was_on_ground=was_on_ground)
         return [*messages.telemetry, *events, *setpoint, *messages.others, *requests]
+
+    def _is_corrections_tick(self) -> bool:
+        """Whether the corrections are looked at: ten times a second is enough."""
+        self._corrections_ticks = (self._corrections_ticks + 1) % _CORRECTIONS_TICKS
+        return self._corrections_ticks == 1
 
     def _measure_period(self, now_ns: int) -> float:
         """Note the time since the last tick; return the part of it that a tick integrates over."""
@@ -334,6 +366,7 @@ class AgentCore:
             has_duplicate=self.preflight.inputs.has_duplicate(view.now_ns),
             is_disk_full=self._is_disk_full,
             clock_jump_ns=self._clock_jump_ns,
+            corrections=self._corrections_status,
             # bus
             has_ground=self.nodes.has_ground,
             bus_age_s=self.nodes.silence_s(self.neighbours.last_heard_ns, view.now_ns),
@@ -359,6 +392,7 @@ class AgentCore:
             is_airborne=self._is_airborne(),
             hover_frac=self.control.hover_frac,
             conditions=self.failsafes.conditions,
+            corrections=self._corrections_status,
         )
         state_machine.preflight_checked(self.flight, view, not self.preflight.not_ready)
 
@@ -383,6 +417,7 @@ class AgentCore:
             ages_s=self._ages_s,
             distances_m=self._distances_m,
             not_ready=self.preflight.not_ready,
+            corrections=self._corrections_status,
         )
 
     def _requests(self, view: FlightView, *, was_on_ground: bool) -> list[Command]:
@@ -403,6 +438,11 @@ class AgentCore:
             report = self.preflight.due(view.now_ns)
             if report is not None:
                 requests.append(Publish(Topic.PREFLIGHT, report))
+
+        if self.corrections is not None:
+            fragment = self.corrections.due(view.now_ns)
+            if fragment is not None:
+                requests.append(SendCorrections(fragment.flags, fragment.data))
 
         if self._is_stopping and self.flight.step.situation in _MAY_END:
             requests.append(Exit())
@@ -466,6 +506,12 @@ class AgentCore:
     def _all_poses_received(self, received: AllPosesReceived, now_ns: int) -> list[Command]:
         for pose in received.poses:
             self.neighbours.hear_other_pose(pose, received.received_ns)
+        return []
+
+    def _corrections_received(self, received: CorrectionsReceived, now_ns: int) -> list[Command]:
+        if self.corrections is not None:
+            is_on_ground = self.flight.step.situation is Situation.GROUND
+            self.corrections.hear(received.message, received.received_ns, is_on_ground=is_on_ground)
         return []
 
     def _order_received(self, received: OrderReceived, now_ns: int) -> list[Command]:
@@ -540,11 +586,23 @@ class AgentCore:
         return []
 
 
+def _intake_of(corrections: CorrectionsConfig | None) -> CorrectionsIntake | None:
+    """Return what takes corrections; None for a vehicle that takes none."""
+    if corrections is None:
+        return None
+
+    # Imported here, because most fleets do without it.
+    from onboard.corrections.intake import CorrectionsIntake
+
+    return CorrectionsIntake(corrections)
+
+
 _RECEIVERS: dict[type, Callable[[AgentCore, Any, int], list[Command]]] = {
     SnapshotReceived: AgentCore._snapshot_received,
     NeighbourReceived: AgentCore._neighbour_received,
     PoseReceived: AgentCore._pose_received,
     AllPosesReceived: AgentCore._all_poses_received,
+    CorrectionsReceived: AgentCore._corrections_received,
     OrderReceived: AgentCore._order_received,
     OrderUntrusted: AgentCore._order_untrusted,
     NodeChanged: AgentCore._node_changed,

@@ -14,7 +14,14 @@ from onboard.agent.peers import CONCERNS_AGENTS
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
 from onboard.bus.protocol import Bus
-from onboard.bus.schema import Message, MocapPose, MocapPoses, StateMessage, Telemetry
+from onboard.bus.schema import (
+    Corrections,
+    Message,
+    MocapPose,
+    MocapPoses,
+    StateMessage,
+    Telemetry,
+)
 from onboard.bus.topics import Topic
 from onboard.config.fleet import Vehicle
 from onboard.config.mocap import MocapConfig
@@ -24,6 +31,7 @@ from onboard.mocap.factory import source_of
 from onboard.mocap.source import MocapSource
 
 _MOST_EVENTS = 2000
+_MOST_CORRECTIONS = 32  # frames that wait for a tick
 _NODES_PER_TICK = 50
 # states in a row; a longer gap is a silence, or a neighbour that was not followed
 _MOST_MISSING = 50
@@ -38,10 +46,18 @@ class Inbox:
         bus: not yet open.
         mocap: where the poses come from.
         state_ticks: from one state of a neighbour to the next.
+        takes_corrections: whether PX4's receiver is given RTK corrections.
     """
 
     def __init__(
-        self, vehicle: Vehicle, boot_id: int, bus: Bus, mocap: MocapConfig, state_ticks: int = 1
+        self,
+        vehicle: Vehicle,
+        boot_id: int,
+        bus: Bus,
+        mocap: MocapConfig,
+        state_ticks: int = 1,
+        *,
+        takes_corrections: bool = False,
     ) -> None:
         self.clock = ClockNode(bus)
         # Few, and the others must push none of them out.
@@ -55,6 +71,7 @@ class Inbox:
         self._bus = bus
         self._mocap_config = mocap
         self._state_ticks = state_ticks
+        self._takes_corrections = takes_corrections
         self._mocap: MocapSource | None = None
         self._others = BusMocap(bus, "*", self._pose_received, self._malformed_received)
         self._reported_problem = ""  # of the mocap
@@ -70,6 +87,10 @@ class Inbox:
             self._mocap.start()
             if not self._mocap_config.direct:  # else all bodies come from the source
                 self._bus.collect(Topic.ALL_POSES, "*", self._all_poses_received)
+        if self._takes_corrections:
+            self._bus.collect(
+                Topic.CORRECTIONS, "*", self._corrections_received, most=_MOST_CORRECTIONS
+            )
         self._bus.watch_alive(self._node_changed)
 
     def stop(self) -> None:
@@ -161,6 +182,16 @@ class Inbox:
                 tuple(pose for pose in stamped if pose is not None), now_ns
             )
         )
+
+    def _corrections_received(
+        self, _topic: Topic, _name: str, message: Message | Malformed
+    ) -> None:
+        if not isinstance(message, Corrections):
+            self._malformed_received()
+            return
+        now_ns = time.monotonic_ns()
+        stamped = self.clock.corrections(message, now_ns)
+        self._append(agent_inputs.CorrectionsReceived(stamped, now_ns))
 
     def _node_changed(self, node: str, is_alive: bool) -> None:
         if node.startswith(CONCERNS_AGENTS):

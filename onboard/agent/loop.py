@@ -101,6 +101,7 @@ class AgentProcess:
             bus=self._bus,
             mocap=mocap,
             state_ticks=fleet.state_ticks,
+            takes_corrections=fleet.takes_corrections(vehicle),
         )
         self._executor = CommandExecutor(
             name=name,

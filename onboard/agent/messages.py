@@ -10,10 +10,12 @@ from msgspec.structs import replace
 
 from onboard.agent.order_intake import OrderIntake
 from onboard.agent_inputs import LoopTimed
-from onboard.autopilot import Vec3
+from onboard.autopilot import FIX_KNOWN_NS, Snapshot, Vec3
 from onboard.bus.control_token import ControlTokens
 from onboard.bus.schema import AgentState, StateMessage, Telemetry, TickSample
 from onboard.config.fleet import Vehicle
+from onboard.corrections.fix import words_of
+from onboard.corrections.status import CorrectionsStatus
 from onboard.flight.context import FlightContext
 from onboard.flight.path_flight import PathFlight
 from onboard.flight.types import FlightView
@@ -47,6 +49,7 @@ class TelemetrySources(Struct, frozen=True):
     roles: ControlTokens
     duplicates: DuplicateAgents
     orders: OrderIntake  # how many were not believed, and which was taken last
+    corrections_counts: tuple[MessageCounts, ...] = ()  # of corrections that PX4 was not given
 
 
 class TickResult(Struct, frozen=True):
@@ -61,6 +64,7 @@ class TickResult(Struct, frozen=True):
     ages_s: dict[str, float]  # of the states of the neighbours that are followed
     distances_m: dict[str, float]  # separations from the neighbours
     not_ready: tuple[str, ...]  # sentences of the preflight check
+    corrections: CorrectionsStatus | None = None  # of a vehicle that takes them
 
 
 class RunCounters(Struct, frozen=True):
@@ -255,6 +259,7 @@ def telemetry(
         wind_enu_m_s=sources.own.wind_enu_m_s,
         gust_m_s=sources.own.gust_m_s,
         max_wind_m_s=identity.max_wind_m_s,
+        **_satellite_fields(identity.vehicle, snapshot, now_ns, result.corrections),
         **_taken_order(sources.orders),
         **_counts(counters.messages),
         **_path_fields(flight.path),
@@ -268,6 +273,31 @@ def _counts(counts: MessageCounts) -> dict[str, Any]:
         "refused_messages": counts.refused,
         "dropped_messages": counts.dropped,
         "late_messages": counts.late,
+    }
+
+
+def _satellite_fields(
+    vehicle: Vehicle, snapshot: Snapshot, now_ns: int, corrections: CorrectionsStatus | None
+) -> dict[str, Any]:
+    """Return the fields about satellites and corrections; none for who flies by a mocap."""
+    is_told = snapshot.fix_ns and now_ns - snapshot.fix_ns <= FIX_KNOWN_NS
+    if vehicle.mocap_required or not is_told:
+        return _correction_fields(corrections)
+    return {
+        "fix": words_of(snapshot.fix_type),
+        "satellites": snapshot.satellites,
+        **_correction_fields(corrections),
+    }
+
+
+def _correction_fields(corrections: CorrectionsStatus | None) -> dict[str, Any]:
+    if corrections is None:
+        return {}
+    age_s = corrections.age_s
+    return {
+        "corrections_age_s": age_s if math.isfinite(age_s) else math.nan,
+        "base_id": corrections.base_id,
+        "base_distance_m": corrections.base_distance_m,
     }
 
 

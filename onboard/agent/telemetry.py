@@ -97,7 +97,8 @@ class TelemetryPublisher:
 
     def _telemetry(self, result: TickResult) -> list[Command]:
         sources = self._sources
-        counts = total((self.counts, sources.neighbours.counts, sources.own.counts))
+        parts = (self.counts, sources.neighbours.counts, sources.own.counts)
+        counts = total((*parts, *sources.corrections_counts))
         counters = RunCounters(self._sequence, self.loop, counts)
         telemetry = messages.telemetry(self._identity, result, sources, counters)
 

@@ -36,10 +36,11 @@ _OF_NTRIP = ("mountpoint", "user", "password_file", "tls", "sends_position")
 class CorrectionsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """``[corrections]``: docs/corrections.md explains each key."""
 
-    # a receiver on a cable, a caster of NTRIP, a server that sends RTCM over TCP, or a recording
-    source: Literal["serial", "ntrip", "tcp", "file"]
-    # serial: /dev/ttyUSB0; ntrip and tcp: HOST:PORT; file: a path beside this file
-    address: str
+    # a receiver on a cable, a caster of NTRIP, a server that sends RTCM over TCP, a recording, or a
+    # base that is made up
+    source: Literal["serial", "ntrip", "tcp", "file", "mock"]
+    # serial: /dev/ttyUSB0; ntrip and tcp: HOST:PORT; file: a path beside this file; mock: none
+    address: str = ""
     baud: int = 115200  # serial only
     mountpoint: str = ""  # ntrip only, as the four keys below
     user: str = ""  # by which the caster knows you
@@ -64,7 +65,7 @@ class CorrectionsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 
     @property
     def judged(self) -> tuple[object, ...]:
-        """What the agents judge by: equal on all vehicles of a fleet."""
+        """Values that the agents judge by: equal on all vehicles of a fleet."""
         return (
             self.fix,
             self.max_age_s,
@@ -117,7 +118,7 @@ def _source_problems(corrections: CorrectionsConfig, origin: Origin | None) -> I
                 f"'corrections.address' is {corrections.address!r}; {source} needs HOST:PORT, for "
                 'instance address = "caster.example.org:2101".'
             )
-    elif not corrections.address.strip():
+    elif source != "mock" and not corrections.address.strip():
         yield "'corrections.address' is empty. Name the device or the file to read."
 
     if corrections.baud not in BAUDS:

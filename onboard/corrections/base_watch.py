@@ -10,32 +10,11 @@ while.
 from __future__ import annotations
 
 import math
-from enum import Enum
-
-from msgspec import Struct
 
 from onboard.config.corrections import CorrectionsConfig
 from onboard.config.earth import Origin, east_north_m
 from onboard.corrections.rtcm import BasePosition
-
-STEADY_S = 30.0  # for so long a base stays where it is before somebody takes off
-
-
-class BaseFault(Enum):
-    """What is wrong with a base."""
-
-    NOWHERE = "says that it is nowhere on Earth"
-    ELSEWHERE = "is not where it was surveyed"
-    MOVED = "has moved in flight"
-    REPLACED = "is another one than at the start of the flight"
-
-
-class BaseJudgement(Struct, frozen=True):
-    """What a base's position led to."""
-
-    fault: BaseFault | None = None
-    by_m: float = 0.0  # distance from where it should be
-
+from onboard.corrections.status import STEADY_S, BaseFault, BaseJudgement
 
 FINE = BaseJudgement()
 

@@ -22,8 +22,9 @@ from onboard.bus.topics import TOPICS, Topic
 from onboard.config.corrections import CorrectionsConfig
 from onboard.config.earth import Origin, latitude_longitude_deg
 from onboard.corrections import rtcm
-from onboard.corrections.base_watch import BaseJudgement, BaseWatch, base_distance_m
+from onboard.corrections.base_watch import BaseWatch, base_distance_m
 from onboard.corrections.fragments import MOST_BYTES, SEQUENCES, Fragment, fragments_of
+from onboard.corrections.status import CorrectionsStatus
 from onboard.message_counts import MessageCounts
 
 MOST_WAITING = 24  # frames; a moment of four systems of satellites takes six
@@ -32,18 +33,6 @@ _FUTURE_NS = 100_000_000  # a stamp may be so far ahead of its arrival
 _SOURCE_GONE_NS = 5_000_000_000  # after which another source is heard
 _SEVERAL_NS = 5_000_000_000  # for which a second source is told of
 _LONG_TOLD_NS = 60_000_000_000  # for which a frame that is too long is told of
-
-
-class CorrectionsStatus(Struct, frozen=True):
-    """What is known of a vehicle's corrections at one tick."""
-
-    age_s: float = math.inf  # since the newest observations that PX4 was given; inf: never
-    base_id: int = -1  # station that is believed; -1: none
-    base_distance_m: float = math.nan  # from the vehicle; NaN: not known
-    base: BaseJudgement = BaseJudgement()  # of where the base says that it is
-    unsteady_s: float | None = None  # how long ago it moved, while that is too recent
-    has_several_sources: bool = False
-    too_long_bytes: int = 0  # of a frame that no fragments hold; 0: none lately
 
 
 class _Waiting(Struct, frozen=True):

@@ -52,7 +52,7 @@ _MOST_RADIUS_M = 6.5e6
 
 
 class BasePosition(NamedTuple):
-    """Where a base says that its antenna is."""
+    """Place of a base's antenna, as the base says it."""
 
     station: int
     ecef_m: tuple[float, float, float]  # from the centre of the Earth, WGS 84

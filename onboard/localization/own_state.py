@@ -18,8 +18,9 @@ from onboard import vectors
 from onboard.autopilot import Snapshot, Vec3, Vec4
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import MocapPose
-from onboard.config.fleet import Origin, Vehicle
+from onboard.config.fleet import CorrectionsConfig, Origin, Vehicle
 from onboard.config.wind_limit import largest_push_m_s2
+from onboard.corrections import fix
 from onboard.estimation import kalman, wind
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.estimation.kalman import KalmanParams
@@ -74,6 +75,7 @@ class OwnState:
 
     vehicle: Vehicle
     origin: Origin | None = None
+    corrections: CorrectionsConfig | None = None  # of a vehicle that takes them
     counts: MessageCounts = field(default_factory=MessageCounts)  # of poses that were not used
     heading_offset_rad: float = 0.0  # heading of the fleet frame minus PX4's
     validator: PoseValidator = field(default_factory=PoseValidator)
@@ -266,7 +268,12 @@ class OwnState:
             return
         self._local_ns = snapshot.local_position_ns
 
-        std_m = snapshot.position_accuracy_m * _SQRT_HALF  # PX4's value is of two axes together
+        # When a fix has fallen back PX4's filter trusts its former positions for a while; the
+        # receiver says at once how far the new ones may be off. Both values are of two axes.
+        accuracy_m = snapshot.position_accuracy_m
+        if fix.is_below(snapshot, self.corrections, snapshot.local_position_ns):
+            accuracy_m = max(accuracy_m, snapshot.fix_accuracy_m)
+        std_m = accuracy_m * _SQRT_HALF
         least = ACCURACIES[self.vehicle.px4_position]
         self._least_std = (max(least.position_std_m, std_m), least.velocity_std_m_s)
 

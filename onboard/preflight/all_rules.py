@@ -11,12 +11,18 @@ from collections.abc import Collection
 
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.preflight.autopilot_rules import AUTOPILOT_RULES
+from onboard.preflight.corrections_rules import CORRECTIONS_RULES
 from onboard.preflight.flight_rules import FLIGHT_RULES
 from onboard.preflight.position_rules import POSITION_RULES
 from onboard.preflight.preflight_facts import PreflightFacts
 from onboard.preflight.preflight_rule import OK, SKIP, PreflightCheck, PreflightRule
 
-RULES: tuple[PreflightRule, ...] = (*AUTOPILOT_RULES, *POSITION_RULES, *FLIGHT_RULES)
+RULES: tuple[PreflightRule, ...] = (
+    *AUTOPILOT_RULES,
+    *POSITION_RULES,
+    *CORRECTIONS_RULES,
+    *FLIGHT_RULES,
+)
 
 
 def checks(

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from onboard.autopilot import NOTHING_REFUSED, Refused, Version
 from onboard.config.fleet import Vec3
+from onboard.corrections.status import CorrectionsStatus
 from onboard.safety.failsafe_table import Condition
 from onboard.safety.limits import AUTOPILOT_SILENT_S, POSITION_STALE_S
 
@@ -69,6 +70,10 @@ class PreflightFacts:
     px4_position_enu_m: Vec3 | None = None  # its own estimate
     fuses_position: bool = False  # by its required parameters it takes the mocap's position
     fuses_heading: bool = False  # by its required parameters it takes the mocap's heading
+
+    # satellites
+    fix_type: int | None = None  # of its receiver; None while it is not told
+    corrections: CorrectionsStatus | None = None  # of a vehicle that takes them
 
     # mocap
     # arrival of the newest sample minus its stamp; None without one

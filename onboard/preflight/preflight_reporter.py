@@ -7,8 +7,10 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from onboard.agent_inputs import AgentInput
+from onboard.autopilot import FIX_KNOWN_NS, Snapshot
 from onboard.bus.schema import PreflightReport
 from onboard.config.fleet import FleetConfig, Vec3, Vehicle
+from onboard.corrections.status import CorrectionsStatus
 from onboard.flight import takeover
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView
@@ -86,6 +88,7 @@ class PreflightReporter:
         is_airborne: bool,
         hover_frac: float,
         conditions: Iterable[Condition] = (),
+        corrections: CorrectionsStatus | None = None,
     ) -> tuple[str, ...]:
         """Judge one tick on the ground.
 
@@ -95,6 +98,7 @@ class PreflightReporter:
             is_airborne: by PX4, or by the flight.
             hover_frac: hover throttle learned so far.
             conditions: of the failsafe table that hold.
+            corrections: of a vehicle that takes them.
         Returns:
             the sentences that refuse take-off.
         """
@@ -106,7 +110,7 @@ class PreflightReporter:
         self._judged_ns = now_ns
         self._state_ages.update(self._neighbours.followed_ages_s(now_ns))
         facts = self._gather(view, is_airborne, hover_frac)
-        self._facts = replace(facts, conditions=frozenset(conditions))
+        self._facts = replace(facts, conditions=frozenset(conditions), corrections=corrections)
         self.not_ready = all_rules.reasons(self._facts, self._fleet, self._vehicle)
         return self.not_ready
 
@@ -199,6 +203,7 @@ class PreflightReporter:
             fuses_position=bool(self._fused & FUSES_POSITION),
             fuses_heading=bool(self._fused & FUSES_HEADING),
             param_problems=inputs.param_problems,
+            fix_type=_fix_type(snapshot, now_ns),
             # own position
             position_age_s=own.age_s,
             position_enu_m=view.position_enu_m,
@@ -243,6 +248,13 @@ class PreflightReporter:
             if is_put_down and telemetry.is_position_valid:
                 spots[name] = telemetry.position_enu_m
         return spots
+
+
+def _fix_type(snapshot: Snapshot, now_ns: int) -> int | None:
+    """Return the newest fix; None where PX4 has told none lately."""
+    if snapshot.fix_ns == 0 or now_ns - snapshot.fix_ns > FIX_KNOWN_NS:
+        return None
+    return snapshot.fix_type
 
 
 def _age_s(now_ns: int, then_ns: int) -> float:

@@ -339,6 +339,10 @@ class Px4Link:
         """PLAY_TUNE: PX4 plays it on its buzzer or motors, and acknowledges nothing."""
         self._send("PLAY_TUNE", self.system_id, AUTOPILOT_COMPONENT, _TUNE.encode())
 
+    def send_corrections(self, flags: int, data: bytes) -> None:
+        """GPS_RTCM_DATA: PX4 hands it to its receiver, and acknowledges nothing."""
+        self._send("GPS_RTCM_DATA", flags, len(data), data)
+
     def send_odometry(
         self,
         position_enu_m: Vec3,

@@ -19,6 +19,7 @@ from onboard.px4 import modes
 _SIMULATION_UID = 0x4954414C44494E4F
 _MOST_SYSTEM_IDS = 255
 _FIX_3D = 3  # GPS_FIX_TYPE; more is better
+_SATELLITES_UNKNOWN = 255
 _NO_CELL_MV = 65535  # voltage of a cell that is not there
 
 
@@ -63,7 +64,17 @@ def _accuracy_m(value: object) -> float:
 
 
 def _satellites(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
-    return {"has_fix": int(fields["fix_type"]) >= _FIX_3D, "fix_ns": arrival_ns}
+    fix_type = int(fields["fix_type"])
+    satellites = int(fields["satellites_visible"])
+    if satellites == _SATELLITES_UNKNOWN:
+        satellites = -1
+    return {
+        "has_fix": fix_type >= _FIX_3D,
+        "fix_ns": arrival_ns,
+        "fix_type": fix_type,
+        "satellites": satellites,
+        "fix_accuracy_m": int(fields["h_acc"]) * 1e-3,
+    }
 
 
 def _global_origin(fields: dict[str, Any], _: int) -> dict[str, Any]:

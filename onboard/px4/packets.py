@@ -66,7 +66,12 @@ READ = {
         "onboard_control_sensors_present onboard_control_sensors_enabled "
         "onboard_control_sensors_health",
     ),
-    "GPS_RAW_INT": _message(24, 24, "QiiiHHHHB", "time_usec lat lon alt eph epv vel cog fix_type"),
+    "GPS_RAW_INT": _message(
+        24,
+        24,
+        "QiiiHHHHBBiI",
+        "time_usec lat lon alt eph epv vel cog fix_type satellites_visible alt_ellipsoid h_acc",
+    ),
     "ATTITUDE_QUATERNION": _message(31, 246, "I4f", "time_boot_ms q1 q2 q3 q4"),
     "LOCAL_POSITION_NED": _message(32, 185, "I6f", "time_boot_ms x y z vx vy vz"),
     "GPS_GLOBAL_ORIGIN": _message(49, 39, "iii", "latitude longitude altitude"),
@@ -99,6 +104,8 @@ SENT = {
     "COMMAND_LONG": _message(76, 152, "7fHBBB"),
     # time, q, rates, thrust, system, component, mask
     "SET_ATTITUDE_TARGET": _message(82, 49, "I8fBBB"),
+    # flags, length, data
+    "GPS_RTCM_DATA": _message(233, 35, "BB180s"),
     "PLAY_TUNE": _message(258, 187, "BB30s"),  # system, component, tune
     # time, position, q, velocity, rates, two covariances, two frames, resets, estimator, quality
     "ODOMETRY": _message(331, 91, "Q55fBBBBb"),

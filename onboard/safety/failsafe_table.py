@@ -54,6 +54,10 @@ class Condition(Enum):
     SATELLITES_LOST = "satellites lost"
     POSITION_INACCURATE = "own position inaccurate"
     POSITION_UNFIT = "own position contradicts own motion"
+    FIX_COARSE = "satellite fix fell back, position coarse"
+    FIX_FELL_BACK = "satellite fix fell back"
+    BASE_FAULT = "base of the corrections not believed"
+    CORRECTIONS_OLD = "corrections old"
     # autopilot
     FLOWN_BY_HAND = "flown by hand"
     LEFT_OFFBOARD = "PX4 left OFFBOARD"
@@ -185,6 +189,13 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     # the law, by the position that it has.
     C.POSITION_INACCURATE:     (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
     C.POSITION_UNFIT:          (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
+    # The others hear at once how far it may be off, and keep that much more. Where that is more
+    # than the fleet was planned with, it stops: its goal is somewhere else now.
+    C.FIX_COARSE:              (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
+    C.FIX_FELL_BACK:           (REFUSE,  DISARM, GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
+    # Its corrections are not given to PX4 any more. What follows shows in the fix.
+    C.BASE_FAULT:              (REFUSE,  DISARM, GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
+    C.CORRECTIONS_OLD:         (GO_ON,   GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
 
     # -- PX4
     # A pilot whose sticks are heard is not overruled: the vehicle is his, and PX4's failsafes stay.

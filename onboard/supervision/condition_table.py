@@ -37,6 +37,7 @@ JUMPS = 3  # impossible samples in a row
 SWAP_JUMPS = 2  # the same, where another vehicle is near the samples
 UNUSABLE_M = 3.0  # PX4's own accuracy, beyond which it flies level rather than after its position
 INACCURATE_S = 0.5
+FIX_BELOW_S = 0.5  # a receiver that loses its fix for a moment has it again at the next report
 
 # own process
 LATE_S = 0.005  # of a tick
@@ -170,6 +171,14 @@ def _has_clock_jumped(facts: TickFacts) -> bool:
     return jump_ns != 0 and facts.now_ns - jump_ns < CLOCK_JUMP_REPORTED_S * 1e9
 
 
+def _is_fix_coarse(facts: TickFacts) -> bool:
+    return bool(facts.slow.fix_below) and facts.slow.is_position_coarse
+
+
+def _corrections_age(facts: TickFacts) -> str:
+    return f"{facts.slow.corrections_old_s:.0f} s"
+
+
 def _is_too_near(facts: TickFacts) -> bool:
     return facts.nearest_m < facts.limits.safety_distance_m and facts.is_airborne
 
@@ -230,6 +239,27 @@ ROWS: tuple[ConditionRow, ...] = (
     _row(
         _C.POSITION_UNFIT,
         Cause(_fact("slow.position_miss_m"), above=UNFIT_M, over_s=UNFIT_S, is_slow=True),
+    ),
+    _row(
+        _C.FIX_COARSE,
+        Cause(_is_fix_coarse, over_s=FIX_BELOW_S, is_slow=True, detail=_fact("slow.fix_below")),
+    ),
+    _row(
+        _C.FIX_FELL_BACK,
+        Cause(
+            _fact("slow.fix_below"),
+            over_s=FIX_BELOW_S,
+            is_slow=True,
+            detail=_fact("slow.fix_below"),
+        ),
+    ),
+    _row(
+        _C.BASE_FAULT,
+        Cause(_fact("slow.base_fault"), is_slow=True, detail=_fact("slow.base_fault")),
+    ),
+    _row(
+        _C.CORRECTIONS_OLD,
+        Cause(_fact("slow.corrections_old_s"), is_slow=True, detail=_corrections_age),
     ),
     # -- PX4
     _row(

@@ -7,6 +7,7 @@ import math
 from msgspec import Struct
 
 from onboard.autopilot import Vec3, Vec4
+from onboard.corrections.status import CorrectionsStatus
 from onboard.localization.own_state import OwnEstimate
 from onboard.types import TICK_S
 
@@ -24,6 +25,8 @@ class TickContext(Struct, frozen=True, kw_only=True):
     has_duplicate: bool = False  # another agent publishes for this vehicle
     is_disk_full: bool = False
     clock_jump_ns: int = 0  # time of the last jump of our clock; 0 never
+
+    corrections: CorrectionsStatus | None = None  # of a vehicle that takes them
 
     # bus
     has_ground: bool = False  # a ground station is on the bus

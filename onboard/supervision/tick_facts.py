@@ -35,6 +35,12 @@ class SlowFacts(Struct, frozen=True, kw_only=True):
     has_lost_satellites: bool = False
     position_miss_m: float = 0.0  # by which PX4's positions miss what the own motion explains
 
+    # satellites of a vehicle that takes corrections
+    fix_below: str = ""  # its fix, while it is less than the fleet demands
+    is_position_coarse: bool = False  # its position is worse than the fleet holds with
+    base_fault: str = ""  # what is wrong with the base, in words
+    corrections_old_s: float = 0.0  # age of its corrections, while that is more than the fleet's
+
     # battery
     battery_frac: float = 1.0  # NaN: not told
     is_battery_falling: bool = False

@@ -6,10 +6,14 @@ attitude that does not follow) has a monitor of its own; this module asks each o
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
 from onboard.control.allocation import MAX_THRUST_FRAC
 from onboard.control.vertical import vertical_s
+from onboard.corrections import fix
 from onboard.flight import contact
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightStep, FlightView
@@ -247,6 +251,30 @@ class TickObserver:
             return _TRACKED_BLIND_ABOVE_M
         return _TRACKED_ABOVE_M
 
+    def _look_at_corrections(self, view: FlightView, context: TickContext) -> dict[str, Any]:
+        """Return the facts about satellites of a vehicle that takes corrections."""
+        corrections = self._own.corrections
+        status = context.corrections
+        if corrections is None or status is None:
+            return {}
+
+        snapshot = view.snapshot
+        fix_below = ""
+        if fix.is_below(snapshot, corrections, view.now_ns):
+            fix_below = fix.words_of(snapshot.fix_type)
+        worst_m = max(snapshot.accuracy_m(view.now_ns), snapshot.fix_accuracy_m)
+
+        # before the first ones there is nothing that could have grown old
+        corrections_old_s = 0.0
+        if math.isfinite(status.age_s) and status.age_s > corrections.max_age_s:
+            corrections_old_s = status.age_s
+        return {
+            "fix_below": fix_below,
+            "is_position_coarse": worst_m > corrections.hold_accuracy_m,
+            "base_fault": status.base.words,
+            "corrections_old_s": corrections_old_s,
+        }
+
     def _look_slowly(self, view: FlightView, context: TickContext, height_m: float) -> SlowFacts:
         now_ns = view.now_ns
         neighbours = self._neighbours.look_slowly(view)
@@ -268,6 +296,7 @@ class TickObserver:
             px4_accuracy_m=view.snapshot.accuracy_m(now_ns),
             has_lost_satellites=self._own.has_lost_satellites,
             position_miss_m=self._own.fit.miss_m,
+            **self._look_at_corrections(view, context),
             battery_frac=battery_frac,
             is_battery_falling=self._battery.is_falling,
             wind=self._wind.look(self._own, context),

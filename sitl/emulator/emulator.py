@@ -25,11 +25,18 @@ from sitl.physics.vehicle import STEP_S, VehicleProfile
 from sitl.physics.wind import WindSettings
 from sitl.px4 import setpoints
 from sitl.px4.commander import EmulatedPx4
-from sitl.px4.estimator import ESTIMATE_EVERY_STEPS, Estimator
-from sitl.px4.estimator_errors import Source, vision_level
+from sitl.px4.estimator import (
+    ESTIMATE_EVERY_STEPS,
+    GPS_ACCURACIES_M,
+    GPS_ACCURACY_M,
+    GPS_LEVELS,
+    Estimator,
+)
+from sitl.px4.estimator_errors import GPS, Source, vision_level
 from sitl.px4.flight_log import FlightLogs
 from sitl.px4.mode_control import TICK_S
 from sitl.px4.parameters import Parameters
+from sitl.px4.satellite_receiver import SatelliteReceiver
 from sitl.px4.signals import Actuation, AutopilotInputs, Setpoint
 from sitl.px4.signing import KeyStore
 from sitl.px4.versions import DEFAULT, Version
@@ -94,6 +101,7 @@ class Emulator:
         flight_logs: per vehicle, the logs on its card; None where nobody keeps any, see
             :meth:`keep_logs`.
         outside: begins and ends faults of bus and agents; None where there are none.
+        receivers: per vehicle, its satellite receiver and the corrections that it has.
         unix_start_s: the date at the start, as PX4 knows it from its computer; by default any fixed
             one.
     """
@@ -148,6 +156,9 @@ class Emulator:
         # external positions that a fault delays: when they arrive, of which vehicle, what
         self._late_vision: list[tuple[float, int, Array]] = []
         self._applied: list[Actuation | None] = [None] * len(specs)
+        self.receivers = [SatelliteReceiver() for _ in specs]
+        self._base_shifts_m = [0.0] * len(specs)  # by which wrong bases move the estimates
+        self._has_corrections = False  # somebody has sent some
         self._estimate()
 
     @property
@@ -321,6 +332,32 @@ class Emulator:
             setpoint = replace(autopilot.setpoint, time_s=setpoint.time_s)
         autopilot.accept_setpoint(setpoint)
 
+    def corrections(self, index: int, flags: int, data: bytes) -> None:
+        """Take a GPS_RTCM_DATA."""
+        if self.disturbances.is_hung[index]:
+            return
+        self._has_corrections = True
+        self.receivers[index].hear(flags, data, self.time_s)
+
+    def fix_type(self, index: int) -> int:
+        """Return GPS_RAW_INT.fix_type of a vehicle."""
+        has_fix = self.estimator.sees_satellites(index, self.time_s)
+        return self.receivers[index].fix_type(self.time_s, has_fix=has_fix)
+
+    def _follow_fixes(self) -> None:
+        """Let the estimates err as their fixes do, and go where their bases say."""
+        estimator = self.estimator
+        for index, receiver in enumerate(self.receivers):
+            fix_type = self.fix_type(index)
+            estimator.gps_levels[index] = GPS_LEVELS.get(fix_type, GPS)
+            estimator.gps_accuracy_m[index] = GPS_ACCURACIES_M.get(fix_type, GPS_ACCURACY_M)
+
+            # Where a base moves to does not matter to anybody here: all of it counts as north.
+            shift_m = receiver.shift_m(self.time_s)
+            if shift_m != self._base_shifts_m[index]:
+                estimator.offset_ned_m[index, 0] += shift_m - self._base_shifts_m[index]
+                self._base_shifts_m[index] = shift_m
+
     def vision(
         self,
         index: int,
@@ -411,6 +448,8 @@ class Emulator:
         self.world.vehicles.set_attitude_control(index, gains, params.values.get("MC_REF_W_N", 0.0))
 
     def _estimate(self) -> None:
+        if self._has_corrections:
+            self._follow_fixes()
         states = self.world.vehicles.states
         self.estimator.step(
             self.time_s, states.position_ned_m, states.velocity_ned_m_s, states.on_ground

@@ -21,6 +21,7 @@ from sitl.physics.contacts import World
 from sitl.px4.commander import EmulatedPx4
 from sitl.px4.estimator import Estimator
 from sitl.px4.modes import Mode
+from sitl.px4.satellite_receiver import SatelliteReceiver
 from sitl.px4.sticks import CENTRED
 
 LINKS = ("companion", "ground")
@@ -42,6 +43,7 @@ class FaultyEmulator(Protocol):
     world: World
     estimator: Estimator
     autopilots: list[EmulatedPx4]
+    receivers: list[SatelliteReceiver]
     disturbances: Disturbances
     outside: Callable[[Fault, bool], None] | None
 
@@ -218,6 +220,14 @@ def _gps_drift(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) 
     emulator.estimator.gps_drift_ned_m_s[index] = drift
 
 
+def _corrections_lost(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
+    emulator.receivers[index].is_deaf = is_on
+
+
+def _corrections_garbled(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
+    emulator.receivers[index].is_garbled = is_on
+
+
 def _hang(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
     disturbances = emulator.disturbances
     disturbances.is_hung[index] = is_on
@@ -287,6 +297,8 @@ _EFFECTS: dict[str, Callable[[FaultyEmulator, int, Fault, bool], None]] = {
     "gps_loss": _gps_loss,
     "gps_late": _gps_late,
     "gps_drift": _gps_drift,
+    "corrections_lost": _corrections_lost,
+    "corrections_garbled": _corrections_garbled,
     "autopilot_hang": _hang,
     "autopilot_reboot": _reboot,
     "clock_drift": _clock_drift,

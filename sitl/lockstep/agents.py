@@ -18,6 +18,7 @@ from onboard.agent.core import AgentCore
 from onboard.bus.codec import Malformed
 from onboard.bus.protocol import UntrustedOrder
 from onboard.bus.schema import (
+    Corrections,
     Message,
     MocapPose,
     MocapPoses,
@@ -201,6 +202,8 @@ class AgentShell:
         if vehicle.mocap_required and vehicle.body:
             node.subscribe(Topic.MOCAP, vehicle.body, pose)
         node.subscribe(Topic.ALL_POSES, "*", all_poses)
+        if self.core.corrections is not None:
+            node.subscribe(Topic.CORRECTIONS, "*", self._corrections_received)
         node.serve_orders(self.name, self._order_received)
         node.watch_alive(node_changed)
 
@@ -236,6 +239,12 @@ class AgentShell:
         node.subscribe(Topic.STATE, "*", near_state)
         node.subscribe(Topic.FAR, "*", far_state)
         node.subscribe(Topic.SLOW_TELEMETRY, "*", neighbour)
+
+    def _corrections_received(
+        self, _topic: Topic, _name: str, message: Message | Malformed
+    ) -> None:
+        if isinstance(message, Corrections):
+            self._inbox.append(agent_inputs.CorrectionsReceived(message, self._bus.now_ns()))
 
     def _order_received(self, message: Order | Malformed | UntrustedOrder, reply: OnReply) -> None:
         if self.is_hung:
@@ -320,6 +329,8 @@ class AgentShell:
                     self._followed = names
                 case agent_commands.SendOdometry(position, quaternion, std_m, resets):
                     link.send_odometry(position, quaternion, std_m, resets)
+                case agent_commands.SendCorrections(flags, data):
+                    link.send_corrections(flags, data)
                 case agent_commands.Reply(answer):
                     reply = self._replies.pop(answer.order_id, None)
                     if reply is not None:

@@ -34,6 +34,7 @@ from sitl.faults.lossy_channel import LossyChannel
 from sitl.mavlink.view import HALF_NOISE_RAD, View, measured_attitude
 from sitl.physics.vehicle import STEP_S
 from sitl.px4.modes import MODES, Mode
+from sitl.px4.satellite_receiver import ACCURACIES_M
 
 # attitude is sampled 8 ms before the tick that uses it
 _ATTITUDE_EVERY_STEPS = 5
@@ -263,7 +264,11 @@ class LinkBank:
         accuracy_m = estimator.accuracy_m(index, now_s)
         fields: Fields = {"position_accuracy_m": accuracy_m, "height_accuracy_m": accuracy_m}
         if not self.links[index].has_mocap:
+            fix_type = self.emulator.fix_type(index)
             fields["has_fix"] = estimator.sees_satellites(index, now_s)
+            fields["fix_type"] = fix_type
+            fields["satellites"] = 10 if fields["has_fix"] else 0
+            fields["fix_accuracy_m"] = ACCURACIES_M[fix_type]
         return fields
 
     def heartbeat(self, index: int) -> Fields:
@@ -366,6 +371,12 @@ class EmulatedLink:
     def play_tune(self) -> None:
         """Let it play a tune."""
         self._request(lambda px4, now_s: px4.play_tune())
+
+    def send_corrections(self, flags: int, data: bytes) -> None:
+        """GPS_RTCM_DATA with a fragment of a frame."""
+        take = self._bank.emulator.corrections
+        index = self._index
+        self._bank.send(index, lambda: take(index, flags, data))
 
     def send_odometry(
         self,

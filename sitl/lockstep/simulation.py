@@ -12,6 +12,7 @@ import heapq
 import itertools
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from onboard.bus.pose_publisher import PosePublisher
 from onboard.bus.topics import Topic
@@ -26,6 +27,9 @@ from sitl.lockstep.link import LinkBank
 from sitl.lockstep.pipeline_rows import CompiledPipeline
 from sitl.physics.vehicle import STEP_S
 from sitl.server import TRUTH_EVERY_STEPS, Broadcast, answer_fault, emulator_of
+
+if TYPE_CHECKING:
+    from sitl.lockstep.base_station import BaseStation
 
 STEP_NS = round(STEP_S * 1e9)
 EPOCH_NS = 1_000_000_000  # zero means never, to everybody
@@ -86,6 +90,10 @@ class Simulation:
             for name, link in zip(self.names, self.links.links, strict=True)
         }
 
+        self.base: BaseStation | None = None  # of the corrections, where the fleet takes some
+        if fleet.corrections is not None:
+            self.base = _base_station(fleet, self.bus)
+
         # calls to come, as a heap: when [ns since the start], and a number that keeps the order
         self._planned: list[tuple[int, int, Callable[[], object]]] = []
         self._count = itertools.count()
@@ -113,7 +121,10 @@ class Simulation:
 
     def state_parts(self) -> tuple[object, ...]:
         """Return the objects that together are all of the simulation's state."""
-        return (self.emulator, self._broadcast, self.links, self.bus, self._poses, self.agents)
+        parts = (self.emulator, self._broadcast, self.links, self.bus, self._poses, self.agents)
+        if self.base is None:
+            return parts
+        return (*parts, self.base)
 
     def at(self, time_s: float, function: Callable[[], object]) -> None:
         """Call ``function`` before the first step at or after ``time_s``.
@@ -134,6 +145,10 @@ class Simulation:
         """Begin or end a fault of the bus or of an agent."""
         if fault.name in ("agent_dead", "agent_hang"):
             self._change_agent(self.agents[fault.vehicle], fault.name, is_on)
+            return
+        if fault.name == "base_moved":
+            if self.base is not None:
+                self.base.move(fault.number("east_m") if is_on else 0.0)
             return
 
         for other in self._others(fault):
@@ -216,3 +231,11 @@ class Simulation:
             for _, on_message in self.bus.subscribers.get((Topic.TRUTH, "*"), ()):
                 # a judge's view: no fault of the bus touches it
                 on_message(Topic.TRUTH, truth.vehicle, truth)
+
+
+def _base_station(fleet: FleetConfig, bus: SimBus) -> BaseStation:
+    """Return the node of corrections of a fleet that takes some."""
+    # Imported here, because most fleets do without it, and it needs a library of its own.
+    from sitl.lockstep.base_station import BaseStation
+
+    return BaseStation(fleet, bus)

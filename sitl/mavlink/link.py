@@ -55,6 +55,7 @@ _LOCAL_FRD = 20
 
 _MAX_POSITION_M = 1e4  # of an external position; a larger one is no position
 _FULL_STICK = 1000.0
+_RTCM_BYTES = 180  # of one GPS_RTCM_DATA
 
 
 class Link:
@@ -358,6 +359,12 @@ class Link:
             type_mask=fields["type_mask"],
         )
 
+    def _corrections(self, message: MavlinkMessage) -> None:
+        fields = message.fields
+        length = min(fields["len"], _RTCM_BYTES)
+        data = bytes(fields["data"])[:length].ljust(length, b"\0")
+        self.emulator.corrections(self.index, fields["flags"], data)
+
     def _sticks(self, message: MavlinkMessage) -> None:
         fields = message.fields
         if fields["target"] != self.view.system_id:
@@ -564,6 +571,7 @@ REACTIONS: dict[str, Reaction] = {
     "SET_POSITION_TARGET_GLOBAL_INT": Reaction(Link._global_target, Link._is_for_autopilot),
     "ODOMETRY": Reaction(Link._odometry),
     "VISION_POSITION_ESTIMATE": Reaction(Link._vision),
+    "GPS_RTCM_DATA": Reaction(Link._corrections, Link._is_for_anybody),
     "MANUAL_CONTROL": Reaction(Link._sticks),
     "PLAY_TUNE": Reaction(Link._play_tune, Link._is_for_autopilot),
     "REQUEST_EVENT": Reaction(Link._request_event),

@@ -277,10 +277,9 @@ def global_position_int(v: View) -> Values:
 
 
 def gps_raw_int(v: View) -> Values:
-    fix_type = 0
+    fix_type = v.fix_type
     satellites = 0
     if v.has_fix:
-        fix_type = 3  # in three dimensions
         satellites = 10
 
     latitude, longitude, altitude_mm = _degrees_and_mm(*v.global_position)
@@ -299,7 +298,7 @@ def gps_raw_int(v: View) -> Values:
         fix_type,
         satellites,
         altitude_mm,  # above the ellipsoid
-        900,  # accuracy, horizontal [mm]
+        v.fix_accuracy_mm,
         1780,  # and vertical
         0,  # accuracy of the speed
         0,  # and of the heading

@@ -15,6 +15,7 @@ from sitl.emulator.emulator import Emulator
 from sitl.physics import frames
 from sitl.physics.earth import EarthPoint, degrees_at, metres_from
 from sitl.px4.commander import EmulatedPx4
+from sitl.px4.satellite_receiver import ACCURACIES_M
 
 # Half the standard deviation of roll, pitch and yaw, as quaternions need it.
 HALF_NOISE_RAD = tuple(0.5 * math.radians(std_deg) for std_deg in (0.06, 0.06, 0.11))
@@ -147,6 +148,16 @@ class View:
     def has_fix(self) -> bool:
         """Whether satellites are seen."""
         return self.emulator.estimator.sees_satellites(self.index, self.emulator.time_s)
+
+    @property
+    def fix_type(self) -> int:
+        """GPS_RAW_INT.fix_type."""
+        return self.emulator.fix_type(self.index)
+
+    @property
+    def fix_accuracy_mm(self) -> int:
+        """GPS_RAW_INT.h_acc."""
+        return round(1000.0 * ACCURACIES_M[self.fix_type])
 
     @property
     def has_origin(self) -> bool:

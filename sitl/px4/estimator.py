@@ -33,6 +33,7 @@ from sitl.px4.estimator_errors import (
     ErrorLevel,
     Source,
 )
+from sitl.px4.satellite_receiver import RTK_FIXED, RTK_FLOAT
 
 ESTIMATE_EVERY_STEPS = 2  # 125 Hz, the rate of PX4's estimator
 PERIOD_S = ESTIMATE_EVERY_STEPS * STEP_S
@@ -75,7 +76,11 @@ _RESETS_AT_START = (2, 2, 2, 2, 1)
 # What ESTIMATOR_STATUS says of the horizontal error, measured on PX4 v1.18 (SIH) that lost its
 # satellites in flight: 0.3 m with a source; 0.37, 0.53, 0.74, 1.0, 1.3 m one to five seconds after
 # it; then 5 m and more. The growth is fitted by a parabola.
-_ACCURACY_M = 0.3
+GPS_ACCURACY_M = 0.3
+# The same with corrections; not measured.
+GPS_ACCURACIES_M = {RTK_FLOAT: 0.2, RTK_FIXED: 0.1}
+# How the estimate errs by the fix.
+GPS_LEVELS = {RTK_FLOAT: estimator_errors.RTK_FLOAT, RTK_FIXED: estimator_errors.RTK_FIXED}
 _ACCURACY_M_S = 0.185
 _ACCURACY_M_S2 = 0.012
 _ACCURACY_KNOWN_S = 5.7  # for which the parabola holds
@@ -120,6 +125,8 @@ class Estimator:
         vision_levels: per vehicle, how the estimate errs with vision.
         vision_noise_m: per vehicle, EKF2_EVP_NOISE.
         gps_blocked: per vehicle, satellites are not received, whatever the parameters say.
+        gps_levels: per vehicle, how the estimate errs with satellites.
+        gps_accuracy_m: per vehicle, what ESTIMATOR_STATUS says with a source.
         gps_delay_s: per vehicle, by which horizontal position and velocity by satellites are late.
         gps_drift_ned_m_s: (n, 3) with which positions by satellites drift; velocities do not show
             it.
@@ -169,6 +176,8 @@ class Estimator:
         self.source = [Source.NONE] * n
         self.has_gps = [True] * n
         self.gps_blocked = [False] * n
+        self.gps_levels = [GPS] * n
+        self.gps_accuracy_m = [GPS_ACCURACY_M] * n
         self.gps_delay_s = [0.0] * n
         self.gps_drift_ned_m_s = np.zeros((n, 3))
         # per vehicle, positions and velocities of the delay, oldest first
@@ -464,13 +473,15 @@ class Estimator:
 
     def accuracy_m(self, index: int, time_s: float) -> float:
         """ESTIMATOR_STATUS.pos_horiz_accuracy: it grows when the last source is gone."""
+        if self.source[index] is Source.GPS:
+            return self.gps_accuracy_m[index]
         if self.source[index] is not Source.NONE or not math.isfinite(self._lost_time_s[index]):
-            return _ACCURACY_M
+            return GPS_ACCURACY_M
 
         lost_s = time_s - self._lost_time_s[index]
         if lost_s > _ACCURACY_KNOWN_S:
             return _ACCURACY_LOST_M
-        return math.hypot(_ACCURACY_M, _ACCURACY_M_S * lost_s + _ACCURACY_M_S2 * lost_s**2)
+        return math.hypot(GPS_ACCURACY_M, _ACCURACY_M_S * lost_s + _ACCURACY_M_S2 * lost_s**2)
 
     def sees_satellites(self, index: int, time_s: float) -> bool:
         """Whether the estimate may rest on satellites: allowed, received, and with a fix."""
@@ -482,7 +493,7 @@ class Estimator:
     def _select_source(self, index: int, time_s: float, is_resting: bool) -> None:
         """Follow the sources of one vehicle: what its estimate rests on, and so how it errs."""
         source = Source.NONE
-        level = RESTING if is_resting else GPS
+        level = RESTING if is_resting else self.gps_levels[index]
         if time_s - self._vision_time_s[index] < _VISION_TIMEOUT_S:
             source = Source.VISION
             level = RESTING_WITH_VISION if is_resting else self.vision_levels[index]

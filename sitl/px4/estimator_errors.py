@@ -138,6 +138,20 @@ GPS = ErrorLevel(
     correlation_s=3.4,
     bias_m=(0.09, 0.14, 0.18),
 )
+# With corrections; not measured. PX4's filter smooths what its receiver says, so that a metre that
+# comes with another fix takes a while.
+RTK_FLOAT = ErrorLevel(
+    position_m=(0.06, 0.06, 0.10),
+    velocity_m_s=(0.08, 0.12, 0.06),
+    correlation_s=3.4,
+    bias_m=(0.10, 0.10, 0.15),
+)
+RTK_FIXED = ErrorLevel(
+    position_m=(0.010, 0.010, 0.018),
+    velocity_m_s=(0.03, 0.03, 0.03),
+    correlation_s=1.5,
+    bias_m=(0.005, 0.005, 0.010),
+)
 # Of a vehicle that flew by vision and has lost it: sideways the drift adds to these. The height
 # stays the barometer's, which was compared with the vision until then.
 RECKONING = ErrorLevel(

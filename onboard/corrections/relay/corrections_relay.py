@@ -253,8 +253,7 @@ class CorrectionsRelay:
         judgement = self._watch.judgement
         if judgement.fault is not None:
             lines.append(
-                f"  ! The base {judgement.fault.value} ({judgement.by_m:.1f} m off): no vehicle "
-                "gives its corrections to PX4."
+                f"  ! The base {judgement.words}: no vehicle gives its corrections to PX4."
             )
         if self._too_long:
             lines.append(

@@ -18,6 +18,15 @@ _CHECKS_PER_BYTE = 4
 _PREAMBLE = bytes((rtcm.PREAMBLE,))
 
 
+def checksum(data: bytes) -> bytes:
+    """Return the three bytes of the checksum of a frame that has none yet.
+
+    Args:
+        data: preamble, length and message.
+    """
+    return int(calc_crc24q(data)).to_bytes(3, "big")
+
+
 class FrameCutter:
     """Frames of one stream; :meth:`feed` what comes."""
 

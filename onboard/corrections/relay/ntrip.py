@@ -36,7 +36,7 @@ _LIST_TYPE = "gnss/sourcetable"
 
 
 class NtripRequest(NamedTuple):
-    """What a caster is asked for."""
+    """One request to a caster."""
 
     address: str  # HOST:PORT
     mountpoint: str

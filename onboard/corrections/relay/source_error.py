@@ -1,4 +1,4 @@
-"""What a source of corrections raises when it ends: a sentence."""
+"""The error by which a source of corrections ends: a sentence."""
 
 from __future__ import annotations
 

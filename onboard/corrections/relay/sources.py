@@ -11,6 +11,9 @@ import os
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import suppress
+from typing import Literal
+
+from msgspec.structs import replace
 
 from onboard.config.config_error import ConfigError
 from onboard.config.corrections import PASSWORD_VARIABLE, CorrectionsConfig, beside
@@ -51,6 +54,20 @@ def source_of(fleet: FleetConfig, environment: Mapping[str, str]) -> AsyncIterat
             return read_ntrip(_request(fleet, corrections, environment))
         case "file":
             return play(frames_of_file(beside(fleet.path, corrections.address)))
+        case "mock":
+            return play_mock(fleet)
+
+
+def with_source(fleet: FleetConfig, source: Literal["mock"]) -> FleetConfig:
+    """Return the fleet with another source than its file names, for a node only.
+
+    Args:
+        fleet: with a table of corrections.
+        source: instead of the file's.
+    """
+    assert fleet.corrections is not None
+    corrections = replace(fleet.corrections, source=source)
+    return replace(fleet, corrections=corrections)
 
 
 def words_of(corrections: CorrectionsConfig) -> str:
@@ -61,6 +78,8 @@ def words_of(corrections: CorrectionsConfig) -> str:
     """
     if corrections.source == "ntrip":
         return f"{corrections.mountpoint} of {corrections.address}"
+    if corrections.source == "mock":
+        return "a base that is made up"
     return corrections.address
 
 
@@ -241,6 +260,24 @@ def frames_of_file(path: str) -> list[bytes]:
             f"{path} has no frame of RTCM 3. Give a recording of what a base sends, byte by byte."
         )
     return frames
+
+
+async def play_mock(fleet: FleetConfig, *, epoch_s: float = EPOCH_S) -> AsyncIterator[bytes]:
+    """Yield what a base sends that is made up.
+
+    Args:
+        fleet: says where the base stands.
+        epoch_s: from one moment's observations to the next's.
+    """
+    # Imported here, because only those who try things out need it.
+    from onboard.corrections.relay.mock_base import mock_base_of
+
+    base = mock_base_of(fleet)
+    second = 0
+    while True:
+        yield b"".join(base.frames(second))
+        second += 1
+        await asyncio.sleep(epoch_s)
 
 
 async def play(frames: list[bytes], *, epoch_s: float = EPOCH_S) -> AsyncIterator[bytes]:

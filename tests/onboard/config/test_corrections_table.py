@@ -10,7 +10,7 @@ import pytest
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping
 
 CONFIGS = Path(__file__).parents[3] / "configs"
-NTRIP = {
+NTRIP: dict[str, object] = {
     "source": "ntrip",
     "address": "caster.example.org:2101",
     "mountpoint": "NEAR_1",
@@ -94,7 +94,7 @@ def test_no_vehicle_is_named_as_the_node_of_corrections():
 def test_only_what_vehicles_judge_by_is_in_the_hash_of_the_fleet():
     without = fleet_with(None).config_hash
     ntrip = fleet_with(NTRIP).config_hash
-    elsewhere = {"source": "tcp", "address": "x:1"}
+    elsewhere: dict[str, object] = {"source": "tcp", "address": "x:1"}
 
     assert without != ntrip
     assert fleet_with(elsewhere).config_hash == ntrip

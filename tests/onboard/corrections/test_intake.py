@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from onboard.autopilot import Snapshot
 from onboard.bus.schema import Corrections
 from onboard.config.corrections import CorrectionsConfig
-from onboard.corrections.base_watch import STEADY_S, BaseFault
 from onboard.corrections.intake import MOST_WAITING, CorrectionsIntake
+from onboard.corrections.status import STEADY_S, BaseFault
 from tests.onboard.corrections.rtcm_frames import (
     STATION,
     ZURICH_DEG,

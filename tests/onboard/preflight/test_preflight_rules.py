@@ -13,7 +13,8 @@ import msgspec
 import pytest
 
 from onboard.autopilot import Refused
-from onboard.config.fleet import FleetConfig, load_fleet
+from onboard.config.fleet import CorrectionsConfig, FleetConfig, load_fleet
+from onboard.corrections.status import BaseFault, BaseJudgement, CorrectionsStatus
 from onboard.preflight import all_rules
 from onboard.preflight.all_rules import RULES
 from onboard.preflight.preflight_facts import PreflightFacts, RadioMeasured
@@ -31,6 +32,19 @@ SILENT: dict[str, Any] = {"autopilot_age_s": math.inf}
 OUTSIDE = msgspec.structs.replace(VEHICLE, start_enu_m=(9.0, 0.0, 0.0))
 WEAK = msgspec.structs.replace(VEHICLE, px4_params={"COM_FLTT_LOW_ACT": 3})
 STEADY = msgspec.structs.replace(VEHICLE, px4_params={"MC_ROLL_P": 6.5, "MC_PITCH_P": 6.5})
+RTK = msgspec.structs.replace(
+    FLEET, corrections=CorrectionsConfig(source="tcp", address="x:1", fix="rtk_fixed")
+)
+ANY_FIX = msgspec.structs.replace(FLEET, corrections=CorrectionsConfig(source="mock"))
+CORRECTED = CorrectionsStatus(age_s=0.6, base_id=7, base_distance_m=420.0)
+
+
+def corrected(fleet: FleetConfig = RTK, fix_type: int | None = 6, **changes: Any) -> dict[str, Any]:
+    """What is judged of a vehicle that takes corrections."""
+    status = msgspec.structs.replace(CORRECTED, **changes)
+    return {"fleet": fleet, "vehicle": BARE, "corrections": status, "fix_type": fix_type}
+
+
 FINE = PreflightFacts(
     autopilot_age_s=0.01,
     heartbeat_age_s=0.4,
@@ -224,6 +238,31 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {"radio": RadioMeasured(0.12, "mav0", 0.0, "mav2")},
         "mav0 are 120 ms late or more; the fleet file expects 40",
     ),
+    ("corrections", "several"): (corrected(has_several_sources=True), "Two sources of corrections"),
+    ("corrections", "base"): (
+        corrected(base=BaseJudgement(BaseFault.ELSEWHERE, 12.34)),
+        "is not where it was surveyed, by 12.3 m: they are not given to PX4",
+    ),
+    ("corrections", "silent"): (corrected(age_s=math.inf), "No corrections have come"),
+    ("corrections", "old"): (
+        corrected(age_s=12.4),
+        "The newest corrections are 12 s old; 10 s are allowed",
+    ),
+    ("corrections", "unsteady"): (corrected(unsteady_s=3.6), "moved 4 s ago"),
+    ("corrections", "far"): (
+        corrected(base_distance_m=25_400.0),
+        "The base is 25.4 km away; 20 km are allowed",
+    ),
+    ("corrections", "fix"): (
+        corrected(fix_type=5),
+        "The fix is RTK float; this fleet demands RTK fixed",
+    ),
+    ("corrections", "none"): (
+        corrected(ANY_FIX, fix_type=3, age_s=math.inf),
+        "No corrections have come; the fix is 3D",
+    ),
+    ("corrections", "aging"): (corrected(ANY_FIX, age_s=12.4), "are 12 s old"),
+    ("corrections", "long"): (corrected(too_long_bytes=906), "A message of 906 bytes"),
     ("neighbours", "lossy"): (
         {"radio": RadioMeasured(0.05, "mav0", 0.31, "mav2")},
         "mav2 31 % are lost or late; the fleet file expects 10",
@@ -278,6 +317,18 @@ def test_a_vehicle_that_is_fine_is_go_and_only_the_kill_switch_is_a_word_of_advi
     assert all(check.is_ok for check in judged())
     assert [check.name for check in judged() if check.remedy] == ["kill switch"]
     assert all_rules.reasons(FINE, FLEET, VEHICLE) == ()
+
+
+def test_corrections_that_are_fine_are_told_with_fix_base_and_distance() -> None:
+    check = {one.name: one for one in judged(**corrected())}["corrections"]
+    assert check.sentence == "RTK fixed; corrections 0.6 s old of base 7, 420 m."
+    assert not check.remedy
+
+
+def test_a_fix_that_px4_does_not_tell_is_none() -> None:
+    check = {one.name: one for one in judged(**corrected(fix_type=None))}["corrections"]
+    assert not check.is_ok
+    assert "The fix is not told" in check.sentence
 
 
 def test_each_fault_shows_in_its_own_line_only_with_sentence_and_remedy() -> None:
@@ -367,6 +418,7 @@ def test_every_condition_that_refuses_take_off_is_in_some_line_of_the_page() -> 
             Condition.POSITION_LOST_LONG,
         },
         "px4": {Condition.AUTOPILOT_SILENT, Condition.AUTOPILOT_FROZEN, Condition.HEARTBEAT_LOST},
+        "corrections": {Condition.FIX_COARSE, Condition.FIX_FELL_BACK, Condition.BASE_FAULT},
         "alone": {Condition.TWIN},
         "neighbours": {Condition.BUS_LOST, Condition.BUS_LOST_LONG},
         "law": {Condition.SEPARATION_BREACHED},

@@ -81,6 +81,10 @@ WRONG: dict[Condition, TickFacts] = {
     Condition.POSITION_INACCURATE: replace(
         FINE, mocap_required=False, slow=SlowFacts(px4_accuracy_m=1.0)
     ),
+    Condition.FIX_COARSE: replace(FINE, slow=SlowFacts(fix_below="3D", is_position_coarse=True)),
+    Condition.FIX_FELL_BACK: replace(FINE, slow=SlowFacts(fix_below="RTK float")),
+    Condition.BASE_FAULT: replace(FINE, slow=SlowFacts(base_fault="has moved in flight")),
+    Condition.CORRECTIONS_OLD: replace(FINE, slow=SlowFacts(corrections_old_s=12.0)),
     Condition.FLOWN_BY_HAND: replace(FINE, mode_loss=ModeLoss.BY_HAND, px4_mode="POSCTL"),
     Condition.LEFT_OFFBOARD: replace(FINE, mode_loss=ModeLoss.LEFT, px4_mode="POSCTL"),
     Condition.PX4_FAILSAFE: replace(FINE, mode_loss=ModeLoss.FAILSAFE),

@@ -1,0 +1,133 @@
+"""A base that is made up, to see everything without a receiver: source "mock". Pure.
+
+It stands where it says. Its observations are of the right form (MSM7 of GPS and GLONASS) without
+anything in them: a real receiver makes nothing of them.
+"""
+
+from __future__ import annotations
+
+import math
+
+from onboard.config.fleet_config import FleetConfig
+from onboard.corrections.relay.framing import checksum
+
+STATION = 1
+BASE_EVERY_S = 5  # it says so often where it is
+_SIMULATED_DEG = (47.397742, 8.545594)  # where simulated PX4s stand by themselves
+_HEIGHT_M = 536.9  # of that place above the ellipsoid
+
+# Number of the message, satellites; the second system ends the moment.
+_SYSTEMS = ((1077, 10), (1087, 6))
+_SIGNALS = 2
+_SATELLITE_BITS = 36  # of MSM7, for each satellite
+_CELL_BITS = 80  # and for each signal of each
+
+_SEMI_MAJOR_M = 6_378_137.0
+_FLATTENING = 1.0 / 298.257223563
+_DAY_MS = 86_400_000
+
+_Field = tuple[int, int]  # value, width in bits
+
+
+class MockBase:
+    """A base at a place.
+
+    Args:
+        place_deg: latitude and longitude.
+        height_m: above the ellipsoid.
+    """
+
+    def __init__(self, place_deg: tuple[float, float], height_m: float = _HEIGHT_M) -> None:
+        self.ecef_m = _ecef_m(place_deg, height_m)
+        self.place_deg = place_deg
+
+    def moved(self, east_m: float) -> MockBase:
+        """Return the base that says a place to the east of it.
+
+        Args:
+            east_m: distance.
+        """
+        longitude = math.radians(self.place_deg[1])
+        other = MockBase(self.place_deg)
+        x, y, z = self.ecef_m
+        other.ecef_m = (x - east_m * math.sin(longitude), y + east_m * math.cos(longitude), z)
+        return other
+
+    def frames(self, second: int) -> list[bytes]:
+        """Return what it sends at one second.
+
+        Args:
+            second: since its start.
+        """
+        frames: list[bytes] = []
+        if second % BASE_EVERY_S == 0:
+            frames.append(self._position())
+        last = _SYSTEMS[-1][0]
+        for number, satellites in _SYSTEMS:
+            frames.append(_observations(number, satellites, second, has_more=number != last))
+        return frames
+
+    def _position(self) -> bytes:
+        """Return message 1005."""
+        x, y, z = (round(value * 1e4) for value in self.ecef_m)
+        head: list[_Field] = [(1005, 12), (STATION, 12), (0, 6), (1, 1), (1, 1), (0, 1), (0, 1)]
+        return _frame([*head, (x, 38), (0, 2), (y, 38), (0, 2), (z, 38)])
+
+
+def mock_base_of(fleet: FleetConfig) -> MockBase:
+    """Return a base where the fleet's was surveyed, or at its origin, or where simulated PX4s are.
+
+    Args:
+        fleet: the fleet file.
+    """
+    corrections = fleet.corrections
+    if corrections is not None and corrections.base_deg is not None:
+        height_m = _HEIGHT_M
+        if corrections.base_height_m is not None:
+            height_m = corrections.base_height_m
+        return MockBase(corrections.base_deg, height_m)
+
+    origin = fleet.fleet.global_origin
+    if origin is not None:
+        return MockBase((origin.latitude_deg, origin.longitude_deg))
+    return MockBase(_SIMULATED_DEG)
+
+
+def _observations(number: int, satellites: int, second: int, *, has_more: bool) -> bytes:
+    """Return one message of MSM7 whose measurements are all zero."""
+    satellite_mask = ((1 << satellites) - 1) << (64 - satellites)
+    signal_mask = ((1 << _SIGNALS) - 1) << (32 - _SIGNALS)
+    cells = satellites * _SIGNALS
+    time_ms = 1000 * second % _DAY_MS
+
+    head: list[_Field] = [(number, 12), (STATION, 12), (time_ms, 30), (has_more, 1), (0, 18)]
+    masks: list[_Field] = [(satellite_mask, 64), (signal_mask, 32), ((1 << cells) - 1, cells)]
+    zeros = satellites * _SATELLITE_BITS + cells * _CELL_BITS
+    return _frame([*head, *masks, (0, zeros)])
+
+
+def _frame(fields: list[_Field]) -> bytes:
+    """Return the frame of a message of these fields."""
+    value = 0
+    bits = 0
+    for field, width in fields:
+        value = value << width | field & ((1 << width) - 1)
+        bits += width
+    behind = -bits % 8
+    message = (value << behind).to_bytes((bits + behind) // 8, "big")
+
+    head_and_message = b"\xd3" + len(message).to_bytes(2, "big") + message
+    return head_and_message + checksum(head_and_message)
+
+
+def _ecef_m(place_deg: tuple[float, float], height_m: float) -> tuple[float, float, float]:
+    """Return a place from the centre of the Earth, WGS 84."""
+    latitude, longitude = map(math.radians, place_deg)
+    eccentricity_2 = _FLATTENING * (2.0 - _FLATTENING)
+    normal_m = _SEMI_MAJOR_M / math.sqrt(1.0 - eccentricity_2 * math.sin(latitude) ** 2)
+    from_axis_m = (normal_m + height_m) * math.cos(latitude)
+    return (
+        from_axis_m * math.cos(longitude),
+        from_axis_m * math.sin(longitude),
+        (normal_m * (1.0 - eccentricity_2) + height_m) * math.sin(latitude),
+    )

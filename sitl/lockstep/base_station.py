@@ -1,0 +1,60 @@
+"""The node of corrections in simulated time: a base that is made up, and faults of it.
+
+It sends once a second, as a real one does, under its own name on the simulated bus.
+"""
+
+from __future__ import annotations
+
+from onboard.bus.schema import Corrections
+from onboard.bus.topics import Topic
+from onboard.config.fleet import FleetConfig
+from onboard.corrections.relay.mock_base import mock_base_of
+from onboard.security.node_roles import NodeRole
+from sitl.lockstep.bus import SimBus
+
+NODE = NodeRole.CORRECTIONS.value
+_NAME = "base"
+_PERIOD_NS = 1_000_000_000
+_BOOT_ID = 7
+
+
+class BaseStation:
+    """Sends what a base would.
+
+    Args:
+        fleet: says where the base stands.
+        bus: on which it becomes a node.
+    """
+
+    def __init__(self, fleet: FleetConfig, bus: SimBus) -> None:
+        self.is_silent = False
+        self._base = mock_base_of(fleet)
+        self._said = self._base  # with the place that it says
+        self._node = bus.node(NODE)
+        self._node.start()
+        self._bus = bus
+        self._second = 0
+        self._sequence = 0
+        bus.call_at(bus.now_ns(), self._send)
+
+    def move(self, east_m: float) -> None:
+        """Say a place to the east from now on; 0: the right one."""
+        self._said = self._base
+        if east_m:
+            self._said = self._base.moved(east_m)
+
+    def _send(self) -> None:
+        now_ns = self._bus.now_ns()
+        if not self.is_silent:
+            for frame in self._said.frames(self._second):
+                self._sequence += 1
+                message = Corrections(
+                    source=NODE,
+                    boot_id=_BOOT_ID,
+                    sequence=self._sequence,
+                    stamp_ns=now_ns,
+                    frame=frame,
+                )
+                self._node.publish(Topic.CORRECTIONS, _NAME, message)
+        self._second += 1
+        self._bus.call_at(now_ns + _PERIOD_NS, self._send)
