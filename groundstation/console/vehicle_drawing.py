@@ -18,6 +18,7 @@ from groundstation.console import theme
 from groundstation.console.pipeline_drawing import attitude_block, thrust_block
 from groundstation.console.theme import BAD, CALM, FAINT, GOOD, RULE, TEXT, WARN, clean, number
 from groundstation.console.vehicle_subject import Text, VehicleSubject
+from groundstation.fleet.satellite_words import satellite_words
 from groundstation.fleet.state import FleetState
 from onboard.bus.schema import Telemetry
 from onboard.config.pair_separation import separation_m
@@ -121,6 +122,9 @@ def _state(subject: VehicleSubject, width: int) -> Block:
     lines.append([(" speed      ", FAINT), (f"{number(speed_m_s, 2)} m/s", tint)])
 
     lines.append([(" wind       ", FAINT), (_wind(last), tint)])
+    satellites = satellite_words(last)
+    if satellites:
+        lines += _wrapped([(" satellites ", FAINT)], satellites, width, tint)
 
     charge_pct = last.battery_frac * 100.0
     is_low = charge_pct <= subject.fleet.fleet.battery_warning_pct

@@ -115,6 +115,24 @@ HAZARDS: tuple[Hazard, ...] = (
         remains="two receivers that drift towards each other are not noticed (docs/failsafe.md)",
     ),
     Hazard(
+        key="corrections",
+        question="What happens when RTK corrections end, are damaged, or come from a wrong base?",
+        asked_by=("SORA 2.5 OSO #13", SWARM),
+        claims={
+            C.FIX_COARSE: _HOLD,
+            C.FIX_FELL_BACK: _SLOW,
+            C.BASE_FAULT: _GO_ON,
+            C.CORRECTIONS_OLD: _GO_ON,
+        },
+        faults=(
+            "RTK lost for good",
+            "corrections of all lost",
+            "corrections garbled",
+            "base says a place 30 m aside",
+        ),
+        remains="a base that says the right place and measures falsely (docs/threats.md)",
+    ),
+    Hazard(
         key="tracking-lost",
         question="What happens when the motion capture loses one or all?",
         asked_by=("SORA 2.5 OSO #13", SWARM),

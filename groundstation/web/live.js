@@ -203,6 +203,7 @@
     if (vehicle.avoids) words.push(`avoids ${vehicle.avoids}`);
     if (vehicle.conditions?.length) words.push(vehicle.conditions.join(", "));
     if (vehicle.reason) words.push(vehicle.reason);
+    if (vehicle.satellites) words.push(vehicle.satellites);
     return words.join(" · ");
   }
 

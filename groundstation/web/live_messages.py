@@ -12,6 +12,7 @@ from typing import Any
 
 from groundstation.alarms.alarms import AlarmLine
 from groundstation.fleet.operator_control import Control
+from groundstation.fleet.satellite_words import satellite_words
 from groundstation.fleet.state import FleetState, LoggedEvent, Separation, VehicleView
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
@@ -136,6 +137,7 @@ def _vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> Message:
         nearest_m=_known(telemetry.nearest_distance_m),
         order=telemetry.order_kind,
         phase=telemetry.order_phase,
+        satellites=satellite_words(telemetry),
         wind_m_s=[_known(part) for part in telemetry.wind_enu_m_s],
         conditions=list(telemetry.conditions),
         action=telemetry.action,

@@ -224,6 +224,10 @@ def _corrections_lost(emulator: FaultyEmulator, index: int, fault: Fault, is_on:
     emulator.receivers[index].is_deaf = is_on
 
 
+def _rtk_lost(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
+    emulator.receivers[index].is_obstructed = is_on
+
+
 def _corrections_garbled(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
     emulator.receivers[index].is_garbled = is_on
 
@@ -299,6 +303,7 @@ _EFFECTS: dict[str, Callable[[FaultyEmulator, int, Fault, bool], None]] = {
     "gps_drift": _gps_drift,
     "corrections_lost": _corrections_lost,
     "corrections_garbled": _corrections_garbled,
+    "rtk_lost": _rtk_lost,
     "autopilot_hang": _hang,
     "autopilot_reboot": _reboot,
     "clock_drift": _clock_drift,

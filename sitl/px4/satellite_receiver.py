@@ -90,6 +90,7 @@ class SatelliteReceiver:
     Attributes:
         is_deaf: it gets no corrections, whatever arrives (a fault).
         is_garbled: what it gets has wrong bits (a fault).
+        is_obstructed: it finds no better fix than 3D (a fault).
         frames: whole frames with a right checksum.
         bad_frames: those that were none.
     """
@@ -97,6 +98,7 @@ class SatelliteReceiver:
     def __init__(self) -> None:
         self.is_deaf = False
         self.is_garbled = False
+        self.is_obstructed = False
         self.frames = 0
         self.bad_frames = 0
         self._assembly = Assembly()
@@ -157,7 +159,7 @@ class SatelliteReceiver:
         if not has_fix:
             return NO_FIX
         silent_s = time_s - self._newest_s
-        if silent_s > LOST_WITHOUT_S:
+        if silent_s > LOST_WITHOUT_S or self.is_obstructed:
             return FIX_3D
         corrected_s = self._newest_s - self._since_s
         if corrected_s < FLOAT_AFTER_S:

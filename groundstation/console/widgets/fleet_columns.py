@@ -9,11 +9,14 @@ from dataclasses import dataclass
 from groundstation.console import theme
 from groundstation.console.history import Drain
 from groundstation.console.theme import BAD, CALM, FAINT, GOOD, TEXT, WARN, clean, number
+from groundstation.fleet.satellite_words import distance_words
 from groundstation.fleet.state import VehicleView
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
+from onboard.safety.failsafe_table import Condition
 
 Cell = tuple[str, str]  # text and colour
+_FIX_CONDITIONS = {Condition.FIX_FELL_BACK.value, Condition.FIX_COARSE.value}
 _GRAVITY_M_S2 = 9.81
 # Age of PX4's last message to the agent.
 _SLOW_LINK_S = 0.3
@@ -46,6 +49,7 @@ class Column:
     cell: Callable[[VehicleRow], Cell]
     right: bool = False
     sort: Callable[[VehicleRow], float] | None = None  # smaller first, nan last
+    of_corrections: bool = False  # only where the fleet takes corrections of RTK
     # On the ground a reason not to fly may cover it: 2 always, 1 where the reason has little room.
     cover: int = 0
 
@@ -100,6 +104,43 @@ def _wind(row: VehicleRow) -> Cell:
         return "-", FAINT
     colour = WARN if wind_m_s > row.telemetry.max_wind_m_s else TEXT
     return number(wind_m_s, 1, limit=99), colour
+
+
+def _fix(row: VehicleRow) -> Cell:
+    """Return the fix and the number of satellites; marked where the fleet demands a better one."""
+    telemetry = row.telemetry
+    if not telemetry.fix:
+        return "-", FAINT
+    text = clean(telemetry.fix, 9)
+    if telemetry.satellites >= 0:
+        text += f" {min(telemetry.satellites, 99)}"
+    is_below = bool(_FIX_CONDITIONS & set(telemetry.conditions))
+    return (f"▲{text}", WARN) if is_below else (f" {text}", TEXT)
+
+
+def _corrections(row: VehicleRow) -> Cell:
+    """Return the age of the newest corrections that PX4 was given."""
+    age_s = row.telemetry.corrections_age_s
+    if not math.isfinite(age_s):
+        return "none", FAINT
+    corrections = row.fleet.corrections
+    text = number(age_s, 1, limit=999)
+    if corrections is not None and age_s > corrections.max_age_s:
+        return f"▲{text}", WARN
+    return text, TEXT
+
+
+def _base(row: VehicleRow) -> Cell:
+    """Return the station of the corrections and how far away it is."""
+    telemetry = row.telemetry
+    if telemetry.base_id < 0:
+        return "-", FAINT
+    text = f"{min(telemetry.base_id, 9999)}"
+    if math.isfinite(telemetry.base_distance_m):
+        text += f" {distance_words(telemetry.base_distance_m)}"
+    if Condition.BASE_FAULT.value in telemetry.conditions:
+        return f"▲{text}", WARN
+    return text, TEXT
 
 
 def _battery(row: VehicleRow) -> Cell:
@@ -317,6 +358,9 @@ COLUMNS = (
         right=True,
         sort=lambda row: -_wind_m_s(row),
     ),
+    Column(title="fix", width=13, rank=2, cell=_fix, of_corrections=True),
+    Column(title="corr s", width=6, rank=6, cell=_corrections, right=True, of_corrections=True),
+    Column(title="base", width=15, rank=12, cell=_base, of_corrections=True),
     Column(
         title="bat", width=5, rank=0, cell=_battery, sort=lambda row: row.telemetry.battery_frac
     ),
@@ -349,7 +393,7 @@ REASON_WIDTH = 24
 WIDE_REASON_WIDTH = 48  # most reasons fit into it
 
 
-def fit_columns(width: int) -> tuple[tuple[Column, ...], int]:
+def fit_columns(width: int, *, has_corrections: bool = False) -> tuple[tuple[Column, ...], int]:
     """Return the columns that fit into ``width`` cells, and the cells left for the reason.
 
     A blank stands after each column. A reason that would have too little room gets 0.
@@ -357,6 +401,8 @@ def fit_columns(width: int) -> tuple[tuple[Column, ...], int]:
     left = width
     kept = set()
     for column in sorted(COLUMNS, key=lambda column: column.rank):
+        if column.of_corrections and not has_corrections:
+            continue
         if column.width + 1 <= left:
             kept.add(column.title)
             left -= column.width + 1

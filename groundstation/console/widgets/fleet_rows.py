@@ -40,7 +40,7 @@ class RowLayout:
     left: int  # cells for the reason
 
     @classmethod
-    def of(cls, names: Iterable[str], width: int) -> RowLayout:
+    def of(cls, names: Iterable[str], width: int, *, has_corrections: bool = False) -> RowLayout:
         """Return the layout for these vehicles in a table of this width."""
         name_widths = [cell_len(name) for name in names]
         last_index = max(0, len(name_widths) - 1)
@@ -49,7 +49,8 @@ class RowLayout:
         most = _LONG_NAME if width >= _WIDE else _SHORT_NAME
         name_width = max(4, min(most, max(name_widths, default=4)))
 
-        columns, left = fit_columns(width - digits - name_width - 4)
+        room = width - digits - name_width - 4
+        columns, left = fit_columns(room, has_corrections=has_corrections)
         return cls(digits, name_width, columns, left)
 
     def heading(self) -> str:

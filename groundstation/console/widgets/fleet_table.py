@@ -413,7 +413,9 @@ class FleetTable(Lines, ScrollView, can_focus=True):
             height: of the picture, in cells.
             counts_hidden: say in the last line how many vehicles have no room.
         """
-        layout = RowLayout.of([view.name for view in self._views], width)
+        names = [view.name for view in self._views]
+        has_corrections = self.fleet.corrections is not None
+        layout = RowLayout.of(names, width, has_corrections=has_corrections)
         lines = [self._heading(layout, width)]
 
         selected = self.selected

@@ -12,7 +12,7 @@ from onboard.config.fleet_config import FleetConfig
 from onboard.corrections.relay.framing import checksum
 
 STATION = 1
-BASE_EVERY_S = 5  # it says so often where it is
+BASE_EVERY_S = 2  # it says so often where it is
 _SIMULATED_DEG = (47.397742, 8.545594)  # where simulated PX4s stand by themselves
 _HEIGHT_M = 536.9  # of that place above the ellipsoid
 

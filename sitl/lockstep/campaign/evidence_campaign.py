@@ -157,6 +157,11 @@ def possible_victims(fleet: FleetConfig, injection: Injection) -> list[str]:
     if not injection.needs:
         return names
 
+    if injection.needs == "corrections":
+        is_demanded = fleet.corrections is not None and fleet.corrections.fix != "any"
+        taking = [name for name in names if fleet.takes_corrections(fleet.vehicles[name])]
+        return taking if is_demanded else []
+
     has_poses = injection.needs == "poses"
     fitting = [name for name in names if fleet.vehicles[name].mocap_required is has_poses]
     if "of all" in injection.name and len(fitting) < len(names):

@@ -57,8 +57,8 @@ class Injection:
         is_cut_off: whether the ground may not hear why until it is over.
         may_leave_fence: PX4 flies it alone, or nobody does.
         rises_m: how much higher the vehicle may get afterwards.
-        needs: ``poses`` of a motion capture, or ``satellites``, of which something breaks; empty:
-            it can happen to either.
+        needs: ``poses`` of a motion capture, ``satellites``, or ``corrections`` of those that a
+            fleet demands, of which something breaks; empty: it can happen to all.
         is_of_two: it takes another vehicle.
         is_falling: it tumbles to the ground faster than anybody can go aside; who flies above it
             has not been touched.
@@ -362,6 +362,27 @@ INJECTIONS: tuple[Injection, ...] = (
         _f(C.GROUND_LOST_LONG),
         _f(C.GROUND_LOST_LONG),
         is_cut_off=True,
+    ),
+    Injection(
+        "RTK lost for good",
+        fault("rtk_lost"),
+        _f(C.FIX_FELL_BACK, C.FIX_COARSE),
+        is_astray=True,
+        needs="corrections",
+    ),
+    Injection(
+        "corrections of all lost",
+        of_all(fault("corrections_lost")),
+        is_astray=True,
+        needs="corrections",
+    ),
+    Injection("corrections garbled", fault("corrections_garbled"), needs="corrections"),
+    Injection(
+        "base says a place 30 m aside",
+        fault("base_moved", east_m=30.0),
+        _f(C.BASE_FAULT),
+        is_astray=True,
+        needs="corrections",
     ),
 )
 

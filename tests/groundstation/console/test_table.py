@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from types import MappingProxyType
+from typing import Any
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 from rich.cells import cell_len
 
 from groundstation.console.app import ConsoleApp
 from groundstation.console.history import History
 from groundstation.console.screens.vehicle_screen import VehicleBlocks
-from groundstation.console.widgets.fleet_columns import COLUMNS, fit_columns
+from groundstation.console.widgets.fleet_columns import COLUMNS, VehicleRow, fit_columns
 from groundstation.console.widgets.fleet_table import FleetTable
 from groundstation.console.widgets.plan_view import PlanView
-from groundstation.fleet.state import DIRECT_DISARMED, fold
-from onboard.bus.schema import Event
-from onboard.config.fleet import FleetConfig
+from groundstation.fleet.satellite_words import satellite_words
+from groundstation.fleet.state import DIRECT_DISARMED, VehicleView, fold
+from onboard.bus.schema import Event, Telemetry
+from onboard.config.fleet import CorrectionsConfig, FleetConfig
+from onboard.safety.failsafe_table import Condition
 from tests.groundstation.console.scenes import SteadyClient, crowd, fly, ground_and_sky
 from tests.groundstation.console.seeing import SIZES, lines, plan_of, see, table_of
 
@@ -231,12 +235,61 @@ async def test_the_reason_why_a_vehicle_is_not_ready_is_read_at_every_size() -> 
 
 
 def test_all_columns_have_room_at_200_and_the_vital_ones_at_60() -> None:
-    assert fit_columns(198 - 30)[0] == COLUMNS
+    everywhere = tuple(column for column in COLUMNS if not column.of_corrections)
+    assert fit_columns(198 - 30)[0] == everywhere
     assert fit_columns(198 - 30)[1] >= 24
+    assert fit_columns(230, has_corrections=True)[0] == COLUMNS
 
     vital = {column.title for column in fit_columns(60 - 12)[0]}
     assert {"state", "bat", "z m", "near m"} <= vital
     assert fit_columns(0) == ((), 0)
+
+
+def test_a_fleet_with_corrections_shows_fix_age_and_base_and_marks_what_is_wrong() -> None:
+    fleet = replace(crowd(1), corrections=CorrectionsConfig(source="mock", fix="rtk_fixed"))
+    told = telemetry_of(
+        fleet,
+        fix="RTK fixed",
+        satellites=21,
+        corrections_age_s=0.64,
+        base_id=1234,
+        base_distance_m=420.0,
+    )
+    assert satellite_cells(fleet, told) == [" RTK fixed 21", "0.6", "1234 420 m"]
+    fallen_back = replace(
+        told,
+        fix="RTK float",
+        corrections_age_s=12.0,
+        base_distance_m=2345.6,
+        conditions=(Condition.FIX_FELL_BACK.value, Condition.BASE_FAULT.value),
+    )
+    assert satellite_cells(fleet, fallen_back) == ["▲RTK float 21", "▲12.0", "▲1234 2.3 km"]
+    # what nobody has told, and what no receiver can say
+    assert satellite_cells(fleet, telemetry_of(fleet)) == ["-", "none", "-"]
+    absurd = replace(told, fix="x" * 99, satellites=9999, base_id=10**9, base_distance_m=1e12)
+    widths = [column.width for column in COLUMNS if column.of_corrections]
+    for cell, width in zip(satellite_cells(fleet, absurd), widths, strict=True):
+        assert cell_len(cell) <= width
+
+    assert satellite_words(told) == (
+        "RTK fixed, 21 satellites, corrections 0.6 s old, base 1234 at 420 m"
+    )
+    assert satellite_words(telemetry_of(fleet)) == ""
+
+
+def telemetry_of(fleet: FleetConfig, **values: Any) -> Telemetry:
+    client = SteadyClient(fleet)
+    fly(client, 0.0)
+    last = client.state.vehicles[fleet.enabled_names[0]].telemetry
+    assert last is not None
+    return replace(last, **values)
+
+
+def satellite_cells(fleet: FleetConfig, told: Telemetry) -> list[str]:
+    """The texts of the columns about corrections."""
+    view = VehicleView(told.vehicle)
+    row = VehicleRow(view=view, telemetry=told, fleet=fleet, drain=None, age_s=0.1, is_stale=False)
+    return [column.cell(row)[0] for column in COLUMNS if column.of_corrections]
 
 
 async def test_a_battery_says_how_long_it_lasts_until_it_has_to_land() -> None:

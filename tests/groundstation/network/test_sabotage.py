@@ -76,6 +76,7 @@ SABOTAGES = {
             "ground's key",
             "viewer's key",
             "mocap's key",
+            "corrections's key",
             "sitl's key",
         ),
     ),
@@ -89,7 +90,13 @@ SABOTAGES = {
             order_signature.SealCheck.refusal = lambda *arguments: None
         """,
         only="key: orders hold",
-        gets_in=("a viewer's key", "a mocap's key", "a sitl's key", "mav2's key"),
+        gets_in=(
+            "a viewer's key",
+            "a mocap's key",
+            "a corrections's key",
+            "a sitl's key",
+            "mav2's key",
+        ),
     ),
     "who opens a link": Sabotage(
         patch="""
@@ -104,7 +111,7 @@ SABOTAGES = {
             order_signature.SealCheck.refusal = lambda *arguments: None
         """,
         only="without a certificate",
-        gets_in=("publishes a vehicle's state",),
+        gets_in=("publishes a vehicle's state", "publishes corrections of a false base"),
     ),
 }
 
@@ -118,6 +125,7 @@ class SabotagedTest(NamedTuple):
 
 
 _LOCKED_BUS = "tests/onboard/security/test_locked_bus.py"
+_CORRECTIONS = "tests/onboard/corrections/test_intake.py"
 _MAVLINK_RELAY = "tests/onboard/px4/test_mavlink_relay.py"
 
 SABOTAGED_TESTS = {
@@ -188,6 +196,29 @@ SABOTAGED_TESTS = {
         """,
         test="tests/sitl/lockstep/test_liars.py::test_a_liar_is_named_and_kept_off",
         fails=3,
+    ),
+    "where a base may be": SabotagedTest(
+        patch="""
+            from onboard.corrections import base_watch
+            base_watch.BaseWatch._judge = lambda *arguments, **options: base_watch.FINE
+        """,
+        test=_CORRECTIONS,
+        fails=7,
+    ),
+    "one source of corrections": SabotagedTest(
+        patch="""
+            from onboard.corrections.intake import CorrectionsIntake
+            CorrectionsIntake._is_of_the_source = lambda *arguments: True
+        """,
+        test=f"{_CORRECTIONS}::test_a_second_source_is_not_mixed_in_until_the_first_is_gone",
+    ),
+    "the checksum of a frame": SabotagedTest(
+        patch="""
+            from onboard.corrections.relay import framing
+            framing.calc_crc24q = lambda data: 0
+        """,
+        test="tests/onboard/corrections/test_rtcm.py",
+        fails=2,
     ),
     "nobody waits for who reads nothing": SabotagedTest(
         patch="""

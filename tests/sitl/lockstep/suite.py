@@ -22,7 +22,7 @@ import msgspec
 
 from groundstation.mission_files.loading import load_mission, mission_from_mapping
 from groundstation.mission_files.mission import Mission
-from onboard.config.fleet import FleetConfig, load_fleet
+from onboard.config.fleet import CorrectionsConfig, FleetConfig, load_fleet
 from onboard.safety.failsafe_table import TABLE, Condition, Situation
 from sitl.lockstep.campaign.broken_flight import Breaking, fly_broken, injection_of, wind_of
 from sitl.lockstep.campaign.injections import INJECTIONS, Injection
@@ -32,6 +32,7 @@ ROOT = Path(__file__).resolve().parents[3]
 # a second before the earliest take-off, so that arming is one of the moments; what breaks before
 # that is a matter of preflight, not of flight
 READY_S = 3.5
+RTK_READY_S = 10.5  # the emulated receivers have their fix then
 FLIGHT_S = 17.0
 GROUND_LOST_LAND_S = 4.0
 _DIRECT_PORT = 18_570  # never opened in lockstep
@@ -165,6 +166,15 @@ def _by_satellites() -> Mission:
     return mission_from_mapping({"schema": 1, "step": steps}, path="suite.toml", fleet=fleet)
 
 
+@functools.lru_cache
+def _by_rtk() -> Mission:
+    """The same with corrections, and nobody takes off without an RTK fix."""
+    mission = _by_satellites()
+    corrections = CorrectionsConfig(source="mock", fix="rtk_fixed")
+    fleet = msgspec.structs.replace(mission.fleet, corrections=corrections)
+    return msgspec.structs.replace(mission, fleet=fleet)
+
+
 @dataclass(frozen=True, slots=True)
 class SuiteMission:
     """One mission of the suite."""
@@ -173,9 +183,13 @@ class SuiteMission:
     flight_s: float  # from the take-off to the landing, at a height of 1 m where it is chosen
     height_m: float = 0.0  # the highest; 0: as the case says
     has_poses: bool = True  # of a motion capture, and no satellites
+    has_corrections: bool = False  # nothing else of it breaks
+    ready_s: float = READY_S
 
     def may_break(self, injection: Injection) -> bool:
         """Return whether what breaks is there at all."""
+        if self.has_corrections:
+            return injection.needs == "corrections"
         return injection.needs in ("", "poses" if self.has_poses else "satellites")
 
 
@@ -185,6 +199,9 @@ MISSIONS = {
     "columns": SuiteMission(lambda _: _columns(), 36.0, 4.2),
     "moving formation": SuiteMission(lambda _: _moving_formation(), 30.0, 1.4),
     "by satellites": SuiteMission(lambda _: _by_satellites(), 35.0, 2.0, has_poses=False),
+    "by RTK": SuiteMission(
+        lambda _: _by_rtk(), 35.0, 2.0, has_poses=False, has_corrections=True, ready_s=RTK_READY_S
+    ),
 }
 
 
@@ -205,7 +222,7 @@ def _fly(case: Case, folder: Path | None) -> Outcome:
     breaking = Breaking(
         injection=injection_of(case.injection),
         victim=names[case.place],
-        at_s=READY_S + 0.02 * case.tick,
+        at_s=MISSIONS[case.mission].ready_s + 0.02 * case.tick,
         second=second,
         second_victim=names[case.second_place],
         gap_s=case.gap_s,
