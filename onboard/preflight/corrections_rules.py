@@ -9,6 +9,9 @@ from onboard.corrections import fix
 from onboard.corrections.status import STEADY_S, CorrectionsStatus
 from onboard.preflight.preflight_facts import PreflightFacts
 from onboard.preflight.preflight_rule import OK, SKIP, Judgement, rules
+from onboard.safety.failsafe_table import Condition
+
+_CONDITIONS = frozenset({Condition.FIX_COARSE, Condition.FIX_FELL_BACK, Condition.BASE_FAULT})
 
 
 def _corrections(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
@@ -43,6 +46,9 @@ def _corrections(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) ->
     is_enough = facts.fix_type is not None and fix.is_enough(facts.fix_type, corrections.fix)
     if is_demanded and not is_enough:
         return "fix", {**words, "demanded": fix.DEMAND_WORDS[corrections.fix]}
+    # the failsafe table looks less often than this rule, and would disarm at once
+    if facts.conditions & _CONDITIONS:
+        return "settling", words
     if status.too_long_bytes:
         return "long", {**words, "bytes": status.too_long_bytes}
     return OK, words

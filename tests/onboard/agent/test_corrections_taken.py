@@ -144,6 +144,16 @@ def test_a_fix_below_the_demanded_one_refuses_the_take_off(fix_type: int):
     assert not rig.order("takeoff", height_m=1.0).is_accepted
 
 
+def test_nobody_is_ready_in_the_moment_before_the_failsafes_have_seen_the_new_fix():
+    rig = rig_of()
+    rig.tell(FLOAT, 0.4)
+    rig.run(3.0)
+    rig.tell(FIXED, 0.014)
+    while rig.core.flight.state == "waiting":
+        rig.step()
+    assert not rig.core.failsafes.conditions
+
+
 @pytest.mark.failsafe("satellite fix fell back", step="flying")
 def test_a_fix_that_falls_back_in_flight_slows_it_and_widens_what_the_others_keep():
     rig = rig_of()

@@ -257,6 +257,10 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         corrected(fix_type=5),
         "The fix is RTK float; this fleet demands RTK fixed",
     ),
+    ("corrections", "settling"): (
+        {**corrected(), "conditions": frozenset({Condition.FIX_FELL_BACK})},
+        "right for a moment only",
+    ),
     ("corrections", "none"): (
         corrected(ANY_FIX, fix_type=3, age_s=math.inf),
         "No corrections have come; the fix is 3D",
