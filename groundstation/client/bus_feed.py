@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 
 from groundstation.fleet.state import NodeSeen, NotUsed, Received
+from onboard.bus.clock_offsets import Clocks
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
 from onboard.bus.protocol import Bus
@@ -61,7 +62,15 @@ class BusFeed:
 
         self._loop: asyncio.AbstractEventLoop | None = None  # None while the bus is closed
         self._delivery: asyncio.TimerHandle | None = None
+        self._clock_node = ClockNode(bus)
         self._clock: asyncio.Task[None] | None = None
+
+    @property
+    def clocks(self) -> Clocks | None:
+        """The clocks of the other nodes; None in simulated time, which all share."""
+        if self.bus.is_simulated:
+            return None
+        return self._clock_node.clocks
 
     @property
     def is_started(self) -> bool:
@@ -85,7 +94,7 @@ class BusFeed:
         await asyncio.to_thread(self._open)
         if not self.bus.is_simulated:
             # agents on other hosts need this ground's clock to judge the deadline of an order
-            self._clock = self._loop.create_task(ClockNode(self.bus).keep())
+            self._clock = self._loop.create_task(self._clock_node.keep())
             self._deliver_periodically(self._loop)
 
     async def stop(self) -> None:

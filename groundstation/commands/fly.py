@@ -4,6 +4,7 @@ Examples:
   covey fly my_mission.py --sitl
   covey fly paper --fleet fleet.toml --headless --record flights/first
   covey fly paper --lockstep --law off
+  covey fly my_show/mission.toml --fleet fleet.toml --at 21:30:00
   covey fly my_mission.py --lockstep --arg height_m=1.5
   covey fly paper --lockstep --wind-m-s 3,0 --fault 'mav1 mocap_lost at=14'
 
@@ -15,6 +16,7 @@ the processes that were started.
 from __future__ import annotations
 
 import asyncio
+import time
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -33,6 +35,7 @@ from groundstation.flights.simulation_settings import (
     wind_of,
 )
 from groundstation.mission_files.mission import Mission
+from groundstation.mission_files.world_time import WorldTime, local_now, world_time
 from onboard.config.fleet import ConfigError
 
 _NO_OPTIONS = FlightOptions()
@@ -45,6 +48,7 @@ def fly(
     /,
     *,
     sitl: bool = False,
+    at: Annotated[str, Parameter(metavar="TIME", show_default=False)] = "",
     options: FlightOptions = _NO_OPTIONS,
     world: WorldOptions = _NO_WORLD_OPTIONS,
     bus: BusOptions = _NO_BUS_OPTIONS,
@@ -54,8 +58,9 @@ def fly(
     Args:
         mission: mission file, or the name of an example
         sitl: start the emulator and the agents too, on the file's ports
+        at: begin at this time of the world's clock, 21:30:00, once all computers have the same time
     """
-    return fly_mission(mission, options, world, bus, is_simulated=sitl, has_free_ports=False)
+    return fly_mission(mission, options, world, bus, is_simulated=sitl, has_free_ports=False, at=at)
 
 
 def fly_mission(
@@ -66,6 +71,7 @@ def fly_mission(
     *,
     is_simulated: bool,
     has_free_ports: bool,
+    at: str = "",
 ) -> int:
     """Fly a mission as the options say; return the exit status.
 
@@ -76,12 +82,14 @@ def fly_mission(
         bus: delays and losses of the simulated bus.
         is_simulated: whether emulator and agents are started, also without --lockstep.
         has_free_ports: whether a simulated fleet gets ports that nobody else uses.
+        at: time of the world's clock at which it begins; empty: when the vehicles are ready.
 
     Raises:
         ConfigError: wrong input; nothing was started.
     """
     is_simulated = is_simulated or options.lockstep
     _refuse_misplaced(options, world, bus, is_simulated=is_simulated)
+    begin = _begin_of(at, options)
     simulation = _simulation(options, world, bus)
 
     settings = prepare(
@@ -95,6 +103,7 @@ def fly_mission(
         simulation=simulation,
         needs_ports=not options.lockstep,
         arguments=_arguments(options.arg),
+        at=begin,
     )
     if not options.lockstep:
         return asyncio.run(MissionFlight(settings, say=clock_say()).fly())
@@ -119,6 +128,22 @@ def _refuse_misplaced(
         )
     if world.given and not is_simulated:
         raise ConfigError(f"{world.given[0]} is for simulated flights. Add --sitl or --lockstep.")
+
+
+def _begin_of(at: str, options: FlightOptions) -> WorldTime | None:
+    """Return the time of the world's clock at which the mission begins, checked."""
+    if not at:
+        return None
+    if options.lockstep:
+        raise ConfigError(
+            "--at is for flights in real time: a flight in lockstep has a time of its own. Leave"
+            " one of them out."
+        )
+
+    try:
+        return world_time(at, local_now(time.time_ns()))
+    except ConfigError as error:
+        raise ConfigError(f"--at: {error}") from None
 
 
 def _simulation(options: FlightOptions, world: WorldOptions, bus: BusOptions) -> SimulationSettings:

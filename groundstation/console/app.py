@@ -40,6 +40,7 @@ from groundstation.console.panel_sizes import (
 from groundstation.console.panels import Panels
 from groundstation.console.priority_keys import TerminalHooks, with_hooks
 from groundstation.console.screens.alarms_screen import AlarmsScreen
+from groundstation.console.screens.countdown_screen import CountdownQuestion, CountdownScreen
 from groundstation.console.screens.dialogs import HelpScreen
 from groundstation.console.screens.live import Dialog, LiveScreen
 from groundstation.console.screens.vehicle_screen import VehicleScreen
@@ -93,6 +94,7 @@ class ConsoleApp(App[int]):
         Binding("r", "order_paths('resume')", "resume the show"),
         Binding("E", "order_paths('skip')", "skip to the end of the show"),
         Binding("H", "order_paths('bring_home')", "bring all home"),
+        Binding("x", "stop_countdown", "stop the countdown"),
         Binding("f12", "kill('f12')", "KILL", priority=True),
         Binding("ctrl+backslash", "kill('ctrl+backslash')", "KILL", priority=True),
         Binding("ctrl+y", "answer_request('give')", "give control", priority=True),
@@ -151,7 +153,13 @@ class ConsoleApp(App[int]):
         self.mission = MissionWorker(
             self, self.panels, mission=mission, connect=connect, progress=progress
         )
-        self.orders.missions = MissionOrders(client, self.mission.begin, judge, run)
+        self.orders.missions = MissionOrders(
+            client,
+            self.mission.begin,
+            judge,
+            run,
+            ask=None if forecaster is None else self._ask_countdown,
+        )
         self.shutdown = Shutdown(
             app=self,
             fleet=fleet,
@@ -393,6 +401,23 @@ class ConsoleApp(App[int]):
     def action_answer_request(self, answer: str) -> None:
         """Give control to the ground that asks for it, or keep it."""
         self.orders.answer_request(answer)
+
+    def action_stop_countdown(self) -> None:
+        """End the countdown to a start: nothing is started."""
+        if self.orders.missions is not None:
+            sentence = self.orders.missions.stop_countdown()
+            self.panels.results.show_sentence(sentence)
+
+    def _ask_countdown(
+        self, question: Callable[[], CountdownQuestion], begin: Callable[[], None]
+    ) -> None:
+        """Show the question before a countdown."""
+
+        def take(is_begun: bool | None) -> None:
+            if is_begun:
+                begin()
+
+        self.push_screen(CountdownScreen(question, self.panels.table), take)
 
     # -- mission and leaving -----------------------------------------------------------------------
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Awaitable, Callable, Sequence
 
 from msgspec.structs import replace
@@ -11,20 +12,26 @@ from groundstation.client.client import FleetClient
 from groundstation.console.clients import ConsoleClient
 from groundstation.console.mission_words import USAGE
 from groundstation.console.mission_worker import Mission
+from groundstation.console.screens.countdown_screen import CountdownQuestion
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission_findings import refuse_unflyable
 from groundstation.mission_files.names import mission_names
 from groundstation.mission_files.python_file import load_function
+from groundstation.mission_files.world_time import WorldTime, local_now, time_words, world_time
 from groundstation.missions.beginning import begin_refusal
+from groundstation.missions.countdown import clock_problem, clock_words
 from groundstation.missions.runner import MissionRun
 from groundstation.verdict.verdict import Verdict
 from onboard.config.fleet import ConfigError
 
 _MOST_NAMED = 12
+_MOST_PROBLEMS = 2
 _READY_S = 10.0  # within which all vehicles are ready
 _WATCH_S = 0.2  # between two looks for silent vehicles
 
 Judge = Callable[[MissionRun], Awaitable[Verdict]]
+# shows a question, and calls the function when the operator says yes
+Ask = Callable[[Callable[[], CountdownQuestion], Callable[[], None]], None]
 
 
 class MissionOrders:
@@ -36,6 +43,7 @@ class MissionOrders:
             function that returns its line for the title.
         judge: judges a mission that has ended with the record of the flight; None without one.
         run: the mission that the console was started with, if any.
+        ask: shows the question before a countdown; None begins it at once.
     """
 
     def __init__(
@@ -44,11 +52,13 @@ class MissionOrders:
         begin: Callable[[Mission, Callable[[], str]], bool],
         judge: Judge | None = None,
         run: MissionRun | None = None,
+        ask: Ask | None = None,
     ) -> None:
         self._client = client
         self._begin = begin
         self._judge = judge
         self._run = run
+        self._ask = ask
         self._line = ""  # what the mission said last
 
     def take(self, words: Sequence[str]) -> str:
@@ -87,6 +97,9 @@ class MissionOrders:
         if refusal is not None:
             return refusal
 
+        words, written_time = _without_time(words)
+        if written_time is None:
+            return f"At which time? Write: {USAGE}"
         files = [word for word in words if "=" not in word and word != "stepping"]
         if len(files) != 1:
             return f"Which mission? {_names_sentence()} Write: {USAGE}"
@@ -103,17 +116,45 @@ class MissionOrders:
             not_now = begin_refusal(mission, client.state)
             if not_now:
                 return not_now
+
+            at = None
+            if written_time:
+                at = world_time(written_time, local_now(client.world.world_ns))
         except ConfigError as error:
             return str(error)
 
-        run = MissionRun(mission, client, say=self._say, ready_timeout_s=_READY_S)
+        run = MissionRun(mission, client, say=self._say, ready_timeout_s=_READY_S, at=at)
         if "stepping" in words:
             run.fleet.ground.go_on(is_stepping=True)
 
-        if not self._begin(lambda: self._fly(run), lambda: self._line):
+        if at is None or self._ask is None:
+            return self._begin_run(run)
+        self._ask(lambda: countdown_question(run, at), lambda: self._begin_asked(run))
+        return ""
+
+    def _begin_run(self, run: MissionRun) -> str:
+        """Fly a mission; returns a sentence when it is refused, or else nothing."""
+        if not self._begin(lambda: self._fly(run), lambda: self._line_of(run)):
             return "A mission flies already. Write: stop"
         self._run = run
         return ""
+
+    def _begin_asked(self, run: MissionRun) -> None:
+        refusal = self._begin_run(run)
+        if refusal:
+            self._say(refusal)
+
+    def _line_of(self, run: MissionRun) -> str:
+        countdown = run.fleet.ground.countdown
+        if countdown is not None:
+            return countdown.line
+        return self._line
+
+    def stop_countdown(self) -> str:
+        """End the countdown of the mission that counts down; return what became of it."""
+        if self._run is None or self._run.is_over or not self._run.fleet.ground.stop_countdown():
+            return "No countdown of a mission that was started here is under way."
+        return "The countdown ends: nothing is started."
 
     async def _fly(self, run: MissionRun) -> Verdict:
         watch = asyncio.create_task(_watched(run))
@@ -130,6 +171,53 @@ class MissionOrders:
         self._line = line.strip()
         if isinstance(self._client, FleetClient):
             self._client.publish_event("info", "mission", self._line)
+
+
+def _without_time(words: Sequence[str]) -> tuple[list[str], str | None]:
+    """Return the words without "at TIME", and the time; empty without, None where it is missing."""
+    if "at" not in words:
+        return list(words), ""
+
+    index = list(words).index("at")
+    rest = [*words[:index], *words[index + 2 :]]
+    return rest, next(iter(words[index + 1 : index + 2]), None)
+
+
+def countdown_question(run: MissionRun, at: WorldTime) -> CountdownQuestion:
+    """Return what the question before a countdown shows now.
+
+    Args:
+        run: of the mission, not begun.
+        at: when it begins.
+    """
+    client = run.client
+    names = run.fleet.names
+    left_s = (at.world_ns - client.world.world_ns) * 1e-9
+    lines = [f"Begins in {time_words(max(0.0, left_s))}, when all are still ready."]
+
+    steps = list(run.mission.course())
+    if steps:
+        takes_s = sum(step.times * step.expected_s for step in steps)
+        lines.append(f"Takes about {time_words(takes_s)}, in {len(run.mission.steps)} steps.")
+    if not client.world.is_simulated:
+        lines.append(clock_words(client.world, names))
+
+    charges = {}
+    for name in names:
+        telemetry = client.state.vehicles[name].telemetry
+        if telemetry is not None and math.isfinite(telemetry.battery_frac):
+            charges[name] = telemetry.battery_frac
+    if charges:
+        weakest = min(charges, key=charges.__getitem__)
+        lines.append(f"The weakest battery is {weakest}'s, with {100 * charges[weakest]:.0f} %.")
+
+    reasons = []
+    if left_s <= 0.0:
+        reasons.append(f"{at.words} has passed.")
+    if not client.world.is_simulated:
+        problems = [clock_problem(client.world, name) for name in names]
+        reasons += [problem for problem in problems if problem][:_MOST_PROBLEMS]
+    return CountdownQuestion(f"{run.mission.name} at {at.words}", lines, reasons)
 
 
 def _names_sentence() -> str:

@@ -23,6 +23,7 @@ from groundstation.console import mission_words, theme
 from groundstation.console.clients import ConsoleClient, OrderingClient
 from groundstation.console.mission_orders import MissionOrders
 from groundstation.console.panels import Panels
+from groundstation.console.screens.countdown_screen import CountdownScreen
 from groundstation.console.screens.preview_screen import PreviewScreen
 from groundstation.console.screens.vehicle_screen import VehicleScreen
 from groundstation.console.theme import CALM, FAINT, KILL, PHASE_SIGNS, SEVERITY_SIGNS
@@ -332,6 +333,8 @@ class OrderEntry:
 
         # Only now: the order does not wait for the screen.
         self._close_preview()
+        if self.missions is not None:
+            self.missions.stop_countdown()
 
     def _of_everybody(self, verb: Verb) -> Intent:
         """Return an order for all vehicles."""
@@ -391,7 +394,7 @@ class OrderEntry:
     def _close_preview(self) -> None:
         """End whatever was about to be sent: an order that makes things safer has come."""
         screen = self._app.screen
-        if isinstance(screen, PreviewScreen):
+        if isinstance(screen, PreviewScreen | CountdownScreen):
             screen.action_drop()
 
     def _reset(self, names: str) -> None:

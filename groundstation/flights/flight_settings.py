@@ -21,6 +21,7 @@ from groundstation.mission_files.loading import load_mission, with_fleet
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import refuse_unflyable
 from groundstation.mission_files.python_file import load_function
+from groundstation.mission_files.world_time import WorldTime
 from groundstation.processes.free_ports import (
     busy_ports,
     in_another_folder,
@@ -43,6 +44,7 @@ class FlightSettings:
     is_simulated: bool  # whether the flight starts emulator and agents itself
     is_headless: bool  # whether it runs without the console
     simulation: SimulationSettings  # of a simulated flight
+    at: WorldTime | None = None  # when the mission begins; None: when the vehicles are ready
 
 
 def prepare(
@@ -57,6 +59,7 @@ def prepare(
     simulation: SimulationSettings = _CALM,
     needs_ports: bool = True,
     arguments: Mapping[str, str] = MappingProxyType({}),
+    at: WorldTime | None = None,
 ) -> FlightSettings:
     """Check everything before anything starts, and write the files that are flown into the folder.
 
@@ -71,6 +74,7 @@ def prepare(
         simulation: seed, weather, faults and orders of a simulated flight.
         needs_ports: False for a flight without sockets.
         arguments: of a Python mission, as they were written.
+        at: when the mission begins; None: when the vehicles are ready.
 
     Raises:
         ConfigError: wrong files, wrong combination, ports in use, no terminal, a folder that cannot
@@ -112,6 +116,7 @@ def prepare(
         is_simulated=is_simulated,
         is_headless=is_headless,
         simulation=simulation,
+        at=at,
     )
 
 

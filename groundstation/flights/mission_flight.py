@@ -87,6 +87,7 @@ class MissionFlight:
                 say=self._say,
                 ready_timeout_s=ready_timeout_s,
                 stays=self.settings.is_headless,
+                at=self.settings.at,
             )
             self._run = run
             if self._signals:
@@ -122,7 +123,7 @@ class MissionFlight:
                 client,
                 mission=self._mission,
                 title=title,
-                progress=lambda: self._last_line,
+                progress=self._progress,
                 run=self._run,
                 judge=self._judge,
                 forecaster=Forecaster(),
@@ -260,6 +261,12 @@ class MissionFlight:
             self._processes.kill()
             if self._main is not None:
                 self._main.cancel()
+
+    def _progress(self) -> str:
+        """Return one line about the mission, for the console."""
+        if self._run is not None and self._run.fleet.ground.countdown is not None:
+            return self._run.fleet.ground.countdown.line
+        return self._last_line
 
     def _say(self, line: str) -> None:
         """Tell the progress: to the console or the output, and to all who are connected."""

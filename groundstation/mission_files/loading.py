@@ -27,10 +27,12 @@ from groundstation.mission_files.steps import (
     MissionStep,
     OnFailure,
     ReactStep,
+    RepeatStep,
     Until,
     WaitStep,
     file_keys,
 )
+from groundstation.mission_files.world_time import check_world_time
 from groundstation.orders.intents import Intent
 from groundstation.paths.files import load_path
 from groundstation.verdict.expectations import EXPECT_MOST_M, Expect
@@ -255,14 +257,15 @@ def _check_step(step: MissionStep, key: str, path: str) -> None:
 
     if isinstance(step, ExpectStep):
         _check_expect(step, path, key)
+    _check_time(step, key, path)
 
     condition = None
     if isinstance(step, WaitStep):
         condition = step.until
-        if condition is None and not step.duration_s:
+        if condition is None and not step.duration_s and not step.at:
             raise ConfigError(
                 f"{path}: '{key}' waits for nothing. "
-                "Give it duration_s or a condition: until = { ... }."
+                'Give it duration_s, a condition, until = { ... }, or a time: at = "21:30:00".'
             )
     elif isinstance(step, ReactStep):
         condition = step.when
@@ -270,6 +273,24 @@ def _check_step(step: MissionStep, key: str, path: str) -> None:
         raise ConfigError(
             f"{path}: '{key}' has an empty condition. Give it one: {{ battery_below_pct = 30 }}."
         )
+
+
+def _check_time(step: MissionStep, key: str, path: str) -> None:
+    """Refuse what is no time of the world's clock, and one that comes again and again."""
+    written = getattr(step, "at", "")
+    if written:
+        try:
+            check_world_time(written)
+        except ConfigError as error:
+            raise ConfigError(f"{path}: '{key}.at': {error}") from None
+
+    if isinstance(step, RepeatStep):
+        for inner in _every(step.steps):
+            if getattr(inner, "at", ""):
+                raise ConfigError(
+                    f"{path}: '{key}' repeats a step with at = \"{getattr(inner, 'at', '')}\", and "
+                    "that time comes once. Take the step out of the repetition."
+                )
 
 
 def _inner_steps(tables: Any, key: str, path: str) -> tuple[Any, ...]:

@@ -40,6 +40,7 @@ class FlyFormationStep(_Step, frozen=True, kw_only=True):
     spacing_m: float | None = None  # of its two nearest slots
     leader: str | None = None  # positions are this vehicle's, and the formation turns about it
     assign: Literal["ids", "nearest"] = "ids"  # as for formation
+    at: str = ""  # start at this time of the world's clock: "21:30:00"; by default at once
     on_lag: OnLag = "land"  # what a vehicle does that falls behind for too long
     timeout_s: float | None = None  # by default as long as the way takes, and a minute
 
@@ -49,6 +50,7 @@ class FollowPathStep(_Step, frozen=True, kw_only=True):
 
     paths: dict[str, str]  # vehicle -> file of its path, relative to the mission's
     lights: dict[str, str] = {}  # vehicle -> file of its colours, shown and recorded
+    at: str = ""  # start at this time of the world's clock: "21:30:00"; by default at once
     on_lag: OnLag = "land"  # what a vehicle does that falls behind for too long
     timeout_s: float | None = None  # by default as long as the paths take, and a minute
 
@@ -79,8 +81,9 @@ class Until(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class WaitStep(_Step, frozen=True, kw_only=True):
-    """Let time pass, or wait until a condition holds."""
+    """Let time pass, or wait until a condition holds or for a time of the world's clock."""
 
+    at: str = ""  # wait first until this time of the world's clock: "21:30:00"
     duration_s: float = 0.0  # of vehicle time
     until: Until | None = None  # the keys below
     timeout_s: float = 60.0  # the step fails when the condition does not hold within

@@ -1,23 +1,29 @@
-"""Whether a mission can begin with the fleet as it is. Pure.
+"""Whether a mission can begin with the fleet as it is, and now. Pure.
 
 A mission that begins with a take-off cannot begin over a flying fleet: it is refused before it
-orders anything, as an order would be.
+orders anything, as an order would be. So is one that cannot be where it should be at a time of the
+world's clock.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import datetime
+from collections.abc import Iterator, Mapping, Sequence
 
 from groundstation.fleet.state import FleetState
 from groundstation.mission_files.expected_course import resolved
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.steps import (
+    FlyFormationStep,
+    FollowPathStep,
     MissionStep,
     ParallelStep,
     ReactStep,
     RepeatStep,
 )
+from groundstation.mission_files.world_time import WorldTime, time_words, world_time
 from groundstation.orders.intents import Intent
+from onboard.config.fleet import ConfigError
 
 
 def begin_refusal(mission: Mission, state: FleetState) -> str:
@@ -45,6 +51,62 @@ def begin_refusal(mission: Mission, state: FleetState) -> str:
                 f"begins on the ground, and {', '.join(up)} {fly}. Land first, or start a mission "
                 "that begins in the air."
             )
+    return ""
+
+
+def step_times(mission: Mission, now: datetime.datetime) -> dict[str, WorldTime]:
+    """Return the times of the world's clock in a mission, by how they are written.
+
+    Args:
+        mission: loaded and checked.
+        now: the world's clock, with its time zone.
+
+    Raises:
+        ConfigError: one is in the past, or too far ahead.
+    """
+    times = {}
+    for step in _in_order(mission.steps):
+        written = getattr(step, "at", "")
+        if not written:
+            continue
+        try:
+            times[written] = world_time(written, now)
+        except ConfigError as error:
+            raise ConfigError(f"{mission.path}: {step.do} at {written}: {error}") from None
+    return times
+
+
+def time_refusal(mission: Mission, times: Mapping[str, WorldTime], begin_ns: int) -> str:
+    """Return why a mission comes too late to a step that has a time; empty when it does not.
+
+    Steps that are flown side by side are not judged.
+
+    Args:
+        mission: loaded and checked.
+        times: of :func:`step_times`.
+        begin_ns: of the mission, by the world's clock.
+    """
+    reached_s = 0.0  # after the begin
+    for course_step in mission.course():
+        step = course_step.step
+        paths_s = 0.0
+        if isinstance(step, FollowPathStep | FlyFormationStep):
+            paths_s = max((path.duration_s for path in course_step.paths.values()), default=0.0)
+
+        written = getattr(step, "at", "")
+        if written and ".branches" not in course_step.key:
+            due_s = (times[written].world_ns - begin_ns) * 1e-9
+            least_s = reached_s + course_step.expected_s - paths_s
+            if due_s < least_s:
+                return (
+                    f"{mission.path} was not begun: '{course_step.key}' ({step.do}) is to start at "
+                    f"{times[written].words}, {time_words(max(0.0, due_s))} after the mission's "
+                    f"begin, and what comes before it takes about {time_words(least_s)}. "
+                    "Give it a later time, or begin earlier."
+                )
+            reached_s = due_s + paths_s
+        else:
+            reached_s += course_step.times * course_step.expected_s
     return ""
 
 

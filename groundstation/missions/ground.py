@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from groundstation.client.client import FleetClient
+from groundstation.mission_files.world_time import WorldTime, time_words
+from groundstation.missions.countdown import Countdown, CountdownEnded, clock_words, count_down
 from groundstation.missions.hover_check import hover_check
 from groundstation.missions.own_link import OwnLink
 from groundstation.missions.taken import FleetTaken, FleetWatch
@@ -45,6 +48,7 @@ class MissionGround:
         self._last_orders: dict[str, LastOrder] = {}
         self.goes_on_without = False  # a vehicle that fails is left out; the others go on
         self.left_out_orders: list[str] = []  # by the operator, in words
+        self.countdown: Countdown | None = None  # to a start at a time of the world's clock
         self._is_stepping = False
         self._next = asyncio.Event()  # set by `go_on` and `leave_out_order`
         self._waiting: Intent | None = None  # the order that waits
@@ -116,6 +120,58 @@ class MissionGround:
         if isinstance(intent, Takeoff):
             await hover_check(lambda: client.state, results, self.say)
         return results
+
+    @contextlib.contextmanager
+    def counting(self, at: WorldTime, names: Sequence[str]) -> Iterator[Countdown]:
+        """Begin a countdown, which ends with the block.
+
+        Args:
+            at: when to start.
+            names: vehicles whose computers must have the same time.
+
+        Raises:
+            CountdownEnded: the time has passed.
+        """
+        countdown = Countdown(self.client.world, at, names)
+        if countdown.left_s <= 0.0:
+            late_s = -countdown.left_s
+            raise CountdownEnded(
+                f"{at.words} passed {time_words(late_s)} ago: the vehicles came too late to start "
+                "then. Give a later time."
+            )
+
+        clocks = clock_words(self.client.world, names)
+        self.say(f"Starts at {at.words}, in {time_words(countdown.left_s)}. {clocks}".rstrip())
+        self.countdown = countdown
+        try:
+            yield countdown
+        finally:
+            self.countdown = None
+
+    async def wait_for_time(self, at: WorldTime, names: Sequence[str]) -> None:
+        """Wait until a time of the world's clock.
+
+        Args:
+            at: when to go on.
+            names: vehicles whose computers must have the same time.
+
+        Raises:
+            CountdownEnded: nothing is to be started.
+        """
+        with self.counting(at, names) as countdown:
+            await count_down(countdown, self.say)
+            self.say(f"{at.words}. {clock_words(self.client.world, names)}")
+
+    def stop_countdown(self) -> bool:
+        """End the countdown without a start, as an operator orders.
+
+        Returns:
+            Whether there was one.
+        """
+        if self.countdown is None:
+            return False
+        self.countdown.stop("An operator has stopped the countdown.")
+        return True
 
     def go_on(self, *, is_stepping: bool) -> None:
         """Let the order that waits begin.

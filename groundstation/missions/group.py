@@ -17,6 +17,12 @@ import numpy as np
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
 from groundstation.formations.slots import formation_names, formation_slots
+from groundstation.mission_files.world_time import (
+    WorldTime,
+    check_world_time,
+    local_now,
+    world_time,
+)
 from groundstation.missions.conditions import ConditionTimeout, Moment, WaitCondition
 from groundstation.missions.following import follow, present_offsets
 from groundstation.missions.ground import MissionGround
@@ -383,6 +389,7 @@ class Group:
         *,
         lights: Lights | None = None,
         on_lag: OnLag = "land",
+        at: str | WorldTime = "",
         timeout_s: float | None = None,
     ) -> Results:
         """Have each vehicle follow its own path, all from one instant on.
@@ -393,9 +400,11 @@ class Group:
             paths: of vehicles, see :func:`groundstation.paths.files.load_path`.
             lights: colours of vehicles, see :func:`groundstation.paths.lights.load_lights`.
             on_lag: what a vehicle does that falls behind for too long; the others go on.
+            at: time of the world's clock at which they start; empty: at once.
             timeout_s: longest flight along the paths [s]; None: their own duration, and a minute.
         """
         self.select(list(paths))
+        start = self._time_of(at)
 
         # Without Covey's law simulation may try what the law would refuse.
         is_other_law = self.config.law.built_in != "covey"
@@ -405,7 +414,12 @@ class Group:
                 raise ConfigError(refused[0])
 
         return await follow_paths(
-            self.ground, paths, lights=lights or {}, on_lag=on_lag, timeout_s=timeout_s
+            self.ground,
+            paths,
+            lights=lights or {},
+            on_lag=on_lag,
+            at=start,
+            timeout_s=timeout_s,
         )
 
     async def fly_through(
@@ -495,6 +509,33 @@ class Group:
             duration_s: seconds, of vehicle time.
         """
         await asyncio.sleep(duration_s)
+
+    async def countdown(self, at: str | WorldTime) -> None:
+        """Wait until a time of the world's clock; in simulated time nobody waits.
+
+        Args:
+            at: "21:30:00", the nearest one to come, or with a date; at most some hours ahead.
+
+        Raises:
+            ConfigError: it is no time, in the past, or too far ahead.
+            CountdownEnded: an operator has stopped it, or clocks differ or were set.
+        """
+        start = self._time_of(at)
+        if start is not None:
+            await self.ground.wait_for_time(start, self.names)
+
+    def _time_of(self, at: str | WorldTime) -> WorldTime | None:
+        """Return a time of the world's clock; None where nobody waits for it."""
+        if isinstance(at, WorldTime):
+            return at
+        if not at:
+            return None
+
+        check_world_time(at)
+        if self.client.world.is_simulated:
+            self.ground.say(f"Simulated time has no world's clock: {at} counts as now.")
+            return None
+        return world_time(at, local_now(self.client.world.world_ns))
 
     async def until(self, condition: WaitCondition, timeout_s: float = 60.0) -> None:
         """Wait until a condition of :mod:`groundstation.missions.conditions` holds.

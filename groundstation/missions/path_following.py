@@ -2,17 +2,22 @@
 
 Each vehicle gets its path in parts, and checks it on board. Then all go to the begins of their
 paths, as one order. The start is ordered some seconds ahead, for one instant of the fleet's clock;
-if anybody does not accept it, all are ordered to hold before that instant comes.
+if anybody does not accept it, all are ordered to hold before that instant comes. That instant may
+be a time of the world's clock: then they wait at the begins, and the countdown may be stopped until
+they start.
 """
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from typing import Protocol
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
+from groundstation.mission_files.world_time import WorldTime
+from groundstation.missions.countdown import Countdown, CountdownEnded, count_down
 from groundstation.missions.ground import step_result
 from groundstation.missions.paused_paths import Discharge, weakest
 from groundstation.orders.intents import BringHome, FollowPath, Goto, Hold, Intent
@@ -33,6 +38,7 @@ _LOAD_S = 10.0
 _LOOK_S = 0.5  # between two looks for a pause
 _HOME_S = 120.0
 _LIGHT_S = 0.2  # between two looks at the colours
+_SPARE_S = 0.3  # before the last moment of an order
 
 Paths = Mapping[str, Path]  # by vehicle
 Lights = Mapping[str, Sequence[Light]]  # by vehicle
@@ -50,6 +56,9 @@ class PathGround(Protocol):
     ) -> Results:
         """Give an order and wait for its end."""
 
+    def counting(self, at: WorldTime, names: Sequence[str]) -> AbstractContextManager[Countdown]:
+        """Begin a countdown, which ends with the block."""
+
     def add_arrival(self, step: str, name: str, goal: Vec3) -> None:
         """Note how far a vehicle is from its goal now."""
 
@@ -63,6 +72,7 @@ async def follow_paths(
     *,
     lights: Lights,
     on_lag: OnLag,
+    at: WorldTime | None = None,
     timeout_s: float | None,
 ) -> Results:
     """Have each vehicle follow its path, from one instant on.
@@ -72,6 +82,7 @@ async def follow_paths(
         paths: of the vehicles.
         lights: colours of vehicles, shown and recorded.
         on_lag: what a vehicle does that falls behind for too long; the others go on.
+        at: time of the world's clock at which they start; None: at once.
         timeout_s: longest flight along the paths [s]; None: their own duration, and a minute.
 
     Returns:
@@ -79,6 +90,7 @@ async def follow_paths(
 
     Raises:
         OrderFailed: a vehicle does not take its path, or does not start: then nobody does.
+        CountdownEnded: nobody starts at that time.
     """
     await _load(ground, paths)
 
@@ -89,8 +101,14 @@ async def follow_paths(
     await ground.order(to_begins, _LATE_S, may_be_left_out=False)
 
     longest_s = max(path.duration_s for path in paths.values())
-    order = await _start(ground, paths, on_lag)
-    ground.say(f"follow_path {','.join(paths)}: {longest_s:.0f} s, from {AHEAD_S:g} s from now on")
+    if at is None:
+        start_ns = ground.client.now_ns() + int(AHEAD_S * 1e9)
+        order = await _start(ground, paths, on_lag, start_ns)
+        begin_words = f"from {AHEAD_S:g} s from now on"
+    else:
+        order = await _start_at(ground, paths, on_lag, at)
+        begin_words = f"from {at.words} on"
+    ground.say(f"follow_path {','.join(paths)}: {longest_s:.0f} s, {begin_words}")
 
     begin_ns = ground.client.now_ns()
     beside = [
@@ -180,10 +198,29 @@ async def _load(ground: PathGround, paths: Paths) -> None:
         _require_done(ground, results, "load_path")
 
 
-async def _start(ground: PathGround, paths: Paths, on_lag: OnLag) -> OrderResult:
+async def _start_at(ground: PathGround, paths: Paths, on_lag: OnLag, at: WorldTime) -> OrderResult:
+    """Order the start for a time of the world's clock; until then it may be stopped."""
+    client = ground.client
+    with ground.counting(at, tuple(paths)) as countdown:
+        if countdown.left_s < AHEAD_S:
+            raise CountdownEnded(
+                f"{at.words} comes in {countdown.left_s:.1f} s, and a start is ordered "
+                f"{AHEAD_S:g} s ahead: the vehicles came too late to the begins of their paths."
+            )
+        await count_down(countdown, ground.say, until_s=AHEAD_S + _SPARE_S)
+
+        order = await _start(ground, paths, on_lag, countdown.start_ns)
+        try:
+            await count_down(countdown, ground.say, until_s=_SPARE_S)
+        except CountdownEnded:
+            await client.order(Hold(vehicles=tuple(paths)), AHEAD_S, is_by_mission=True)
+            raise
+    return order
+
+
+async def _start(ground: PathGround, paths: Paths, on_lag: OnLag, start_ns: int) -> OrderResult:
     """Order the start; if anybody does not accept it, all are ordered to hold before it comes."""
     client = ground.client
-    start_ns = client.now_ns() + int(AHEAD_S * 1e9)
     starts = starts_of(paths, client.new_order_id(), start_ns, on_lag)
     order = client.order_paths("follow_path", starts)
 

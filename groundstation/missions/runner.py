@@ -18,8 +18,10 @@ from groundstation.client.preflight_page import advice_of
 from groundstation.fleet.state import FleetState
 from groundstation.mission_files.mission import Mission, with_shapes
 from groundstation.mission_files.python_file import load_function
+from groundstation.mission_files.world_time import WorldTime, local_now
 from groundstation.missions.api import Fleet, NotReady, OrderFailed
-from groundstation.missions.beginning import begin_refusal
+from groundstation.missions.beginning import begin_refusal, step_times, time_refusal
+from groundstation.missions.countdown import CountdownEnded
 from groundstation.missions.hover_check import WindTooStrong
 from groundstation.missions.own_link import SILENT_S, silent_in_flight
 from groundstation.missions.step_runner import MissionFailed, StepRunner
@@ -34,9 +36,17 @@ HOME_TIMEOUT_S = 90.0
 READY_TIMEOUT_SIM_S = 60.0  # for the first step, when emulator and agents start with the mission
 LAST_TELEMETRY_S = 0.5
 _HOLD_TIMEOUT_S = 15.0
+_STILL_READY_S = 1.0  # for vehicles that were ready before a countdown
 
 # What a mission may end with; anything else is a mistake of its author, shown with its trace.
-_FAILURES = (OrderFailed, MissionFailed, FaultRefused, WindTooStrong, ConfigError)
+_FAILURES = (
+    OrderFailed,
+    MissionFailed,
+    FaultRefused,
+    WindTooStrong,
+    ConfigError,
+    CountdownEnded,
+)
 
 
 class _NotBegun(RuntimeError):
@@ -52,6 +62,7 @@ class MissionRun:
         say: progress in words.
         ready_timeout_s: how long to wait for the vehicles before the first step.
         stays: stay beside a fleet that somebody has taken from the mission, until it is down.
+        at: time of the world's clock at which it begins; None: when the vehicles are ready.
     """
 
     def __init__(
@@ -62,6 +73,7 @@ class MissionRun:
         say: Callable[[str], None] = lambda line: None,
         ready_timeout_s: float = 60.0,
         stays: bool = False,
+        at: WorldTime | None = None,
     ) -> None:
         self.mission = mission
         self.client = client
@@ -71,6 +83,7 @@ class MissionRun:
         self._ready_timeout_s = ready_timeout_s
         self._task: asyncio.Task[Any] | None = None  # flies the steps
         self._stays = stays
+        self._at = at
         self._staying: asyncio.Task[None] | None = None  # beside a fleet that was taken
         self._abort_reason: str | None = None  # from outside
         self._is_declared = False  # [on_failure] counts for that reason
@@ -233,9 +246,13 @@ class MissionRun:
         self.fleet.say(f"Waiting for {', '.join(self.fleet.names)} to be ready.")
         await self.fleet.ready(self._ready_timeout_s)
 
+        times = self._times()
         refusal = begin_refusal(self.mission, self.client.state)
         if refusal:
             raise _NotBegun(refusal)
+        if self._at is not None:
+            await self.fleet.countdown(self._at)
+            await self.fleet.ready(_STILL_READY_S)
 
         self.client.forget_distances()
         self._flown.begin_ns = self.client.now_ns()
@@ -252,13 +269,30 @@ class MissionRun:
             await load_function(self.mission)(self.fleet)
             return
 
-        steps = StepRunner(self.mission, self.fleet)
+        steps = StepRunner(self.mission, self.fleet, times)
         try:
             await steps.rehearse_faults()
         except FaultRefused:
             self._flown.is_wrong_input = True
             raise
         await steps.run()
+
+    def _times(self) -> dict[str, WorldTime]:
+        """Return the times at which steps start; none in simulated time."""
+        if self.client.world.is_simulated:
+            return {}
+
+        world_ns = self.client.world.world_ns
+        try:
+            times = step_times(self.mission, local_now(world_ns))
+        except ConfigError as error:
+            raise _NotBegun(str(error)) from None
+
+        begin_ns = world_ns if self._at is None else self._at.world_ns
+        refusal = time_refusal(self.mission, times, begin_ns) if times else ""
+        if refusal:
+            raise _NotBegun(refusal)
+        return times
 
     async def _bring_down(self, task: asyncio.Task[Any]) -> None:
         """Do what the end of the steps demands; after the last step nothing."""
@@ -295,8 +329,9 @@ class MissionRun:
         elif error is not None:
             self._flown.failure = self._failure_of(error)
             self.fleet.say(f"The mission ends here: {self._flown.failure}")
-            if isinstance(error, OrderFailed) and not self.fleet.ground.has_begun:
-                # its first order was refused by all: the fleet is as it was
+            is_before_all = isinstance(error, OrderFailed | CountdownEnded)
+            if is_before_all and not self.fleet.ground.has_begun:
+                # its first order was refused by all, or not given: the fleet is as it was
                 self._flown.is_left_flying = True
                 return
             await self._on_failure()

@@ -6,7 +6,7 @@ Keys of a step, as ``step[2].branches[0][1]``, are those of the mission file: se
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from msgspec.structs import replace
 
@@ -29,6 +29,7 @@ from groundstation.mission_files.steps import (
     Until,
     WaitStep,
 )
+from groundstation.mission_files.world_time import WorldTime
 from groundstation.missions import conditions
 from groundstation.missions.api import Fleet
 from groundstation.missions.conditions import WaitCondition
@@ -47,11 +48,13 @@ class StepRunner:
     Args:
         mission: loaded and checked.
         fleet: that flies it.
+        times: of the world's clock at which steps start, by how they are written.
     """
 
-    def __init__(self, mission: Mission, fleet: Fleet) -> None:
+    def __init__(self, mission: Mission, fleet: Fleet, times: Mapping[str, WorldTime]) -> None:
         self._mission = mission
         self._fleet = fleet
+        self._times = times
 
     async def run(self) -> None:
         """Do all steps, and say before each one which it is and how long the rest takes."""
@@ -101,11 +104,16 @@ class StepRunner:
                 self._mission.paths_of(step),
                 lights=self._mission.lights_of(step),
                 on_lag=step.on_lag,
+                at=self._times.get(step.at, step.at),
                 timeout_s=step.timeout_s,
             )
         elif isinstance(step, FlyFormationStep):
-            paths = formation_paths(step, self._fleet.config, self._spots())
-            await self._fleet.follow_path(paths, on_lag=step.on_lag, timeout_s=step.timeout_s)
+            await self._fleet.follow_path(
+                formation_paths(step, self._fleet.config, self._spots()),
+                on_lag=step.on_lag,
+                at=self._times.get(step.at, step.at),
+                timeout_s=step.timeout_s,
+            )
         elif isinstance(step, RepeatStep):
             for _ in range(step.times):
                 await self._all(step.steps, f"{key}.steps")
@@ -131,6 +139,7 @@ class StepRunner:
         await fleet.order(intent, step.timeout_s)
 
     async def _wait(self, step: WaitStep) -> None:
+        await self._fleet.countdown(self._times.get(step.at, step.at))
         await self._fleet.wait(step.duration_s)
         if step.until is not None:
             await self._fleet.until(condition(step.until, self._fleet.config), step.timeout_s)

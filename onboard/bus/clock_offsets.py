@@ -6,8 +6,11 @@ A message sent at t1 by their clock that arrives at t2 by ours shows that their 
 least t1 - t2, since nothing arrives before it is sent. The arrival times that they publish of our
 messages bound it from above in the same way. Both bounds are true whatever the delays are, however
 different in the two directions; the quickest messages of each direction make them narrow. A bound
-widens as it ages, because clocks drift apart. Nothing is averaged and no wall clock is read, so a
-wall clock that jumps changes nothing.
+widens as it ages, because clocks drift apart. Nothing is averaged, and no wall clock takes part, so
+a wall clock that jumps changes nothing.
+
+Each node also tells what time it is in the world, by its own computer. That is only compared, for
+starts at a time of day; no stamp is converted by it.
 
 Nodes that share a clock (one kernel, one boot, one time namespace) know that from each other's host
 id.
@@ -47,6 +50,8 @@ class Peer:
     low_at_ns: int
     high_ns: int | None = None  # None while they have not published an arrival time of ours
     high_at_ns: int = 0
+    # the world's clock, as its computer has it, minus its monotonic clock; None: not told
+    world_offset_ns: int | None = None
 
     def bounds_ns(self, now_ns: int) -> tuple[int, int | None]:
         """Return both bounds, widened for their age.
@@ -118,11 +123,12 @@ class Clocks:
     _doubtful: dict[str, tuple[Peer, int]] = field(default_factory=dict)
     _sequence: int = 0
 
-    def message(self, now_ns: int) -> ClockMessage:
+    def message(self, now_ns: int, world_ns: int = 0) -> ClockMessage:
         """Make the next clock message of this node.
 
         Args:
             now_ns: our clock.
+            world_ns: the world's clock at the same time, since 1970; 0: not told.
         Returns:
             the message to publish at once.
         """
@@ -133,7 +139,12 @@ class Clocks:
             if peer.host != self.host and now_ns - peer.received_ns < _FORGET_NS
         )
         return ClockMessage(
-            node=self.node, host=self.host, sequence=self._sequence, sent_ns=now_ns, heard=heard
+            node=self.node,
+            host=self.host,
+            sequence=self._sequence,
+            sent_ns=now_ns,
+            heard=heard,
+            world_ns=world_ns,
         )
 
     def hear(self, message: ClockMessage, received_ns: int) -> None:
@@ -185,8 +196,14 @@ class Clocks:
             )
         else:
             peer = peer.raised_low(low_ns, received_ns)
-        if message.sent_ns > peer.sent_ns:
-            peer = replace(peer, sent_ns=message.sent_ns, received_ns=received_ns)
+        if message.sent_ns >= peer.sent_ns:
+            world_offset_ns = message.world_ns - message.sent_ns if message.world_ns else None
+            peer = replace(
+                peer,
+                sent_ns=message.sent_ns,
+                received_ns=received_ns,
+                world_offset_ns=world_offset_ns,
+            )
         for heard in message.heard:
             if heard.node == self.node and heard.host == self.host and heard.sent_ns <= received_ns:
                 peer = peer.lowered_high(heard.received_ns - heard.sent_ns, heard.sent_ns)
@@ -253,6 +270,26 @@ class Clocks:
             return 0.0, 0.0
         low, high = peer.bounds_ns(now_ns)
         return None if high is None else ((low + high) * 0.5e-9, (high - low) * 0.5e-9)
+
+    def world_ahead_s(
+        self, node: str, now_ns: int, world_offset_ns: int
+    ) -> tuple[float, float] | None:
+        """Compare the world's clock of a node's computer with that of ours.
+
+        Args:
+            node: its name on the bus.
+            now_ns: our clock.
+            world_offset_ns: the world's clock, as our computer has it, minus our clock.
+        Returns:
+            by how much [s] theirs is ahead of ours, and the largest error [s] of that; None while
+            it is not measured, and for a node that does not tell it.
+        """
+        peer = self._peers.get(node)
+        offset = self.offset_s(node, now_ns)
+        if peer is None or peer.world_offset_ns is None or offset is None:
+            return None
+        ahead_s, error_s = offset
+        return ahead_s + (peer.world_offset_ns - world_offset_ns) * 1e-9, error_s
 
     def bounds_s(self, now_ns: int) -> dict[str, float]:
         """Return the largest error of each other host's offset.

@@ -1,8 +1,8 @@
 """The clocks of the fleet for one process.
 
-It publishes its own clock, receives the others' (``clock_offsets.py`` compares them), and converts
-the stamps of messages to its own clock. It knows which other processes share its clock by the id of
-its host.
+It publishes its own clock and what time of the world its computer has, receives the others'
+(``clock_offsets.py`` compares them), and converts the stamps of messages to its own clock. It knows
+which other processes share its clock by the id of its host.
 """
 
 from __future__ import annotations
@@ -156,7 +156,8 @@ class ClockNode:
 
     def beat(self) -> None:
         """Publish our clock; never blocks."""
-        self._bus.publish(Topic.CLOCK, self._bus.node, self.clocks.message(time.monotonic_ns()))
+        message = self.clocks.message(time.monotonic_ns(), time.time_ns())
+        self._bus.publish(Topic.CLOCK, self._bus.node, message)
 
     async def keep(self) -> None:
         """Start, and beat until cancelled, for callers with an event loop."""

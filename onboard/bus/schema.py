@@ -400,6 +400,7 @@ class ClockMessage(Message, frozen=True, array_like=True, kw_only=True):
     sequence: int
     sent_ns: int  # by the node's own clock
     heard: tuple[HeardClock, ...] = ()  # the newest of each other node
+    world_ns: int = 0  # of the world's clock then, as this computer has it, since 1970; 0: not told
 
 
 class Light(Message, frozen=True, array_like=True, kw_only=True):

@@ -248,6 +248,23 @@ def test_simulate_says_how_a_mission_is_flown(capsys: pytest.CaptureFixture[str]
     assert "covey fly mission.toml --lockstep" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--at", "21:30", "--lockstep"], "--at is for flights in real time"),
+        (["--at", "noon", "--sitl"], "--at: 'noon' is no time of day"),
+        (["--at", "2001-01-01 21:30", "--sitl"], "years ago"),
+        (["--at", "2999-01-01T21:30", "--headless"], "from now; a start is at most 6 h ahead"),
+    ],
+)
+def test_a_time_at_which_nothing_can_begin_is_refused_before_anything_starts(
+    words: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["fly", "paper", "--record", str(tmp_path / "flight"), *words]) == 2
+    assert sentence in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "flight").exists()
+
+
 def test_an_agent_and_the_list_of_commands_need_no_library_of_the_ground() -> None:
     code = """
 import sys

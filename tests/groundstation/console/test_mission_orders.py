@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import datetime
 import json
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,12 @@ from groundstation.console.mission_orders import MissionOrders
 from groundstation.console.mission_words import are_of_mission
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.names import mission_names
+from groundstation.mission_files.world_time import local_now
 from groundstation.missions.runner import MissionRun
 from groundstation.recording.writer import RecordWriter
 from groundstation.verdict.final_verdict import final_verdict
 from groundstation.verdict.verdict import Verdict
+from tests.groundstation.missions.worlds import World
 
 MISSION = """
 schema = 1
@@ -37,11 +40,13 @@ class Worker:
 
     def __init__(self) -> None:
         self.task: asyncio.Task[Any] | None = None
+        self.line: Any = None  # returns the line for the title
 
     def begin(self, mission: Any, progress: Any) -> bool:
         if self.task is not None and not self.task.done():
             return False
         self.task = asyncio.create_task(mission())
+        self.line = progress
         return True
 
 
@@ -201,3 +206,44 @@ def test_a_line_with_vehicles_is_for_them_and_one_word_is_for_the_mission() -> N
     assert not are_of_mission(["skip", "all"])
     assert not are_of_mission(["pause", "mav1"])
     assert not are_of_mission(["land"])
+
+
+async def test_a_mission_at_a_time_is_shown_first_counted_down_and_stopped(
+    client: Any, bus: Any, tmp_path: Path
+) -> None:
+    path = tmp_path / "m.toml"
+    path.write_text(MISSION, encoding="utf-8")
+    asked: list[Any] = []
+    worker = Worker()
+    orders = MissionOrders(client, worker.begin, ask=lambda *both: asked.append(both))
+    client.world = World(client.now_ns)
+    now = local_now(client.world.world_ns)
+    later = (now + datetime.timedelta(minutes=20)).strftime("%Y-%m-%dT%H:%M:%S")
+
+    assert "At which time?" in orders.take(["mission", str(path), "at"])
+    assert "no time of day" in orders.take(["mission", str(path), "at", "noon"])
+    ago = (now - datetime.timedelta(minutes=5)).strftime("%Y-%m-%dT%H:%M:%S")
+    assert " ago: it is " in orders.take(["mission", str(path), "at", ago])
+    assert "No countdown" in orders.stop_countdown()
+    assert not asked
+
+    assert orders.take(["mission", str(path), "at", later]) == ""
+    question, begin = asked[0]
+    shown = "\n".join(question().lines)
+    assert "Begins in 20 min" in shown or "Begins in 19 min" in shown
+    assert "in 3 steps" in shown
+    assert "Same time within" in shown
+    assert "mav0, mav1, mav2" in shown
+    assert "weakest battery is mav0's, with 90 %" in shown
+    assert not question().reasons
+    client.world.ahead["mav1"] = (3.0, 0.01)
+    assert "mav1's computer is 3.0 s ahead" in question().reasons[0]
+    del client.world.ahead["mav1"]
+
+    begin()
+    assert worker.task is not None
+    assert await client.wait_for(lambda _: "stops it" in worker.line(), 5.0)
+    assert "nothing is started" in orders.stop_countdown()
+    verdict = await asyncio.wait_for(worker.task, 5.0)
+    assert "An operator has stopped the countdown" in verdict.summary
+    assert not bus.orders

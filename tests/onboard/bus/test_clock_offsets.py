@@ -281,3 +281,33 @@ def test_only_other_hosts_have_bounds_and_are_forgotten_when_they_are_gone() -> 
     world.run(3.0)
     assert world.a.bounds_s(world.now_ns)["b"] == pytest.approx(0.003, abs=0.002)
     assert world.a.bounds_s(world.now_ns + 120 * _S) == {}
+
+
+def test_the_worlds_clocks_of_two_hosts_are_compared_whatever_their_monotonic_clocks_are() -> None:
+    """B's monotonic clock is 5000 s ahead of ours, and its computer believes to be 2.5 s later."""
+    world = _World(5000 * _S, 0.0, lambda: 0.002, lambda: 0.004)
+    world_ns = 1_795_000_000 * _S
+    a_offset_ns = world_ns - world.now_ns
+    assert world.a.world_ahead_s("b", world.now_ns, a_offset_ns) is None
+    world.run(3.0)
+    assert world.a.world_ahead_s("b", world.now_ns, a_offset_ns) is None  # it tells none
+
+    b_ns = world.b_ns(world.now_ns)
+    told_ns = world.now_ns + a_offset_ns + 2_500 * _MS
+    world.a.hear(world.b.message(b_ns, told_ns), world.now_ns + 2 * _MS)
+    compared = world.a.world_ahead_s("b", world.now_ns, a_offset_ns)
+    assert compared is not None
+    ahead_s, error_s = compared
+    assert ahead_s == pytest.approx(2.5, abs=0.004)
+    assert abs(ahead_s - 2.5) <= error_s < 0.005
+
+
+def test_a_process_of_our_own_host_has_our_time_of_the_world_unless_it_tells_another() -> None:
+    a = Clocks("a", _A)
+    c = Clocks("c", _A)
+    offset_ns = 1_795_000_000 * _S
+    a.hear(c.message(5 * _S, 5 * _S + offset_ns), 5 * _S + 1000)
+    assert a.world_ahead_s("c", 6 * _S, offset_ns) == (0.0, 0.0)
+    assert a.world_ahead_s("c", 6 * _S, offset_ns - _S) == (1.0, 0.0)
+    a.hear(c.message(6 * _S), 6 * _S + 1000)
+    assert a.world_ahead_s("c", 7 * _S, offset_ns) is None

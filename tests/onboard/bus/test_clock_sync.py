@@ -6,6 +6,8 @@ import json
 import socket
 import subprocess
 import sys
+import time
+from typing import Any
 
 import pytest
 
@@ -166,3 +168,14 @@ def test_two_processes_with_clocks_really_apart_measure_each_other() -> None:
         offset_s, bound_s = told["offset"]
         assert abs(offset_s - truth_s) <= bound_s + 1e-6
         assert bound_s < 0.05
+
+
+def test_each_beat_tells_what_time_it_is_in_the_world() -> None:
+    told: list[Any] = []
+    node = _node()
+    bus = node._bus
+    assert isinstance(bus, BusSession)
+    bus.publish = lambda topic, name, message: told.append(message)  # type: ignore[method-assign]
+    before_ns = time.time_ns()
+    node.beat()
+    assert before_ns <= told[0].world_ns <= time.time_ns()

@@ -1,0 +1,159 @@
+"""Times of the world's clock at which something starts, as people write them. Pure: now is given.
+
+A time of day without a date is the nearest one to come: at 23:50, ``00:10`` is twenty minutes
+ahead. A time is taken as that of this computer's time zone, unless it names another::
+
+    21:30    21:30:00    2026-11-26 21:30:00    20:30:00Z    21:30:00+01:00
+"""
+
+from __future__ import annotations
+
+import datetime
+import re
+from typing import NamedTuple
+
+from onboard.config.fleet import ConfigError
+
+LONGEST_S = 6.0 * 3600.0  # from now to a start; batteries and people do not wait for longer
+
+_FORM = re.compile(
+    r"((?P<date>\d{4}-\d{2}-\d{2})[T ])?"
+    r"(?P<time>\d{1,2}:\d{2}(:\d{2})?)"
+    r"(?P<zone>Z|[+-]\d{2}:\d{2})?"
+)
+_MINUTE_S = 60.0
+_HOUR_S = 3600.0
+_DAY_S = 86400.0
+_YEAR_S = 365.25 * _DAY_S
+
+
+class WorldTime(NamedTuple):
+    """An instant of the world's clock."""
+
+    words: str  # as people read it, with its time zone
+    world_ns: int  # since 1970
+
+
+def check_world_time(written: str) -> None:
+    """Refuse what is no time.
+
+    Args:
+        written: by a person.
+
+    Raises:
+        ConfigError: it is none.
+    """
+    _parsed(written)
+
+
+def world_time(written: str, now: datetime.datetime) -> WorldTime:
+    """Return the instant that a person has written.
+
+    Args:
+        written: by a person.
+        now: the world's clock, with its time zone.
+
+    Raises:
+        ConfigError: it is no time, in the past, or too far ahead.
+    """
+    date, time = _parsed(written)
+
+    if date is not None:
+        instant = _instant(date, time, now)
+    else:
+        days = [now.date() + datetime.timedelta(days=shift) for shift in (-1, 0, 1)]
+        instants = [_instant(day, time, now) for day in days]
+        instant = _nearest(instants, now)
+
+    ahead_s = (instant - now).total_seconds()
+    words = _words(instant, now)
+    if ahead_s <= 0.0:
+        raise ConfigError(
+            f"{words} was {time_words(abs(ahead_s))} ago: it is {now:%H:%M:%S}. "
+            "Give a time to come."
+        )
+    if ahead_s > LONGEST_S:
+        raise ConfigError(
+            f"{words} is {time_words(ahead_s)} from now; a start is at most "
+            f"{time_words(LONGEST_S)} ahead. Give the order later."
+        )
+    return WorldTime(words, round(instant.timestamp() * 1e9))
+
+
+def local_now(world_ns: int) -> datetime.datetime:
+    """Return the world's clock with this computer's time zone.
+
+    Args:
+        world_ns: since 1970.
+    """
+    utc = datetime.datetime.fromtimestamp(world_ns * 1e-9, datetime.UTC)
+    return utc.astimezone()
+
+
+def time_words(time_s: float) -> str:
+    """Return a length of time in words: "0.31 s", "45 s", "12 min 34 s", "3 h 20 min", "4 days".
+
+    Args:
+        time_s: not negative.
+    """
+    if time_s < 1.0:
+        return f"{time_s:.2g} s"
+    if time_s < 10.0:
+        return f"{time_s:.1f} s"
+    if time_s < _MINUTE_S:
+        return f"{time_s:.0f} s"
+    if time_s < _HOUR_S:
+        minutes, seconds = divmod(round(time_s), 60)
+        return f"{minutes} min {seconds} s" if seconds else f"{minutes} min"
+    if time_s < 2.0 * _DAY_S:
+        hours, minutes = divmod(round(time_s / _MINUTE_S), 60)
+        return f"{hours} h {minutes} min" if minutes else f"{hours} h"
+    if time_s < _YEAR_S:
+        return f"{time_s / _DAY_S:.0f} days"
+    return f"{time_s / _YEAR_S:.1f} years"
+
+
+def _parsed(written: str) -> tuple[datetime.date | None, datetime.time]:
+    """Return date and time of day of what was written."""
+    found = _FORM.fullmatch(written.strip())
+    problem = ConfigError(
+        f"'{written[:40]}' is no time of day. Write 21:30, 21:30:00, or with a date and a zone "
+        "2026-11-26 21:30:00+01:00."
+    )
+    if found is None:
+        raise problem
+
+    try:
+        hours, minutes = found["time"].split(":", 1)
+        time = datetime.time.fromisoformat(f"{hours.zfill(2)}:{minutes}{found['zone'] or ''}")
+        if found["date"] is None:
+            return None, time
+        return datetime.date.fromisoformat(found["date"]), time
+    except ValueError:
+        raise problem from None
+
+
+def _instant(date: datetime.date, time: datetime.time, now: datetime.datetime) -> datetime.datetime:
+    """Return an instant, in this computer's time zone unless the time names another."""
+    instant = datetime.datetime.combine(date, time)
+    if instant.tzinfo is None:
+        return instant.replace(tzinfo=now.tzinfo)
+    try:
+        return instant.astimezone(now.tzinfo)
+    except OverflowError:  # the first or the last day that there is
+        return instant.replace(tzinfo=now.tzinfo)
+
+
+def _nearest(instants: list[datetime.datetime], now: datetime.datetime) -> datetime.datetime:
+    """Return the first instant that may be waited for, else the one that is nearest to now."""
+    for instant in instants:
+        if 0.0 < (instant - now).total_seconds() <= LONGEST_S:
+            return instant
+    return min(instants, key=lambda instant: abs((instant - now).total_seconds()))
+
+
+def _words(instant: datetime.datetime, now: datetime.datetime) -> str:
+    date_words = ""
+    if instant.date() != now.date():
+        date_words = f"{instant:%Y-%m-%d} "
+    return f"{date_words}{instant:%H:%M:%S} {instant.tzname() or ''}".rstrip()

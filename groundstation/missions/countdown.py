@@ -1,0 +1,225 @@
+"""The countdown to a start at a time of the world's clock.
+
+Its instant is fixed on the monotonic clock when the countdown begins. From then on it is looked at
+five times a second, and it ends without a start when
+
+* an operator stops it,
+* this computer's clock is set: then nobody knows which of both times was right,
+* a vehicle's computer has another time than this one, or does not tell it: somebody's clock is
+  wrong, and it may be this one's.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+
+from groundstation.client.world_clock import WorldClock
+from groundstation.mission_files.world_time import WorldTime, local_now, time_words
+
+APART_S = 0.5  # by which the clocks of two computers may differ
+STEP_S = 0.1  # by which this computer's clock may differ from itself: readings take their time
+LOOK_S = 0.2
+_STEP_LOOKS = 2  # that see a step: at one of them this process may have waited between readings
+_APART_LOOKS = 7  # that see clocks apart: computers tell their time twice a second
+_MEASURE_S = 3.0  # within which clocks are measured after a connection
+_SAID_S = (3600.0, 1800.0, 600.0, 300.0, 60.0, 30.0, 10.0, 5.0)  # before the start
+_MOST_NAMED = 6
+
+
+class CountdownEnded(RuntimeError):
+    """A countdown has ended without a start."""
+
+
+class Countdown:
+    """One countdown; call :meth:`look` several times a second.
+
+    Args:
+        world: the clocks.
+        at: when to start.
+        names: vehicles whose computers must have the same time.
+    """
+
+    def __init__(self, world: WorldClock, at: WorldTime, names: Sequence[str]) -> None:
+        self.at = at
+        self._world = world
+        self._names = tuple(names)
+        self._offset_ns = world.offset_ns()
+        self._begin_ns = world.now_ns
+        self._ended = ""  # why, as a sentence
+        self._steps_seen = 0  # looks in a row
+        self._apart_seen: dict[str, int] = {}  # vehicle -> looks in a row
+        self._agreed: set[str] = set()  # vehicles whose computers had the same time once
+
+    @property
+    def start_ns(self) -> int:
+        """The start on the ground's monotonic clock [ns]."""
+        return self.at.world_ns - self._offset_ns
+
+    @property
+    def left_s(self) -> float:
+        """Time until the start [s]."""
+        return (self.start_ns - self._world.now_ns) * 1e-9
+
+    @property
+    def line(self) -> str:
+        """The countdown in a few words, for the title."""
+        minutes, seconds = divmod(max(0, round(self.left_s)), 60)
+        hours, minutes = divmod(minutes, 60)
+        return f"starts at {self.at.words}, in {hours}:{minutes:02}:{seconds:02} · x stops it"
+
+    def stop(self, sentence: str) -> None:
+        """End it without a start.
+
+        Args:
+            sentence: why.
+        """
+        self._ended = self._ended or sentence
+
+    def look(self) -> str:
+        """Look at all clocks.
+
+        Returns:
+            Why it has ended, as a sentence; empty while it goes on.
+        """
+        if not self._ended:
+            self._ended = self._look_for_step() or self._look_for_others()
+        return self._ended
+
+    def last_look(self) -> str:
+        """Look at all clocks at the start: each must have been the same as this one by now."""
+        ended = self.look()
+        if ended:
+            return ended
+        for name in self._names:
+            if name not in self._agreed:
+                return clock_problem(self._world, name)
+        return ""
+
+    def _look_for_step(self) -> str:
+        step_s = (self._world.offset_ns() - self._offset_ns) * 1e-9
+        if abs(step_s) <= STEP_S:
+            self._steps_seen = 0
+            return ""
+
+        self._steps_seen += 1
+        if self._steps_seen < _STEP_LOOKS:
+            return ""
+        forwards = "forwards" if step_s > 0.0 else "back"
+        return (
+            f"This computer's clock was set {time_words(abs(step_s))} {forwards} during the "
+            "countdown: which time was right is not known. Look at its time server, and order "
+            "the start again."
+        )
+
+    def _look_for_others(self) -> str:
+        age_s = (self._world.now_ns - self._begin_ns) * 1e-9
+        for name in self._names:
+            problem = clock_problem(self._world, name)
+            if not problem:
+                self._agreed.add(name)
+                self._apart_seen.pop(name, None)
+                continue
+
+            self._apart_seen[name] = self._apart_seen.get(name, 0) + 1
+            is_measured = name in self._agreed or age_s > _MEASURE_S
+            if is_measured and self._apart_seen[name] >= _APART_LOOKS:
+                return problem
+        return ""
+
+
+async def count_down(
+    countdown: Countdown, say: Callable[[str], None], *, until_s: float = 0.0
+) -> None:
+    """Wait until a start, and look at the clocks meanwhile.
+
+    Args:
+        countdown: begun.
+        say: progress in words, one line a call.
+        until_s: end so long before the start [s].
+
+    Raises:
+        CountdownEnded: nothing is to be started.
+    """
+    last_s = countdown.left_s
+    while True:
+        ended = countdown.look()
+        if ended:
+            raise CountdownEnded(ended)
+
+        left_s = countdown.left_s
+        for mark_s in _SAID_S:
+            if left_s <= mark_s < last_s:
+                say(f"  {time_words(mark_s)} until the start at {countdown.at.words}")
+        last_s = left_s
+
+        if left_s <= until_s:
+            break
+        await asyncio.sleep(min(LOOK_S, left_s - until_s))
+
+    ended = countdown.last_look()
+    if ended:
+        raise CountdownEnded(ended)
+
+
+def clock_problem(world: WorldClock, vehicle: str) -> str:
+    """Return why a start may not be by the world's clock, as a sentence; empty if it may.
+
+    Args:
+        world: the clocks.
+        vehicle: whose computer is compared with this one.
+    """
+    compared = world.ahead_s(vehicle)
+    if compared is None:
+        return (
+            f"{vehicle}'s computer does not tell what time it has, or its clock is not measured "
+            "yet: start its agent with this version of Covey, or wait a few seconds."
+        )
+
+    ahead_s, error_s = compared
+    if abs(ahead_s) + error_s <= APART_S:
+        return ""
+    if abs(ahead_s) <= APART_S:
+        return (
+            f"The clock of {vehicle}'s computer is known to {time_words(error_s)} only; at most "
+            f"{APART_S:g} s is right. Look for a slow or busy network to it."
+        )
+    side = "ahead of" if ahead_s > 0.0 else "behind"
+    return (
+        f"{vehicle}'s computer is {time_words(abs(ahead_s))} {side} this one, which has "
+        f"{local_now(world.world_ns):%Y-%m-%d %H:%M:%S}; at most {APART_S:g} s is right. Set both "
+        "by one time server, and order the start again."
+    )
+
+
+def clock_words(world: WorldClock, names: Sequence[str]) -> str:
+    """Return whose clocks agree with this computer's, and how well, as a sentence.
+
+    Args:
+        world: the clocks.
+        names: of vehicles.
+    """
+    agreeing: dict[str, float] = {}
+    others = []
+    for name in names:
+        compared = world.ahead_s(name)
+        if compared is not None and not clock_problem(world, name):
+            agreeing[name] = abs(compared[0]) + compared[1]
+        else:
+            others.append(name)
+
+    sentences = []
+    if agreeing:
+        within_s = max(0.001, *agreeing.values())
+        sentences.append(f"Same time within {within_s:.3f} s: {_listed(list(agreeing))}.")
+    if others:
+        sentences.append(f"Another time, or none told: {_listed(others)}.")
+    return " ".join(sentences)
+
+
+def _listed(names: list[str]) -> str:
+    shown = ", ".join(names[:_MOST_NAMED])
+    hidden = len(names) - _MOST_NAMED
+    if hidden > 0:
+        return f"{shown} and {hidden} more"
+    return shown

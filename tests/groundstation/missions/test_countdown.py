@@ -1,0 +1,270 @@
+"""Starts at a time of the world's clock: counted down, stopped, and refused where clocks differ."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import numpy as np
+import pytest
+
+from groundstation.client.world_clock import WorldClock
+from groundstation.mission_files.loading import mission_from_mapping
+from groundstation.mission_files.world_time import local_now
+from groundstation.missions.api import Fleet
+from groundstation.missions.countdown import Countdown, CountdownEnded, clock_words, count_down
+from groundstation.missions.runner import MissionRun
+from groundstation.paths.pieces import through
+from onboard.config.fleet import ConfigError, FleetConfig
+from tests.groundstation.missions.worlds import NOW_NS, World
+
+
+def looks(countdown: Countdown, world: World, seconds: float) -> str:
+    """Look as a countdown does for some time; return why it has ended."""
+    for _ in range(round(seconds / 0.2)):
+        ended = countdown.look()
+        if ended:
+            return ended
+        world.pass_time(0.2)
+    return countdown.last_look()
+
+
+def test_a_countdown_over_computers_with_the_same_time_goes_to_its_end() -> None:
+    world = World()
+    countdown = Countdown(world, world.after(12.0), ("mav0", "mav1"))
+    assert countdown.left_s == pytest.approx(12.0, abs=1e-6)
+    assert looks(countdown, world, 12.0) == ""
+    assert countdown.left_s == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("shift_s", "words"), [(3.0, "3.0 s forwards"), (-7200.0, "2 h back")])
+def test_a_clock_that_is_set_during_the_countdown_ends_it(shift_s: float, words: str) -> None:
+    world = World()
+    countdown = Countdown(world, world.after(60.0), ("mav0",))
+    assert looks(countdown, world, 10.0) == ""
+    world.shift_ns = round(shift_s * 1e9)
+    ended = looks(countdown, world, 1.0)
+    assert f"was set {words}" in ended
+
+
+def test_a_process_that_waits_between_two_readings_is_no_step() -> None:
+    world = World()
+    countdown = Countdown(world, world.after(60.0), ())
+    world.shift_ns = 1_000_000_000
+    assert countdown.look() == ""
+    world.shift_ns = 0
+    assert looks(countdown, world, 5.0) == ""
+
+
+def test_a_computer_with_another_time_ends_the_countdown() -> None:
+    world = World()
+    countdown = Countdown(world, world.after(60.0), ("mav0", "mav1"))
+    assert looks(countdown, world, 5.0) == ""
+    world.ahead["mav1"] = (-3.25, 0.002)
+    ended = looks(countdown, world, 3.0)
+    assert "mav1's computer is 3.2 s behind this one" in ended
+    assert "time server" in ended
+
+
+def test_a_computer_that_thinks_it_is_1970_is_named() -> None:
+    world = World()
+    world.ahead["mav1"] = (-NOW_NS * 1e-9, 0.002)
+    assert "56.9 years behind" in looks(
+        Countdown(world, world.after(60.0), ("mav0", "mav1")), world, 9.0
+    )
+
+
+def test_a_single_message_with_another_time_ends_nothing() -> None:
+    world = World()
+    countdown = Countdown(world, world.after(60.0), ("mav0",))
+    assert looks(countdown, world, 5.0) == ""
+    world.ahead["mav0"] = (1.0, 0.002)
+    assert looks(countdown, world, 0.8) == ""
+    del world.ahead["mav0"]
+    assert looks(countdown, world, 5.0) == ""
+
+
+def test_a_computer_that_tells_no_time_or_is_known_badly_starts_nothing() -> None:
+    world = World()
+    world.ahead["mav0"] = None
+    assert "does not tell" in looks(Countdown(world, world.after(60.0), ("mav0",)), world, 9.0)
+    # also when the time comes before it can have been measured
+    assert "does not tell" in looks(Countdown(world, world.after(0.4), ("mav0",)), world, 0.4)
+
+    world.ahead["mav0"] = (0.0, 0.8)
+    assert "0.8 s only" in looks(Countdown(world, world.after(60.0), ("mav0",)), world, 9.0)
+
+
+def test_whose_clocks_agree_is_said() -> None:
+    world = World()
+    world.ahead = {"mav1": (-0.2, 0.01), "mav2": (7.0, 0.01)}
+    assert clock_words(world, ("mav0", "mav1", "mav2")) == (
+        "Same time within 0.210 s: mav0, mav1. Another time, or none told: mav2."
+    )
+
+
+async def test_a_countdown_says_how_long_it_is_and_an_operator_stops_it() -> None:
+    world = World()
+    countdown = Countdown(world, world.after(61.0), ())
+    assert "in 0:01:01 · x stops it" in countdown.line
+    lines: list[str] = []
+    counting = asyncio.create_task(count_down(countdown, lines.append))
+    await asyncio.sleep(0)
+    world.pass_time(2.0)
+    await asyncio.sleep(0.25)
+    countdown.stop("Stopped.")
+    with pytest.raises(CountdownEnded, match="Stopped"):
+        await asyncio.wait_for(counting, 5.0)
+    assert [line.strip() for line in lines] == [f"1 min until the start at {countdown.at.words}"]
+
+
+# -- missions --------------------------------------------------------------------------------------
+
+HOP: list[dict[str, Any]] = [{"do": "takeoff", "height_m": 1.0}, {"do": "land"}]
+
+
+def make(fleet: FleetConfig, steps: list[dict[str, Any]]) -> Any:
+    return mission_from_mapping({"schema": 1, "step": steps}, path="test.toml", fleet=fleet)
+
+
+async def test_a_mission_begins_at_its_time_and_not_before(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    world = client.world = World(client.now_ns)
+    at = world.after(0.4)
+    run = MissionRun(make(fleet, HOP), client, at=at)
+    verdict = await asyncio.wait_for(run.run(), 20.0)
+    assert verdict.passed, verdict.summary
+    first_ns = min(order.stamp_ns for _, order in bus.orders)
+    assert first_ns - client.now_ns() + client.world.world_ns >= at.world_ns
+
+
+async def test_a_countdown_that_is_stopped_starts_nothing(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    world = client.world = World(client.now_ns)
+    run = MissionRun(make(fleet, HOP), client, at=world.after(60.0))
+    flown = asyncio.create_task(run.run())
+    assert await client.wait_for(lambda _: run.fleet.ground.countdown is not None, 5.0)
+    assert run.fleet.ground.stop_countdown()
+    verdict = await asyncio.wait_for(flown, 20.0)
+
+    assert verdict.exit_status == 1
+    assert "An operator has stopped the countdown" in verdict.summary
+    assert not bus.orders
+    assert not run.fleet.ground.stop_countdown()
+
+
+async def test_a_vehicle_that_is_not_ready_any_more_when_the_time_comes_starts_nobody(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    world = client.world = World(client.now_ns)
+    run = MissionRun(make(fleet, HOP), client, at=world.after(0.4))
+    flown = asyncio.create_task(run.run())
+    assert await client.wait_for(lambda _: run.fleet.ground.countdown is not None, 5.0)
+    bus.tell("mav1", not_ready=("Its battery is low.",))
+    verdict = await asyncio.wait_for(flown, 20.0)
+    assert "mav1 is ready: Its battery is low" in verdict.summary
+    assert not bus.orders
+
+
+@pytest.mark.parametrize(
+    ("ahead_s", "words"),
+    [(2.0, "what comes before it takes about"), (-60.0, "was 1 min ago")],
+)
+async def test_a_step_whose_time_comes_too_early_refuses_the_whole_mission(
+    fleet: FleetConfig, client: Any, bus: Any, ahead_s: float, words: str
+) -> None:
+    world = client.world = World(client.now_ns)
+    time = local_now(world.world_ns + round(ahead_s * 1e9))
+    steps = [HOP[0], {"do": "wait", "at": f"{time:%H:%M:%S}"}, HOP[1]]
+    verdict = await asyncio.wait_for(MissionRun(make(fleet, steps), client).run(), 20.0)
+    assert verdict.exit_status == 2
+    assert words in verdict.summary
+    assert not bus.orders
+
+
+def test_wrong_times_of_a_mission_file_are_refused_with_their_key(fleet: FleetConfig) -> None:
+    with pytest.raises(ConfigError, match=r"test.toml: 'step\[0\].at': 'noon' is no time of day"):
+        make(fleet, [{"do": "wait", "at": "noon"}])
+
+    wait = {"do": "wait", "at": "21:30"}
+    with pytest.raises(ConfigError, match="that time comes once"):
+        make(fleet, [HOP[0], {"do": "repeat", "times": 2, "steps": [wait]}, HOP[1]])
+    assert make(fleet, [wait, *HOP]).steps[0].at == "21:30"
+
+
+async def test_simulated_time_waits_for_nobody(fleet: FleetConfig, client: Any) -> None:
+    lines: list[str] = []
+    steps = [{"do": "wait", "at": "03:00"}, *HOP]
+    run = MissionRun(make(fleet, steps), client, say=lines.append)
+    assert (await asyncio.wait_for(run.run(), 20.0)).passed
+    assert "Simulated time has no world's clock: 03:00 counts as now." in lines
+
+
+# -- paths -----------------------------------------------------------------------------------------
+
+
+def paths_of(fleet: FleetConfig) -> dict[str, Any]:
+    """A metre up for each above its spot."""
+    paths = {}
+    for name in fleet.enabled_names:
+        x, y, _ = fleet.vehicles[name].start_enu_m
+        points = [(x, y, 1.0, 0.0), (x, y, 2.0, 0.0)]
+        paths[name] = through(np.array(points), np.full(2, 1.0))
+    return paths
+
+
+async def test_paths_start_at_that_instant_on_the_fleets_clock(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    world = client.world = World(client.now_ns)
+    flown = Fleet(client)
+    await flown.takeoff(1.0)
+    at = world.after(4.0)
+    await asyncio.wait_for(flown.follow_path(paths_of(fleet), at=at), 20.0)
+
+    starts = [order.path.start_ns for _, order in bus.orders if order.kind == "follow_path"]
+    assert len(starts) == 3
+    expected_ns = at.world_ns - world.offset_ns()
+    assert all(abs(start_ns - expected_ns) < 2_000_000 for start_ns in starts)
+
+
+async def test_a_start_that_is_stopped_after_its_order_holds_all(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    world = client.world = World(client.now_ns)
+    bus.accept_only = {"follow_path"}
+    flown = Fleet(client)
+    await flown.takeoff(1.0)
+    following = asyncio.create_task(flown.follow_path(paths_of(fleet), at=world.after(3.6)))
+
+    def is_ordered(_: object) -> bool:
+        return any(order.kind == "follow_path" for _, order in bus.orders)
+
+    assert await client.wait_for(is_ordered, 10.0)
+    assert flown.ground.stop_countdown()
+    with pytest.raises(CountdownEnded, match="operator"):
+        await asyncio.wait_for(following, 20.0)
+    assert [name for name, order in bus.orders if order.kind == "hold"] == list(fleet.enabled_names)
+
+
+async def test_vehicles_that_come_too_late_to_their_paths_do_not_start(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    world = client.world = World(client.now_ns)
+    flown = Fleet(client)
+    await flown.takeoff(1.0)
+    with pytest.raises(CountdownEnded, match="too late to the begins of their paths"):
+        await asyncio.wait_for(flown.follow_path(paths_of(fleet), at=world.after(1.0)), 20.0)
+    with pytest.raises(CountdownEnded, match="the vehicles came too late"):
+        await asyncio.wait_for(flown.countdown(world.after(-1.0)), 20.0)
+
+
+def test_the_quickest_of_three_readings_counts() -> None:
+    """This process may have to wait between reading one clock and the other."""
+    mono = iter([0, 500, 1000, 1002, 2000, 2400])
+    world = iter([10_000, 11_001, 12_700])
+    clock = WorldClock(lambda: None, lambda: next(mono), lambda: next(world))
+    assert clock.offset_ns() == 10_000
+    assert clock.is_simulated

@@ -1,0 +1,37 @@
+"""A world's clock that a test sets."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from groundstation.client.world_clock import WorldClock
+from groundstation.mission_files.world_time import WorldTime, local_now
+from onboard.bus.clock_offsets import Clocks
+
+_S = 1_000_000_000
+NOW_NS = 1_795_000_000 * _S  # of the world's clock
+
+
+class World(WorldClock):
+    """Clocks that a test sets; the vehicles' computers have the same time unless it says so."""
+
+    def __init__(self, now_ns: Any = None) -> None:
+        self.shift_ns = 0  # of this computer's clock
+        self.mono_ns = 1000 * _S
+        self.ahead: dict[str, tuple[float, float] | None] = {}
+        read = now_ns or (lambda: self.mono_ns)
+        begin_ns = read()
+        super().__init__(
+            lambda: Clocks("own", 1), read, lambda: NOW_NS + read() - begin_ns + self.shift_ns
+        )
+
+    def ahead_s(self, vehicle: str) -> tuple[float, float] | None:
+        return self.ahead.get(vehicle, (0.001, 0.002))
+
+    def pass_time(self, seconds: float) -> None:
+        self.mono_ns += round(seconds * 1e9)
+
+    def after(self, seconds: float) -> WorldTime:
+        """A time so long from now."""
+        world_ns = self.world_ns + round(seconds * 1e9)
+        return WorldTime(f"{local_now(world_ns):%H:%M:%S}", world_ns)
