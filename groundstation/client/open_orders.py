@@ -7,7 +7,8 @@ Three things can be missing, and each has its own watch:
   a landing after it was sent to the agent several times, because past the agents nobody keeps
   distance. A mission's landing goes to PX4 only when a single vehicle is silent. Two at once are
   silent because of this ground's own link.
-* The effect of a land or a kill that was accepted. Then, too, they go straight to PX4.
+* The effect of a land or a kill that was accepted. Then, too, they go straight to PX4: at once
+  where the agent says that it cannot do it, because it does not hear PX4.
 * The event about the end, because a link broke. Then telemetry shows that the vehicle does not
   follow the order any more.
 
@@ -96,6 +97,7 @@ class OpenOrders:
         # vehicle -> times from an order to its reply [s], the newest last
         self._round_trips_s: dict[str, tuple[float, ...]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
+        self._unable: dict[str, str] = {}  # id of a land or kill -> why its agent cannot do it
         self.ids_of_missions: set[str] = set()  # of all orders that missions of this ground gave
         self.newest_of_missions: dict[str, str] = {}  # vehicle -> id of the newest of them
 
@@ -172,10 +174,23 @@ class OpenOrders:
             return
         if result.results[event.vehicle].phase == "direct" and event.order_outcome != "done":
             return  # a late agent: the order is PX4's now, and PX4's answer ends it
+        if event.order_outcome == "failed" and self._has_lost_px4(event.vehicle, order):
+            self._unable[order.order_id] = event.sentence
+            return  # it goes straight to PX4
 
         result.update(event.vehicle, event.order_outcome, event.sentence)
         if result.results[event.vehicle].is_final:
             self._open.pop(event.order_id, None)
+
+    def _has_lost_px4(self, vehicle: str, order: Order) -> bool:
+        """Whether an order is one that PX4 takes directly, and its agent does not hear PX4."""
+        telemetry = self._views()[vehicle].telemetry
+        return (
+            order.kind in _DIRECT
+            and telemetry is not None
+            and telemetry.is_armed
+            and telemetry.autopilot_age_s > _LINK_SILENT_S
+        )
 
     async def stop(self) -> None:
         """Wait for no more replies."""
@@ -502,6 +517,10 @@ class OpenOrders:
         stall.look()
 
         while not result.results[vehicle].is_final:
+            unable = self._unable.pop(result.results[vehicle].order_id, "")
+            if unable:
+                return f"{accepted} and cannot do it ({unable.rstrip('.')})"
+
             await asyncio.sleep(_WATCH_PERIOD_S)
             if stall.look():  # what PX4 showed meanwhile is still to be read
                 accepted_s = loop.time()

@@ -329,6 +329,39 @@ async def test_an_order_accepted_by_an_agent_that_does_not_hear_px4_goes_straigh
     assert "has not heard PX4 for 2.5 s" in handle.results["mav1"].sentence
 
 
+@pytest.mark.parametrize("verb", ["land", "kill"])
+async def test_an_order_that_an_agent_ends_because_its_px4_is_gone_goes_straight_to_px4_once(
+    fleet: FleetConfig, bus: Any, verb: str
+) -> None:
+    sent: list[str] = []
+
+    def send(endpoint: str, system_id: int, kind: str, **limits: float) -> DirectResult:
+        sent.append(kind)
+        return DirectResult(True, True, "PX4 accepted it, and it is disarmed")
+
+    bus.misbehave["mav1"] = "fail"
+    client = FleetClient(fleet, bus=bus, send=send)
+    await client.start()
+    bus.tell("mav1", is_armed=True, is_airborne=True, autopilot_age_s=2.5)
+    results = await client.order(f"{verb} mav1", 5.0)
+    await client.stop()
+    assert sent == [verb]
+    assert results["mav1"].is_done
+    assert "straight to PX4" in results["mav1"].sentence
+
+
+async def test_a_landing_that_fails_although_px4_is_heard_has_failed(
+    fleet: FleetConfig, bus: Any
+) -> None:
+    bus.misbehave["mav1"] = "fail"
+    client = FleetClient(fleet, bus=bus, send=lambda *_, **__: pytest.fail("straight to PX4"))
+    await client.start()
+    bus.tell("mav1", is_armed=True, is_airborne=True, autopilot_age_s=0.02)
+    results = await client.order("land mav1", 5.0)
+    await client.stop()
+    assert results["mav1"].phase == "failed"
+
+
 async def test_an_order_whose_end_was_lost_with_the_link_does_not_stay_open(
     client: Any, bus: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+from pathlib import Path
+
 import pytest
 
+from groundstation.mission_files.loading import load_mission
 from groundstation.missions.api import OrderFailed
 from onboard.config.fleet import FleetConfig
 from sitl.faults.catalogue import Fault
+
+MISSION = Path(__file__).parents[3] / "configs" / "missions" / "paper.toml"
 
 
 @pytest.mark.long
@@ -54,3 +60,24 @@ def test_the_vehicle_whose_px4_died_is_named_first_and_for_that(
     said = str(failed.value)
     assert "failed. mav1 failed: PX4 silent: no more setpoints are sent." in said
     assert "Neighbour silent and not seen (mav1)" in said
+
+
+@pytest.mark.long
+def test_a_mission_lands_a_vehicle_whose_px4_died_within_four_seconds(
+    lockstep, paper: FleetConfig
+) -> None:
+    flight = lockstep(paper, seed=3)
+    died_s = 13.0
+    fault = Fault("autopilot_hang", "mav1", at_s=died_s)
+    flight.at(died_s, lambda: flight.inject(fault))
+    assert not flight.fly(load_mission(MISSION)).passed
+
+    direct = [
+        logged.received_ns
+        for logged in flight.client.state.events
+        if "land goes straight to PX4" in logged.event.sentence
+    ]
+    begin_ns = flight.simulation.clock_ns() - round(1e9 * flight.time_s)
+    assert (direct[0] - begin_ns) * 1e-9 < died_s + 4.0
+    gaps_s = [(later - earlier) * 1e-9 for earlier, later in pairwise(direct)]
+    assert min(gaps_s, default=60.0) > 10.0, "each waits for PX4's own answer"
