@@ -4,9 +4,11 @@ says.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
 
 import pytest
 from msgspec.structs import replace
@@ -185,6 +187,121 @@ def test_a_silent_px4_whose_numbers_are_impossible_is_not_called_silent_as_well(
     assert monitor.look(says) == {Condition.AUTOPILOT_IMPOSSIBLE: "It lies"}
     says_nothing = replace(FINE, now_ns=5 * TICK_NS, is_px4_silent=True)
     assert set(monitor.look(says_nothing)) == {Condition.AUTOPILOT_SILENT}
+
+
+class Limits(NamedTuple):
+    """What a cause waits for, beside its fact."""
+
+    above: float | None = None
+    checks: int = 1
+    over_s: float | str | None = None
+
+
+# Limits and times of all causes that have any, by condition and place in the row. They were
+# measured, and a changed one changes what vehicles do: whoever changes one writes it here as well.
+LIMITS_OF_CAUSES = {
+    (Condition.POSITION_STALE, 0): Limits(above=0.2),
+    (Condition.POSITION_LOST, 0): Limits(checks=5),
+    (Condition.POSITION_LOST_LONG, 0): Limits(checks=5),
+    (Condition.POSITION_LOST_LONG, 1): Limits(over_s=0.5),
+    (Condition.POSITION_INACCURATE, 0): Limits(over_s=0.5),
+    (Condition.POSITION_UNFIT, 0): Limits(above=0.18, over_s=0.3),
+    (Condition.FIX_COARSE, 0): Limits(over_s=0.5),
+    (Condition.FIX_FELL_BACK, 0): Limits(over_s=0.5),
+    (Condition.AUTOPILOT_SILENT, 0): Limits(checks=5),
+    (Condition.AUTOPILOT_IMPOSSIBLE, 0): Limits(checks=5),
+    (Condition.AUTOPILOT_FROZEN, 0): Limits(checks=5),
+    (Condition.HEARTBEAT_LOST, 0): Limits(checks=5),
+    (Condition.REPORTS_CONTRADICT_LONG, 0): Limits(above=2),
+    (Condition.LANDED_UNKNOWN, 0): Limits(checks=5),
+    (Condition.LANDED_WRONG, 0): Limits(over_s=0.5),
+    (Condition.FALLEN, 0): Limits(over_s=1.0),
+    (Condition.LOOP_LATE, 0): Limits(above=0.025),
+    (Condition.LOOP_STALLED, 0): Limits(above=0.2),
+    (Condition.LOOP_STALLED_LONG, 0): Limits(above=0.3),
+    (Condition.NOT_FINITE_LONG, 0): Limits(over_s=0.5),
+    (Condition.BUS_LOST, 0): Limits(above=1, checks=5),
+    (Condition.BUS_LOST_LONG, 0): Limits(above=1, checks=5, over_s="bus_lost_land_s"),
+    (Condition.GROUND_LOST, 0): Limits(checks=5),
+    (Condition.GROUND_LOST_LONG, 0): Limits(checks=5, over_s="ground_lost_land_s"),
+    (Condition.SEPARATION_PREDICTED, 0): Limits(checks=2),
+    (Condition.LAW_INFEASIBLE, 0): Limits(over_s=0.1),
+    (Condition.NEIGHBOUR_UNSEEN, 0): Limits(checks=2),
+    (Condition.NEIGHBOUR_SILENT, 0): Limits(checks=2),
+    (Condition.NEIGHBOUR_STALE, 0): Limits(checks=5),
+    (Condition.BATTERY_UNKNOWN, 0): Limits(over_s=5.0),
+    (Condition.FENCE_BREACH_LONG, 0): Limits(over_s=2.0),
+    (Condition.WIND_ABOVE, 0): Limits(over_s=0.5),
+    (Condition.PUSHED_ABOUT, 0): Limits(over_s=0.5),
+    (Condition.WIND_NEAR, 0): Limits(over_s=0.5),
+    (Condition.DISTURBANCE_BOUND, 0): Limits(over_s=0.5),
+}
+
+
+def test_limits_and_times_are_those_that_were_measured() -> None:
+    found = {}
+    for row in ROWS:
+        for place, cause in enumerate(row.causes):
+            limits = Limits(above=cause.above, checks=cause.checks, over_s=cause.over_s)
+            if limits != Limits():
+                found[row.condition, place] = limits
+    assert found == LIMITS_OF_CAUSES
+
+
+def holds_from_the_first(condition: Condition, facts: TickFacts) -> bool:
+    """Whether a condition is seen in these facts, however long they have to last."""
+    (row,) = (row for row in ROWS if row.condition is condition)
+    causes = tuple(dataclasses.replace(cause, checks=1, over_s=None) for cause in row.causes)
+    monitor = ConditionMonitor(LIMITS, [ConditionRow(condition, causes)])
+    return condition in monitor.look(facts)
+
+
+JUST_NOT = [
+    (Condition.POSITION_STALE, {"position_age_s": 0.2}, {"position_age_s": 0.201}),
+    (Condition.POSITION_LOST, {"position_age_s": 0.6}, {"position_age_s": 0.601}),
+    (Condition.POSITION_LOST, {"position_stale_s": 0.4}, {"position_stale_s": 0.401}),
+    (Condition.POSITION_JUMPED, {"jumps": 2}, {"jumps": 3}),
+    (
+        Condition.LANDED_WRONG,
+        {"is_flying": True, "is_on_ground": True, "height_m": 0.5},
+        {"is_flying": True, "is_on_ground": True, "height_m": 0.51},
+    ),
+    (
+        Condition.FALLEN,
+        {"is_flying": True, "height_enu_m": 0.12},
+        {"is_flying": True, "height_enu_m": 0.119},
+    ),
+    (
+        Condition.FALLEN,
+        {"is_flying": True, "mocap_required": False, "is_standing": True, "height_m": 2.0},
+        {"is_flying": True, "mocap_required": False, "is_standing": True, "height_m": 1.99},
+    ),
+    (Condition.LOOP_LATE, {"period_s": 0.025}, {"period_s": 0.0251}),
+    (Condition.LOOP_STALLED, {"period_s": 0.2}, {"period_s": 0.201}),
+    (
+        Condition.CLOCK_JUMPED,
+        {"now_ns": 5_000_000_001, "slow": SlowFacts(clock_jump_ns=1)},
+        {"now_ns": 5_000_000_000, "slow": SlowFacts(clock_jump_ns=1)},
+    ),
+    (
+        Condition.POSITION_LOST_LONG,
+        {"mocap_required": False, "slow": SlowFacts(px4_accuracy_m=3.0)},
+        {"mocap_required": False, "slow": SlowFacts(px4_accuracy_m=3.01)},
+    ),
+    (
+        Condition.SEPARATION_BREACHED,
+        {"is_airborne": True, "nearest_m": LIMITS.safety_distance_m},
+        {"is_airborne": True, "nearest_m": LIMITS.safety_distance_m - 0.001},
+    ),
+]
+
+
+@pytest.mark.parametrize(("condition", "at_limit", "beyond"), JUST_NOT)
+def test_a_condition_begins_beyond_its_limit_and_not_at_it(
+    condition: Condition, at_limit: dict[str, Any], beyond: dict[str, Any]
+) -> None:
+    assert not holds_from_the_first(condition, replace(FINE, **at_limit))
+    assert holds_from_the_first(condition, replace(FINE, **beyond))
 
 
 # -- how long a cause has to hold ------------------------------------------------------------------
