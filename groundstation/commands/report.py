@@ -39,6 +39,7 @@ def report(
     rehearse: bool = False,
     fleet: File | None = None,
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None,
+    tiles: Annotated[Path | None, Parameter(metavar="DIR")] = None,
 ) -> int:
     """Write a recorded flight as one page for a browser.
 
@@ -49,6 +50,7 @@ def report(
             that flight as ghosts; it runs a Python mission and a law of one's own
         fleet: fleet file, where none lies beside the record
         out: where to write (default: DIR/report.html)
+        tiles: folder with pictures of the ground, {z}/{x}/{y}.png, which become a part of the page
     """
     if rehearse:
         if compare is not None:
@@ -56,7 +58,7 @@ def report(
         compare = _rehearsal(folder)
 
     try:
-        written = write_page(folder, out, fleet_path=fleet, compared=compare)
+        written = write_page(folder, out, fleet_path=fleet, compared=compare, tiles=tiles)
     except OSError as error:
         raise ConfigError(
             f"the page cannot be written: {error}. Give another place with --out."

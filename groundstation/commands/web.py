@@ -19,6 +19,7 @@ from pathlib import Path
 from groundstation.client.client import FleetClient
 from groundstation.client.ground_node import session
 from groundstation.commands.parameters import File, Folder
+from groundstation.scene.ground_tiles import GroundTiles, read_ground_tiles
 from groundstation.web.live_feed import LiveFeed
 from groundstation.web.page_server import PageServer, require_loopback
 from onboard.bus.control_token import WATCHER
@@ -33,6 +34,7 @@ def web(
     fleet: File | None = None,
     replay: Folder | None = None,
     operate: bool = False,
+    tiles: Folder | None = None,
     port: int = 8000,
     host: str = "127.0.0.1",
 ) -> int:
@@ -46,6 +48,7 @@ def web(
         replay: the report of a recorded flight, which plays
         operate: pages may give orders, one operator at a time; the printed address has a key, new
             at every start
+        tiles: folder with pictures of the ground, {z}/{x}/{y}.png; the fleet file has an origin
         port: 0 takes any
         host: a loopback address
     """
@@ -58,13 +61,17 @@ def web(
     require_loopback(host)
 
     if fleet and not replay:
-        return asyncio.run(_serve_fleet(load_fleet(fleet), host, port, can_order=operate))
+        config = load_fleet(fleet)
+        ground = None if tiles is None else read_ground_tiles(tiles, config)
+        return asyncio.run(_serve_fleet(config, host, port, can_order=operate, ground=ground))
     if replay and not fleet:
-        return asyncio.run(_serve_record(replay, host, port))
+        return asyncio.run(_serve_record(replay, host, port, tiles))
     raise ConfigError("Give one of --fleet FILE and --replay DIR.")
 
 
-async def _serve_fleet(fleet: FleetConfig, host: str, port: int, *, can_order: bool) -> int:
+async def _serve_fleet(
+    fleet: FleetConfig, host: str, port: int, *, can_order: bool, ground: GroundTiles | None
+) -> int:
     """Serve the page of a fleet until an interrupt."""
     title = f"Covey: {fleet.fleet.name}"
     if can_order:
@@ -75,8 +82,8 @@ async def _serve_fleet(fleet: FleetConfig, host: str, port: int, *, can_order: b
         key = ""
         title += " (read-only)"
 
-    feed = LiveFeed(fleet, client, can_order=can_order)
-    server = PageServer(title=title, feed=feed, key=key)
+    feed = LiveFeed(fleet, client, can_order=can_order, ground=ground)
+    server = PageServer(title=title, feed=feed, ground=ground, key=key)
     address = await server.start(host, port)
     try:
         await feed.start()
@@ -86,13 +93,13 @@ async def _serve_fleet(fleet: FleetConfig, host: str, port: int, *, can_order: b
         await feed.stop()
 
 
-async def _serve_record(folder: Path, host: str, port: int) -> int:
+async def _serve_record(folder: Path, host: str, port: int, tiles: Path | None) -> int:
     """Serve the report of a recorded flight until an interrupt."""
     # Imported here: a page of a fleet needs none of it.
     from groundstation.report.flight_page import make_page
 
     title = f"Covey: {folder.name}"
-    server = PageServer(title=title, page=make_page(folder).text)
+    server = PageServer(title=title, page=make_page(folder, tiles=tiles).text)
     address = await server.start(host, port)
     try:
         return await _serve(title, address)

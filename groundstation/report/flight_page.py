@@ -11,6 +11,8 @@ from groundstation.px4_logs.flight_logs import logs_of_flight
 from groundstation.recording.flight_reading import read_flight
 from groundstation.report.page import page
 from groundstation.report.payload import payload
+from groundstation.scene.ground_tiles import GroundTiles, read_ground_tiles
+from onboard.config.fleet import ConfigError, FleetConfig
 
 PAGE_NAME = "report.html"
 
@@ -31,7 +33,11 @@ class MadePage(NamedTuple):
 
 
 def make_page(
-    folder: Path, *, fleet_path: str | None = None, compared: Path | None = None
+    folder: Path,
+    *,
+    fleet_path: str | None = None,
+    compared: Path | None = None,
+    tiles: Path | None = None,
 ) -> MadePage:
     """Return the page of a flight.
 
@@ -39,15 +45,28 @@ def make_page(
         folder: flight folder, or its MCAP file.
         fleet_path: fleet file, where none lies beside the record.
         compared: flight folder of another flight, shown beside this one.
+        tiles: folder with pictures of the ground.
 
     Raises:
-        ConfigError: there is no record, or no vehicle is in it.
+        ConfigError: there is no record, no vehicle is in it, or no tile covers its fence.
     """
     flight = read_flight(folder, fleet_path)
     ghost = None if compared is None else read_flight(compared)
     logs = logs_of_flight(folder, flight)
-    data = payload(flight, made_by=_made_by(), ghost=ghost, logs=logs)
-    return MadePage(text=page(flight.title, data), notes=(*flight.notes, *logs.notes))
+    ground = None if tiles is None else _ground(folder, tiles, flight.fleet)
+    data = payload(flight, made_by=_made_by(), ghost=ghost, logs=logs, ground=ground)
+    text = page(flight.title, data, has_pictures=ground is not None)
+    return MadePage(text=text, notes=(*flight.notes, *logs.notes))
+
+
+def _ground(folder: Path, tiles: Path, fleet: FleetConfig | None) -> GroundTiles:
+    """Return pictures of the ground below the fleet of a flight."""
+    if fleet is None:
+        raise ConfigError(
+            f"--tiles: {folder} has no fleet file, which says where on Earth it was flown. Give it"
+            " with --fleet."
+        )
+    return read_ground_tiles(tiles, fleet)
 
 
 def write_page(
@@ -56,6 +75,7 @@ def write_page(
     *,
     fleet_path: str | None = None,
     compared: Path | None = None,
+    tiles: Path | None = None,
 ) -> Written:
     """Write the page of a flight.
 
@@ -64,12 +84,13 @@ def write_page(
         out: file to write; None: ``report.html`` in the flight folder.
         fleet_path: fleet file, where none lies beside the record.
         compared: flight folder of another flight, shown beside this one.
+        tiles: folder with pictures of the ground.
 
     Raises:
-        ConfigError: there is no record, or no vehicle is in it.
+        ConfigError: there is no record, no vehicle is in it, or no tile covers its fence.
         OSError: the page cannot be written.
     """
-    made = make_page(folder, fleet_path=fleet_path, compared=compared)
+    made = make_page(folder, fleet_path=fleet_path, compared=compared, tiles=tiles)
     text = made.text.encode("utf-8")
     path = out or (folder if folder.is_dir() else folder.parent) / PAGE_NAME
 

@@ -25,7 +25,7 @@ globalThis.Covey ??= {};
   ];
 
   class FlightScene {
-    constructor(flight, canvas, overlay) {
+    constructor(flight, canvas, overlay, onChange = () => {}) {
       this.flight = flight;
       this.scene = new Covey.Scene(canvas, overlay);
       this.layers = Object.fromEntries(LAYERS.map(([name, , isOn]) => [name, isOn]));
@@ -34,6 +34,7 @@ globalThis.Covey ??= {};
       this._paths = new Map(); // key -> points
       this._bounds = this._boundsOfFlight();
       this._promise_m = flight.promise_m;
+      this._ground = new Covey.Ground(flight.fleet?.ground, onChange);
     }
 
     /* Shows the whole flight. */
@@ -96,6 +97,7 @@ globalThis.Covey ??= {};
       const { scene, flight } = this;
       const soft = Covey.rgb(Covey.colour("ground"));
       const { least, most } = this._bounds;
+      this._ground.draw(scene);
       scene.ground(least, most, soft);
 
       if (!flight.fleet) return;

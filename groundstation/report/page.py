@@ -27,17 +27,18 @@ OWN_STYLE = "report.css"
 _TEMPLATE = "report.html"
 
 
-def page(title: str, data: bytes) -> str:
+def page(title: str, data: bytes, *, has_pictures: bool = False) -> str:
     """Return the text of the page.
 
     Args:
         title: of the flight.
         data: as :func:`groundstation.report.payload.payload` makes them.
+        has_pictures: the data hold pictures of the ground, which the browser may show.
     """
     scripts = [text_of(name) for name in SCRIPTS] + [_own(name) for name in OWN_SCRIPTS]
     styles = [text_of(name) for name in STYLES] + [_own(OWN_STYLE)]
     return Template(_own(_TEMPLATE)).substitute(
-        policy=html.escape(policy(scripts, styles), quote=True),
+        policy=html.escape(policy(scripts, styles, has_pictures=has_pictures), quote=True),
         title=html.escape(title),
         licence=html.escape(text_of(LICENCE_OF_UPLOT)).replace("--", "- -"),
         styles="\n".join(f"<style>{text}</style>" for text in styles),
@@ -46,11 +47,13 @@ def page(title: str, data: bytes) -> str:
     )
 
 
-def policy(scripts: list[str], styles: list[str]) -> str:
+def policy(scripts: list[str], styles: list[str], *, has_pictures: bool = False) -> str:
     """Return the content security policy: these scripts, these styles, and nothing else."""
+    pictures = ["img-src data:"] if has_pictures else []
     return "; ".join(
         [
             "default-src 'none'",
+            *pictures,
             f"script-src {' '.join(map(_hash, scripts))}",
             f"style-src {' '.join(map(_hash, styles))}",
             "base-uri 'none'",

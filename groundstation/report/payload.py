@@ -31,6 +31,7 @@ from groundstation.recording.flight_report import TrueMotion, separations
 from groundstation.report.columns import Column, packed
 from groundstation.report.px4_columns import px4_columns, px4_header
 from groundstation.report.settings import settings
+from groundstation.scene.ground_tiles import GroundTiles, ground_message
 from onboard.arrays import Array
 from onboard.config.flight_space import flight_space_of
 from onboard.plain_text import plain_line, plain_lines
@@ -62,6 +63,7 @@ def payload(
     made_by: str,
     ghost: Flight | None = None,
     logs: FoundLogs = FoundLogs({}, ()),  # noqa: B008 - a frozen value
+    ground: GroundTiles | None = None,
 ) -> bytes:
     """Return the data of a report, deflated.
 
@@ -70,6 +72,7 @@ def payload(
         made_by: name and version of this program.
         ghost: another flight of the same vehicles, shown beside it; put at the same lift-off.
         logs: PX4's own, on the record's clock.
+        ground: pictures of the ground below the flight, of whoever knows its fleet.
     """
     step_s = _step_s(flight)
     grid_s = np.arange(flight.begin_s, flight.length_s + step_s / 2.0, step_s)
@@ -83,6 +86,8 @@ def payload(
         columns += _ghost_columns(flight, ghost, grid_s)
 
     header = _header(flight, made_by, grid_s, step_s, columns)
+    if header["fleet"] is not None:
+        header["fleet"]["ground"] = ground_message(ground, is_inside_page=True)
     header["px4"] = px4_header(logs, tuple(flight.vehicles))
     header["notes"] += [_text(note) for note in logs.notes]
     if ghost is not None:

@@ -56,7 +56,9 @@ globalThis.Covey ??= {};
       this._wasAbove = null; // angles of the camera before it looked from above
 
       this._build(parent);
-      this.flightScene = new Covey.FlightScene(flight, this._canvas, this._labels);
+      this.flightScene = new Covey.FlightScene(flight, this._canvas, this._labels, () =>
+        this.player.draw(),
+      );
       this.flightScene.fit();
       this._listen();
       this._readAddress();

@@ -1,12 +1,13 @@
 /*
  * A scene of vehicles in three dimensions, drawn anew for each picture.
  *
- * Whoever shows something calls `begin`, then `body`, `line`, `path`, `ring`, `box`, `ground` and
- * `label` in any order, then `end`. The calls only collect numbers; `end` draws all lines at once and
+ * Whoever shows something calls `begin`, then `body`, `line`, `path`, `ring`, `box`, `ground`,
+ * `picture` and `label` in any order, then `end`. The calls only collect numbers; `end` draws all lines at once and
  * all bodies at once, so that a hundred vehicles cost three calls of WebGL2. Labels are drawn on a
  * second canvas that lies above: text stays sharp, and never covers other text.
  *
- * Where a browser has no WebGL2 the same lines and bodies are drawn on the second canvas, flat.
+ * Where a browser has no WebGL2 the same lines and bodies are drawn on the second canvas, flat, and
+ * pictures are left out.
  *
  * Positions are in the fleet's frame: east, north, up, in metres. Colours are red, green and blue
  * from 0 to 1.
@@ -21,6 +22,8 @@ globalThis.Covey ??= {};
   const RING_CORNERS = 48;
   const LEAST_BODY_PX = 17;
   const MOST_PIXELS_PER_POINT = 2;
+  const PICTURE_OPACITY = 0.75;
+  const CREDIT_MARGIN_PX = 6;
 
   const LINE_VERTEX = `#version 300 es
     // A line is a rectangle of four corners, turned towards the picture.
@@ -72,6 +75,27 @@ globalThis.Covey ??= {};
     void main() {
       float coverage = clamp(half_px - 0.5 - abs(across_px), 0.0, 1.0);
       pixel = vec4(tint.rgb, tint.a * coverage);
+    }`;
+
+  const PICTURE_VERTEX = `#version 300 es
+    layout(location = 0) in vec3 point;
+    layout(location = 1) in vec2 share; // of the picture: right and down
+    uniform mat4 matrix;
+    out vec2 at;
+    void main() {
+      gl_Position = matrix * vec4(point, 1.0);
+      at = share;
+    }`;
+
+  const PICTURE_FRAGMENT = `#version 300 es
+    precision mediump float;
+    uniform sampler2D picture;
+    uniform float opacity;
+    in vec2 at;
+    out vec4 pixel;
+    void main() {
+      vec4 colour = texture(picture, at);
+      pixel = vec4(colour.rgb, colour.a * opacity);
     }`;
 
   const BODY_VERTEX = `#version 300 es
@@ -216,6 +240,8 @@ globalThis.Covey ??= {};
       this._solid = new Numbers(); // bodies
       this._ghosts = new Numbers(); // bodies that one can see through
       this._labels = [];
+      this._pictures = [];
+      this._credit = "";
 
       this._gl = canvas.getContext("webgl2", { antialias: true, alpha: true });
       this._gpu = this._gl ? new Drawer(this._gl) : null;
@@ -244,6 +270,8 @@ globalThis.Covey ??= {};
       this._solid.clear();
       this._ghosts.clear();
       this._labels = [];
+      this._pictures = [];
+      this._credit = "";
 
       const ratio = Math.min(globalThis.devicePixelRatio || 1, MOST_PIXELS_PER_POINT);
       const width_px = Math.max(1, Math.round(this._canvas.clientWidth * ratio));
@@ -343,6 +371,16 @@ globalThis.Covey ??= {};
       this.label([x, y, area.low_m], area.name, { isQuiet: true });
     }
 
+    /* Adds a picture below everything else: its corners are left and right above, then below. */
+    picture(image, corners) {
+      this._pictures.push({ image, corners });
+    }
+
+    /* Adds who made the pictures, in the lower right corner. */
+    credit(text) {
+      this._credit = text;
+    }
+
     /* Adds the ground: a grid with its axes east and north named, around a box. */
     ground(least, most, colour) {
       const size_m = Math.max(most[0] - least[0], most[1] - least[1]);
@@ -421,11 +459,28 @@ globalThis.Covey ??= {};
       context.clearRect(0, 0, this._overlay.width, this._overlay.height);
 
       if (this._gpu && !this._gl.isContextLost()) {
+        this._gpu.begin();
+        this._gpu.drawPictures(this._matrix, this._pictures);
         this._gpu.draw(this._matrix, this._ratio, this._lines, this._solid, this._ghosts);
       } else {
         this._drawFlat();
       }
       this._drawLabels();
+      if (this._credit) this._drawCredit();
+    }
+
+    _drawCredit() {
+      const context = this._context;
+      context.font = "500 11px system-ui, sans-serif";
+      context.textAlign = "right";
+      context.textBaseline = "bottom";
+      context.lineWidth = 4;
+      context.strokeStyle = Covey.colour("scene");
+      context.fillStyle = Covey.colour("soft");
+      const right = this._canvas.clientWidth - CREDIT_MARGIN_PX;
+      const bottom = this._canvas.clientHeight - CREDIT_MARGIN_PX;
+      context.strokeText(this._credit, right, bottom);
+      context.fillText(this._credit, right, bottom);
     }
 
     // -- without WebGL2 ------------------------------------------------------------------------------
@@ -550,6 +605,9 @@ globalThis.Covey ??= {};
       const shape = quadrotor();
       this._bodyCorners = shape.length / 7;
       this._bodyArray = this._array(shape, [3, 3, 1], this._bodyBuffer, [3, 4, 4, 1]);
+
+      this._pictureProgram = program(gl, PICTURE_VERTEX, PICTURE_FRAGMENT);
+      this._onCard = new Map(); // image -> its texture and its corners
     }
 
     /* Returns a vertex array: a shape, and numbers for each of its instances. */
@@ -582,16 +640,59 @@ globalThis.Covey ??= {};
       return location;
     }
 
-    draw(matrix, ratio, lines, solid, ghosts) {
+    begin() {
       const gl = this._gl;
-      const [width_px, height_px] = [gl.drawingBufferWidth, gl.drawingBufferHeight];
-      gl.viewport(0, 0, width_px, height_px);
+      gl.viewport(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight);
       gl.clearColor(0, 0, 0, 0);
       gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
       gl.enable(gl.DEPTH_TEST);
       gl.enable(gl.BLEND);
       gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    }
 
+    /* Draws pictures, which hide nothing. */
+    drawPictures(matrix, pictures) {
+      if (!pictures.length) return;
+      const gl = this._gl;
+      gl.depthMask(false);
+      gl.useProgram(this._pictureProgram.program);
+      gl.uniformMatrix4fv(this._pictureProgram.matrix, false, matrix);
+      gl.uniform1f(this._pictureProgram.opacity, PICTURE_OPACITY);
+      for (const { image, corners } of pictures) {
+        if (!this._onCard.has(image)) this._onCard.set(image, this._pictureOf(image, corners));
+        const { texture, array } = this._onCard.get(image);
+        gl.bindTexture(gl.TEXTURE_2D, texture);
+        gl.bindVertexArray(array);
+        gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+      }
+      gl.depthMask(true);
+    }
+
+    /* Brings a picture to the graphics card, once. */
+    _pictureOf(image, corners) {
+      const gl = this._gl;
+      const texture = gl.createTexture();
+      gl.bindTexture(gl.TEXTURE_2D, texture);
+      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, image);
+      gl.generateMipmap(gl.TEXTURE_2D);
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
+
+      const shares = [[0, 0], [1, 0], [0, 1], [1, 1]];
+      const numbers = corners.flatMap((corner, index) => [...corner, ...shares[index]]);
+      const array = gl.createVertexArray();
+      gl.bindVertexArray(array);
+      gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+      gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(numbers), gl.STATIC_DRAW);
+      this._attributes(0, [3, 2], 0);
+      gl.bindVertexArray(null);
+      return { texture, array };
+    }
+
+    draw(matrix, ratio, lines, solid, ghosts) {
+      const gl = this._gl;
+      const [width_px, height_px] = [gl.drawingBufferWidth, gl.drawingBufferHeight];
       this._drawBodies(matrix, solid);
 
       // Lines and ghosts hide nothing: what is behind them is seen through them.
@@ -635,6 +736,7 @@ globalThis.Covey ??= {};
       program: made,
       matrix: gl.getUniformLocation(made, "matrix"),
       size_px: gl.getUniformLocation(made, "size_px"),
+      opacity: gl.getUniformLocation(made, "opacity"),
     };
   }
 

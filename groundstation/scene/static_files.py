@@ -15,6 +15,7 @@ SCRIPTS = (
     "colours.js",
     "camera.js",
     "scene.js",
+    "ground.js",
     "charts.js",
 )
 STYLES = ("uplot/uPlot.min.css", "page.css")

@@ -19,6 +19,7 @@ from groundstation.alarms.alarms import Alarms
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import LoggedEvent
 from groundstation.orders.forecast_process import Forecaster
+from groundstation.scene.ground_tiles import GroundTiles
 from groundstation.web.live_messages import event_message, fleet_message, state_message
 from groundstation.web.order_cards import CHECK_S, Message, OrderCards
 from onboard.bus.schema import Event
@@ -94,6 +95,7 @@ class LiveFeed:
         client: follows the fleet.
         can_order: whether pages may give orders.
         forecaster: computes previews.
+        ground: pictures that the server has of the ground.
     """
 
     def __init__(
@@ -103,10 +105,12 @@ class LiveFeed:
         *,
         can_order: bool,
         forecaster: Forecaster | None = None,
+        ground: GroundTiles | None = None,
     ) -> None:
         self._fleet = fleet
         self._client = client
         self._can_order = can_order
+        self._fleet_text = _text(fleet_message(fleet, can_order=can_order, ground=ground))
         self._alarms = Alarms(fleet)
         self._pages: set[Page] = set()
         self._events: deque[str] = deque(maxlen=MAX_EVENTS)
@@ -149,7 +153,7 @@ class LiveFeed:
     def open(self) -> Page:
         """Return a new page's messages: the fleet, the latest events and all cards first."""
         page = Page()
-        page.tell(_text(fleet_message(self._fleet, can_order=self._can_order)))
+        page.tell(self._fleet_text)
         for event in self._events:
             page.tell(event)
         if self.cards is not None:

@@ -14,6 +14,7 @@ from groundstation.alarms.alarms import AlarmLine
 from groundstation.fleet.operator_control import Control
 from groundstation.fleet.satellite_words import satellite_words
 from groundstation.fleet.state import FleetState, LoggedEvent, Separation, VehicleView
+from groundstation.scene.ground_tiles import GroundTiles, ground_message
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
 from onboard.config.flight_space import flight_space_of
@@ -26,12 +27,15 @@ _STILL_M_S = 0.05
 Message = dict[str, Any]
 
 
-def fleet_message(fleet: FleetConfig, *, can_order: bool) -> Message:
+def fleet_message(
+    fleet: FleetConfig, *, can_order: bool, ground: GroundTiles | None = None
+) -> Message:
     """Return what does not change while a page is open.
 
     Args:
         fleet: the fleet file.
         can_order: whether this server takes orders from its pages.
+        ground: pictures that the server has of the ground.
     """
     section = fleet.fleet
     vehicles = [fleet.vehicles[name] for name in fleet.enabled_names]
@@ -56,6 +60,7 @@ def fleet_message(fleet: FleetConfig, *, can_order: bool) -> Message:
             {**one._asdict(), "name": one.name[:_MOST_TEXT]}
             for one in flight_space_of(fleet).outlines()
         ],
+        "ground": ground_message(ground, is_inside_page=False),
         "formations": sorted({*fleet.formations, *fleet.shapes}),
     }
 

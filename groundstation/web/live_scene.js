@@ -18,6 +18,7 @@ globalThis.Covey ??= {};
       this._trails = new Map(); // name -> list of [time_s, position]
       Covey.moveByPointer(canvas, this.scene.camera, () => this.redraw());
       this._last = null;
+      this._ground = new Covey.Ground(fleet.ground, () => this.redraw());
       this.fit();
     }
 
@@ -55,6 +56,7 @@ globalThis.Covey ??= {};
       const [least, most] = this._fleet.fence_enu_m;
 
       scene.begin();
+      this._ground.draw(scene);
       scene.ground(least, most, Covey.rgb(Covey.colour("ground")));
       scene.box(least, most, Covey.rgb(Covey.colour("ground")), { opacity: 0.35 });
       for (const area of this._fleet.areas) {

@@ -23,6 +23,7 @@ from urllib.parse import urlsplit
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
+from groundstation.scene.ground_tiles import GroundTiles
 from groundstation.scene.static_files import text_of
 from groundstation.web.live_feed import LiveFeed, TooSlow
 from groundstation.web.order_cards import OrderCards
@@ -35,7 +36,7 @@ MAX_MESSAGE_BYTES = 4096  # from a page
 MAX_ORDER_CHARACTERS = 500
 _HEARTBEAT_S = 15.0
 _CLOSE_S = 3.0
-_SHARED_SCRIPTS = ("elements.js", "colours.js", "camera.js", "scene.js")
+_SHARED_SCRIPTS = ("elements.js", "colours.js", "camera.js", "scene.js", "ground.js")
 _OWN_SCRIPTS = ("live_scene.js", "live.js")
 _SHARED_STYLE = "page.css"
 _OWN_STYLE = "live.css"
@@ -72,15 +73,23 @@ class PageServer:
         title: of the page.
         feed: what the page of a fleet shows; None serves ``page`` alone.
         page: a finished page in its place.
+        ground: pictures of the ground, which the page asks for by their numbers.
         key: first part of every path; without it nothing is served. Empty: there is none.
     """
 
     def __init__(
-        self, *, title: str, feed: LiveFeed | None = None, page: str = "", key: str = ""
+        self,
+        *,
+        title: str,
+        feed: LiveFeed | None = None,
+        page: str = "",
+        ground: GroundTiles | None = None,
+        key: str = "",
     ) -> None:
         self._title = title
         self._feed = feed
         self._finished_page = page
+        self._ground = ground
         self._key = key
         self._sockets: set[web.WebSocketResponse] = set()
         self._runner: web.AppRunner | None = None
@@ -101,6 +110,7 @@ class PageServer:
         if self._feed is not None:
             app.router.add_get(f"{base}/ws", self._socket)
             app.router.add_get(f"{base}/files/{{name:.+}}", _file)
+            app.router.add_get(f"{base}/tiles/{{number:[0-9]{{1,4}}}}", self._tile)
 
         runner = web.AppRunner(app, access_log=None, shutdown_timeout=_CLOSE_S)
         self._runner = runner
@@ -143,6 +153,14 @@ class PageServer:
         page = Template(_own_text("live.html"))
         text = page.substitute(title=html.escape(self._title), scripts=scripts, styles=styles)
         return web.Response(text=text, content_type="text/html")
+
+    async def _tile(self, request: web.Request) -> web.Response:
+        """Return one picture of the ground."""
+        tiles = self._ground.tiles if self._ground is not None else ()
+        number = int(request.match_info["number"])
+        if number >= len(tiles):
+            raise web.HTTPNotFound(text="There is no such tile.")
+        return web.Response(body=tiles[number].png, content_type="image/png")
 
     async def _socket(self, request: web.Request) -> web.StreamResponse:
         """Serve one page for as long as it is open."""

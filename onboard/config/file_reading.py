@@ -53,6 +53,9 @@ KEY_FILE = FileKind("file", 64_000, "Copy it again, or issue it anew.")
 # A base sends a kilobyte a second: an hour takes 4 MB.
 RTCM_FILE = FileKind("recording of RTCM", 64 * _MB, "Correct corrections.address.")
 PASSWORD_FILE = FileKind("file with a password", 4_000, "Correct corrections.password_file.")
+# A tile of 256 pixels takes 20 to 120 kB.
+MAP_TILE = FileKind("tile", 1 * _MB, "Export the tiles again.")
+TILE_ATTRIBUTION = FileKind("attribution of tiles", 4_000, "Write who made them in a line.")
 # A map of 10,000 cells takes 5 MB.
 RESULTS_FILE = FileKind("file", 64 * _MB, "Name a file of covey simulate --map.")
 # a flight takes 1 kB

@@ -16,6 +16,7 @@ import pytest_asyncio
 
 from groundstation.client.client import FleetClient
 from groundstation.orders.forecast import Forecast
+from groundstation.scene.ground_tiles import GroundTile, GroundTiles
 from groundstation.web import live_feed, page_server
 from groundstation.web.live_feed import LiveFeed
 from groundstation.web.page_server import PageServer, require_loopback
@@ -46,12 +47,14 @@ class Calm:
         return
 
 
-async def serve(fleet: FleetConfig, *, can_order: bool, key: str = "") -> AsyncIterator[Served]:
+async def serve(
+    fleet: FleetConfig, *, can_order: bool, key: str = "", ground: GroundTiles | None = None
+) -> AsyncIterator[Served]:
     bus: Any = FakeBus(fleet, has_truth=True)
     client = FleetClient(fleet, author="ada", operates=can_order, bus=bus)
     forecaster: Any = Calm()
-    feed = LiveFeed(fleet, client, can_order=can_order, forecaster=forecaster)
-    server = PageServer(title='a <b>"fleet"', feed=feed, key=key)
+    feed = LiveFeed(fleet, client, can_order=can_order, forecaster=forecaster, ground=ground)
+    server = PageServer(title='a <b>"fleet"', feed=feed, ground=ground, key=key)
     address = await server.start("127.0.0.1", 0)
     await feed.start()
     beat = asyncio.create_task(bus.beat())
@@ -355,3 +358,29 @@ async def test_of_states_that_wait_a_page_gets_the_newest_only() -> None:
 def test_the_page_is_for_this_machine_only(host: str) -> None:
     with pytest.raises(ConfigError, match="for this machine only"):
         require_loopback(host)
+
+
+async def test_pictures_of_the_ground_come_from_this_server_behind_its_key(
+    fleet: FleetConfig,
+) -> None:
+    corners = ((-9.0, 9.0), (9.0, 9.0), (-9.0, -9.0), (9.0, -9.0))
+    ground = GroundTiles("Ada", (GroundTile(corners_enu_m=corners, png=b"a picture"),))
+    async for served in serve(fleet, can_order=True, key="secret", ground=ground):
+        async with aiohttp.ClientSession() as session:
+            async with session.ws_connect(urljoin(served.address, "ws")) as socket:
+                told = json.loads(await socket.receive_str())
+            assert told["ground"]["attribution"] == "Ada"
+            (tile,) = told["ground"]["tiles"]
+            assert tile["corners_enu_m"] == [list(corner) for corner in corners]
+
+            async with session.get(urljoin(served.address, tile["source"])) as answer:
+                assert (answer.status, answer.content_type) == (200, "image/png")
+                assert await answer.read() == b"a picture"
+                assert "img-src 'self' data:" in answer.headers["Content-Security-Policy"]
+            for path, status in (
+                ("tiles/1", 404),
+                ("tiles/..%2f..%2fsecret", 404),
+                ("/tiles/0", 403),
+            ):
+                async with session.get(urljoin(served.address, path)) as answer:
+                    assert answer.status == status

@@ -1,0 +1,231 @@
+"""Pictures of the ground for the scene, from a folder of tiles on this computer.
+
+The folder is what tools for maps write, ``{z}/{x}/{y}.png`` in Web Mercator: y counts from the
+north (XYZ, not TMS). Those tiles are taken that cover the fence, of the finest zoom at which they
+are few enough. Nothing is fetched from anywhere: a tile that the folder lacks is left out.
+
+Who made the pictures says so in ``attribution.txt`` beside them, and the scene shows it.
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from onboard.config.earth import Origin, east_north_m, latitude_longitude_deg
+from onboard.config.file_reading import MAP_TILE, TILE_ATTRIBUTION, read_bytes, read_text
+from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.plain_text import plain_line
+
+ATTRIBUTION_NAME = "attribution.txt"
+MOST_TILES = 64
+MOST_BYTES = 8_000_000  # of all tiles together
+_MOST_ZOOM = 24
+_MOST_SIDE_PX = 1024
+_MOST_LETTERS = 200  # of the attribution
+_MARGIN = 0.15  # of the fence's size, around it
+_MERCATOR_LATITUDE_DEG = 85.05  # beyond it Web Mercator has no tiles
+_PNG_BEGIN = b"\x89PNG\r\n\x1a\n"
+_HEADER_BYTES = 24  # of a PNG, up to its size in pixels
+
+
+class GroundTile(NamedTuple):
+    """One picture."""
+
+    corners_enu_m: tuple[tuple[float, float], ...]  # north-west, north-east, south-west, south-east
+    png: bytes
+
+
+class GroundTiles(NamedTuple):
+    """Pictures of the ground below a fleet."""
+
+    attribution: str
+    tiles: tuple[GroundTile, ...]
+
+
+class _Address(NamedTuple):
+    zoom: int
+    x: int
+    y: int
+
+
+def read_ground_tiles(folder: Path, fleet: FleetConfig) -> GroundTiles:
+    """Return the tiles of a folder that cover a fleet's fence.
+
+    Args:
+        folder: with ``{z}/{x}/{y}.png``.
+        fleet: with an ``origin`` on Earth.
+
+    Raises:
+        ConfigError: the fleet has no origin, no tile covers its fence, one is no PNG or too large,
+            or all together are.
+    """
+    origin = fleet.fleet.origin
+    if isinstance(origin, str):
+        raise ConfigError(
+            f"--tiles: fleet '{fleet.fleet.name}' has no origin on Earth, so nobody knows which "
+            "ground lies below it. Write origin = { latitude_deg = ..., longitude_deg = ..., "
+            "altitude_m = ... } in [fleet]."
+        )
+    if not folder.is_dir():
+        raise ConfigError(f"--tiles {folder}: there is no such folder.")
+
+    present = [one for one in _wanted(folder, fleet, origin) if _path_of(folder, one).exists()]
+    if not present:
+        raise ConfigError(_no_tiles_words(folder, fleet, origin))
+
+    bytes_left = MOST_BYTES
+    tiles = []
+    for address in present:
+        png = _png(_path_of(folder, address))
+        bytes_left -= len(png)
+        if bytes_left < 0:
+            raise ConfigError(
+                f"--tiles {folder}: the tiles of zoom {address.zoom} that cover the fence have more"
+                f" than {MOST_BYTES // 1_000_000} MB. Leave this zoom out of the folder, or pack "
+                "its tiles smaller."
+            )
+        tiles.append(GroundTile(corners_enu_m=_corners(address, origin), png=png))
+    return GroundTiles(attribution=_attribution(folder), tiles=tuple(tiles))
+
+
+def ground_message(ground: GroundTiles | None, *, is_inside_page: bool) -> dict[str, Any] | None:
+    """Return the pictures as the scene's script takes them.
+
+    Args:
+        ground: the pictures; None: there are none.
+        is_inside_page: the page holds them itself; otherwise it asks its server for them.
+    """
+    if ground is None:
+        return None
+
+    tiles = []
+    for number, tile in enumerate(ground.tiles):
+        source = f"tiles/{number}"
+        if is_inside_page:
+            source = f"data:image/png;base64,{base64.b64encode(tile.png).decode('ascii')}"
+        tiles.append({"source": source, "corners_enu_m": tile.corners_enu_m})
+    return {"attribution": ground.attribution, "tiles": tiles}
+
+
+# -- which tiles -----------------------------------------------------------------------------------
+
+
+def _wanted(folder: Path, fleet: FleetConfig, origin: Origin) -> list[_Address]:
+    """Return the addresses that cover the fence, of the finest zoom that has some and not many."""
+    for zoom in sorted(_zooms(folder), reverse=True):
+        addresses = list(_covering(zoom, fleet, origin))
+        if len(addresses) <= MOST_TILES and any(
+            _path_of(folder, one).exists() for one in addresses
+        ):
+            return addresses
+    return []
+
+
+def _zooms(folder: Path) -> Iterator[int]:
+    for path in folder.iterdir():
+        is_number = path.name.isascii() and path.name.isdigit() and len(path.name) < 3
+        if is_number and int(path.name) <= _MOST_ZOOM and path.is_dir():
+            yield int(path.name)
+
+
+def _covering(zoom: int, fleet: FleetConfig, origin: Origin) -> Iterator[_Address]:
+    """Yield the tiles of a zoom that touch the fence, one more than allowed at most."""
+    count = 2**zoom
+    columns_rows = [_tile_share(origin, corner, count) for corner in _fence_corners(fleet)]
+    x_middle, _ = _tile_share(origin, (0.0, 0.0), count)
+
+    # by the shorter way around the Earth, also across the date line
+    columns = [x_middle + _wrapped(x - x_middle, count) for x, _ in columns_rows]
+    rows = [y for _, y in columns_rows]
+    first_x, last_x = math.floor(min(columns)), math.floor(max(columns))
+    first_y, last_y = max(0, math.floor(min(rows))), min(count - 1, math.floor(max(rows)))
+
+    found = 0
+    for x in range(first_x, last_x + 1):
+        for y in range(first_y, last_y + 1):
+            yield _Address(zoom=zoom, x=x % count, y=y)
+            found += 1
+            if found > MOST_TILES:
+                return
+
+
+def _fence_corners(fleet: FleetConfig) -> Iterator[tuple[float, float]]:
+    """Yield the corners of the fence with a margin, east and north."""
+    fence = fleet.fleet.geofence_m
+    size_m = max(fence.x[1] - fence.x[0], fence.y[1] - fence.y[0])
+    margin_m = _MARGIN * size_m
+    for east in (fence.x[0] - margin_m, fence.x[1] + margin_m):
+        for north in (fence.y[0] - margin_m, fence.y[1] + margin_m):
+            yield east, north
+
+
+def _tile_share(origin: Origin, east_north: tuple[float, float], count: int) -> tuple[float, float]:
+    """Return column and row of a point in Web Mercator, with their fractions."""
+    latitude_deg, longitude_deg = latitude_longitude_deg(origin, *east_north)
+    latitude_deg = min(max(latitude_deg, -_MERCATOR_LATITUDE_DEG), _MERCATOR_LATITUDE_DEG)
+    northwards = math.asinh(math.tan(math.radians(latitude_deg))) / math.pi
+    return (longitude_deg + 180.0) / 360.0 * count, (1.0 - northwards) / 2.0 * count
+
+
+def _wrapped(columns: float, count: int) -> float:
+    return math.remainder(columns, count)
+
+
+def _corners(address: _Address, origin: Origin) -> tuple[tuple[float, float], ...]:
+    count = 2**address.zoom
+    corners = []
+    for row in (address.y, address.y + 1):
+        latitude_deg = math.degrees(math.atan(math.sinh(math.pi * (1.0 - 2.0 * row / count))))
+        for column in (address.x, address.x + 1):
+            longitude_deg = 360.0 * column / count - 180.0
+            east_m, north_m = east_north_m(origin, latitude_deg, longitude_deg)
+            corners.append((round(east_m, 3), round(north_m, 3)))
+    return tuple(corners)
+
+
+def _path_of(folder: Path, address: _Address) -> Path:
+    return folder / str(address.zoom) / str(address.x) / f"{address.y}.png"
+
+
+def _no_tiles_words(folder: Path, fleet: FleetConfig, origin: Origin) -> str:
+    """Return the refusal of a folder of which no tile covers the fence, with one that would."""
+    zooms = [zoom for zoom in range(_MOST_ZOOM + 1) if _is_few(zoom, fleet, origin)]
+    finest = next(_covering(zooms[-1], fleet, origin))
+    return (
+        f"--tiles {folder}: no tile of it covers the fence. Wanted are PNGs by zoom, column and row"
+        f" counted from the north, such as {finest.zoom}/{finest.x}/{finest.y}.png, of one zoom up "
+        f"to {finest.zoom}."
+    )
+
+
+def _is_few(zoom: int, fleet: FleetConfig, origin: Origin) -> bool:
+    return len(list(_covering(zoom, fleet, origin))) <= MOST_TILES
+
+
+# -- files -----------------------------------------------------------------------------------------
+
+
+def _png(path: Path) -> bytes:
+    data = read_bytes(path, MAP_TILE)
+    if len(data) < _HEADER_BYTES or not data.startswith(_PNG_BEGIN):
+        raise ConfigError(f"{path} is no PNG. Export the tiles as PNG.")
+
+    width_px, height_px = struct.unpack(">II", data[16:_HEADER_BYTES])
+    if not 1 <= width_px <= _MOST_SIDE_PX or not 1 <= height_px <= _MOST_SIDE_PX:
+        raise ConfigError(
+            f"{path} has {width_px} x {height_px} pixels; {_MOST_SIDE_PX} a side are the most."
+            " Export tiles of 256 or 512."
+        )
+    return data
+
+
+def _attribution(folder: Path) -> str:
+    path = folder / ATTRIBUTION_NAME
+    if not path.exists():
+        return ""
+    return plain_line(" ".join(read_text(path, TILE_ATTRIBUTION).split()))[:_MOST_LETTERS]
