@@ -102,6 +102,11 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
                     "the fence of a QGroundControl .plan or GeoJSON, for a fleet file",
                     "fence:fence",
                 ),
+                Command(
+                    "spots",
+                    "take-off spots where the vehicles stand, for a fleet file",
+                    "spots:spots",
+                ),
             ),
         ),
     ),

@@ -39,9 +39,22 @@ def write_changes(path: Path, changes: Mapping[str, Any]) -> None:
     Raises:
         ConfigError: the file would be wrong with them, or cannot be written; it is as it was.
     """
+    write_text(path, checked_edit(path, changes))
+
+
+def checked_edit(path: Path, changes: Mapping[str, Any]) -> str:
+    """Return the text of a fleet file with values changed.
+
+    Args:
+        path: of the file.
+        changes: as in :func:`edited`.
+
+    Raises:
+        ConfigError: the file would be wrong with them.
+    """
     text = edited(read_text(path, FLEET_FILE), changes)
     fleet_from_mapping(tomllib.loads(text), path=str(path))
-    write_text(path, text)
+    return text
 
 
 def checked_text(path: Path, more: str) -> str:

@@ -1,0 +1,90 @@
+"""Positions of vehicles that stand, as they report them for some time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from groundstation.client.client import FleetClient
+from groundstation.fleet.state import FleetState
+from onboard.bus.schema import Telemetry, Vec3
+from onboard.config.fleet import ConfigError
+from onboard.safety.failsafe_table import Condition
+
+CONNECT_S = 3.0  # until the vehicles are heard
+# with which a position is worth nothing
+_POOR = (
+    Condition.POSITION_STALE,
+    Condition.POSITION_LOST,
+    Condition.POSITION_INACCURATE,
+    Condition.POSITION_UNFIT,
+    Condition.SATELLITES_LOST,
+)
+
+
+async def standing_positions(
+    client: FleetClient, names: Sequence[str], duration_s: float
+) -> dict[str, list[Vec3]]:
+    """Connect, collect positions of vehicles that stand, and disconnect.
+
+    Args:
+        client: not started.
+        names: of the vehicles.
+        duration_s: for which positions are collected.
+
+    Returns:
+        name -> positions, one for each telemetry.
+
+    Raises:
+        ConfigError: a vehicle is not heard, flies or is armed, or does not know its position well.
+    """
+    positions: dict[str, list[Vec3]] = {name: [] for name in names}
+    newest: dict[str, int] = {}
+    refusals: list[str] = []
+
+    def look(state: FleetState) -> None:
+        for name in names:
+            telemetry = state.vehicles[name].telemetry
+            if telemetry is None or newest.get(name) == telemetry.sequence:
+                continue
+            newest[name] = telemetry.sequence
+            refusal = _refusal(telemetry)
+            if refusal:
+                refusals.append(refusal)
+            else:
+                positions[name].append(telemetry.position_enu_m)
+
+    await client.start()
+    try:
+        await client.wait_for(lambda state: _are_heard(state, names), CONNECT_S)
+        silent = [name for name in names if client.state.vehicles[name].telemetry is None]
+        if silent:
+            raise ConfigError(
+                f"Not heard: {', '.join(silent)}. Start their agents, or name the others with "
+                "--vehicles."
+            )
+        client.add_listener(look)
+        await client.wait_for(lambda _: bool(refusals), duration_s)
+    finally:
+        await client.stop()
+
+    if refusals:
+        raise ConfigError(refusals[0])
+    return positions
+
+
+def _are_heard(state: FleetState, names: Sequence[str]) -> bool:
+    return all(state.vehicles[name].telemetry is not None for name in names)
+
+
+def _refusal(telemetry: Telemetry) -> str:
+    """Return why a vehicle's position is no spot; empty where it is one."""
+    name = telemetry.vehicle
+    if telemetry.is_airborne or telemetry.is_armed:
+        does = "flies" if telemetry.is_airborne else "is armed"
+        return f"{name} {does}: spots are surveyed while all stand disarmed. Land it first."
+
+    poor = [one.value for one in _POOR if one.value in telemetry.conditions]
+    if poor or not telemetry.is_position_valid:
+        why = ", ".join(poor) or "it has no valid position"
+        return f"{name} does not know well where it is: {why}. See covey check vehicles."
+    return ""
