@@ -7,8 +7,9 @@ Examples:
 
 Every standing vehicle's position is averaged; the table says how far they are
 spread. Without --write nothing is changed. Refused in flight, while armed, without
-a good position, and where two stand too near to each other to take off. Exit
-status: 0 fine; 2 wrong input or refused, nothing written.
+a good position, and where two stand too near to each other to take off.
+
+Exit status: 0 fine; 2 wrong input or refused, nothing written.
 """
 
 from __future__ import annotations

@@ -92,12 +92,13 @@ def refuse_poor_spots(
     places = {name: fleet.vehicles[name].start_enu_m[:2] for name in fleet.enabled_names}
     places |= {spot.name: (spot.east_m, spot.north_m) for spot in spots}
     least_m = parking_distance_m(fleet)
-    pairs = itertools.combinations(places, 2)
-    nearest = min(pairs, key=lambda pair: math.dist(*map(places.get, pair)), default=None)
-    if nearest is None:
+    apart = [
+        (math.dist(places[first], places[second]), first, second)
+        for first, second in itertools.combinations(places, 2)
+    ]
+    if not apart:
         return
-    first, second = nearest
-    apart_m = math.dist(places[first], places[second])
+    apart_m, first, second = min(apart)
     if apart_m < least_m:
         raise ConfigError(
             f"{first} and {second} stand {apart_m:.2f} m apart; to take off, the law needs "
