@@ -92,7 +92,6 @@ if TYPE_CHECKING:
 _SHORTEST_S = 0.005  # time that one tick integrates over
 _LONGEST_S = 0.1
 _STILL_M_S = (0.0, 0.0, 0.0)
-_CORRECTIONS_TICKS = 5  # from one look at the corrections to the next
 _IN_AIR = (Landed.IN_AIR, Landed.TAKING_OFF, Landed.LANDING)
 _MAY_END = (Situation.GROUND, Situation.SILENT)
 
@@ -136,7 +135,7 @@ class AgentCore:
         self.neighbours = NeighbourTable(fleet, vehicle_name)
         self.nodes = BusNodes(fleet, vehicle_name)
         self.corrections = _intake_of(taken_corrections)
-        self._corrections_status: CorrectionsStatus | None = None  # of the newest look at it
+        self._corrections_status: CorrectionsStatus | None = None  # at the newest tick
         self._snapshot = Snapshot()  # of PX4, as far as it is believed
 
         # what it decides
@@ -179,8 +178,6 @@ class AgentCore:
             corrections_counts=tuple(counts),
         )
         self._publisher = TelemetryPublisher(self.identity, sources, fleet.state_ticks)
-
-        self._corrections_ticks = 0
 
         # as the inputs have said last
         self._is_stopping = False  # the agent is asked to end
@@ -230,8 +227,8 @@ class AgentCore:
         self._ages_s = self.neighbours.followed_ages_s(now_ns)
         self._distances_m = self.neighbours.distances_m(view.position_enu_m, now_ns)
 
-        # What do the satellites say?
-        if self.corrections is not None and self._is_corrections_tick():
+        # How old are the corrections, and whose?
+        if self.corrections is not None:
             self._corrections_status = self.corrections.status(self._snapshot, now_ns)
 
         # What is wrong? On the ground also: may we take off?
@@ -259,11 +256,6 @@ class AgentCore:
         events = self.nodes.lost_ends.pass_on(flight.take_commands(), now_ns)
         requests = self._requests(view, was_on_ground=was_on_ground)
         return [*messages.telemetry, *events, *setpoint, *messages.others, *requests]
-
-    def _is_corrections_tick(self) -> bool:
-        """Whether the corrections are looked at: ten times a second is enough."""
-        self._corrections_ticks = (self._corrections_ticks + 1) % _CORRECTIONS_TICKS
-        return self._corrections_ticks == 1
 
     def _measure_period(self, now_ns: int) -> float:
         """Note the time since the last tick; return the part of it that a tick integrates over."""

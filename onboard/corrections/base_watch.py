@@ -28,6 +28,7 @@ class BaseWatch:
 
     def __init__(self, corrections: CorrectionsConfig) -> None:
         self.base: BasePosition | None = None  # the one that is believed
+        self.base_deg: tuple[float, float] = (math.nan, math.nan)  # its latitude and longitude
         self.judgement = FINE  # of the newest position
         self._corrections = corrections
         self._moved_ns: int | None = None  # when the believed position changed last
@@ -48,6 +49,8 @@ class BaseWatch:
             self._moved_ns = now_ns
         if self.base is None or self._is_another(position):
             self.base = position
+            latitude_deg, longitude_deg, _ = position.latitude_longitude_height
+            self.base_deg = (latitude_deg, longitude_deg)
         return True
 
     def unsteady_s(self, now_ns: int) -> float | None:
@@ -97,14 +100,13 @@ class BaseWatch:
         return math.hypot(east_m, north_m, up_m)
 
 
-def base_distance_m(base: BasePosition, latitude_deg: float, longitude_deg: float) -> float:
-    """Return the distance on the ground from a vehicle to its base.
+def distance_m(base_deg: tuple[float, float], vehicle_deg: tuple[float, float]) -> float:
+    """Return the distance on the ground between a base and a vehicle.
 
     Args:
-        base: that is believed.
-        latitude_deg: of the vehicle.
-        longitude_deg: of the vehicle.
+        base_deg: latitude and longitude of the base.
+        vehicle_deg: latitude and longitude of the vehicle.
     """
+    latitude_deg, longitude_deg = vehicle_deg
     vehicle = Origin(latitude_deg=latitude_deg, longitude_deg=longitude_deg, altitude_m=0.0)
-    base_latitude_deg, base_longitude_deg, _ = base.latitude_longitude_height
-    return math.hypot(*east_north_m(vehicle, base_latitude_deg, base_longitude_deg))
+    return math.hypot(*east_north_m(vehicle, *base_deg))

@@ -22,7 +22,7 @@ from onboard.bus.topics import TOPICS, Topic
 from onboard.config.corrections import CorrectionsConfig
 from onboard.config.earth import Origin, latitude_longitude_deg
 from onboard.corrections import rtcm
-from onboard.corrections.base_watch import BaseWatch, base_distance_m
+from onboard.corrections.base_watch import BaseWatch, distance_m
 from onboard.corrections.fragments import MOST_BYTES, SEQUENCES, Fragment, fragments_of
 from onboard.corrections.status import CorrectionsStatus
 from onboard.message_counts import MessageCounts
@@ -159,13 +159,13 @@ class CorrectionsIntake:
             age_s = max(0.0, (now_ns - self._observed_ns) * 1e-9)
 
         base_id = -1
-        distance_m = math.nan
+        base_distance_m = math.nan
         base = self._watch.base
         if base is not None:
             base_id = base.station
             place_deg = _place_deg(snapshot)
             if place_deg is not None:
-                distance_m = base_distance_m(base, *place_deg)
+                base_distance_m = distance_m(self._watch.base_deg, place_deg)
 
         several_ns = self._several_ns
         too_long_bytes, too_long_ns = self._too_long
@@ -174,7 +174,7 @@ class CorrectionsIntake:
         return CorrectionsStatus(
             age_s=age_s,
             base_id=base_id,
-            base_distance_m=distance_m,
+            base_distance_m=base_distance_m,
             base=self._watch.judgement,
             unsteady_s=self._watch.unsteady_s(now_ns),
             has_several_sources=several_ns is not None and now_ns - several_ns < _SEVERAL_NS,
