@@ -8,8 +8,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from onboard.bus.schema import Telemetry
 from onboard.config.fleet import CorrectionsConfig, FleetConfig, load_fleet
-from onboard.corrections.base_watch import BaseWatch
+from onboard.corrections.base_watch import FINE, BaseWatch
 from sitl.faults.catalogue import Fault
 from sitl.lockstep.flight import Lockstep
 
@@ -26,8 +27,14 @@ def outdoors() -> FleetConfig:
     return msgspec.structs.replace(fleet, corrections=corrections)
 
 
+def telemetry(flight: Lockstep, vehicle: str) -> Telemetry:
+    last = flight.state.vehicles[vehicle].telemetry
+    assert last is not None
+    return last
+
+
 def fixes(flight: Lockstep) -> list[str]:
-    return [view.telemetry.fix for view in flight.state.vehicles.values()]
+    return [telemetry(flight, name).fix for name in flight.state.vehicles]
 
 
 def codes(flight: Lockstep, vehicle: str) -> set[str]:
@@ -36,8 +43,10 @@ def codes(flight: Lockstep, vehicle: str) -> set[str]:
 
 def off_m(flight: Lockstep, vehicle: str) -> float:
     """How far a vehicle is from where it believes to be, horizontally."""
-    view = flight.state.vehicles[vehicle]
-    return math.dist(view.truth.position_enu_m[:2], view.telemetry.position_enu_m[:2])
+    truth = flight.state.vehicles[vehicle].truth
+    assert truth is not None
+    believed_enu_m = telemetry(flight, vehicle).position_enu_m
+    return math.dist(truth.position_enu_m[:2], believed_enu_m[:2])
 
 
 def test_nobody_takes_off_before_the_fix_and_with_it_vehicles_are_where_they_believe(
@@ -46,10 +55,8 @@ def test_nobody_takes_off_before_the_fix_and_with_it_vehicles_are_where_they_bel
     flight = lockstep(outdoors, seed=1)
     flight.run(5.0)
     assert fixes(flight) == ["RTK float"] * 3
-    assert all(
-        "demands RTK fixed" in view.telemetry.not_ready[0]
-        for view in flight.state.vehicles.values()
-    )
+    for name in flight.state.vehicles:
+        assert "demands RTK fixed" in telemetry(flight, name).not_ready[0]
     flight.takeoff(1.5)
     assert fixes(flight) == ["RTK fixed"] * 3
     flight.run(3.0)
@@ -64,12 +71,12 @@ def test_corrections_that_end_slow_a_vehicle_and_hold_it_when_its_position_is_co
     flight.takeoff(1.5)
     flight.inject(Fault("corrections_lost", "mav1", flight.time_s))
     assert flight.until(lambda _: "fix-fell-back" in codes(flight, "mav1"), 8.0)
-    view = flight.state.vehicles["mav1"]
-    assert (view.telemetry.state, view.telemetry.action) == ("flying", "flying slowly")
-    assert flight.until(lambda state: state.vehicles["mav1"].telemetry.state == "holding", 12.0)
+    told = telemetry(flight, "mav1")
+    assert (told.state, told.action) == ("flying", "flying slowly")
+    assert flight.until(lambda _: telemetry(flight, "mav1").state == "holding", 12.0)
     assert "fix-coarse" in codes(flight, "mav1")
     for name in ("mav0", "mav2"):
-        assert flight.state.vehicles[name].telemetry.state == "flying"
+        assert telemetry(flight, name).state == "flying"
         assert "fix-fell-back" not in codes(flight, name)
     flight.land()
 
@@ -77,7 +84,7 @@ def test_corrections_that_end_slow_a_vehicle_and_hold_it_when_its_position_is_co
 def test_with_a_tenth_of_all_datagrams_lost_no_frame_is_mixed_and_the_fix_stays(lockstep, outdoors):
     flight = lockstep(outdoors, seed=3)
     for name in flight.state.vehicles:
-        parameters = {"link": "companion", "direction": "in", "share": 0.1}
+        parameters: dict[str, float | str] = {"link": "companion", "direction": "in", "share": 0.1}
         flight.inject(Fault("link_loss", name, 0.0, parameters=parameters))
     flight.takeoff(1.5)
     flight.run(20.0)
@@ -95,13 +102,7 @@ def test_a_base_that_says_another_place_moves_nobody_who_does_not_believe_it(
 ):
     """Whoever believes it flies away by as much: that is what the judgement of a base prevents."""
     if is_believed:
-        monkeypatch.setattr(
-            BaseWatch,
-            "hear",
-            lambda watch, position, *_, **__: (
-                bool(setattr(watch, "base", watch.base or position)) or True
-            ),
-        )
+        monkeypatch.setattr(BaseWatch, "_judge", lambda *_, **__: FINE)
     flight = lockstep(outdoors, seed=4)
     flight.takeoff(1.5)
     flight.inject(Fault("base_moved", "mav0", flight.time_s, parameters={"east_m": 2.5}))
