@@ -145,10 +145,7 @@ class MissionOrders:
             self._say(refusal)
 
     def _line_of(self, run: MissionRun) -> str:
-        countdown = run.fleet.ground.countdown
-        if countdown is not None:
-            return countdown.line
-        return self._line
+        return run.fleet.ground.live_line or self._line
 
     def stop_countdown(self) -> str:
         """End the countdown of the mission that counts down; return what became of it."""

@@ -264,9 +264,8 @@ class MissionFlight:
 
     def _progress(self) -> str:
         """Return one line about the mission, for the console."""
-        if self._run is not None and self._run.fleet.ground.countdown is not None:
-            return self._run.fleet.ground.countdown.line
-        return self._last_line
+        live_line = "" if self._run is None else self._run.fleet.ground.live_line
+        return live_line or self._last_line
 
     def _say(self, line: str) -> None:
         """Tell the progress: to the console or the output, and to all who are connected."""

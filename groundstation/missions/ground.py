@@ -49,6 +49,7 @@ class MissionGround:
         self.goes_on_without = False  # a vehicle that fails is left out; the others go on
         self.left_out_orders: list[str] = []  # by the operator, in words
         self.countdown: Countdown | None = None  # to a start at a time of the world's clock
+        self.pause_line = ""  # a pause of paths, in a few words
         self._is_stepping = False
         self._next = asyncio.Event()  # set by `go_on` and `leave_out_order`
         self._waiting: Intent | None = None  # the order that waits
@@ -161,6 +162,13 @@ class MissionGround:
         with self.counting(at, names) as countdown:
             await count_down(countdown, self.say)
             self.say(f"{at.words}. {clock_words(self.client.world, names)}")
+
+    @property
+    def live_line(self) -> str:
+        """What changes from second to second, in a few words for the title; or nothing."""
+        if self.countdown is not None:
+            return self.countdown.line
+        return self.pause_line
 
     def stop_countdown(self) -> bool:
         """End the countdown without a start, as an operator orders.

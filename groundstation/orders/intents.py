@@ -507,6 +507,7 @@ class Skip(Intent, frozen=True, kw_only=True):
     kind = "skip"
     usage = "skip [WHO], for instance: skip all"
     is_mission_step = False
+    is_previewed = True
     begins = "in air"
 
     timeout_s: float = 5.0

@@ -13,12 +13,15 @@ from collections.abc import Callable, Mapping
 from typing import Protocol
 
 from groundstation.fleet.state import FleetState
+from groundstation.orders.battery_reserve import Discharge, weakest
 from groundstation.orders.forecast import SEEDS, Forecast, Leg, objections
 from groundstation.orders.forecast_process import ForecastFailed
 from groundstation.orders.intents import Intent
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.preview import OrderPreview, changed, preview_order
 from onboard.config.fleet import FleetConfig
+
+_WITH_BATTERY = ("skip", "bring_home", "home")  # verbs whose preview shows the weakest battery
 
 
 class PlansOrders(Protocol):
@@ -168,10 +171,30 @@ class PreparedOrder:
             ]
         if math.isfinite(forecast.duration_s):
             lines.append(f"takes about {forecast.duration_s:.0f} s")
+        lines += self._battery_lines()
         if 0 < forecast.flight_count < len(SEEDS):
             times = "once" if forecast.flight_count == 1 else f"{forecast.flight_count} times"
             lines.append(f"flown ahead {times}")
         return lines
+
+    def _battery_lines(self) -> list[str]:
+        """Return the weakest battery, for orders that end a show or bring vehicles home."""
+        if self.intent.verb not in _WITH_BATTERY:
+            return []
+
+        reserve = weakest(
+            self.fleet,
+            self.client.state,
+            self.intent.names,
+            discharge=Discharge(),
+            now_ns=self.client.now_ns(),
+        )
+        if reserve is None:
+            return ["weakest battery: not told"]
+        return [
+            f"weakest battery: {reserve.name}, {reserve.has_pct:.0f} %",
+            f"leaves for home at {reserve.needs_pct:.0f} % at the latest",
+        ]
 
     def _closest_now(self) -> str:
         now = self.client.state.closest(self.client.now_ns())

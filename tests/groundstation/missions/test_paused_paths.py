@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.path_following import follow_paths
-from groundstation.missions.paused_paths import Discharge, weakest
+from groundstation.orders.battery_reserve import Discharge, weakest
 from groundstation.orders.grammar import parse
 from groundstation.orders.plan import plan_order
 from groundstation.orders.result import OrderFailed
@@ -42,6 +42,9 @@ async def test_the_weakest_needs_more_the_farther_it_is_and_the_shorter_its_batt
     assert reserve.name == "mav1"
     assert not reserve.is_used_up or reserve.needs_pct >= 35.0
     assert "the weakest battery is mav1's with 35 %" in str(reserve)
+    hover_s = 300.0  # of a battery about which the file says nothing
+    expected_s = max(0.0, 0.01 * (35.0 - reserve.needs_pct) * hover_s)
+    assert reserve.left_s == pytest.approx(expected_s)
 
     vehicles = {
         name: replace(vehicle, hover_time_s=3000.0) for name, vehicle in fleet.vehicles.items()
@@ -102,15 +105,23 @@ async def test_a_pause_ends_with_all_brought_home_when_the_weakest_must_leave(
         bus.tell(name, position_enu_m=(x, y, 1.0), goal_position_enu_m=(x, y, 1.0), **SHOW)
     bus.accept_only = {"follow_path"}  # it goes on until it is replaced
 
+    live_lines: list[str] = []
+
     async def pause() -> None:
         await asyncio.sleep(0.8)
         for name in fleet.enabled_names:
-            bus.tell(name, is_path_paused=True, battery_frac=0.24)
+            bus.tell(name, is_path_paused=True)
+        await asyncio.sleep(0.7)
+        live_lines.append(ground.live_line)
+        for name in fleet.enabled_names:
+            bus.tell(name, battery_frac=0.24)
 
     task = asyncio.create_task(pause())
     with pytest.raises(OrderFailed):
         await follow_paths(ground, paths, lights={}, on_lag="land", timeout_s=20.0)
     await task
+    assert live_lines[0].startswith("paused · mav0 90 %: all home at ")
+    assert ground.live_line == ""
     assert any("The pause ends: the weakest battery is" in line for line in lines)
     homes = [order for _, order in bus.orders if order.then_land]
     assert len(homes) == len(fleet.enabled_names)

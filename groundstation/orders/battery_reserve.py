@@ -1,4 +1,6 @@
-"""How long a pause may last: until the last moment at which the weakest still gets home. Pure.
+"""How long vehicles may stay up: until the last moment at which the weakest still gets home.
+
+Pure.
 
 A vehicle needs a share of its battery for its way to a take-off spot and for the landing there. It
 must leave before its charge has sunk to that share above the level at which it lands where it is.
@@ -28,6 +30,7 @@ class Reserve(NamedTuple):
     name: str
     has_pct: float
     needs_pct: float  # at this charge it has to leave
+    left_s: float  # until then, as its battery sinks
 
     @property
     def is_used_up(self) -> bool:
@@ -87,9 +90,12 @@ def weakest(
         way_s = way_home_s(fleet.vehicles[name], telemetry.position_enu_m)
         hover_s = fleet.vehicles[name].hover_time_s or ASSUMED_HOVER_S
         seen_1_s = discharge.rate_1_s(name, now_ns, telemetry.battery_frac)
-        way_pct = 100.0 * way_s * max(1.0 / hover_s, seen_1_s)
-        needs_pct = fleet.fleet.battery_land_pct + SPARE_PCT + way_pct
-        reserves.append(Reserve(name, 100.0 * telemetry.battery_frac, needs_pct))
+        rate_pct_s = 100.0 * max(1.0 / hover_s, seen_1_s)
+
+        has_pct = 100.0 * telemetry.battery_frac
+        needs_pct = fleet.fleet.battery_land_pct + SPARE_PCT + way_s * rate_pct_s
+        left_s = max(0.0, has_pct - needs_pct) / rate_pct_s
+        reserves.append(Reserve(name, has_pct, needs_pct, left_s))
     return min(reserves, key=lambda one: one.has_pct - one.needs_pct, default=None)
 
 
