@@ -51,12 +51,20 @@ class Command(NamedTuple):
 
 
 # What people want, and the commands for it, in the order of ``covey --help``. It fits a screen
-# of 24 lines of 80 characters: a sentence has at most 57 characters.
+# of 24 lines of 80 characters: a sentence has at most 55 characters.
 COMMANDS: dict[str, tuple[Command, ...]] = {
     "See": (
         Command("tui", "the console, attached to a fleet", "tui:tui"),
-        Command("web", "the fleet in a browser of this computer, live", "web:web"),
-        Command("foxglove", "the fleet live in Foxglove or Lichtblick", "foxglove:foxglove"),
+        Command(
+            "web",
+            "the fleet in a browser, live; web foxglove: in Foxglove",
+            "web:web",
+            parts=(
+                Command(
+                    "foxglove", "the fleet live in Foxglove or Lichtblick", "foxglove:foxglove"
+                ),
+            ),
+        ),
         Command("replay", "a recorded flight in the console", "replay:replay"),
         Command("report", "a recorded flight as a page that plays it", "report:report"),
         Command("log", "recorded flights: list, info, export for other programs", "log:app"),
@@ -66,7 +74,7 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
     "Fly": (
         Command(
             "demo",
-            "the paper's experiment in simulation; demo gallery: more",
+            "the paper's experiment, simulated; demo gallery: more",
             "demo:demo",
             parts=(
                 Command(
@@ -155,7 +163,7 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("mocap", "the relay from a motion capture to the fleet's bus", "mocap:mocap"),
         Command(
             "corrections",
-            "RTK corrections for the fleet: cable, NTRIP, TCP or a recording",
+            "RTK corrections for the fleet, from a cable, NTRIP, TCP",
             "corrections:corrections",
         ),
     ),
@@ -180,6 +188,7 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
 FORMER: dict[str, tuple[str, ...]] = {
     "attack": ("check", "attack"),
     "doctor": ("check", "computer"),
+    "foxglove": ("web", "foxglove"),
     "gallery": ("demo", "gallery"),
     "preflight": ("check", "vehicles"),
     "run": ("fly", "script"),
@@ -342,7 +351,7 @@ def front_text() -> str:
     for group, commands in COMMANDS.items():
         title = group
         for command in commands:
-            lines.append(f"{title:<12}{command.name:<10}{command.help}")
+            lines.append(f"{title:<12}{command.name:<12}{command.help}")
             title = ""
     return "\n".join(lines)
 

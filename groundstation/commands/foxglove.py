@@ -1,8 +1,8 @@
-"""``covey foxglove``: a flying fleet for Foxglove, Lichtblick and PlotJuggler, live.
+"""``covey web foxglove``: a flying fleet for Foxglove, Lichtblick and PlotJuggler, live.
 
 Examples:
-  covey foxglove --fleet fleet.toml
-  covey foxglove --fleet fleet.toml --port 0
+  covey web foxglove --fleet fleet.toml
+  covey web foxglove --fleet fleet.toml --port 0
 
 Open ws://127.0.0.1:8765 there as a "Foxglove WebSocket". The topics are those of
 covey log export --foxglove. It only watches, and takes nothing from who connects.

@@ -21,7 +21,7 @@ LEAST_SAMPLES = 5
 
 
 class SurveyedSpot(NamedTuple):
-    """Where one vehicle stands."""
+    """The place on which one vehicle stands."""
 
     name: str
     east_m: float
