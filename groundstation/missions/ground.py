@@ -165,7 +165,7 @@ class MissionGround:
 
     @property
     def live_line(self) -> str:
-        """What changes from second to second, in a few words for the title; or nothing."""
+        """A countdown or a pause in a few words for the title; empty without either."""
         if self.countdown is not None:
             return self.countdown.line
         return self.pause_line
