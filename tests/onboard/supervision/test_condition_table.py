@@ -293,6 +293,27 @@ JUST_NOT = [
         {"is_airborne": True, "nearest_m": LIMITS.safety_distance_m},
         {"is_airborne": True, "nearest_m": LIMITS.safety_distance_m - 0.001},
     ),
+    # both of two facts are needed
+    (
+        Condition.COLLISION_SUSPECTED,
+        {"is_airborne": True, "nearest_m": 2.0, "touched": "mav1"},
+        {"is_airborne": True, "nearest_m": 0.1, "touched": "mav1"},
+    ),
+    (
+        Condition.COLLISION_SUSPECTED,
+        {"is_airborne": True, "nearest_m": 0.1},
+        {"is_airborne": True, "nearest_m": 0.1, "touched": "mav1"},
+    ),
+    (
+        Condition.LAW_INFEASIBLE,
+        {"is_law_infeasible": True},
+        {"is_law_infeasible": True, "is_under_law": True},
+    ),
+    (
+        Condition.LAW_INFEASIBLE,
+        {"is_under_law": True},
+        {"is_law_infeasible": True, "is_under_law": True},
+    ),
 ]
 
 
@@ -305,6 +326,12 @@ def test_a_condition_begins_beyond_its_limit_and_not_at_it(
 
 
 # -- how long a cause has to hold ------------------------------------------------------------------
+
+
+def test_an_order_that_is_overdue_says_what_it_waits_for() -> None:
+    for said in ("", "kept off by mav1"):
+        held = ConditionMonitor(LIMITS).look(replace(FINE, overdue=said))
+        assert held == {Condition.ORDER_OVERDUE: said}
 
 
 def test_a_cause_counts_only_after_its_checks_in_a_row() -> None:
