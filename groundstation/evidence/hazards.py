@@ -11,9 +11,10 @@ table, or weakened, then contradicts what is claimed here, and shows red.
 Where a question is asked:
 
 * SORA 2.5: Annex A.4 is a matrix of requirements and where the operator answers them; the
-  requirements are operational safety objectives (OSO) and the containment of step 8.
-* CAP 722E: what the CAA of the United Kingdom asks of an operator of a swarm of multirotors in
-  visual line of sight, as a part of his safety case.
+  requirements are operational safety objectives (OSO) and the containment of step 8. OSO #13 is of
+  services that others provide: satellites are one, one's own motion capture or ground is none.
+* CAP 722E: what the CAA of the United Kingdom asks of an operator of rotary-wing aircraft that fly
+  as a swarm within visual line of sight, as a part of his safety case.
 * 14 CFR 107.35: nobody flies more than one drone at a time, unless a waiver says so; it is given to
   those who show how they remain safe.
 """
@@ -88,7 +89,7 @@ HAZARDS: tuple[Hazard, ...] = (
     Hazard(
         key="ground-fails",
         question="What happens when the ground station fails?",
-        asked_by=("SORA 2.5 OSO #05", "SORA 2.5 OSO #13", WAIVER),
+        asked_by=("SORA 2.5 OSO #05", WAIVER),
         claims={C.GROUND_LOST_LONG: _LAND, C.ORDER_OVERDUE: _HOLD},
         faults=(
             "ground starved",
@@ -135,7 +136,7 @@ HAZARDS: tuple[Hazard, ...] = (
     Hazard(
         key="tracking-lost",
         question="What happens when the motion capture loses one or all?",
-        asked_by=("SORA 2.5 OSO #13", SWARM),
+        asked_by=("SORA 2.5 OSO #05", SWARM),
         claims={
             C.POSITION_STALE: _GO_ON,
             C.POSITION_LOST: _LAND,
@@ -154,7 +155,7 @@ HAZARDS: tuple[Hazard, ...] = (
     Hazard(
         key="tracking-wrong",
         question="What happens when the motion capture is wrong?",
-        asked_by=("SORA 2.5 OSO #13", SWARM),
+        asked_by=("SORA 2.5 OSO #05", SWARM),
         claims={
             C.POSITION_JUMPED: _HOLD,
             C.MOCAP_SWAPPED: _HOLD,
