@@ -7,6 +7,7 @@ flight's own time in lockstep. A call from the script hands the coroutine over a
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import functools
 import inspect
 import signal
@@ -77,6 +78,8 @@ class BlockingFleet(_Blocking):
         ready_timeout_s: float | None = None,
     ) -> None:
         host = host_of(fleet)
+        self._host = host  # before it is connected: it may be ended while it waits for vehicles
+        self._is_connected = False
         self._end: asyncio.Event | None = None  # set to end the connection
         self._task: asyncio.Task[None] | None = None  # holds the connection open
         self._is_open = True
@@ -84,6 +87,7 @@ class BlockingFleet(_Blocking):
         close_at_end(self.close)
         _end_as_an_exception_does()
         super().__init__(host, host.call(self._begin(fleet, at_end, ready_timeout_s)))
+        self._is_connected = True
 
     def __getitem__(self, name: str) -> Any:
         return _Blocking(self._host, self._target[name])
@@ -141,8 +145,15 @@ class BlockingFleet(_Blocking):
         return await ready
 
     async def _finish(self) -> None:
-        if self._end is not None and self._task is not None:
+        if self._end is None or self._task is None:
+            return
+        if self._is_connected:
             self._end.set()
+            await self._task
+            return
+
+        self._task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
             await self._task
 
 

@@ -1,0 +1,59 @@
+"""A blocking script that is ended while it still waits for its vehicles."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Coroutine
+from typing import Any
+
+import pytest
+
+from groundstation.missions.api import Fleet
+from groundstation.missions.blocking import BlockingFleet
+from groundstation.missions.connection import close_all, hosted
+
+
+class EndedHost:
+    """Runs the first call until it waits, and is then ended as by SIGTERM."""
+
+    def __init__(self) -> None:
+        self.loop = asyncio.new_event_loop()
+        self.calls = 0
+
+    def call(self, coroutine: Coroutine[Any, Any, Any]) -> Any:
+        self.calls += 1
+        if self.calls > 1:
+            return self.loop.run_until_complete(asyncio.wait_for(coroutine, 5.0))
+        self.waiting = self.loop.create_task(coroutine)
+        self.loop.run_until_complete(asyncio.sleep(0.01))
+        raise SystemExit(143)
+
+    def end_calls(self) -> None:
+        self.waiting.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            self.loop.run_until_complete(self.waiting)
+        self.loop.close()
+
+
+def test_who_ends_it_while_it_waits_for_vehicles_sees_the_end_and_no_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    left: list[str] = []
+
+    @contextlib.asynccontextmanager
+    async def connect(*_: Any, **__: Any) -> AsyncIterator[None]:
+        try:
+            await asyncio.Event().wait()
+            yield
+        finally:
+            left.append("the fleet")
+
+    monkeypatch.setattr(Fleet, "connect", connect)
+    host: Any = EndedHost()
+    with hosted(host):
+        with pytest.raises(SystemExit):
+            BlockingFleet()
+        close_all()
+    assert left == ["the fleet"]
+    assert host.loop.is_closed()
