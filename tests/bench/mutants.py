@@ -38,6 +38,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 ROOMS = ("safety", "flight", "avoidance", "supervision")
 _SECONDS = 600  # of a run of tests
+# Beside its own folder: what a room does is shown by the agent's core.
+_TESTS_ELSEWHERE = {"supervision": ("tests/onboard/agent",)}
 
 # Mutants that no test can notice, by file, line of code and change, and why not.
 REASONS = {
@@ -156,9 +158,9 @@ def _status_of_tests(room: str, module: str, copy_of_tree: Path) -> int:
     """Run a room's tests in a fork of this process; return their exit status, or a signal."""
     folder = f"tests/onboard/{room}"
     own = f"{folder}/test_{module}.py"
-    paths = [folder]
+    paths = [folder, *_TESTS_ELSEWHERE.get(room, ())]
     if (copy_of_tree / own).exists():
-        paths = [own, folder]
+        paths.insert(0, own)
 
     child = os.fork()
     if child == 0:
