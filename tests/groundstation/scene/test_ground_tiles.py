@@ -153,6 +153,7 @@ def test_what_is_no_folder_of_tiles_is_refused_in_words(tmp_path: Path) -> None:
         (png(side_px=2000), "2000 x 2000 pixels"),
         (png(padding=1_100_000), "larger|MB"),
     ],
+    ids=["GIF", "head only", "many pixels", "many bytes"],
 )
 def test_a_tile_that_is_no_picture_or_too_large_is_refused(
     tmp_path: Path, data: bytes, words: str
