@@ -21,7 +21,7 @@ LEAST_SAMPLES = 5
 
 
 class SurveyedSpot(NamedTuple):
-    """The place on which one vehicle stands."""
+    """The spot on which one vehicle stands, and how well it is known."""
 
     name: str
     east_m: float
