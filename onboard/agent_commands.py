@@ -46,6 +46,10 @@ class RequestHeartbeat(Struct, frozen=True):
     """Ask PX4 for a heartbeat now, because a doubted one waits for another that agrees."""
 
 
+class RebootPx4(Struct, frozen=True):
+    """Start PX4 anew; it refuses while it is armed."""
+
+
 class PlayTune(Struct, frozen=True):
     """Let PX4 play a tune, so that people hear which vehicle it is."""
 
@@ -109,6 +113,7 @@ Command = (
     | Disarm
     | Kill
     | RequestHeartbeat
+    | RebootPx4
     | PlayTune
     | SendCorrections
     | SendOdometry

@@ -187,6 +187,9 @@ class Autopilot(Protocol):
     def request_heartbeat(self) -> None:
         """Ask for a heartbeat now; one comes every second by itself."""
 
+    def reboot(self) -> None:
+        """Command to start anew; PX4 refuses while it is armed."""
+
     def play_tune(self) -> None:
         """Play a tune; PX4 does not acknowledge it."""
 

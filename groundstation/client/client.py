@@ -38,9 +38,9 @@ from groundstation.fleet.state import (
     without_distances,
 )
 from groundstation.fleet.tick_stream import BusTickStream
-from groundstation.orders.grammar import default_formation, parse
+from groundstation.orders.grammar import OrderError, default_formation, parse
 from groundstation.orders.held_formation import HeldFormation
-from groundstation.orders.intents import PATH_INTENTS, Intent, PathVerb
+from groundstation.orders.intents import PATH_INTENTS, Intent, PathVerb, Takeoff
 from groundstation.orders.obstruction import explained
 from groundstation.orders.path_orders import path_orders
 from groundstation.orders.plan import (
@@ -402,7 +402,13 @@ class FleetClient:
         Raises:
             OrderError: the line is no order.
         """
-        return self.send(self.plan(order), is_by_mission=is_by_mission)
+        planned = self.plan(order)
+        if isinstance(planned.intent, Takeoff) and len(planned.intent.waves) > 1:
+            raise OrderError(
+                "A take-off in waves takes its time: order it in the console, by a step of a "
+                "mission, or in Python, or leave 'by' out."
+            )
+        return self.send(planned, is_by_mission=is_by_mission)
 
     async def order(
         self, order: Intent | str, timeout_s: float | None = None, *, is_by_mission: bool = False

@@ -13,7 +13,7 @@ from groundstation.console.clients import ConsoleClient
 from groundstation.console.mission_words import USAGE
 from groundstation.console.mission_worker import Mission
 from groundstation.console.screens.countdown_screen import CountdownQuestion
-from groundstation.mission_files.loading import load_mission
+from groundstation.mission_files.loading import load_mission, mission_from_mapping
 from groundstation.mission_files.mission_findings import refuse_unflyable
 from groundstation.mission_files.names import mission_names
 from groundstation.mission_files.python_file import load_function
@@ -21,6 +21,7 @@ from groundstation.mission_files.world_time import WorldTime, local_now, time_wo
 from groundstation.missions.beginning import begin_refusal
 from groundstation.missions.countdown import clock_problem, clock_words
 from groundstation.missions.runner import MissionRun
+from groundstation.orders.intents import Takeoff
 from groundstation.verdict.verdict import Verdict
 from onboard.config.fleet import ConfigError
 
@@ -131,6 +132,30 @@ class MissionOrders:
             return self._begin_run(run)
         self._ask(lambda: countdown_question(run, at), lambda: self._begin_asked(run))
         return ""
+
+    def take_off_in_waves(self, intent: Takeoff) -> str:
+        """Fly a take-off in waves as a mission of one step, which holds where one fails.
+
+        Args:
+            intent: as it was shown.
+
+        Returns:
+            A sentence when it is refused, or else nothing.
+        """
+        client = self._client
+        if not isinstance(client, FleetClient):
+            return "This console only watches: attach one that may order."
+        step = {
+            "do": "takeoff",
+            "vehicles": list(intent.names),
+            "height_m": intent.height_m,
+            "by": intent.by,
+            "every_s": intent.every_s,
+        }
+        content = {"schema": 1, "step": [step], "expect": {"all_landed": False}}
+        content["on_failure"] = {"do": "hold"}
+        mission = mission_from_mapping(content, path="takeoff", fleet=client.fleet)
+        return self._begin_run(MissionRun(mission, client, say=self._say, ready_timeout_s=_READY_S))
 
     def _begin_run(self, run: MissionRun) -> str:
         """Fly a mission; returns a sentence when it is refused, or else nothing."""

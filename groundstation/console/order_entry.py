@@ -33,7 +33,7 @@ from groundstation.fleet.operator_control import FORCE_WORD
 from groundstation.orders.falling import below_words
 from groundstation.orders.forecast_process import Forecaster
 from groundstation.orders.grammar import OrderError, default_formation, parse
-from groundstation.orders.intents import INTENTS, Intent, Kill, Land, Verb
+from groundstation.orders.intents import INTENTS, Intent, Kill, Land, Takeoff, Verb
 from groundstation.orders.kill_latch import KillLatch
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderResult, VehicleResult
@@ -252,11 +252,25 @@ class OrderEntry:
         self._app.push_screen(screen, self._send_checked)
 
     def _send_checked(self, planned: PlannedOrder | None) -> None:
-        if planned is not None and self._ordering is not None:
+        if planned is None or self._ordering is None:
+            return
+        if not self._take_off_in_waves(planned.intent):
             self._follow(self._ordering.send(planned))
+
+    def _take_off_in_waves(self, intent: Intent) -> bool:
+        """Fly a take-off in waves as a mission; return whether the order is one."""
+        if not isinstance(intent, Takeoff) or len(intent.waves) < 2 or self.missions is None:
+            return False
+
+        refusal = self.missions.take_off_in_waves(intent)
+        if refusal:
+            self._refuse(str(intent), refusal)
+        return True
 
     async def send(self, order: Intent | str) -> None:
         """Send an order at once and show each vehicle's answer; a misspelt one is a sentence."""
+        if isinstance(order, Intent) and self._take_off_in_waves(order):
+            return
         try:
             sent = await self._client.submit(order)
             self._follow(sent)

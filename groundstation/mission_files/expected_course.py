@@ -311,12 +311,11 @@ def _with_order(
         else:
             alone_s[name] = _move_or_stay_s(fleet, name, position, goal, duration_s)
 
-    return replace(
-        course_step,
-        goals=goals,
-        alone_s=alone_s,
-        expected_s=max(alone_s.values(), default=0.0) + _SETTLE_S,
-    )
+    expected_s = max(alone_s.values(), default=0.0) + _SETTLE_S
+    if isinstance(intent, Takeoff):
+        later_waves = max(0, len(intent.waves) - 1)
+        expected_s += later_waves * (expected_s + intent.every_s)
+    return replace(course_step, goals=goals, alone_s=alone_s, expected_s=expected_s)
 
 
 def _filled(intent: Intent, fleet: FleetConfig, then: _FleetThen) -> Intent:

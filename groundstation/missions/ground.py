@@ -7,6 +7,8 @@ import contextlib
 import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
+from msgspec.structs import replace
+
 from groundstation.client.client import FleetClient
 from groundstation.mission_files.world_time import WorldTime, time_words
 from groundstation.missions.countdown import Countdown, CountdownEnded, clock_words, count_down
@@ -81,6 +83,8 @@ class MissionGround:
             WindTooStrong: it has taken off, and feels more wind than its limit.
             FleetTaken: somebody has taken the fleet; nothing was sent, or it was replaced.
         """
+        if isinstance(intent, Takeoff) and len(intent.waves) > 1:
+            return await self._take_off_in_waves(intent, timeout_s)
         if self._is_stepping and intent.waits_for_step:
             await self._wait_for_turn(intent, may_be_left_out)
             if self._is_left_out:
@@ -180,6 +184,38 @@ class MissionGround:
             return False
         self.countdown.stop("An operator has stopped the countdown.")
         return True
+
+    async def _take_off_in_waves(self, intent: Takeoff, timeout_s: float) -> Results:
+        """Order one wave after the other; none starts after a vehicle that does not fly.
+
+        Raises:
+            OrderFailed: a vehicle did not take off, or one of an earlier wave has come down.
+        """
+        waves = intent.waves
+        results: Results = {}
+        for index, wave in enumerate(waves):
+            if index:
+                await asyncio.sleep(intent.every_s)
+            self.say(f"Wave {index + 1} of {len(waves)}: {', '.join(wave)}")
+
+            down = [name for name in results if not self.client.state.vehicles[name].is_airborne]
+            ended: Results = {}
+            if not down:
+                try:
+                    ended = await self.order(replace(intent, vehicles=wave, by=0), timeout_s)
+                except OrderFailed as error:
+                    ended = error.results
+            results.update(ended)
+
+            down += [name for name, result in ended.items() if not result.is_done]
+            if down:
+                later = [name for name in intent.names if name not in results]
+                if later:
+                    self.say(f"  {', '.join(later)} stay on the ground: {', '.join(down)} failed.")
+                for name in later:
+                    results[name] = VehicleResult(name, "", "refused", _not_started(down))
+                raise OrderFailed(intent, results)
+        return results
 
     def go_on(self, *, is_stepping: bool) -> None:
         """Let the order that waits begin.
@@ -363,6 +399,12 @@ class MissionGround:
         if near is None:
             return ""
         return f"; smallest distance so far {near.distance_m:.2f} m ({near.first}, {near.second})"
+
+
+def _not_started(down: Sequence[str]) -> str:
+    """Return why a vehicle of a later wave stays on the ground."""
+    flies = "does not fly" if len(down) == 1 else "do not fly"
+    return f"It stays on the ground, because {', '.join(down)} of a wave before it {flies}."
 
 
 def step_result(step: str, duration_s: float, results: Results) -> StepResult:

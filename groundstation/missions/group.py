@@ -30,6 +30,7 @@ from groundstation.missions.path_following import Lights, Paths, follow_paths
 from groundstation.orders.degrees import goal_enu_m
 from groundstation.orders.grammar import OrderError
 from groundstation.orders.intents import (
+    DEFAULT_EVERY_S,
     DEFAULT_HEIGHT_M,
     Arm,
     Assign,
@@ -45,6 +46,7 @@ from groundstation.orders.intents import (
     Locate,
     Move,
     Pause,
+    Reboot,
     Resume,
     Rotate,
     Skip,
@@ -136,21 +138,34 @@ class Group:
         """Play a tune, so that an operator sees which vehicles these are."""
         return await self.order(Locate(vehicles=self.select(vehicles, with_lost=True)), timeout_s)
 
+    async def reboot(self, vehicles: Vehicles, *, timeout_s: float = 40.0) -> Results:
+        """Start PX4 anew, on the ground and disarmed; done when it is heard with a new clock.
+
+        Args:
+            vehicles: to order.
+            timeout_s: longest wait [s].
+        """
+        return await self.order(Reboot(vehicles=self.select(vehicles)), timeout_s)
+
     async def takeoff(
         self,
         height_m: float = DEFAULT_HEIGHT_M,
         vehicles: Vehicles = "all",
         *,
+        by: int = 0,
+        every_s: float = DEFAULT_EVERY_S,
         timeout_s: float = 40.0,
     ) -> Results:
-        """Take off.
+        """Take off, at once or in waves: none starts after a vehicle that does not fly.
 
         Args:
             height_m: height above the fleet's origin [m].
             vehicles: to order.
-            timeout_s: longest wait [s].
+            by: vehicles of a wave; 0: all at once.
+            every_s: from the arrival of a wave to the start of the next [s].
+            timeout_s: longest wait for a wave [s].
         """
-        intent = Takeoff(vehicles=self.select(vehicles), height_m=height_m)
+        intent = Takeoff(vehicles=self.select(vehicles), height_m=height_m, by=by, every_s=every_s)
         return await self.order(intent, timeout_s)
 
     async def move(

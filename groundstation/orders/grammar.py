@@ -38,6 +38,8 @@ _OPTION_MEANINGS = {
     "in": "duration between 0 and 600 s",
     "yaw": "heading in degrees",
     "turned": "angle in degrees",
+    "by": "number of vehicles in a wave, 1 or more",
+    "every": "time between two waves, 0 to 600 s",
 }
 _LONGEST_S = 600.0
 _MOST_QUOTED = 40  # characters of a wrong word that a sentence repeats
@@ -175,6 +177,10 @@ def _take_options(words: list[str], kind: type[Intent]) -> tuple[dict[str, float
         is_good = value is not None and math.isfinite(value)
         if option == "in":
             is_good = is_good and value is not None and 0.0 < value <= _LONGEST_S
+        if option == "by":
+            is_good = is_good and value is not None and value >= 1.0 and value.is_integer()
+        if option == "every":
+            is_good = is_good and value is not None and 0.0 <= value <= _LONGEST_S
         if value is None or not is_good:
             raise OrderError(f"'{tail[1][:_MOST_QUOTED]}' is no {_OPTION_MEANINGS[option]}.")
         options[option] = value

@@ -29,6 +29,7 @@ import msgspec
 from onboard.bus.schema import TO_EVERYBODY, OrderKind, Vec3
 
 DEFAULT_HEIGHT_M = 1.0
+DEFAULT_EVERY_S = 3.0  # between two waves of a take-off
 
 # "all", names or indices: "mav0,mav2", "0-1"; or a list of names
 Names = str | tuple[str, ...]
@@ -52,6 +53,7 @@ Verb = Literal[
     "skip",
     "kill",
     "locate",
+    "reboot",
 ]
 PathVerb = Literal["load_path", "follow_path"]  # of programs and missions; nobody types a path
 
@@ -177,8 +179,12 @@ class Takeoff(Intent, frozen=True, kw_only=True):
 
     verb = "takeoff"
     kind = "takeoff"
-    usage = "takeoff [WHO] [HEIGHT], for instance: takeoff all 1.0"
+    usage = (
+        "takeoff [WHO] [HEIGHT] [by COUNT] [every SECONDS], "
+        "for instance: takeoff all 1.0, or in waves of five: takeoff all 1.0 by 5"
+    )
     number_counts = (0, 1)
+    options = ("by", "every")
     is_previewed = True
     is_joint = True
     is_start = True
@@ -186,20 +192,34 @@ class Takeoff(Intent, frozen=True, kw_only=True):
     begins = "on ground"
 
     height_m: float = 1.0  # above the fleet's origin
+    by: int = 0  # in waves of so many vehicles; 0: all at once
+    every_s: float = DEFAULT_EVERY_S  # from the arrival of a wave to the start of the next
 
     @classmethod
     def from_line(cls, line: OrderLine) -> Self:
         """Return the order that a line of the console says."""
-        if line.numbers:
-            return cls(vehicles=line.vehicles, height_m=line.numbers[0])
-        return cls(vehicles=line.vehicles)
+        return cls(
+            vehicles=line.vehicles,
+            height_m=line.numbers[0] if line.numbers else DEFAULT_HEIGHT_M,
+            by=round(line.options.get("by", 0.0)),
+            every_s=line.options.get("every", DEFAULT_EVERY_S),
+        )
+
+    @property
+    def waves(self) -> list[tuple[str, ...]]:
+        """The vehicles of each wave, in the order of the fleet file."""
+        names = self.names
+        size = self.by or len(names)
+        return [names[begin : begin + size] for begin in range(0, len(names), max(1, size))]
 
     def message_values(self) -> MessageValues:
         """Return what the message to each vehicle says besides its kind."""
         return MessageValues(height_m=self.height_m)
 
     def _words(self) -> list[str]:
-        return [f"{self.height_m:g}"]
+        if not self.by:
+            return [f"{self.height_m:g}"]
+        return [f"{self.height_m:g}", f"by {self.by}", f"every {self.every_s:g}"]
 
 
 class GoalIntent(Intent, frozen=True, kw_only=True):
@@ -557,6 +577,20 @@ class Locate(Intent, frozen=True, kw_only=True):
     brings_down = True
 
 
+class Reboot(Intent, frozen=True, kw_only=True):
+    """Start PX4 anew, on the ground and disarmed."""
+
+    verb = "reboot"
+    kind = "reboot"
+    usage = "reboot WHO, for instance: reboot mav1"
+    must_name_vehicles = True
+    is_mission_step = False
+    brings_down = True
+    begins = "on ground"
+
+    timeout_s: float = 40.0
+
+
 class LoadPath(Intent, frozen=True, kw_only=True):
     """Bring each vehicle a part of its path."""
 
@@ -594,6 +628,7 @@ INTENTS: dict[str, type[Intent]] = {
         Skip,
         Kill,
         Locate,
+        Reboot,
     )
 }
 PATH_INTENTS: dict[PathVerb, type[Intent]] = {"load_path": LoadPath, "follow_path": FollowPath}

@@ -270,6 +270,12 @@ def _bad_number(intent: Intent) -> str | None:
     if not 0.0 <= duration_s <= _LONGEST_MOVE_S:
         return f"A duration of {duration_s:g} s is outside 0 to 600 s."
 
+    if isinstance(intent, Takeoff) and (intent.by < 0 or not 0.0 <= intent.every_s <= 600.0):
+        return (
+            f"Waves of {intent.by} vehicles every {intent.every_s:g} s: "
+            "give 1 or more, and 0 to 600 s."
+        )
+
     spacing_m = intent.spacing_m if isinstance(intent, Formation) else None
     if spacing_m is not None and not 0.0 < spacing_m <= _MOST_SPACING_M:
         return (

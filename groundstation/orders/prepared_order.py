@@ -16,7 +16,7 @@ from groundstation.fleet.state import FleetState
 from groundstation.orders.battery_reserve import Discharge, weakest
 from groundstation.orders.forecast import SEEDS, Forecast, Leg, objections
 from groundstation.orders.forecast_process import ForecastFailed
-from groundstation.orders.intents import Intent
+from groundstation.orders.intents import Intent, Takeoff
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.preview import OrderPreview, changed, preview_order
 from onboard.config.fleet import FleetConfig
@@ -172,6 +172,11 @@ class PreparedOrder:
         if math.isfinite(forecast.duration_s):
             lines.append(f"takes about {forecast.duration_s:.0f} s")
         lines += self._battery_lines()
+        if isinstance(self.intent, Takeoff) and len(self.intent.waves) > 1:
+            lines.append(
+                f"in {len(self.intent.waves)} waves of {self.intent.by}, each so long, "
+                f"{self.intent.every_s:g} s between: one that fails stops the later ones"
+            )
         if 0 < forecast.flight_count < len(SEEDS):
             times = "once" if forecast.flight_count == 1 else f"{forecast.flight_count} times"
             lines.append(f"flown ahead {times}")

@@ -74,6 +74,7 @@ class CommandExecutor:
             agent_commands.Px4Land: lambda _: self._link.land(),
             agent_commands.Kill: lambda _: self._link.kill(),
             agent_commands.RequestHeartbeat: lambda _: self._link.request_heartbeat(),
+            agent_commands.RebootPx4: lambda _: self._link.reboot(),
             agent_commands.PlayTune: lambda _: self._link.play_tune(),
             agent_commands.Exit: lambda _: on_exit(),
         }

@@ -45,6 +45,7 @@ OrderKind = Literal[
     "pause",
     "resume",
     "skip",
+    "reboot",
 ]
 ON_PATHS = ("pause", "resume", "skip")  # they change how a path is followed
 BESIDE = (*LOCATE, "load_path", *ON_PATHS)  # orders that begin nothing, and end no other

@@ -21,6 +21,7 @@ from onboard.agent_commands import (
     Disarm,
     Kill,
     Px4Land,
+    RebootPx4,
     RequestHeartbeat,
     SetOffboard,
 )
@@ -129,6 +130,8 @@ ORDERS = (
     Row(_DISARMABLE, E.DISARM, to=S.DISARMED, request=Disarm(), reason=""),
     Row(_SILENT, E.DISARM, to=S.FAILED_DISARMING, request=Disarm()),
 
+    Row(_START, E.REBOOT, to=S.REBOOTING, request=RebootPx4(), reason=S.REBOOTING.text),
+
     Row(tuple(S), E.KILL, when=p.px4_is_armed_in_the_air, to=S.KILLING, request=Kill(),
         reason=sentences.killed, says=("critical", "killed", sentences.killed_in_the_air)),
     Row(tuple(S), E.KILL, to=S.KILLING, request=Kill(), reason=sentences.killed),
@@ -174,6 +177,13 @@ BLIND = (
 GROUND = (
     Row((S.WAITING,), E.PREFLIGHT_PASSED, to=S.READY),
     Row((S.READY,), E.PREFLIGHT_REFUSED, to=S.WAITING),
+
+    Row((S.REBOOTING,), E.TICK, when=p.px4_has_rebooted, to=S.WAITING,
+        reason="", ends=("done", sentences.REBOOTED)),
+    Row((S.REBOOTING,), E.TICK, when=p.px4_is_armed, to=S.WAITING,
+        reason="", ends=("failed", sentences.ARMED_MEANWHILE)),
+    Row((S.REBOOTING,), E.TICK, when=p.px4_has_not_rebooted_in_time, to=S.WAITING,
+        reason="", ends=("timed out", sentences.not_rebooted)),
 
     Row((S.FAILSAFE_DISARMING,), E.TICK, when=p.px4_confirms_disarmed, to=S.WAITING),
     Row((S.FAILSAFE_DISARMING,), E.TICK, when=p.px4_is_on_ground, request=Disarm()),

@@ -88,6 +88,8 @@ def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | Non
         return _NOT_ON_GROUND
     if order.kind in ("arm", "takeoff"):
         return _start(order, flight.vehicle, facts)
+    if order.kind == "reboot":
+        return _reboot(facts.view)
     if order.kind == "follow_path":
         return _follow_path(order, flight, facts)
     if order.kind == "move":
@@ -184,6 +186,8 @@ def _wrong_step(order: Order, flight: FlightContext) -> str:
             return "The vehicle is armed already."
         case "arm" | "takeoff":
             return f"The vehicle cannot start now: it is {doing}."
+        case "reboot":
+            return f"PX4 starts anew on the ground only, disarmed: it is {doing}."
         case "disarm":
             return _IN_AIR
         case "follow_path" if flight.step.situation is Situation.FLYING:
@@ -266,6 +270,18 @@ def _start(order: Order, vehicle: Vehicle, facts: OrderFacts) -> str | None:
         return (
             f"{name} stands {distance_m:.2f} m away, nearer than the safety distance "
             f"{limits.safety_distance_m:.2f} m: carry them apart."
+        )
+    return None
+
+
+def _reboot(view: FlightView) -> str | None:
+    """Return what speaks against starting PX4 anew, or None: only a disarmed one on the ground."""
+    if view.snapshot.is_armed:
+        return "PX4 is armed: order disarm first. It starts anew on the ground only, disarmed."
+    if not view.is_on_ground:
+        return (
+            "PX4 does not say that the vehicle is on the ground: it starts anew there only. "
+            "Where PX4 is not heard at all, take its power off."
         )
     return None
 

@@ -17,6 +17,7 @@ from onboard.flight.types import FlightStep, FlightView
 
 # what PX4 confirms
 CONFIRM_TIMEOUT_S = 5.0
+REBOOT_TIMEOUT_S = 30.0
 _STREAM_BEFORE_OFFBOARD_S = 0.3
 _LEAST_OFFBOARD_S = 0.1
 _ARM_ON_ITS_WAY_S = 0.5  # an older request to arm has had its effect
@@ -88,6 +89,18 @@ def px4_stays_disarmed(flight: FlightContext, view: FlightView) -> bool:
 def px4_has_not_confirmed_in_time(flight: FlightContext, view: FlightView) -> bool:
     """Return whether PX4 has had five seconds to confirm what was requested."""
     return flight.seconds(view) > CONFIRM_TIMEOUT_S
+
+
+def px4_has_rebooted(flight: FlightContext, view: FlightView) -> bool:
+    """Return whether PX4's clock began after this step did, and a heartbeat has come since."""
+    running_s = 1e-3 * view.snapshot.px4_boot_ms
+    is_new = 0.0 < running_s < flight.seconds(view)
+    return is_new and _is_confirmed(flight, view)
+
+
+def px4_has_not_rebooted_in_time(flight: FlightContext, view: FlightView) -> bool:
+    """Return whether PX4 has had half a minute to start anew."""
+    return flight.seconds(view) > REBOOT_TIMEOUT_S
 
 
 def setpoints_have_streamed(flight: FlightContext, view: FlightView) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from onboard.flight.arrival import position_text
 from onboard.flight.context import FlightContext
 from onboard.flight.path_flight import PATIENCE_S
-from onboard.flight.predicates import CONFIRM_TIMEOUT_S
+from onboard.flight.predicates import CONFIRM_TIMEOUT_S, REBOOT_TIMEOUT_S
 from onboard.flight.types import FlightView
 
 LOCATED = (
@@ -21,6 +21,8 @@ LANDED = "Landed and disarmed."
 STANDS = "It stands on the ground already, disarmed."
 STANDS_AT_HOME = "It stands at its take-off spot already, disarmed."
 LANDS_TO_DISARM = "It has left the ground: it lands at once, and is disarmed there."
+REBOOTED = "PX4 has started anew. Its preflight takes some seconds."
+ARMED_MEANWHILE = "PX4 was armed meanwhile, and does not start anew."
 NO_LIFTOFF = (
     "The vehicle did not leave the ground: check propellers, battery and hover_thrust_frac."
 )
@@ -53,6 +55,16 @@ def still_armed(flight: FlightContext, view: FlightView) -> str:
     else:
         sentence = "PX4 has not said that it is disarmed"
     return f"{sentence}. {view.snapshot.status_text}".strip()
+
+
+def not_rebooted(flight: FlightContext, view: FlightView) -> str:
+    """Return the reason why an order to reboot has not been confirmed, with PX4's own words."""
+    has_spoken = view.snapshot.status_text_ns > flight.step_ns
+    words = view.snapshot.status_text if has_spoken else ""
+    sentence = f"PX4's clock has not begun anew within {REBOOT_TIMEOUT_S:.0f} s."
+    if view.snapshot.heartbeat_ns <= flight.step_ns:
+        sentence = f"PX4 has not been heard again within {REBOOT_TIMEOUT_S:.0f} s."
+    return f"{sentence} {words}".strip()
 
 
 def not_armed(flight: FlightContext, view: FlightView) -> str:

@@ -50,6 +50,7 @@ class FlightStep(Enum):
 
     WAITING = "waiting", "", S.GROUND, M.GROUND, False
     READY = "ready", "", S.GROUND, M.GROUND, False
+    REBOOTING = "waiting", "PX4 reboots", S.GROUND, M.GROUND, False
     ARM_OFFBOARD = "ready", "waiting for OFFBOARD", S.ARMED, M.GROUND, True
     ARM_ARMING = "ready", "waiting to be armed", S.ARMED, M.GROUND, True
     ARMED = "armed", "", S.ARMED, M.GROUND, True
@@ -123,6 +124,7 @@ class FlightEvent(Enum):
     LAND = "order land"
     DISARM = "order disarm"
     KILL = "order kill"
+    REBOOT = "order reboot"
     FAILSAFE_SLOW = "failsafe slow"
     FAILSAFE_HOLD = "failsafe hold"
     FAILSAFE_LAND = "failsafe land"

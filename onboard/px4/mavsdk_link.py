@@ -335,6 +335,10 @@ class Px4Link:
         """REQUEST_MESSAGE of HEARTBEAT, whose rate PX4 does not let anybody raise."""
         self._command(modes.CMD_REQUEST_MESSAGE, float(_HEARTBEAT))
 
+    def reboot(self) -> None:
+        """PREFLIGHT_REBOOT_SHUTDOWN of the autopilot alone; PX4 refuses while it is armed."""
+        self._command(modes.CMD_REBOOT, 1.0)
+
     def play_tune(self) -> None:
         """PLAY_TUNE: PX4 plays it on its buzzer or motors, and acknowledges nothing."""
         self._send("PLAY_TUNE", self.system_id, AUTOPILOT_COMPONENT, _TUNE.encode())

@@ -349,6 +349,8 @@ class AgentShell:
                     link.kill()
                 case agent_commands.RequestHeartbeat():
                     link.request_heartbeat()
+                case agent_commands.RebootPx4():
+                    link.reboot()
                 case agent_commands.PlayTune():
                     link.play_tune()
                 case agent_commands.Exit():

@@ -368,6 +368,15 @@ class EmulatedLink:
 
         self._request(send_heartbeat)
 
+    def reboot(self) -> None:
+        """PREFLIGHT_REBOOT_SHUTDOWN, which PX4 refuses while it is armed."""
+
+        def start_anew(px4: Any, now_s: float) -> None:
+            if not px4.is_armed:
+                self._bank.emulator.reboot(self._index)
+
+        self._request(start_anew)
+
     def play_tune(self) -> None:
         """Let it play a tune."""
         self._request(lambda px4, now_s: px4.play_tune())

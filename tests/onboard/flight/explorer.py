@@ -61,6 +61,7 @@ ORDERS: tuple[tuple[OrderKind, str], ...] = (
     ("land", "mission"),
     ("disarm", ""),
     ("kill", ""),
+    ("reboot", ""),
 )
 MODES = ("OFFBOARD", "HOLD", "LAND", "POSCTL")
 
@@ -340,6 +341,8 @@ def _motions(state: State) -> Iterator[tuple[str, State]]:
             yield "falls", _passed(state, 1, _TICK_NS, _seen_falling)
         case FlightStep.DESCENT:
             yield "kept off", _passed(state, _LONG_TICKS, _TICK_NS, _seen_beside_goal)
+        case FlightStep.REBOOTING:
+            yield "PX4 has a new clock", _passed(state, 1, _TICK_NS, _seen_rebooted)
         case FlightStep.DISARMED:
             yield "PX4 silent", _passed(state, _LONG_TICKS, _TICK_NS * 2, _seen_silent)
 
@@ -378,6 +381,11 @@ def _seen_silent(state: State) -> FlightView:
     view = _view(state)
     silent = structs.replace(view.snapshot, heartbeat_ns=state.flight.step_ns)
     return structs.replace(view, snapshot=silent)
+
+
+def _seen_rebooted(state: State) -> FlightView:
+    view = _view(state)
+    return structs.replace(view, snapshot=structs.replace(view.snapshot, px4_boot_ms=20))
 
 
 def _changed(world: World) -> Iterator[World]:

@@ -167,3 +167,22 @@ def test_a_blocked_vehicle_says_what_stands_in_its_way(lockstep: Any) -> None:
     ) as caught:
         flight.wait_for(fleet["mav0"].go_to(beyond, timeout_s=1.0))
     assert "from the goal" in str(caught.value)
+
+
+@pytest.mark.long
+def test_a_px4_that_is_rebooted_between_flights_flies_again(lockstep: Any) -> None:
+    """The emulated PX4 starts its clock anew, and cannot be armed before it has started."""
+    flight = lockstep(PAPER, seed=2)
+    flight.takeoff(0.8)
+    with pytest.raises(OrderFailed, match="on the ground only"):
+        flight.wait_for(flight.fleet.reboot("mav1"))
+    assert flight.land()
+
+    begin_s = flight.time_s
+    results = flight.wait_for(flight.fleet.reboot("mav1"))
+    assert results["mav1"].is_done
+    assert flight.time_s - begin_s < 10.0
+    px4 = flight.simulation.emulator.autopilots[flight.simulation.names.index("mav1")]
+    assert px4.boot_time_s > begin_s
+    flight.takeoff(0.8)
+    assert flight.land()
