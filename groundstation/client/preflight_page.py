@@ -84,6 +84,15 @@ def page_of(view: VehicleView, fleet: FleetConfig, now_ns: int) -> VehiclePage:
         )
         return VehiclePage(view.name, False, (silent,))
 
+    if telemetry.disabled_by:
+        line = PageLine(
+            "service",
+            True,
+            f"{view.name} is disabled by {telemetry.disabled_by}: flights go on without it.",
+            f"To fly it: covey order --fleet {fleet.path} enable {view.name}.",
+        )
+        return VehiclePage(view.name, True, (line,))
+
     lines = [
         *_of_files(view.name, telemetry, fleet),
         *_of_report(view, telemetry, now_ns),

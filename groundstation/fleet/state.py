@@ -198,6 +198,11 @@ class VehicleView(Struct, frozen=True):
         return self.telemetry.is_armed
 
     @property
+    def is_disabled(self) -> bool:
+        """Whether an order has taken it out of service, by the last telemetry."""
+        return self.telemetry is not None and bool(self.telemetry.disabled_by)
+
+    @property
     def is_airborne(self) -> bool:
         """Whether it flies by the last telemetry.
 

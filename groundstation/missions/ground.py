@@ -44,6 +44,7 @@ class MissionGround:
         self.steps: list[StepResult] = []
         self.arrivals: list[Arrival] = []
         self.left_out: set[str] = set()  # vehicles that the mission goes on without
+        self.disabled: set[str] = set()  # those of them that are out of service
         self.lost: set[str] = set()  # vehicles whose failure the mission has reacted to
         # vehicles that went down though their last order left them flying, each with a sentence
         self.other_ends: dict[str, str] = {}
@@ -277,6 +278,15 @@ class MissionGround:
 
         self.left_out.update(new)
         self.say(f"The mission goes on without {', '.join(new)}.")
+
+    def leave_out_disabled(self) -> None:
+        """Go on without vehicles that are out of service, if any vehicle is left."""
+        vehicles = self.client.state.vehicles
+        enabled = self.client.fleet.enabled_names
+        disabled = [name for name in enabled if vehicles[name].is_disabled]
+        if len(disabled) < len(enabled):
+            self.disabled.update(disabled)
+            self.leave_out(*disabled)
 
     def note_lost(self, lost: Mapping[str, str]) -> None:
         """Say who is lost, and why; "all" does not mean them until they fly again.

@@ -35,7 +35,9 @@ from groundstation.orders.intents import (
     Arm,
     Assign,
     BringHome,
+    Disable,
     Disarm,
+    Enable,
     Formation,
     Goto,
     Hold,
@@ -146,6 +148,30 @@ class Group:
             timeout_s: longest wait [s].
         """
         return await self.order(Reboot(vehicles=self.select(vehicles)), timeout_s)
+
+    async def disable(self, vehicles: Vehicles, *, timeout_s: float = 5.0) -> Results:
+        """Leave vehicles out of flights: "all" does not mean them, and they do not start.
+
+        Args:
+            vehicles: to order; they stand on the ground, disarmed.
+            timeout_s: longest wait [s].
+        """
+        results = await self.order(Disable(vehicles=self.select(vehicles)), timeout_s)
+        self.ground.disabled.update(results)
+        self.ground.leave_out(*results)
+        return results
+
+    async def enable(self, vehicles: Vehicles, *, timeout_s: float = 5.0) -> Results:
+        """Let vehicles that were disabled take part in flights again.
+
+        Args:
+            vehicles: to order.
+            timeout_s: longest wait [s].
+        """
+        results = await self.order(Enable(vehicles=self.select(vehicles)), timeout_s)
+        self.ground.disabled.difference_update(results)
+        self.ground.left_out.difference_update(results)
+        return results
 
     async def takeoff(
         self,

@@ -236,13 +236,16 @@ class MissionRun:
     def flown(self) -> FlightObservations:
         """Return the observations so far."""
         self._flown.state = self.client.state
-        self._flown.left_out = self.fleet.ground.left_out
+        # nobody expected anything of those that are out of service
+        self._flown.left_out = self.fleet.ground.left_out - self.fleet.ground.disabled
         self._flown.other_ends = self.fleet.ground.other_ends
         self._flown.left_out_orders = self.fleet.ground.left_out_orders
         return self._flown
 
     async def _steps(self) -> None:
         """Wait for the vehicles, and fly the steps or the function of the mission."""
+        await self.client.wait_for(self._is_heard, LAST_TELEMETRY_S)
+        self.fleet.ground.leave_out_disabled()
         self.fleet.say(f"Waiting for {', '.join(self.fleet.names)} to be ready.")
         await self.fleet.ready(self._ready_timeout_s)
 
@@ -414,6 +417,9 @@ class MissionRun:
                 order = await self.client.submit(Home(vehicles=up), is_by_mission=True)
                 await order.wait(HOME_TIMEOUT_S)
         await self.fleet.land_all(LAND_TIMEOUT_S)
+
+    def _is_heard(self, state: FleetState) -> bool:
+        return all(state.vehicles[name].telemetry is not None for name in self.fleet.names)
 
     def _is_at_rest(self, state: FleetState) -> bool:
         return all(

@@ -36,6 +36,7 @@ from groundstation.missions.conditions import WaitCondition
 from groundstation.orders.intents import GoalIntent, Goto, Intent, Names
 from groundstation.verdict.expectations import check
 from onboard.config.fleet import FleetConfig, Vec3
+from onboard.control.path import Path
 
 
 class MissionFailed(RuntimeError):
@@ -101,7 +102,7 @@ class StepRunner:
             self._expect_now(key, step)
         elif isinstance(step, FollowPathStep):
             await self._fleet.follow_path(
-                self._mission.paths_of(step),
+                self._taking_part(self._mission.paths_of(step)),
                 lights=self._mission.lights_of(step),
                 on_lag=step.on_lag,
                 at=self._times.get(step.at, step.at),
@@ -109,7 +110,7 @@ class StepRunner:
             )
         elif isinstance(step, FlyFormationStep):
             await self._fleet.follow_path(
-                formation_paths(step, self._fleet.config, self._spots()),
+                self._taking_part(formation_paths(step, self._fleet.config, self._spots())),
                 on_lag=step.on_lag,
                 at=self._times.get(step.at, step.at),
                 timeout_s=step.timeout_s,
@@ -187,6 +188,11 @@ class StepRunner:
             fleet.say(f"  {result.sentence}")
             if not result.has_come_true:
                 raise MissionFailed(f"{key} expected: {result.sentence}")
+
+    def _taking_part(self, paths: Mapping[str, Path]) -> dict[str, Path]:
+        """Return the paths without those of vehicles that the mission goes on without."""
+        left_out = self._fleet.ground.left_out
+        return {name: path for name, path in paths.items() if name not in left_out}
 
     def _spots(self) -> dict[str, Vec3]:
         """Return where the vehicles are that report it."""

@@ -54,6 +54,8 @@ Verb = Literal[
     "kill",
     "locate",
     "reboot",
+    "disable",
+    "enable",
 ]
 PathVerb = Literal["load_path", "follow_path"]  # of programs and missions; nobody types a path
 
@@ -591,6 +593,31 @@ class Reboot(Intent, frozen=True, kw_only=True):
     timeout_s: float = 40.0
 
 
+class Disable(Intent, frozen=True, kw_only=True):
+    """Leave a vehicle out of flights: "all" does not mean it, and it does not start."""
+
+    verb = "disable"
+    kind = "disable"
+    usage = "disable WHO, for instance: disable mav1"
+    must_name_vehicles = True
+    is_mission_step = False
+    begins = "on ground"
+
+    timeout_s: float = 5.0
+
+
+class Enable(Intent, frozen=True, kw_only=True):
+    """Let a vehicle that was disabled take part in flights again."""
+
+    verb = "enable"
+    kind = "enable"
+    usage = "enable WHO, for instance: enable mav1"
+    must_name_vehicles = True
+    is_mission_step = False
+
+    timeout_s: float = 5.0
+
+
 class LoadPath(Intent, frozen=True, kw_only=True):
     """Bring each vehicle a part of its path."""
 
@@ -629,6 +656,8 @@ INTENTS: dict[str, type[Intent]] = {
         Kill,
         Locate,
         Reboot,
+        Disable,
+        Enable,
     )
 }
 PATH_INTENTS: dict[PathVerb, type[Intent]] = {"load_path": LoadPath, "follow_path": FollowPath}

@@ -16,7 +16,7 @@ import msgspec
 from groundstation.fleet.state import FleetState
 from groundstation.orders.goals import Situation, goals_of
 from groundstation.orders.held_formation import HeldFormation, held_after
-from groundstation.orders.intents import Formation, Intent, Takeoff
+from groundstation.orders.intents import Formation, Goto, Intent, Takeoff
 from onboard.bus.schema import BY_MISSION, Order, Vec3
 from onboard.config.fleet import (
     ConfigError,
@@ -81,6 +81,7 @@ def plan_order(
     Returns:
         Orders for the vehicles that may be ordered, refusals for the others.
     """
+    intent = _without_disabled(intent, fleet, state)
     refusals: dict[str, str] = {}
     names = []
     for name in intent.names:
@@ -136,6 +137,21 @@ def plan_order(
     return PlannedOrder(
         intent=intent, orders=addressed(orders, state), refusals=refusals, held=held
     )
+
+
+def _without_disabled(intent: Intent, fleet: FleetConfig, state: FleetState | None) -> Intent:
+    """Return an order to all without the vehicles that are out of service.
+
+    Orders that bring vehicles down mean them too, and so does one that names them.
+    """
+    is_to_all = set(intent.names) == set(fleet.enabled_names)
+    if state is None or not is_to_all or intent.brings_down or isinstance(intent, Goto):
+        return intent
+
+    names = tuple(name for name in intent.names if not state.vehicles[name].is_disabled)
+    if not names or len(names) == len(intent.names):
+        return intent
+    return msgspec.structs.replace(intent, vehicles=names)
 
 
 def check_again(

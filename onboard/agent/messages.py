@@ -16,6 +16,7 @@ from onboard.bus.schema import AgentState, StateMessage, Telemetry, TickSample
 from onboard.config.fleet import Vehicle
 from onboard.corrections.fix import words_of
 from onboard.corrections.status import CorrectionsStatus
+from onboard.flight import sentences
 from onboard.flight.context import FlightContext
 from onboard.flight.path_flight import PathFlight
 from onboard.flight.types import FlightView
@@ -215,7 +216,7 @@ def telemetry(
         stamp_ns=now_ns,
         state=result.state,
         reason=flight.reason,
-        not_ready=result.not_ready if is_on_ground else (),
+        not_ready=_not_ready(result.not_ready, flight) if is_on_ground else (),
         is_armed=snapshot.is_armed,
         is_airborne=result.is_airborne,
         mode=snapshot.mode,
@@ -262,8 +263,16 @@ def telemetry(
         **_satellite_fields(identity.vehicle, snapshot, now_ns, result.corrections),
         **_taken_order(sources.orders),
         **_counts(counters.messages),
+        disabled_by=flight.disabled_by[:60],
         **_path_fields(flight.path),
     )
+
+
+def _not_ready(of_preflight: tuple[str, ...], flight: FlightContext) -> tuple[str, ...]:
+    """Return what refuses take-off: first that it is out of service."""
+    if flight.disabled_by:
+        return (sentences.disabled(flight), *of_preflight)
+    return of_preflight
 
 
 def _counts(counts: MessageCounts) -> dict[str, Any]:

@@ -13,7 +13,16 @@ from typing import NamedTuple
 from onboard.agent.order_gate import OrderGate
 from onboard.bus.control_token import ORDER_STAYS, ControlTokens
 from onboard.bus.protocol import UntrustedOrder
-from onboard.bus.schema import BESIDE, BY_MISSION, LOCATE, ON_PATHS, Order, OrderReply, Telemetry
+from onboard.bus.schema import (
+    BESIDE,
+    BY_MISSION,
+    LOCATE,
+    ON_PATHS,
+    SERVICE,
+    Order,
+    OrderReply,
+    Telemetry,
+)
 from onboard.flight import order_checks, state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.order_checks import OrderFacts
@@ -184,6 +193,9 @@ class OrderIntake:
             return
         if order.kind in ON_PATHS:
             state_machine.change_path(self._flight, view, order)
+            return
+        if order.kind in SERVICE:
+            state_machine.change_service(self._flight, view, order)
             return
 
         self.taken = TakenOrder(order, view.now_ns)

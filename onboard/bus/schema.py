@@ -46,9 +46,12 @@ OrderKind = Literal[
     "resume",
     "skip",
     "reboot",
+    "disable",
+    "enable",
 ]
 ON_PATHS = ("pause", "resume", "skip")  # they change how a path is followed
-BESIDE = (*LOCATE, "load_path", *ON_PATHS)  # orders that begin nothing, and end no other
+SERVICE = ("disable", "enable")  # whether a vehicle takes part in flights
+BESIDE = (*LOCATE, "load_path", *ON_PATHS, *SERVICE)  # orders that begin nothing, and end no other
 # Reasons of an order; without one a person gives it, to the vehicles that he names.
 BY_MISSION = "mission"  # a mission or a script gives it, at its end or in its course
 TO_EVERYBODY = "everybody"  # a person gives it to all, as LAND ALL does
@@ -184,6 +187,7 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     taken_order_from: str = ""  # author and node
 
     is_path_paused: bool = False  # an order has stopped its path's clock, and so everybody's
+    disabled_by: str = ""  # who has ordered that it takes part in no flight; empty: it does
 
     # of a vehicle that flies by satellites
     fix: str = ""  # of its PX4's receiver, in words; empty while it is not known

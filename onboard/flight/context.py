@@ -61,6 +61,7 @@ class FlightContext:
     ground_z_m: float = 0.0  # height of the ground where it took off
     lowest_m: float = math.inf  # lowest height since the landing began, or since contact
     contact_z_m: float = -math.inf  # height where it came to stand
+    disabled_by: str = ""  # who has ordered that it takes part in no flight; empty: it does
     has_fallen: bool = False  # PX4 disarmed or restarted in this flight
     contact: ContactSigns = field(default_factory=ContactSigns)
     seen_height_m: float = 0.0  # of the goal that it had before its poses stopped

@@ -87,7 +87,7 @@ def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | Non
     if order.kind == "disarm" and flight.step in _MAY_BE_UP and not facts.view.is_on_ground:
         return _NOT_ON_GROUND
     if order.kind in ("arm", "takeoff"):
-        return _start(order, flight.vehicle, facts)
+        return _start(order, flight, facts)
     if order.kind == "reboot":
         return _reboot(facts.view)
     if order.kind == "follow_path":
@@ -103,7 +103,17 @@ def _beside_the_flight(order: Order, flight: FlightContext, facts: OrderFacts) -
         return path_flight.part_refusal(flight.path, order.path, flight.vehicle, facts.fleet)
     if order.kind in ON_PATHS:
         return path_flight.change_refusal(flight.path, order.kind)
+    if order.kind == "disable":
+        return _disable(flight, facts.view)
     return None
+
+
+def _disable(flight: FlightContext, view: FlightView) -> str | None:
+    """Return what speaks against taking a vehicle out of service, or None: it has to stand."""
+    if flight.step in _AT_REST and not view.snapshot.is_armed:
+        return None
+    doing = flight.state if flight.step not in _AT_REST else "armed"
+    return f"A vehicle is disabled on the ground only, disarmed: it is {doing}."
 
 
 def acceptance(order: Order, flight: FlightContext, view: FlightView) -> str:
@@ -230,8 +240,10 @@ def _at_rest(order: Order, flight: FlightContext, facts: OrderFacts) -> str | No
     return None
 
 
-def _start(order: Order, vehicle: Vehicle, facts: OrderFacts) -> str | None:
+def _start(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
     """Return what speaks against arming or taking off, or None."""
+    if flight.disabled_by:
+        return sentences.disabled(flight)
     if facts.not_ready:
         return facts.not_ready[0]
     if order.kind == "arm":
@@ -241,7 +253,7 @@ def _start(order: Order, vehicle: Vehicle, facts: OrderFacts) -> str | None:
     height_m = takeoff_height_m(order)
     x, y, z = facts.view.position_enu_m
 
-    lowest_m = z + least_height_m(vehicle)
+    lowest_m = z + least_height_m(flight.vehicle)
     if not math.isfinite(height_m) or height_m < lowest_m:
         return (
             f"A take-off to {height_m:g} m does not leave the ground: "

@@ -57,6 +57,12 @@ def still_armed(flight: FlightContext, view: FlightView) -> str:
     return f"{sentence}. {view.snapshot.status_text}".strip()
 
 
+def disabled(flight: FlightContext) -> str:
+    """Return why a vehicle that is out of service starts nothing."""
+    name = flight.vehicle.name
+    return f"{name} is disabled by {flight.disabled_by[:60]}: order enable {name} to fly it."
+
+
 def not_rebooted(flight: FlightContext, view: FlightView) -> str:
     """Return the reason why an order to reboot has not been confirmed, with PX4's own words."""
     has_spoken = view.snapshot.status_text_ns > flight.step_ns

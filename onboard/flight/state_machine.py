@@ -91,6 +91,17 @@ def change_path(flight: FlightContext, view: FlightView, order: Order) -> None:
     flight.say(view, "info", order.kind, sentence, order.order_id, "done")
 
 
+def change_service(flight: FlightContext, view: FlightView, order: Order) -> None:
+    """Take the vehicle out of service, or back; it goes on being seen and avoided."""
+    if order.kind == "disable":
+        flight.disabled_by = order.author or "nobody named"
+        sentence = sentences.disabled(flight)
+    else:
+        flight.disabled_by = ""
+        sentence = f"{flight.vehicle.name} takes part in flights."
+    flight.say(view, "info", order.kind, sentence, order.order_id, "done")
+
+
 # -- failsafes and the preflight check -------------------------------------------------------------
 
 
