@@ -170,7 +170,7 @@ class MissionGround:
 
     @property
     def live_line(self) -> str:
-        """A countdown or a pause in a few words for the title; empty without either."""
+        """A countdown or a pause, in a few words for the title; empty without one."""
         if self.countdown is not None:
             return self.countdown.line
         return self.pause_line

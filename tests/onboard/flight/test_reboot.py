@@ -23,10 +23,9 @@ _NOW_NS = 1000 * _S
 class Ground:
     """A vehicle on the ground, whose PX4 says what a test sets."""
 
-    def __init__(self) -> None:
+    def __init__(self, step: FlightStep = FlightStep.READY) -> None:
         config = fleet()
-        self.flight = FlightContext(config, config.vehicles["mav0"])
-        self.flight.step = FlightStep.READY
+        self.flight = FlightContext(config, config.vehicles["mav0"], step=step)
         self.now_ns = _NOW_NS
         self.snapshot = Snapshot(
             heartbeat_ns=self.now_ns,
@@ -137,8 +136,7 @@ def test_a_pilot_who_arms_meanwhile_ends_it() -> None:
 def test_in_the_air_or_armed_it_is_refused_in_words(
     px4: dict[str, Any], step: FlightStep, words: str
 ) -> None:
-    ground = Ground()
-    ground.flight.step = step
+    ground = Ground(step)
     ground.snapshot = structs.replace(ground.snapshot, **px4)
     refusal = ground.refusal()
     assert refusal is not None
