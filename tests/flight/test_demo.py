@@ -93,7 +93,7 @@ def test_ctrl_c_lands_and_leaves_no_process_and_no_key(tmp_path: Path) -> None:
             assert process.poll() is None, process.communicate()[0]
             assert time.monotonic() < deadline, "nobody flew"
             time.sleep(0.1)
-        assert len(list(keys.rglob("*.key"))) == 8  # the bus of this flight is locked
+        assert len(list(keys.rglob("*.key"))) == 9  # the bus of this flight is locked
         process.send_signal(signal.SIGINT)
         output, _ = process.communicate(timeout=60)
         assert process.returncode == 130, output

@@ -45,8 +45,8 @@ def ours(signer: Signer, clock: int = NOW) -> bytes:
 
 
 def codes(layout: str) -> str:
-    """A struct's format with each number for itself."""
-    return re.sub(r"(\d+)([a-zA-Z])", lambda m: m[0] if m[2] == "s" else m[2] * int(m[1]), layout)
+    """A struct's format with each number for itself; text is as many bytes."""
+    return re.sub(r"(\d+)([a-zA-Z])", lambda m: m[2].replace("s", "B") * int(m[1]), layout)
 
 
 def test_layouts_and_checksums_are_those_of_mavlink() -> None:
