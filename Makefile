@@ -1,5 +1,5 @@
 # make demo             three drones fly the paper's experiment in this terminal
-# make test             lint, types, import contracts and every test that needs no real time (six minutes on two cores, nine the first time)
+# make test             lint, types, import contracts and every test that needs no real time (five minutes on two cores, eight the first time)
 # make test-realtime    tests with processes, sockets and terminals
 # make test-long        tests that take longer than that
 # make test-px4 PX4_BUILD=PX4/build/px4_sitl_default    real PX4s, if you have a build of one: docs/px4-sitl.md

@@ -47,12 +47,17 @@ _BESIDE_REAL_TIME = (
     "groundstation/commands/test_plot.py",
     "groundstation/fleet/test_operator_control.py",
     "groundstation/incident/test_moment_and_account.py",
+    "onboard/rollout/test_closed_loop.py",
     "sitl/lockstep/test_fault_suite.py",
+    "sitl/lockstep/test_flight.py",
     "sitl/lockstep/test_ground_cut.py",
+    "sitl/lockstep/test_lockstep_odometry.py",
     "sitl/lockstep/test_pilots.py",
     "sitl/lockstep/test_poses_lost.py",
     "sitl/lockstep/test_reflight.py",
     "sitl/lockstep/test_taken_fleets.py",
+    "sitl/lockstep/test_touchdown.py",
+    "sitl/monte_carlo/test_monte_carlo.py",
     "sitl/conformance/test_facts.py",
 )
 # files that take longest, which begin first, so that no worker has one of them left when all others

@@ -112,6 +112,7 @@ async def _until(
         await client.stop()
 
 
+@pytest.mark.long
 def test_each_body_has_one_source_of_poses_and_a_second_one_is_said(tmp_path: Path) -> None:
     with _running(tmp_path) as (fleet, processes):
         asyncio.run(
