@@ -14,11 +14,15 @@ from tests.onboard.agent.rig import fleet
 S = 1_000_000_000
 
 
+def _supervisor() -> Any:
+    return AgentCore(fleet(), "mav0", boot_id=1).failsafes
+
+
 class Supervised:
     """A supervisor whose conditions are given, by the clock of its ticks."""
 
     def __init__(self) -> None:
-        self.supervisor: Any = AgentCore(fleet(), "mav0", boot_id=1).failsafes
+        self.supervisor = _supervisor()
         self.details: dict[Condition, str] = {}
         self.supervisor._observer = SimpleNamespace(look=lambda view, context: None)
         self.supervisor._monitor = SimpleNamespace(look=lambda facts: dict(self.details))
