@@ -19,15 +19,17 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
 from typing import NamedTuple
 
-from onboard.config.endpoints import split_host_and_port
+from onboard.corrections.relay.connection import (
+    ANSWER_S,
+    READ_BYTES,
+    SILENCE_S,
+    connected,
+    reason,
+)
 from onboard.corrections.relay.source_error import SourceError
-from onboard.plain_text import plain_line
 
-ANSWER_S = 10.0  # to connect, and to answer
-SILENCE_S = 30.0  # without a byte, after which the connection is closed
 _MOST_HEAD_BYTES = 8192
 _MOST_CHUNK_BYTES = 65_536
-_READ_BYTES = 4096
 _POSITION_S = 10.0  # from one position that the caster is told to the next
 
 _OK_OF_VERSION_1 = b"ICY 200"
@@ -68,45 +70,33 @@ async def read_ntrip(
         SourceError: it cannot be reached, refuses, says nothing, or ends the stream.
     """
     context = ssl.create_default_context() if request.tls else None
-    host, port = split_host_and_port(request.address)
-    try:
-        async with asyncio.timeout(answer_s):
-            reader, writer = await asyncio.open_connection(
-                host, port, ssl=context, limit=_MOST_HEAD_BYTES
-            )
-    except TimeoutError:
-        raise SourceError(f"{request.address} does not answer within {answer_s:g} s.") from None
-    except OSError as error:
-        raise SourceError(f"{request.address} cannot be reached: {_reason(error)}.") from None
-
-    sending: asyncio.Task[None] | None = None
-    try:
-        writer.write(_head(request))
+    async with connected(request.address, answer_s=answer_s, context=context) as (reader, writer):
+        sending: asyncio.Task[None] | None = None
         try:
-            async with asyncio.timeout(answer_s):
-                answer = await _read_answer(reader)
-        except TimeoutError:
-            raise SourceError(
-                f"{request.address} took the request and says nothing for {answer_s:g} s."
-            ) from None
-        _refuse(request, answer)
+            writer.write(_head(request))
+            try:
+                async with asyncio.timeout(answer_s):
+                    answer = await _read_answer(reader)
+            except TimeoutError:
+                raise SourceError(
+                    f"{request.address} took the request and says nothing for {answer_s:g} s."
+                ) from None
+            _refuse(request, answer)
 
-        if request.position is not None:
-            sending = asyncio.create_task(_send_positions(writer, request.position))
-        is_chunked = answer.headers.get("transfer-encoding", "").lower() == "chunked"
-        body = _Body(reader, answer.rest, silence_s)
-        async for data in body.chunks() if is_chunked else body.plain():
-            yield data
-        raise SourceError(f"{request.address} has ended the stream.")
-    except (OSError, asyncio.IncompleteReadError) as error:
-        raise SourceError(f"The connection to {request.address} broke: {_reason(error)}.") from None
-    finally:
-        if sending is not None:
-            sending.cancel()
-        writer.close()
-        with suppress(OSError, TimeoutError):
-            async with asyncio.timeout(1.0):
-                await writer.wait_closed()
+            if request.position is not None:
+                sending = asyncio.create_task(_send_positions(writer, request.position))
+            is_chunked = answer.headers.get("transfer-encoding", "").lower() == "chunked"
+            body = _Body(reader, answer.rest, silence_s)
+            async for data in body.chunks() if is_chunked else body.plain():
+                yield data
+            raise SourceError(f"{request.address} has ended the stream.")
+        except (OSError, asyncio.IncompleteReadError) as error:
+            raise SourceError(
+                f"The connection to {request.address} broke: {reason(error)}."
+            ) from None
+        finally:
+            if sending is not None:
+                sending.cancel()
 
 
 def _head(request: NtripRequest) -> bytes:
@@ -161,7 +151,7 @@ async def _read_answer(reader: asyncio.StreamReader) -> _Answer:
 
 async def _more(reader: asyncio.StreamReader, data: bytes) -> bytes:
     """Return the bytes of an answer's head with those that come next."""
-    more = await reader.read(_READ_BYTES)
+    more = await reader.read(READ_BYTES)
     if not more:
         raise SourceError("What answers ends the connection before it has said anything.")
     if len(data) + len(more) > _MOST_HEAD_BYTES:
@@ -242,7 +232,7 @@ class _Body:
         while b"\r\n" not in self._buffer:
             before = len(self._buffer)
             await self._fill()
-            if len(self._buffer) == before or before > _READ_BYTES:
+            if len(self._buffer) == before or before > READ_BYTES:
                 raise SourceError("The caster's stream is damaged: a chunk has no size.")
         line, _, self._buffer = self._buffer.partition(b"\r\n")
         return line
@@ -255,7 +245,7 @@ class _Body:
         """
         try:
             async with asyncio.timeout(self._silence_s):
-                self._buffer += await self._reader.read(_READ_BYTES)
+                self._buffer += await self._reader.read(READ_BYTES)
         except TimeoutError:
             raise SourceError(f"The caster sends nothing for {self._silence_s:g} s.") from None
 
@@ -267,12 +257,3 @@ async def _send_positions(writer: asyncio.StreamWriter, position: Callable[[], b
         with suppress(OSError):  # the reading side says what is wrong
             await writer.drain()
         await asyncio.sleep(_POSITION_S)
-
-
-def _reason(error: Exception) -> str:
-    """Return why a connection failed, in few words: others may have written them."""
-    if isinstance(error, ssl.SSLCertVerificationError):
-        return "its certificate is not valid for this address"
-    if isinstance(error, OSError) and error.strerror:
-        return plain_line(error.strerror.removesuffix("."))
-    return plain_line(str(error).removesuffix(".")) or type(error).__name__

@@ -10,7 +10,6 @@ import asyncio
 import os
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
-from contextlib import suppress
 from typing import Literal
 
 from msgspec.structs import replace
@@ -18,18 +17,23 @@ from msgspec.structs import replace
 from onboard.config.config_error import ConfigError
 from onboard.config.corrections import PASSWORD_VARIABLE, CorrectionsConfig, beside
 from onboard.config.earth import Origin
-from onboard.config.endpoints import split_host_and_port
 from onboard.config.file_reading import PASSWORD_FILE, RTCM_FILE, read_bytes, read_text
 from onboard.config.fleet_config import FleetConfig
 from onboard.corrections import rtcm
+from onboard.corrections.relay.connection import (
+    ANSWER_S,
+    READ_BYTES,
+    SILENCE_S,
+    connected,
+    reason,
+)
 from onboard.corrections.relay.framing import FrameCutter
-from onboard.corrections.relay.ntrip import ANSWER_S, SILENCE_S, NtripRequest, read_ntrip
+from onboard.corrections.relay.ntrip import NtripRequest, read_ntrip
 from onboard.corrections.relay.source_error import SourceError
 from onboard.security.private_files import refuse_open_to_others
 from onboard.serial_device import open_serial
 
 EPOCH_S = 1.0  # from one moment of a recording to the next
-_READ_BYTES = 4096
 _WITHOUT_EPOCH_FRAMES = 8  # a recording without observations is played so many frames a second
 
 
@@ -171,32 +175,18 @@ async def read_tcp(
     Raises:
         SourceError: it cannot be reached, says nothing, or ends the stream.
     """
-    host, port = split_host_and_port(address)
-    try:
-        async with asyncio.timeout(answer_s):
-            reader, writer = await asyncio.open_connection(host, port)
-    except TimeoutError:
-        raise SourceError(f"{address} does not answer within {answer_s:g} s.") from None
-    except OSError as error:
-        raise SourceError(f"{address} cannot be reached: {error.strerror or error}.") from None
-
-    try:
+    async with connected(address, answer_s=answer_s) as (reader, _):
         while True:
             try:
                 async with asyncio.timeout(silence_s):
-                    data = await reader.read(_READ_BYTES)
+                    data = await reader.read(READ_BYTES)
             except TimeoutError:
                 raise SourceError(f"{address} sends nothing for {silence_s:g} s.") from None
             except OSError as error:
-                raise SourceError(f"The connection to {address} broke: {error}.") from None
+                raise SourceError(f"The connection to {address} broke: {reason(error)}.") from None
             if not data:
                 raise SourceError(f"{address} has ended the stream.")
             yield data
-    finally:
-        writer.close()
-        with suppress(OSError, TimeoutError):
-            async with asyncio.timeout(1.0):
-                await writer.wait_closed()
 
 
 async def read_serial(
@@ -232,7 +222,7 @@ async def read_serial(
                 ) from None
             is_readable.clear()
             try:
-                data = os.read(descriptor, _READ_BYTES)
+                data = os.read(descriptor, READ_BYTES)
             except BlockingIOError:
                 continue
             except OSError as error:

@@ -1,0 +1,63 @@
+"""A connection over TCP to a source of corrections: opened within a time, closed in any case."""
+
+from __future__ import annotations
+
+import asyncio
+import ssl
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+
+from onboard.config.endpoints import split_host_and_port
+from onboard.corrections.relay.source_error import SourceError
+from onboard.plain_text import plain_line
+
+ANSWER_S = 10.0  # to connect, and to answer
+SILENCE_S = 30.0  # without a byte, after which the connection is closed
+READ_BYTES = 4096
+_CLOSE_S = 1.0
+_BUFFER_BYTES = 8192
+
+Connection = tuple[asyncio.StreamReader, asyncio.StreamWriter]
+
+
+@asynccontextmanager
+async def connected(
+    address: str, *, answer_s: float, context: ssl.SSLContext | None = None
+) -> AsyncIterator[Connection]:
+    """Connect, and close the connection at the end of the block.
+
+    Args:
+        address: HOST:PORT.
+        answer_s: to connect.
+        context: of TLS; None without it.
+
+    Raises:
+        SourceError: it cannot be reached.
+    """
+    host, port = split_host_and_port(address)
+    try:
+        async with asyncio.timeout(answer_s):
+            reader, writer = await asyncio.open_connection(
+                host, port, ssl=context, limit=_BUFFER_BYTES
+            )
+    except TimeoutError:
+        raise SourceError(f"{address} does not answer within {answer_s:g} s.") from None
+    except OSError as error:
+        raise SourceError(f"{address} cannot be reached: {reason(error)}.") from None
+
+    try:
+        yield reader, writer
+    finally:
+        writer.close()
+        with suppress(OSError, TimeoutError):
+            async with asyncio.timeout(_CLOSE_S):
+                await writer.wait_closed()
+
+
+def reason(error: Exception) -> str:
+    """Return why a connection failed, in few words: others may have written them."""
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return "its certificate is not valid for this address"
+    if isinstance(error, OSError) and error.strerror:
+        return plain_line(error.strerror.removesuffix("."))
+    return plain_line(str(error).removesuffix(".")) or type(error).__name__
