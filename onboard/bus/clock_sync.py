@@ -13,6 +13,7 @@ import logging
 import os
 import time
 from pathlib import Path
+from typing import TypeVar
 
 from msgspec.structs import replace
 
@@ -33,6 +34,7 @@ BEAT_S = 0.5  # from one clock message to the next
 _WARN_AFTER_NS = 5_000_000_000  # with poses that cannot be used
 
 log = logging.getLogger("covey.clock")
+Stamped = TypeVar("Stamped", StateMessage, MocapPose, Corrections)
 
 
 def host_id() -> int:
@@ -79,10 +81,7 @@ class ClockNode:
         Returns:
             the same object where the clock is shared, else a changed copy.
         """
-        stamp_ns = self.clocks.own_ns(node, message.stamp_ns, received_ns)
-        if stamp_ns == message.stamp_ns:
-            return message
-        return replace(message, stamp_ns=stamp_ns)
+        return self._on_own_clock(message, node, received_ns)
 
     def pose(self, pose: MocapPose, received_ns: int) -> MocapPose | None:
         """Return a mocap pose with its stamp on our clock.
@@ -99,10 +98,7 @@ class ClockNode:
             self._warn_of_unknown_clock(pose.source, received_ns)
             return None
 
-        stamp_ns = self.clocks.own_ns(pose.source, pose.stamp_ns, received_ns)
-        if stamp_ns == pose.stamp_ns:
-            return pose
-        return replace(pose, stamp_ns=stamp_ns)
+        return self._on_own_clock(pose, pose.source, received_ns)
 
     def corrections(self, message: Corrections, received_ns: int) -> Corrections:
         """Return corrections with their stamp on our clock.
@@ -113,7 +109,10 @@ class ClockNode:
         Returns:
             the same object where the clock is shared, else a changed copy.
         """
-        stamp_ns = self.clocks.own_ns(message.source, message.stamp_ns, received_ns)
+        return self._on_own_clock(message, message.source, received_ns)
+
+    def _on_own_clock(self, message: Stamped, node: str, received_ns: int) -> Stamped:
+        stamp_ns = self.clocks.own_ns(node, message.stamp_ns, received_ns)
         if stamp_ns == message.stamp_ns:
             return message
         return replace(message, stamp_ns=stamp_ns)
