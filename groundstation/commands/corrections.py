@@ -18,15 +18,10 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from groundstation.commands.parameters import FleetFile, Seconds
-from onboard.config.fleet import ConfigError, load_fleet
+from groundstation.commands.parameters import FleetFile, Seconds, refuse_wrong_times
+from onboard.config.fleet import load_fleet
 from onboard.corrections.relay.corrections_relay import CorrectionsRelay, relay_problem
 from onboard.corrections.relay.sources import source_of, with_source
-
-_SHORTEST_S = 0.5  # of a run
-# between two reports
-_LEAST_PERIOD_S = 0.1
-_MOST_PERIOD_S = 3600.0
 
 
 def corrections(
@@ -45,10 +40,7 @@ def corrections(
         seconds: end after so long (default: run until Ctrl-C)
         every_s: time between reports
     """
-    is_long_enough = seconds is None or seconds >= _SHORTEST_S
-    if not is_long_enough or not _LEAST_PERIOD_S <= every_s <= _MOST_PERIOD_S:
-        raise ConfigError("--every-s must lie between 0.1 and 3600, --seconds be 0.5 or more.")
-
+    refuse_wrong_times(seconds, every_s)
     config = load_fleet(fleet)
     problem = relay_problem(config)
     if problem is not None:

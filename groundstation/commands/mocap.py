@@ -18,16 +18,11 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from groundstation.commands.parameters import FleetFile, Seconds
+from groundstation.commands.parameters import FleetFile, Seconds, refuse_wrong_times
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.config.mocap import SystemType, problems
 from onboard.mocap.relay.check import MocapCheck
 from onboard.mocap.relay.mocap_relay import MocapRelay, with_source
-
-_SHORTEST_S = 0.5  # of a run
-# between two reports
-_LEAST_PERIOD_S = 0.1
-_MOST_PERIOD_S = 3600.0
 
 
 def mocap(
@@ -48,10 +43,7 @@ def mocap(
         seconds: end after so long (default: run until Ctrl-C)
         every_s: time between reports
     """
-    is_long_enough = seconds is None or seconds >= _SHORTEST_S
-    if not is_long_enough or not _LEAST_PERIOD_S <= every_s <= _MOST_PERIOD_S:
-        raise ConfigError("--every-s must lie between 0.1 and 3600, --seconds be 0.5 or more.")
-
+    refuse_wrong_times(seconds, every_s)
     config = load_fleet(fleet)
     runner: MocapCheck | MocapRelay
     if check:

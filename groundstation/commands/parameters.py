@@ -34,6 +34,11 @@ Seconds = Annotated[float, Parameter(metavar="S")]
 # covey, paper, off, or a law of one's own
 LawName = Annotated[NameOfLaw | None, Parameter(metavar="NAME", show_choices=False)]
 
+_SHORTEST_S = 0.5  # of a relay's run
+# between two reports of a relay
+_LEAST_PERIOD_S = 0.1
+_MOST_PERIOD_S = 3600.0
+
 _WORLD = Group("The world of a simulated flight", sort_key=8)
 _BUS = Parameter(group=Group("The bus of a flight in lockstep", sort_key=9), metavar="X")
 
@@ -127,6 +132,18 @@ class WorldOptions:
         if self.order:
             names.append("--order")
         return tuple(names)
+
+
+def refuse_wrong_times(seconds: float | None, every_s: float) -> None:
+    """Refuse times of a relay that no run can have.
+
+    Args:
+        seconds: of the run; None: until Ctrl-C.
+        every_s: between two reports.
+    """
+    is_long_enough = seconds is None or seconds >= _SHORTEST_S
+    if not is_long_enough or not _LEAST_PERIOD_S <= every_s <= _MOST_PERIOD_S:
+        raise ConfigError("--every-s must lie between 0.1 and 3600, --seconds be 0.5 or more.")
 
 
 def refuse_wrong_seed(seed: int) -> None:
