@@ -172,9 +172,11 @@ class OpenOrders:
         order = result.planned.orders.get(event.vehicle)
         if order is None or order.order_id != event.order_id:
             return
-        if result.results[event.vehicle].phase == "direct" and event.order_outcome != "done":
+        before = result.results[event.vehicle]
+        if before.phase == "direct" and event.order_outcome != "done":
             return  # a late agent: the order is PX4's now, and PX4's answer ends it
-        if event.order_outcome == "failed" and self._has_lost_px4(event.vehicle, order):
+        has_failed = event.order_outcome == "failed" and not before.is_final
+        if has_failed and self._has_lost_px4(event.vehicle, order):
             self._unable[order.order_id] = event.sentence
             return  # it goes straight to PX4
 
