@@ -6,6 +6,7 @@ becomes a space.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, TextIO, cast
 
 
@@ -19,6 +20,20 @@ def plain_line(text: str) -> str:
         The text, a space for each run of white space or of characters that cannot be printed.
     """
     return " ".join(plain_lines(text).split())
+
+
+def listed(names: Sequence[str], most: int) -> str:
+    """Return names in one line, with the number of those that find no room.
+
+    Args:
+        names: one or more.
+        most: so many are written out.
+    """
+    shown = ", ".join(names[:most])
+    hidden = len(names) - most
+    if hidden > 0:
+        return f"{shown} and {hidden} more"
+    return shown
 
 
 def plain_lines(text: str) -> str:

@@ -33,7 +33,7 @@ from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
 from onboard.config.flight_space import flight_space_of
 from onboard.config.pair_separation import separations_m
-from onboard.plain_text import plain_line
+from onboard.plain_text import listed, plain_line
 from onboard.safety.failsafe_table import Condition
 
 LINGER_S = 3.0  # an alarm that comes back within this time has lasted
@@ -314,9 +314,7 @@ def _of_fleet(state: FleetState, fleet: FleetConfig, now_ns: int) -> Iterator[Al
 
     silent = [name for name, view in state.vehicles.items() if view.telemetry is None]
     if silent:
-        names = ", ".join(silent[:_GROUPED])
-        if len(silent) > _GROUPED:
-            names += f" and {len(silent) - _GROUPED} more"
+        names = listed(silent, _GROUPED)
         yield _alarm(GroundCondition.WAITING, "", is_flying=False, names=names)
 
     hashes = {

@@ -24,6 +24,7 @@ from groundstation.missions.runner import MissionRun
 from groundstation.orders.intents import Takeoff
 from groundstation.verdict.verdict import Verdict
 from onboard.config.fleet import ConfigError
+from onboard.plain_text import listed
 
 _MOST_NAMED = 12
 _MOST_PROBLEMS = 2
@@ -243,10 +244,7 @@ def countdown_question(run: MissionRun, at: WorldTime) -> CountdownQuestion:
 
 
 def _names_sentence() -> str:
-    names = mission_names()
-    shown = ", ".join(names[:_MOST_NAMED])
-    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
-    return f"There are {shown}{more}; tab completes a name."
+    return f"There are {listed(mission_names(), _MOST_NAMED)}; tab completes a name."
 
 
 async def _watched(run: MissionRun) -> None:

@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 
 from groundstation.client.world_clock import WorldClock
 from groundstation.mission_files.world_time import WorldTime, local_now, time_words
+from onboard.plain_text import listed
 
 APART_S = 0.5  # by which the clocks of two computers may differ
 STEP_S = 0.1  # by which this computer's clock may differ from itself: readings take their time
@@ -211,15 +212,9 @@ def clock_words(world: WorldClock, names: Sequence[str]) -> str:
     sentences = []
     if agreeing:
         within_s = max(0.001, *agreeing.values())
-        sentences.append(f"Same time within {within_s:.3f} s: {_listed(list(agreeing))}.")
+        sentences.append(
+            f"Same time within {within_s:.3f} s: {listed(list(agreeing), _MOST_NAMED)}."
+        )
     if others:
-        sentences.append(f"Another time, or none told: {_listed(others)}.")
+        sentences.append(f"Another time, or none told: {listed(others, _MOST_NAMED)}.")
     return " ".join(sentences)
-
-
-def _listed(names: list[str]) -> str:
-    shown = ", ".join(names[:_MOST_NAMED])
-    hidden = len(names) - _MOST_NAMED
-    if hidden > 0:
-        return f"{shown} and {hidden} more"
-    return shown
