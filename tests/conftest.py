@@ -98,17 +98,42 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         batch.warm_up()
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Pass over files without a test that is asked for: each worker would read them all."""
+    if not collection_path.name.startswith("test_") or collection_path.suffix != ".py":
+        return None
+
+    wanted = config.option.markexpr
+    path = collection_path.relative_to(_HERE).as_posix()
+    if wanted.startswith("realtime"):
+        has_any = _is_in_real_time(path) or "pytest.mark.realtime" in collection_path.read_text()
+        return None if has_any else True
+    if wanted.endswith("not realtime") and _is_in_real_time(path):
+        return True
+    return None
+
+
+def _is_in_real_time(path: str) -> bool:
+    """Return whether all tests of a file need real time, or run beside those that do."""
+    return path in _BESIDE_REAL_TIME or any(_groups_of(path))
+
+
+def _groups_of(path: str) -> list[str]:
+    """Return the groups of those in real time that a file is in: none or one."""
+    return [
+        group
+        for group, names in _GROUPS.items()
+        if any(path == name or path.startswith(f"{name}/") for name in names)
+    ]
+
+
 @pytest.hookimpl(tryfirst=True)  # before the groups are read
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests that need real time, and name the group that each test runs in."""
     for item in items:
         path = item.path.relative_to(_HERE).as_posix()
-        groups = [
-            group
-            for group, names in _GROUPS.items()
-            if any(path == name or path.startswith(f"{name}/") for name in names)
-        ]
-        if groups or path in _BESIDE_REAL_TIME:
+        groups = _groups_of(path)
+        if _is_in_real_time(path):
             item.add_marker(pytest.mark.realtime)
         if not groups and path.startswith(_READERS):
             groups = ["architecture"]

@@ -9,6 +9,7 @@ import pytest
 from tests.bench.sitl import main
 
 
+@pytest.mark.long
 def test_the_bench_counts_the_messages_of_both_links_and_their_cost(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -132,6 +132,7 @@ async def test_a_refused_order_stays_to_be_corrected_below_the_sentence_that_say
         assert (rig.app.focused, line.value) == (rig.app.panels.table, "")
 
 
+@pytest.mark.long
 async def test_earlier_orders_come_back_also_in_the_next_run(
     fleet: FleetConfig, state_home: Path
 ) -> None:

@@ -6,6 +6,7 @@ import json
 import re
 
 import msgspec
+import pytest
 
 from groundstation.evidence.comparison import compared
 from groundstation.evidence.folder import write_folder
@@ -33,6 +34,7 @@ def test_the_page_has_every_question_and_what_is_not_shown_in_one_table(tmp_path
     assert "<script" not in page
 
 
+@pytest.mark.long
 def test_a_row_of_which_not_all_faults_were_flown_says_so(tmp_path, paper) -> None:
     _, _, page = written(tmp_path, paper, [flown("motor dead"), flown("a pilot lands")])
     assert "evidence for, in part: 2 faults not flown" in page  # of three of propulsion

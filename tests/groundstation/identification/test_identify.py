@@ -219,6 +219,7 @@ def test_too_short_or_too_still_is_said_in_words() -> None:
         )
 
 
+@pytest.mark.long
 def test_gaps_in_the_mocap_cost_precision_and_nothing_else() -> None:
     log = logs(WEAK, range(5, 6))[0]
     kept = np.sin(log.position_time_s * 2.0) > -0.7

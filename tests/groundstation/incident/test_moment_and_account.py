@@ -77,6 +77,7 @@ def test_the_cause_is_named_with_the_distance_that_would_have_been_kept(
     assert "1. The promise would have been kept with Covey's law in place of 'off'" in told
 
 
+@pytest.mark.long
 def test_a_record_of_another_kind_of_flight_gets_its_account_only(
     too_near: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

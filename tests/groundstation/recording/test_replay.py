@@ -208,6 +208,7 @@ async def test_a_damaged_piece_is_jumped_over(flight: Path, tmp_path: Path) -> N
     assert replay.state.vehicles["mav0"].telemetry.sequence == 400  # type: ignore[union-attr]
 
 
+@pytest.mark.long
 def test_flipped_bits_anywhere_end_in_a_shorter_flight_or_in_a_sentence(
     flight: Path, tmp_path: Path
 ) -> None:

@@ -167,6 +167,7 @@ def test_project_leaves_contradicting_rows_to_whoever_knows_which_of_them_yield(
     assert result == (Vec2(0.5, 0.0), LawStatus.RELAXED, 0.0)
 
 
+@pytest.mark.long
 def test_yielding_rows_give_way_by_the_smallest_slack_that_leaves_the_firm_ones_whole():
     """The oracle shrinks the yielding rows by bisection, with the firm ones as they are."""
     rng = np.random.default_rng(5)

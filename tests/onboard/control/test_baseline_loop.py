@@ -157,6 +157,7 @@ def flight() -> Flight:
     return fly()
 
 
+@pytest.mark.long
 def test_the_velocity_is_known_to_two_centimetres_per_second_in_closed_loop(flight: Flight) -> None:
     assert flight.velocity_error_m_s[150:].std() < 0.02
 

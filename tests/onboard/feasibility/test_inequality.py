@@ -41,6 +41,7 @@ def test_no_cell_of_the_map_that_it_promises_has_failed() -> None:
     assert not [str(cell) for cell in promised if cell.has_failed]
 
 
+@pytest.mark.long
 def test_without_what_nobody_knows_yet_it_would_promise_cells_that_have_failed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

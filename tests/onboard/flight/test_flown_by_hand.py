@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -9,17 +11,24 @@ from onboard import agent_commands, agent_inputs
 from onboard.autopilot import PILOT_MODES
 from onboard.bus.schema import BY_MISSION, TO_EVERYBODY
 from onboard.flight.types import FlightStep
-from tests.onboard.agent.rig import hovering_rig
+from tests.onboard.agent.rig import Rig, copied, hovering_rig
 from tests.onboard.flight.test_takeover import Held
 
 PILOTS = ("POSCTL", "ALTCTL", "STABILIZED")
 REASONS = (BY_MISSION, TO_EVERYBODY)
 
 
-def _taken(mode: str, has_sticks: bool = True) -> Held:
-    """A pilot has taken a vehicle that held at 1 m."""
+@functools.cache
+def _holding() -> Rig:
+    """A vehicle that holds at 1 m."""
     rig = Held()
     rig.fly()
+    return rig
+
+
+def _taken(mode: str, has_sticks: bool = True) -> Rig:
+    """A pilot has taken a vehicle that held at 1 m."""
+    rig = copied(_holding())
     rig.mode = mode
     rig.has_sticks = has_sticks
     rig.run(1.5)

@@ -242,6 +242,7 @@ def test_slow_flight_asked_by_a_failsafe_slows_the_clock_for_a_while() -> None:
     assert flight.path.rate > 0.95
 
 
+@pytest.mark.long
 def test_a_pause_stops_the_vehicle_on_its_path_and_resume_lets_it_go_on_to_the_end() -> None:
     path = line()
     rig = following(path)
@@ -291,6 +292,7 @@ def test_a_skip_leads_straight_to_the_end_and_the_order_to_follow_the_path_is_do
     assert rig.position[0] == pytest.approx(3.0, abs=0.1)
 
 
+@pytest.mark.long
 def test_a_vehicle_that_skips_is_slowed_held_and_landed_as_on_any_way() -> None:
     ends: tuple[tuple[OrderKind, str], ...] = (("hold", "holding"), ("land", "landing"))
     for kind, state in ends:

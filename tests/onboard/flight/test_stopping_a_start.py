@@ -33,6 +33,7 @@ def _starts() -> Iterator[tuple[FlightStep, OrderKind]]:
     yield from ((step, "arm") for step in (FlightStep.ARM_OFFBOARD, FlightStep.ARM_ARMING))
 
 
+@pytest.mark.long
 def test_land_hold_and_disarm_each_end_a_start_that_is_not_armed_yet() -> None:
     for step, start in _starts():
         for kind in STOPS:

@@ -51,6 +51,7 @@ def _curves(
     return body_s, gravity(quaternions(body, yaw_rad)), px4_s, gravity(quaternions(px4, 0.0))
 
 
+@pytest.mark.long
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 1000), st.floats(-0.05, 0.2), st.floats(-math.pi, math.pi))
 def test_the_lag_is_found_to_a_few_milliseconds_whatever_the_heading(

@@ -40,13 +40,8 @@ def _differing(report: FactReport) -> dict[str, str]:
     }
 
 
-@pytest.mark.parametrize(
-    "px4",
-    [
-        pytest.param(version, marks=() if version == "1.18" else pytest.mark.long)
-        for version in VERSIONS
-    ],
-)
+@pytest.mark.long
+@pytest.mark.parametrize("px4", VERSIONS)
 def test_the_emulator_agrees_with_every_fact_of_each_version_but_the_documented_ones(
     px4: str,
 ) -> None:

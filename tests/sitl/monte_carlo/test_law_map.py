@@ -269,6 +269,7 @@ def test_a_cell_flies_with_what_check_demands_and_holds_its_top_speed():
         assert set(refused) <= {"map of the law"}, (cell, refused)
 
 
+@pytest.mark.long
 def test_summary_is_what_check_reads(tmp_path, monkeypatch):
     import tomllib
 

@@ -39,6 +39,7 @@ def test_an_offset_rises_stays_and_ends_for_the_liar_only() -> None:
         assert not offset_m[1].any()
 
 
+@pytest.mark.long
 def test_only_the_distances_of_the_others_are_judged() -> None:
     setup = settings.setup_for(law="off", changes=["delay_s=0.02"])
     honest, lying = (flight.fly([_plan(kind)], setup)[0].outcome for kind in (None, "lie"))
