@@ -8,6 +8,7 @@ tests of one file run in one worker.
 
 from __future__ import annotations
 
+import logging
 import signal
 from pathlib import Path
 
@@ -83,8 +84,9 @@ assert not _MISSING, f"tests/conftest.py names tests that are not there: {_MISSI
 
 def pytest_configure() -> None:
     """Take signals as a terminal's programs do: what nohup or a background job ignores, processes
-    would inherit.
+    would inherit. And let a library's thread that outlasts its test find its stream closed.
     """
+    logging.raiseExceptions = False
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
