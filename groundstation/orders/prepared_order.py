@@ -120,20 +120,19 @@ class PreparedOrder:
             preview: as ``start`` was given it.
         """
         is_takeoff = preview.intent.verb == "takeoff"
+        forecast: Forecast | None = None
         try:
             forecast = await self._forecaster.forecast(
                 self.fleet, preview.legs, is_takeoff=is_takeoff
             )
+            reasons = (*preview.reasons, *objections(forecast, preview.intent, self.fleet))
         except ForecastFailed as error:
-            self.reasons = (str(error),)
-            self.is_computing = False
-            self._on_change()
-            return
+            reasons = (str(error),)
 
         if preview is self.preview:
             self.forecast = forecast
             self.is_computing = False
-            self.reasons = (*preview.reasons, *objections(forecast, preview.intent, self.fleet))
+            self.reasons = reasons
             self._on_change()
 
     def check(self) -> PlannedOrder | None:
