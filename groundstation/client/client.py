@@ -300,7 +300,14 @@ class FleetClient:
 
         Returns:
             Its results, which fill in on the event loop.
+
+        Raises:
+            OrderError: a take-off in waves, which is more than one order.
         """
+        refusal = waves_refusal(planned.intent)
+        if refusal is not None:
+            raise OrderError(refusal)
+
         self._held = planned.held
         if is_by_mission:
             planned = of_mission(planned)
@@ -400,15 +407,9 @@ class FleetClient:
             Its results, which fill in on the event loop.
 
         Raises:
-            OrderError: the line is no order.
+            OrderError: the line is no order, or a take-off in waves.
         """
-        planned = self.plan(order)
-        if isinstance(planned.intent, Takeoff) and len(planned.intent.waves) > 1:
-            raise OrderError(
-                "A take-off in waves takes its time: order it in the console, by a step of a "
-                "mission, or in Python, or leave 'by' out."
-            )
-        return self.send(planned, is_by_mission=is_by_mission)
+        return self.send(self.plan(order), is_by_mission=is_by_mission)
 
     async def order(
         self, order: Intent | str, timeout_s: float | None = None, *, is_by_mission: bool = False
@@ -592,3 +593,17 @@ class FleetClient:
                     listen(item)
         for listener in self._listeners:
             listener(state)
+
+
+def waves_refusal(intent: Intent) -> str | None:
+    """Return why an intent cannot be sent as one order; None if it can.
+
+    Args:
+        intent: of any verb.
+    """
+    if isinstance(intent, Takeoff) and len(intent.waves) > 1:
+        return (
+            "A take-off in waves takes its time: order it in the console, by a step of a "
+            "mission, or in Python, or leave 'by' out."
+        )
+    return None

@@ -254,8 +254,12 @@ class OrderEntry:
     def _send_checked(self, planned: PlannedOrder | None) -> None:
         if planned is None or self._ordering is None:
             return
-        if not self._take_off_in_waves(planned.intent):
+        if self._take_off_in_waves(planned.intent):
+            return
+        try:
             self._follow(self._ordering.send(planned))
+        except OrderError as error:
+            self._refuse(str(planned.intent), str(error))
 
     def _take_off_in_waves(self, intent: Intent) -> bool:
         """Fly a take-off in waves as a mission; return whether the order is one."""

@@ -15,13 +15,14 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from groundstation.client.client import FleetClient
+from groundstation.client.client import FleetClient, waves_refusal
 from groundstation.fleet.operator_control import FORCE_WORD
 from groundstation.orders.falling import below_words
 from groundstation.orders.forecast_process import Forecaster
 from groundstation.orders.grammar import OrderError, parse
 from groundstation.orders.intents import INTENTS, Intent, Land
 from groundstation.orders.kill_latch import KillLatch
+from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.prepared_order import PreparedOrder
 from groundstation.orders.preview import OrderPreview
 from groundstation.orders.result import OrderResult
@@ -129,7 +130,7 @@ class OrderCards:
         elif intent.verb == "kill":
             self._kill(text, intent)
         else:
-            self._send(self._new_card(text, "sent"), intent)
+            self._send(self._new_card(text, "sent"), self._client.plan(intent))
 
     def urgent(self, verb: str) -> None:
         """Land or hold everybody at once, whatever waits for its confirmation."""
@@ -145,7 +146,7 @@ class OrderCards:
             intent = Land(vehicles=names, is_everybody=True)
         else:
             intent = INTENTS["hold"](vehicles=names)
-        self._send(self._new_card(f"{verb} all", "sent"), intent)
+        self._send(self._new_card(f"{verb} all", "sent"), self._client.plan(intent))
 
     def confirm(self, number: int) -> None:
         """Send the order of a card as it is shown, if it still holds."""
@@ -158,7 +159,7 @@ class OrderCards:
             self._tell(card.message())
             return
         card.phase = "sent"
-        self._follow(card, self._client.send(checked))
+        self._send(card, checked)
 
     def drop(self, number: int) -> None:
         """Drop a card that waits for its confirmation."""
@@ -204,7 +205,7 @@ class OrderCards:
             names = ",".join(killed)
             self._new_card(text, "refused", f"{names} was killed. Look at it, then write: reset")
             return
-        refusal = self._client.control.refusal(intent.verb)
+        refusal = self._client.control.refusal(intent.verb) or waves_refusal(intent)
         if refusal is not None:
             self._new_card(text, "refused", refusal)
             return
@@ -238,7 +239,7 @@ class OrderCards:
             self._new_card(text, "refused", f"{again} {sentence}".strip())
             return
         self._latch.add(intent.names)
-        self._send(self._new_card(text, "sent"), intent)
+        self._send(self._new_card(text, "sent"), self._client.plan(intent))
 
     def _reset(self, text: str, names: str) -> None:
         """Let killed vehicles be ordered again: those that are named, or all."""
@@ -256,9 +257,9 @@ class OrderCards:
             sentence = f"{freed} may be ordered again."
         self._new_card(text, "sent", sentence)
 
-    def _send(self, card: OrderCard, intent: Intent) -> None:
+    def _send(self, card: OrderCard, planned: PlannedOrder) -> None:
         try:
-            self._follow(card, self._client.submit_now(intent))
+            self._follow(card, self._client.send(planned))
         except (OrderError, RuntimeError) as error:
             # RuntimeError: the bus is not open yet, or not any more.
             card.phase = "refused"

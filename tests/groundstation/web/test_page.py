@@ -188,6 +188,17 @@ async def test_what_could_go_wrong_is_shown_first_and_sent_by_its_confirmation(
     assert [order.kind for _, order in operated.bus.orders] == ["takeoff"] * 3
 
 
+async def test_a_take_off_in_waves_is_refused_and_nobody_takes_off_at_once(
+    operated: Served,
+) -> None:
+    async with opened(operated) as socket:
+        await heard(socket, is_operator)
+        await socket.send_str(json.dumps({"do": "order", "text": "takeoff all 1.0 by 1 every 5"}))
+        refused = await heard(socket, card("takeoff all 1.0 by 1 every 5", "refused"))
+        assert "in waves" in refused["sentences"][0]
+    assert operated.bus.orders == []
+
+
 async def test_a_page_that_is_loaded_again_shows_the_cards_of_before(operated: Served) -> None:
     async with opened(operated) as socket:
         await heard(socket, is_operator)
