@@ -48,7 +48,7 @@ from onboard.plain_text import plain_line
 
 MAX_VEHICLES = 256
 MAX_ORDER_MESSAGES = 50_000  # orders, replies and events
-_DECODED_AT_ONCE = 250  # messages of one vehicle and kind
+_DECODED_AT_ONCE = 64  # messages of one vehicle and kind, as many as stay in the processor's cache
 MAX_MADE = 20  # words about by what a record was written
 MAX_NAME = 60  # letters of a name that are kept
 LARGEST = 1e9  # of any quantity; a larger number is none
@@ -132,35 +132,27 @@ _TELEMETRY_FIELDS = _number_fields(_TelemetryRow)
 _TRUTH_FIELDS = _number_fields(_TruthRow)
 
 _Row = TypeVar("_Row", bound=msgspec.Struct)
-_TICKS = msgspec.json.Decoder(list[_TickRow])
-_TELEMETRY = msgspec.json.Decoder(list[_TelemetryRow])
-_TRUTHS = msgspec.json.Decoder(list[_TruthRow])
+_TICKS = msgspec.json.Decoder(_TickRow)
+_TELEMETRY = msgspec.json.Decoder(_TelemetryRow)
+_TRUTHS = msgspec.json.Decoder(_TruthRow)
 _UNDECODABLE = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 
 
 def _rows_of(
-    decoder: msgspec.json.Decoder[list[_Row]], stamps_ns: list[int], datas: list[bytes]
+    decoder: msgspec.json.Decoder[_Row], stamps_ns: list[int], datas: list[bytes]
 ) -> tuple[list[int], list[_Row]]:
-    """Return stamps and rows of JSON texts; what is none of this kind is left out.
-
-    The texts are decoded all at once. Only where that fails they are looked at one by one; and a
-    text that would become several rows is none.
-    """
+    """Return stamps and rows of JSON texts; what is none of this kind is left out."""
     try:
-        rows = decoder.decode(b"[" + b",".join(datas) + b"]")
+        return stamps_ns, list(map(decoder.decode, datas))
     except _UNDECODABLE:
-        rows = []
-    if len(rows) == len(datas):
-        return stamps_ns, rows
+        pass
 
     known_ns: list[int] = []
     known: list[_Row] = []
     for stamp_ns, data in zip(stamps_ns, datas, strict=True):
         with contextlib.suppress(*_UNDECODABLE):
-            one = decoder.decode(b"[" + data + b"]")
-            if len(one) == 1:
-                known_ns.append(stamp_ns)
-                known += one
+            known.append(decoder.decode(data))
+            known_ns.append(stamp_ns)
     return known_ns, known
 
 
@@ -210,18 +202,17 @@ class _Rows:
 
 def _numbers(values: Sequence[Any], size: int) -> Array:
     """Return one field of several rows as (rows, size); NaN for what is missing."""
-    shape = (len(values),) if size == 1 else (len(values), size)
-    try:
-        # almost every row is complete, and then nothing is looked at one by one
-        numbers = np.array(values, np.float64)
-    except (TypeError, ValueError):
-        numbers = np.empty(0)
-    if numbers.shape == shape:
-        return numbers.reshape(-1, size)
+    if size == 1:
+        return np.array(values, np.float64).reshape(-1, 1)  # None becomes NaN
 
-    missing = (None,) * size
-    parts = [missing if value is None else value for value in values]
-    return np.array(parts, np.float64).reshape(-1, size)
+    try:
+        # almost every row is complete, and then nothing is compared one by one
+        numbers = itertools.chain.from_iterable(values)
+        return np.fromiter(numbers, np.float64, size * len(values)).reshape(len(values), size)
+    except TypeError:
+        missing = (None,) * size
+        parts = [missing if value is None else value for value in values]
+        return np.array(parts, np.float64)
 
 
 class _Ages:
@@ -232,34 +223,24 @@ class _Ages:
     """
 
     def __init__(self) -> None:
-        self._names: tuple[str, ...] = ()
-        self._block = array("d")
-        # neighbours, first tick, and their ages tick by tick
-        self._blocks: list[tuple[tuple[str, ...], int, array[float]]] = []
+        # neighbours, first tick, and the ages at that and the following ones (ticks, neighbours)
+        self._blocks: list[tuple[tuple[str, ...], int, list[Array]]] = []
 
-    def add(self, tick: int, ages_s: dict[str, _Number]) -> None:
-        """Add the ages at one tick."""
-        names = tuple(ages_s)
-        if names != self._names:
-            self._names = names
-            self._block = array("d")
-            self._blocks.append((names, tick, self._block))
-
-        length = len(self._block)
-        try:
-            self._block.extend(ages_s.values())  # type: ignore[arg-type]
-        except TypeError:
-            del self._block[length:]
-            values = [np.nan if age_s is None else age_s for age_s in ages_s.values()]
-            self._block.extend(values)
+    def add(self, first_tick: int, ages_of_ticks_s: list[dict[str, _Number]]) -> None:
+        """Add the ages at ticks that follow each other."""
+        tick = first_tick
+        for names, group in itertools.groupby(ages_of_ticks_s, key=tuple):
+            if not self._blocks or self._blocks[-1][0] != names:
+                self._blocks.append((names, tick, []))
+            rows_s = [tuple(ages_s.values()) for ages_s in group]
+            self._blocks[-1][2].append(_numbers(rows_s, len(names)))
+            tick += len(rows_s)
 
     def by_neighbour(self, ticks: int) -> dict[str, Array]:
         """Return the age of each neighbour's state (ticks,); NaN where it is not known."""
         found: dict[str, Array] = {}
-        for names, first, block in self._blocks:
-            if not names:
-                continue
-            ages_s = np.array(block, np.float64).reshape(-1, len(names))
+        for names, first, parts in self._blocks:
+            ages_s = np.concatenate(parts)
             for column, name in enumerate(names):
                 if name not in found:
                     if len(found) >= MAX_VEHICLES:
@@ -290,9 +271,8 @@ class _VehicleRows:
         """Add ticks; returns how many of them are some."""
         stamps_ns, rows = _rows_of(_TICKS, stamps_ns, datas)
         self.ticks.add(stamps_ns, rows)
-        for row in rows:
-            self.ages.add(len(self.avoided), row.neighbour_ages_s)
-            self.avoided.append(row.active_neighbour)
+        self.ages.add(len(self.avoided), [row.neighbour_ages_s for row in rows])
+        self.avoided += [row.active_neighbour for row in rows]
         return len(rows)
 
     def add_telemetry(self, stamps_ns: list[int], datas: list[bytes]) -> int:
@@ -333,8 +313,8 @@ class _Collected:
         self.malformed = 0
         self.left_out: set[str] = set()  # vehicles beyond MAX_VEHICLES
         self.is_full = False  # more orders and events than are kept
-        # By topic and vehicle: a chunk has a few messages of each, and many are decoded at once in
-        # a third of the time.
+        # By topic and vehicle: a chunk has a few messages of each, and many become rows of numbers
+        # at once in a third of the time.
         self._waiting: dict[tuple[str, str], tuple[list[int], list[bytes]]] = {}
 
     def add(self, raw: RawChannel) -> None:

@@ -7,6 +7,7 @@ import math
 from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -132,26 +133,33 @@ def separations(tracks: dict[str, TrueMotion], height_share: float = 0.0) -> dic
     Returns:
         Smallest separations by "FIRST-SECOND".
     """
+    at_own_stamps = {name: _sampled(motion, motion.stamp_ns) for name, motion in tracks.items()}
+
+    def sampled(name: str, stamps: NDArray[np.int64]) -> _Sampled:
+        # one emulator stamps all its vehicles alike: then nothing is looked up pair by pair
+        if np.array_equal(stamps, tracks[name].stamp_ns):
+            return at_own_stamps[name]
+        return _sampled(tracks[name], stamps)
+
     closest = {}
     for first_name, second_name in itertools.combinations(sorted(tracks), 2):
-        first = tracks[first_name]
-        second = tracks[second_name]
-        stamps = _common_stamps(first, second)
+        stamps = _common_stamps(tracks[first_name], tracks[second_name])
+        first = sampled(first_name, stamps)
+        second = sampled(second_name, stamps)
 
-        is_valid = _covered(first, stamps) & _covered(second, stamps)
-        is_flying = ~(_on_ground(first, stamps) & _on_ground(second, stamps))
-        stamps = stamps[is_valid & is_flying]
-        if not stamps.size:
+        is_flying = ~(first.is_on_ground & second.is_on_ground)
+        counts = first.is_covered & second.is_covered & is_flying
+        if not counts.any():
             continue
 
-        gaps_enu_m = _at(first, stamps) - _at(second, stamps)
+        gaps_enu_m = first.position_enu_m[counts] - second.position_enu_m[counts]
         distances_m = separations_m(gaps_enu_m, height_share)
         index = int(np.argmin(distances_m))
         closest[f"{first_name}-{second_name}"] = Separation(
             first=first_name,
             second=second_name,
             distance_m=float(distances_m[index]),
-            stamp_ns=int(stamps[index]),
+            stamp_ns=int(stamps[counts][index]),
             is_truth=True,
         )
     return closest
@@ -184,32 +192,30 @@ def loop_timing(periods_ms: list[float]) -> LoopTiming:
     )
 
 
-def _at(motion: TrueMotion, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the positions (n, 3) at these stamps, between two samples on a straight line."""
+class _Sampled(NamedTuple):
+    """A vehicle's motion at some stamps."""
+
+    position_enu_m: NDArray[np.float64]  # (n, 3), between two samples on a straight line
+    is_on_ground: NDArray[np.bool_]  # (n,), at the last sample
+    is_covered: NDArray[np.bool_]  # (n,), whether the samples around it are near enough
+
+
+def _sampled(motion: TrueMotion, stamps: NDArray[np.int64]) -> _Sampled:
+    """Return the motion at these stamps."""
     # int64 nanoseconds do not fit into a double; their differences do
     origin_ns = motion.stamp_ns[0]
     times = (stamps - origin_ns).astype(np.float64)
     known_times = (motion.stamp_ns - origin_ns).astype(np.float64)
-
     axes = [np.interp(times, known_times, motion.position_enu_m[:, axis]) for axis in (0, 1, 2)]
-    return np.stack(axes, axis=-1)
 
-
-def _on_ground(motion: TrueMotion, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Whether the last sample up to each stamp was on the ground."""
-    return np.asarray(motion.is_on_ground[_last_before(motion, stamps)])
-
-
-def _covered(motion: TrueMotion, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Whether each stamp lies between two samples that are not too far apart."""
-    before = _last_before(motion, stamps)
+    before = np.searchsorted(motion.stamp_ns, stamps, side="right") - 1
+    before = np.clip(before, 0, None)
     after = np.searchsorted(motion.stamp_ns, stamps, side="left")
     after = np.clip(after, None, motion.stamp_ns.size - 1)
     gaps_ns = motion.stamp_ns[after] - motion.stamp_ns[before]
-    return np.asarray(gaps_ns <= MAX_GAP_S * 1e9)
 
-
-def _last_before(motion: TrueMotion, stamps: NDArray[np.int64]) -> NDArray[np.intp]:
-    """Return the index of the last sample up to each stamp; 0 before the first."""
-    index = np.searchsorted(motion.stamp_ns, stamps, side="right") - 1
-    return np.clip(index, 0, None)
+    return _Sampled(
+        position_enu_m=np.stack(axes, axis=-1),
+        is_on_ground=motion.is_on_ground[before],
+        is_covered=gaps_ns <= MAX_GAP_S * 1e9,
+    )

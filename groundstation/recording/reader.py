@@ -188,21 +188,23 @@ def chunk_messages(
         if not _fits(chunk):
             return None
         stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-        # the head of a message is read with that of its record, also of a last one that is shorter
-        data = stream.read(size) + bytes(_MESSAGE_RECORD_HEAD.size)
+        data = stream.read(size)
         unpack = _MESSAGE_RECORD_HEAD.unpack_from
         message_opcode = int(Opcode.MESSAGE)
+        head_size = _HEAD.size
         content_begin = _MESSAGE_RECORD_HEAD.size
 
-        offset = 0
-        while offset < size:
-            opcode, length, channel_id, log_time_ns = unpack(data, offset)
-            begin = offset
-            offset += _HEAD.size + length
-            if offset > size:
+        # a message begins no later than this: what is left behind it is too short for one
+        last_begin = size - content_begin
+        begin = 0
+        while begin <= last_begin:
+            opcode, length, channel_id, log_time_ns = unpack(data, begin)
+            end = begin + head_size + length
+            if end > size:
                 return None
             if opcode == message_opcode and channel_id in channel_ids:
-                messages.append((channel_id, log_time_ns, data[begin + content_begin : offset]))
+                messages.append((channel_id, log_time_ns, data[begin + content_begin : end]))
+            begin = end
     except DAMAGED:
         return None
     return messages

@@ -60,6 +60,12 @@ _INDEX_HEAD = struct.Struct("<HI")
 _STAMP = struct.Struct("<Q")
 _INDEX_ENTRY_BYTES = 16
 
+# plain numbers, since members of an enumeration are looked up by name each time
+_DATA_END = int(Opcode.DATA_END)
+_CHUNK = int(Opcode.CHUNK)
+_METADATA = int(Opcode.METADATA)
+_MESSAGE_INDEX = int(Opcode.MESSAGE_INDEX)
+
 
 class RecordedMessage(NamedTuple):
     """One message of the record."""
@@ -108,15 +114,16 @@ class _RecordChannel:
     topic: str
     name: str
     kind: type[Message]
+    clock: str  # of its stamps
 
-    @property
-    def clock(self) -> str:
-        """The clock of its stamps: of a vehicle, the ground, the emulator or the mocap."""
-        if self.topic in ("truth", "mocap"):
-            return self.topic
-        if self.topic in ("order", REPLY):
-            return _GROUND
-        return self.name
+
+def _clock_of(topic: str, name: str) -> str:
+    """Return whose clock a channel's stamps are of: a vehicle, ground, emulator or mocap."""
+    if topic in ("truth", "mocap"):
+        return topic
+    if topic in ("order", REPLY):
+        return _GROUND
+    return name
 
 
 class Timeline:
@@ -203,7 +210,7 @@ class Timeline:
             opcode, length = _HEAD.unpack(head)
             offset += _HEAD.size
 
-            if opcode == Opcode.DATA_END:
+            if opcode == _DATA_END:
                 stream.seek(max(0, size - len(_MAGIC)))
                 if stream.read() != _MAGIC:
                     self.broken = (
@@ -216,16 +223,20 @@ class Timeline:
                 )
                 break
 
-            if opcode == Opcode.CHUNK:
+            # nearly all records are indexes, each of which leaves the file behind itself
+            if opcode == _MESSAGE_INDEX and self._chunks:
+                self._index(stream.read(length), stamps)
+                offset += length
+                continue
+
+            if opcode == _CHUNK:
                 chunk = _Chunk(offset, length)
                 self._chunks.append(chunk)
                 times = stream.read(_CHUNK_TIMES.size)
                 chunk.begin_ns, chunk.end_ns = _CHUNK_TIMES.unpack(times)
                 stamps.begin()
-            elif opcode == Opcode.METADATA and length <= _MAX_METADATA_BYTES:
+            elif opcode == _METADATA and length <= _MAX_METADATA_BYTES:
                 self._learn_made(stream.read(length))
-            elif opcode == Opcode.MESSAGE_INDEX and self._chunks:
-                self._index(stream.read(length), stamps)
 
             offset += length
             stream.seek(offset)
@@ -293,7 +304,9 @@ class Timeline:
                 schema = self._schemas.get(record.schema_id, "")
                 kind = KINDS.get(schema.removeprefix("covey."))
                 if kind is not None:
-                    self._channels[record.id] = _RecordChannel(topic, name, kind)
+                    self._channels[record.id] = _RecordChannel(
+                        topic=topic, name=name, kind=kind, clock=_clock_of(topic, name)
+                    )
         self._stream.seek(position)
 
     def _read_events(self, number: int) -> None:
@@ -535,24 +548,29 @@ class _Stamps:
         first_ns = min(stamps_ns)
         last_ns = max(stamps_ns)
 
+        if is_event:
+            self._with_events.add(len(self._chunks) - 1)
+
         spans = self._chunks[-1]
-        begun = _Span(
-            first_ns=first_ns,
-            last_ns=last_ns,
-            middle_ns=middle_ns,
-            channel_count=count,
-            message_count=0,
-        )
-        span = spans.setdefault(clock, begun)
-        span.first_ns = min(span.first_ns, first_ns)
-        span.last_ns = max(span.last_ns, last_ns)
+        span = spans.get(clock)
+        if span is None:
+            spans[clock] = _Span(
+                first_ns=first_ns,
+                last_ns=last_ns,
+                middle_ns=middle_ns,
+                channel_count=count,
+                message_count=count,
+            )
+            return
+
+        if first_ns < span.first_ns:
+            span.first_ns = first_ns
+        if last_ns > span.last_ns:
+            span.last_ns = last_ns
         span.message_count += count
         if count > span.channel_count:
             span.channel_count = count
             span.middle_ns = middle_ns
-
-        if is_event:
-            self._with_events.add(len(self._chunks) - 1)
 
     def settled(self) -> Iterator[_Settled]:
         """Yield all chunks, put on the clock that is in most of them."""
