@@ -4,11 +4,9 @@ a test notices.
     make bench-mutants ARGS="safety --sample 40"     # 40 of the room's mutants
     make bench-mutants ARGS="flight --module state_machine"
 
-A mutant is one comparison, one word (and, or, not), one number or one call that is changed. The
-room is copied and changed in the copy, and its tests run there, interpreted, up to the first that
-fails: those of the mutant's own module first. Each run is a fork of one process that has imported
-all libraries. A survivor is printed with its line: it wants a test, or a reason why it is no
-mistake (`REASONS`).
+A mutant is one comparison, one word (and, or, not), one number or one call that is changed. Which
+tests each of them needs, and how it is tried, stands in `mutant_runs`. A survivor is printed with
+its line: it wants a test, or a reason why it is no mistake (`REASONS`).
 
 mutmut and cosmic-ray do the same for whole programs. The first one puts its variants beside each
 function and chooses at run time, which numba does not compile and which the tests that read the
@@ -20,24 +18,18 @@ from __future__ import annotations
 
 import argparse
 import ast
-import contextlib
-import copy
-import importlib
-import os
+import itertools
+import math
 import random
-import shutil
-import signal
-import sys
-import tempfile
+import time
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple, NoReturn
 
-import pytest
+from tests.bench.mutant_runs import ROOT, Mutant, RoomFails, verdicts
 
-ROOT = Path(__file__).parents[2]
 ROOMS = ("safety", "flight", "avoidance", "supervision")
-_SECONDS = 600  # of a run of tests
+_PROGRESS_EVERY = 50  # mutants
 # Beside its own folder: what a room does is shown by the agent's core.
 _TESTS_ELSEWHERE = {"supervision": ("tests/onboard/agent",)}
 
@@ -71,30 +63,49 @@ _COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
 }
 
 
-class Mutant(NamedTuple):
-    """One changed file."""
-
-    file: Path  # relative to the repository
-    line: int
-    change: str
-    text: str  # of the whole file
-
-
-def mutants_of(file: Path) -> Iterator[Mutant]:
+def mutants_of(file: Path, root: Path = ROOT) -> Iterator[Mutant]:
     """Yield all mutants of a file.
 
     Args:
-        file: relative to the repository.
+        file: relative to the project.
+        root: folder of the project.
     """
-    tree = ast.parse((ROOT / file).read_text(encoding="utf-8"))
-    places = list(ast.walk(tree))
-    for index, place in enumerate(places):
+    text = (root / file).read_text(encoding="utf-8")
+    for index, (place, statement, is_in_function) in enumerate(_places(ast.parse(text))):
         for change in _changes(place):
-            mutant = copy.deepcopy(tree)
-            twin = list(ast.walk(mutant))[index]
-            _apply(twin, change)
-            line = getattr(place, "lineno", 0)
-            yield Mutant(file, line, change, ast.unparse(ast.fix_missing_locations(mutant)))
+            yield Mutant(
+                file=file,
+                line=getattr(place, "lineno", 0),
+                change=change,
+                first_line=statement.lineno,
+                last_line=statement.end_lineno or statement.lineno,
+                is_in_function=is_in_function,
+                make_tree=partial(_changed_tree, text, index, change),
+            )
+
+
+def _changed_tree(text: str, index: int, change: str) -> ast.Module:
+    """Return the tree of a file, one of whose places is changed."""
+    tree = ast.parse(text)
+    place = next(itertools.islice(_places(tree), index, None))[0]
+    _apply(place, change)
+    return ast.fix_missing_locations(tree)
+
+
+def _places(
+    within: ast.AST, statement: ast.stmt | None = None, is_in_function: bool = False
+) -> Iterator[tuple[ast.AST, ast.stmt, bool]]:
+    """Yield all places of the code, each with the statement around it, and whether it is executed
+    when a function is called, and not when the module is imported.
+    """
+    for child in ast.iter_child_nodes(within):
+        inner_statement = child if isinstance(child, ast.stmt) else statement
+        is_in_body = is_in_function
+        if isinstance(within, ast.FunctionDef | ast.AsyncFunctionDef):
+            is_in_body = is_in_function or child in within.body
+        if inner_statement is not None:
+            yield child, inner_statement, is_in_body
+        yield from _places(child, inner_statement, is_in_body)
 
 
 def _changes(place: ast.AST) -> Iterator[str]:
@@ -116,20 +127,20 @@ def _changes(place: ast.AST) -> Iterator[str]:
         yield "a call is dropped"
 
 
-def _apply(twin: ast.AST, change: str) -> None:
+def _apply(place: ast.AST, change: str) -> None:
     """Make a change in the copy of a tree."""
-    if isinstance(twin, ast.Compare):
-        twin.ops = [_COMPARISONS[type(twin.ops[0])]()]
-    elif isinstance(twin, ast.BoolOp):
-        twin.op = ast.Or() if isinstance(twin.op, ast.And) else ast.And()
-    elif isinstance(twin, ast.UnaryOp):
-        twin.op = ast.UAdd()
-        twin.operand = ast.Call(ast.Name("bool", ast.Load()), [twin.operand], [])
-    elif isinstance(twin, ast.Constant):
-        assert isinstance(twin.value, int | float)
-        twin.value = _larger(twin.value)
-    elif isinstance(twin, ast.Expr):
-        twin.value = ast.Constant(None)
+    if isinstance(place, ast.Compare):
+        place.ops = [_COMPARISONS[type(place.ops[0])]()]
+    elif isinstance(place, ast.BoolOp):
+        place.op = ast.Or() if isinstance(place.op, ast.And) else ast.And()
+    elif isinstance(place, ast.UnaryOp):
+        place.op = ast.UAdd()
+        place.operand = ast.Call(ast.Name("bool", ast.Load()), [place.operand], [])
+    elif isinstance(place, ast.Constant):
+        assert isinstance(place.value, int | float)
+        place.value = _larger(place.value)
+    elif isinstance(place, ast.Expr):
+        place.value = ast.Constant(None)
     else:
         raise AssertionError(change)
 
@@ -143,79 +154,11 @@ def _larger(value: float) -> float:
     return value * 1.5 + 0.1
 
 
-def is_noticed(mutant: Mutant, room: str, copy_of_tree: Path) -> bool:
-    """Return whether a test of the room fails with a mutant."""
-    file = copy_of_tree / mutant.file
-    before = file.read_text(encoding="utf-8")
-    file.write_text(mutant.text, encoding="utf-8")
-    try:
-        return _status_of_tests(room, mutant.file.stem, copy_of_tree) != 0
-    finally:
-        file.write_text(before, encoding="utf-8")
-
-
-def _status_of_tests(room: str, module: str, copy_of_tree: Path) -> int:
-    """Run a room's tests in a fork of this process; return their exit status, or a signal."""
-    folder = f"tests/onboard/{room}"
-    own = f"{folder}/test_{module}.py"
-    paths = [folder, *_TESTS_ELSEWHERE.get(room, ())]
-    if (copy_of_tree / own).exists():
-        paths.insert(0, own)
-
-    child = os.fork()
-    if child == 0:
-        _run_tests(paths, copy_of_tree)
-    _, status = os.waitpid(child, 0)
-    return os.waitstatus_to_exitcode(status)
-
-
-def _run_tests(paths: list[str], copy_of_tree: Path) -> NoReturn:
-    """Run tests up to the first that fails, and end this process."""
-    signal.alarm(_SECONDS)  # a mutant that goes on for ever is noticed by that
-    nowhere = os.open(os.devnull, os.O_RDWR)
-    for stream in range(3):
-        os.dup2(nowhere, stream)
-    os.chdir(copy_of_tree)
-    sys.path.insert(0, str(copy_of_tree))
-    os.environ["COVEY_NUMBA"] = "0"
-    sys.dont_write_bytecode = True
-    for name in list(sys.modules):  # whatever this process has of the unchanged tree
-        if name.partition(".")[0] in ("onboard", "groundstation", "sitl", "tests"):
-            del sys.modules[name]
-
-    status = 1
-    try:
-        words = ["-x", "-q", "-p", "no:cacheprovider", "-m", "not long"]
-        status = int(pytest.main([*words, *paths]))
-    finally:
-        os._exit(status)
-
-
-def _import_libraries() -> None:
-    """Import what every run needs."""
-    for name in ("numpy", "hypothesis", "msgspec", "pytest_asyncio", "zenoh", "scipy"):
-        with contextlib.suppress(ImportError):
-            importlib.import_module(name)
-
-
 def _reason(mutant: Mutant) -> str | None:
     """Return why no test can notice a mutant; None where one should."""
     lines = (ROOT / mutant.file).read_text(encoding="utf-8").splitlines()
     code = lines[mutant.line - 1].strip()
     return REASONS.get((mutant.file.name, code, mutant.change))
-
-
-def copied_tree(folder: Path) -> Path:
-    """Return a tree whose onboard rooms are a copy, and all else are links."""
-    tree = folder / "tree"
-    tree.mkdir()
-    for entry in ROOT.iterdir():
-        if entry.name == "onboard":
-            left_out = shutil.ignore_patterns("__pycache__")
-            shutil.copytree(entry, tree / entry.name, symlinks=True, ignore=left_out)
-        elif entry.name not in (".git", ".venv"):
-            (tree / entry.name).symlink_to(entry)
-    return tree
 
 
 def main(words: Sequence[str]) -> int:
@@ -224,6 +167,9 @@ def main(words: Sequence[str]) -> int:
     parser.add_argument("room", choices=ROOMS)
     parser.add_argument("--module", default="*", help="a file of the room, without its ending")
     parser.add_argument("--sample", type=int, help="so many of all, chosen at random")
+    parser.add_argument(
+        "--seconds", type=float, default=math.inf, help="of tests for each, without the slowest"
+    )
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args(words)
 
@@ -233,19 +179,34 @@ def main(words: Sequence[str]) -> int:
     if options.sample is not None:
         mutants = random.Random(options.seed).sample(mutants, min(options.sample, count))
 
-    _import_libraries()
+    try:
+        tried = _tried(options.room, mutants, options.seconds)
+        return _print_all(tried, len(mutants), count)
+    except RoomFails as reason:
+        print(f"Mutants would prove nothing, because {reason}.")
+        return 1
+
+
+def _tried(room: str, mutants: Sequence[Mutant], most_s: float) -> Iterator[tuple[Mutant, bool]]:
+    """Yield each mutant, and whether it was noticed by its room's own tests, or else elsewhere."""
+    elsewhere = _TESTS_ELSEWHERE.get(room, ())
+    left = []
+    for mutant, is_noticed in verdicts([f"tests/onboard/{room}"], mutants, most_s=most_s):
+        if elsewhere and not is_noticed:
+            left.append(mutant)
+        else:
+            yield mutant, is_noticed
+    if left:
+        yield from verdicts(elsewhere, left, most_s=most_s)
+
+
+def _print_all(tried: Iterator[tuple[Mutant, bool]], wanted: int, count: int) -> int:
+    """Print the survivors, and now and then how far it is."""
+    begin_s = time.monotonic()
     survivors = 0
     listed = 0
-    with tempfile.TemporaryDirectory(prefix="covey-mutants-") as folder:
-        tree = copied_tree(Path(folder))
-        unchanged = files[0].relative_to(ROOT)
-        text = files[0].read_text(encoding="utf-8")
-        if is_noticed(Mutant(unchanged, 0, "nothing", text), options.room, tree):
-            print("The room's tests fail without any change: mutants would prove nothing.")
-            return 1
-        for mutant in mutants:
-            if is_noticed(mutant, options.room, tree):
-                continue
+    for number, (mutant, is_noticed) in enumerate(tried, start=1):
+        if not is_noticed:
             place = f"{mutant.file}:{mutant.line}: {mutant.change}"
             reason = _reason(mutant)
             if reason is None:
@@ -254,9 +215,13 @@ def main(words: Sequence[str]) -> int:
             else:
                 listed += 1
                 print(f"({place}: {reason})", flush=True)
-    noticed = len(mutants) - survivors - listed
+        if number % _PROGRESS_EVERY == 0:
+            passed_s = time.monotonic() - begin_s
+            print(f"... {number} of {wanted} tried in {passed_s:.0f} s", flush=True)
+
+    noticed = wanted - survivors - listed
     print(
-        f"{noticed} of {len(mutants)} mutants were noticed, {listed} survive for a reason; "
+        f"{noticed} of {wanted} mutants were noticed, {listed} survive for a reason; "
         f"{count} there are."
     )
     return int(survivors > 0)

@@ -1,31 +1,91 @@
-"""The benchmark of mutants: what it changes, and that it notices a mistake in a room."""
+"""The benchmark of mutants: what it changes, and that it tells noticed mutants from survivors."""
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
 
 import pytest
 
-from tests.bench import mutants
-from tests.bench.mutants import copied_tree, is_noticed, mutants_of
+from tests.bench.mutant_runs import RoomFails, verdicts
+from tests.bench.mutants import mutants_of
 
 GEOFENCE = Path("onboard/safety/geofence.py")
 
+# A room whose test notices one half of its mistakes.
+ROOM = """
+LIMIT = 3
+NOBODY_ASKS = 5
+
+def is_above(value):
+    return value > LIMIT
+
+def is_far_above(value):
+    if value > 2 * LIMIT:
+        return True
+    return False
+
+def never_tried(value):
+    return value == 0
+"""
+TESTS = """
+from a_room import is_above, is_far_above
+
+def test_the_limit_itself_is_not_above():
+    assert not is_above(3)
+    assert is_above(4)
+
+def test_far_above():
+    assert is_far_above(100)
+"""
+
 
 def test_each_mutant_differs_from_the_file_and_from_all_others() -> None:
-    texts = [mutant.text for mutant in mutants_of(GEOFENCE)]
+    texts = [ast.unparse(mutant.make_tree()) for mutant in mutants_of(GEOFENCE)]
     assert len(texts) > 5
     assert len(set(texts)) == len(texts)
     for text in texts:
         compile(text, "mutant", "exec")
 
 
+def test_the_statement_around_a_change_and_when_it_is_executed_are_known(tmp_path: Path) -> None:
+    (tmp_path / "a_room.py").write_text(ROOM, encoding="utf-8")
+    found = {
+        (mutant.line, mutant.change): (mutant.first_line, mutant.last_line, mutant.is_in_function)
+        for mutant in mutants_of(Path("a_room.py"), tmp_path)
+    }
+    assert found[2, "3 becomes larger"] == (2, 2, False)
+    assert found[6, "Gt becomes GtE"] == (6, 6, True)
+    assert found[9, "2 becomes larger"] == (9, 10, True)
+
+
 @pytest.mark.long
-@pytest.mark.timeout(900)
-def test_a_room_without_a_mistake_passes_and_one_with_a_mistake_does_not(tmp_path: Path) -> None:
-    tree = copied_tree(tmp_path)
-    text = (mutants.ROOT / GEOFENCE).read_text(encoding="utf-8")
-    same = mutants.Mutant(GEOFENCE, 0, "nothing", text)
-    assert not is_noticed(same, "safety", tree)
-    broken = same._replace(text=text.replace("<", ">"))
-    assert is_noticed(broken, "safety", tree)
+def test_mutants_are_noticed_or_survive_as_the_tests_of_their_room_say(tmp_path: Path) -> None:
+    (tmp_path / "a_room.py").write_text(ROOM, encoding="utf-8")
+    (tmp_path / "test_a_room.py").write_text(TESTS, encoding="utf-8")
+    mutants = list(mutants_of(Path("a_room.py"), tmp_path))
+
+    found = {
+        (mutant.line, mutant.change): is_noticed
+        for mutant, is_noticed in verdicts(["test_a_room.py"], mutants, tmp_path)
+    }
+    assert found == {
+        (2, "3 becomes larger"): True,  # a constant
+        (3, "5 becomes larger"): False,
+        (6, "Gt becomes GtE"): True,  # inside a function
+        (9, "Gt becomes GtE"): False,
+        (9, "2 becomes larger"): False,
+        (14, "Eq becomes NotEq"): False,
+        (14, "0 becomes larger"): False,
+    }
+    assert (tmp_path / "a_room.py").read_text(encoding="utf-8") == ROOM
+
+
+@pytest.mark.long
+def test_a_room_whose_tests_fail_without_a_change_proves_nothing(tmp_path: Path) -> None:
+    (tmp_path / "a_room.py").write_text(ROOM, encoding="utf-8")
+    wrong = TESTS.replace("assert is_above(4)", "assert is_above(1)")
+    (tmp_path / "test_a_room.py").write_text(wrong, encoding="utf-8")
+    mutants = list(mutants_of(Path("a_room.py"), tmp_path))
+    with pytest.raises(RoomFails, match="the_limit_itself"):
+        next(verdicts(["test_a_room.py"], mutants, tmp_path))
