@@ -68,7 +68,7 @@ from onboard.control import pipeline
 from onboard.control.control_mode import ControlMode
 from onboard.control.pipeline import PipelineParams
 from onboard.corrections.status import CorrectionsStatus
-from onboard.flight import state_machine
+from onboard.flight import predicates, state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.order_checks import OrderFacts
 from onboard.flight.path_flight import OtherClock, other_clocks
@@ -269,6 +269,7 @@ class AgentCore:
         """Return what is known of the own motion as of now."""
         step = self.flight.step
         is_on_ground = step.control_mode is ControlMode.GROUND or step is FlightStep.LIFTOFF
+        seems_to_stand = predicates.seems_to_stand_blind(self.flight, self._view)
 
         self.own.is_flown = step.is_streaming
         return self.own.update(
@@ -277,7 +278,7 @@ class AgentCore:
             snapshot=self._snapshot,
             thrust_frac=self._setpoints.sent_thrust_frac,
             hover_frac=self.control.hover_frac,
-            is_on_ground=is_on_ground,
+            is_on_ground=is_on_ground or seems_to_stand,
         )
 
     def _look(self, now_ns: int, own: OwnEstimate) -> FlightView:

@@ -43,6 +43,7 @@ _STALLED_S = 1.5
 _BLIND_LOW_M = 0.6
 _BLIND_SINKS_M_S = 0.25
 _BLIND_STANDS_S = 0.26
+_BLIND_TOUCHES_S = 0.06  # after which it seems to stand
 _BLIND_UNDER_GROUND_M = -1.0  # no error explains this height
 
 
@@ -141,3 +142,19 @@ def is_agreed_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) ->
         return True
     stands_s = (view.now_ns - signs.still_ns) * 1e-9
     return height_m < _BLIND_LOW_M and stands_s > _BLIND_STANDS_S
+
+
+def seems_to_stand_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) -> bool:
+    """Return whether a vehicle that sinks without poses seems to have met the ground.
+
+    That comes sooner than :func:`is_agreed_blind`, and ends no flight: it says from when on dead
+    reckoning must not go on.
+
+    Args:
+        signs: as of this tick.
+        view: of this tick.
+        ground_z_m: height of the ground where it took off [m].
+    """
+    height_m = view.position_enu_m[2] - ground_z_m
+    stands_s = (view.now_ns - signs.still_ns) * 1e-9
+    return height_m < _BLIND_LOW_M and stands_s > _BLIND_TOUCHES_S

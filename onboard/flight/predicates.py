@@ -249,6 +249,13 @@ def touched_down_blind(flight: FlightContext, view: FlightView) -> bool:
     return is_stopped and flight.seconds(view) > _BLIND_BEGUN_S
 
 
+def seems_to_stand_blind(flight: FlightContext, view: FlightView) -> bool:
+    """Return whether it seems to have met the ground, by PX4's motion."""
+    if flight.step is not FlightStep.SINKING or flight.seconds(view) < _BLIND_BEGUN_S:
+        return False
+    return contact.seems_to_stand_blind(flight.contact, view, flight.ground_z_m)
+
+
 def is_blind(flight: FlightContext, view: FlightView) -> bool:
     """Return whether position and velocity come from dead reckoning."""
     return view.is_blind

@@ -4,8 +4,11 @@ lands by itself.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from onboard import agent_commands
 from onboard.flight.state_machine import begin_failsafe
@@ -204,3 +207,23 @@ def test_a_start_whose_poses_stop_at_lift_off_ends_on_the_ground() -> None:
     rig.until("landed")
     assert rig.position[2] < 0.01
     assert rig.count(agent_commands.Px4Land) == 0
+
+
+def test_from_the_first_moment_that_it_seems_to_stand_it_says_that_it_does_not_move() -> None:
+    rig = lost()
+    while rig.position[2] > rig.floor_m:
+        rig.step()
+    touched_ns = rig.now_ns
+
+    leaning = (math.cos(0.2), 0.0, math.sin(0.2), 0.0)  # as with a leg on a stone
+
+    def lean() -> None:
+        rig.snapshot = replace(rig.snapshot, quaternion_enu_flu_wxyz=leaning)
+
+    rig.after_move = lean
+    rig.run(0.12)
+    assert rig.state is not None
+    said_m = np.array(rig.state.position_enu_m[:2])
+    rig.until("landed")
+    assert rig.now_ns - touched_ns > 250_000_000
+    assert np.linalg.norm(np.array(rig.state.position_enu_m[:2]) - said_m) < 0.01
