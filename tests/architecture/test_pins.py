@@ -1,6 +1,7 @@
 """What is installed is what was tested: every library is pinned, with the hashes of its files."""
 
 import re
+import subprocess
 import tomllib
 from pathlib import Path
 
@@ -116,8 +117,24 @@ def test_the_pins_name_no_registry_and_no_file_of_one_machine() -> None:
 def test_setup_installs_pinned_wheels_with_hashes_and_covey_without_libraries() -> None:
     setup = (ROOT / ".ci" / "setup").read_text(encoding="utf-8")
     assert "install --disable-pip-version-check -q --no-deps" in setup
-    assert (
-        '--require-hashes --only-binary :all: -r "$pins" && pip --no-build-isolation -e .' in setup
-    )
+    assert '--require-hashes --only-binary :all: -r "$venv/half-$1.txt"' in setup
+    assert "libraries && pip --no-build-isolation -e ." in setup
     for line in PROJECT["build-system"]["requires"]:
         assert line in (ROOT / "requirements" / "build.in").read_text(encoding="utf-8")
+
+
+def test_the_two_halves_that_setup_installs_are_the_whole_list() -> None:
+    setup = (ROOT / ".ci" / "setup").read_text(encoding="utf-8")
+    (program,) = re.findall(r"awk -v \"half=\$1\" '([^']*)'", setup)
+    pins = ROOT / "requirements" / "dev.txt"
+
+    halves = []
+    for half in ("0", "1"):
+        words = ["awk", "-v", f"half={half}", program, str(pins)]
+        lines = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+        halves.append(lines.splitlines())
+    assert sorted(halves[0] + halves[1]) == sorted(pins.read_text(encoding="utf-8").splitlines())
+    for lines in halves:
+        begins = [line for line in lines if "==" in line]
+        assert abs(len(begins) - len(pinned("dev")) / 2) <= 1
+        assert lines.index(begins[0]) <= 2, "a hash without its library"
