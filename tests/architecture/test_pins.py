@@ -131,8 +131,8 @@ def test_the_two_halves_that_setup_installs_are_the_whole_list() -> None:
     halves = []
     for half in ("0", "1"):
         words = ["awk", "-v", f"half={half}", program, str(pins)]
-        lines = subprocess.run(words, capture_output=True, text=True, check=True).stdout
-        halves.append(lines.splitlines())
+        text = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+        halves.append(text.splitlines())
     assert sorted(halves[0] + halves[1]) == sorted(pins.read_text(encoding="utf-8").splitlines())
     for lines in halves:
         begins = [line for line in lines if "==" in line]
