@@ -94,11 +94,20 @@ def page_of(view: VehicleView, fleet: FleetConfig, now_ns: int) -> VehiclePage:
         return VehiclePage(view.name, True, (line,))
 
     lines = [
+        *_of_place(view.name, telemetry.stands_in_for),
         *_of_files(view.name, telemetry, fleet),
         *_of_report(view, telemetry, now_ns),
         _of_direct_path(view.name, fleet),
     ]
     return VehiclePage(view.name, True, tuple(lines))
+
+
+def _of_place(name: str, place: str) -> list[PageLine]:
+    """Return a line about a vehicle that stands in for another one, else none."""
+    if not place:
+        return []
+    sentence = f"{name} stands in for {place}, with its spot, slots and paths."
+    return [PageLine("place", True, sentence, "")]
 
 
 def _of_files(name: str, telemetry: Telemetry, fleet: FleetConfig) -> list[PageLine]:

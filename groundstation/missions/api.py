@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from groundstation.client.client import FleetClient
+from groundstation.fleet.places import vehicles_at
 from groundstation.fleet.state import FleetState, Separation
 from groundstation.missions.connection import host_of
 from groundstation.missions.ground import MissionGround
@@ -170,6 +171,7 @@ class Fleet(Group):
         return [logged.event for logged in self.state.events]
 
     def __getitem__(self, name: str) -> MissionVehicle:
+        (name,) = vehicles_at([name], self.state)
         if name not in self._names:
             raise ConfigError(
                 f"'{name}' is not a vehicle of fleet '{self.config.fleet.name}': "
@@ -199,6 +201,7 @@ class Fleet(Group):
         """
 
         def are_ready(state: FleetState) -> bool:
+            self.ground.leave_out_disabled()
             return all(is_ready(state, name, self.client.now_ns()) for name in self.names)
 
         if not await self.client.wait_for(are_ready, timeout_s):

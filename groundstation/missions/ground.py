@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from msgspec.structs import replace
 
 from groundstation.client.client import FleetClient
+from groundstation.fleet.places import out_of_service
 from groundstation.mission_files.world_time import WorldTime, time_words
 from groundstation.missions.countdown import Countdown, CountdownEnded, clock_words, count_down
 from groundstation.missions.hover_check import hover_check
@@ -280,10 +281,10 @@ class MissionGround:
         self.say(f"The mission goes on without {', '.join(new)}.")
 
     def leave_out_disabled(self) -> None:
-        """Go on without vehicles that are out of service, if any vehicle is left."""
-        vehicles = self.client.state.vehicles
+        """Go on without vehicles that are out of service or swapped, if any vehicle is left."""
         enabled = self.client.fleet.enabled_names
-        disabled = [name for name in enabled if vehicles[name].is_disabled]
+        out = out_of_service(self.client.state)
+        disabled = [name for name in enabled if name in out]
         if len(disabled) < len(enabled):
             self.disabled.update(disabled)
             self.leave_out(*disabled)

@@ -15,6 +15,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequenc
 import numpy as np
 
 from groundstation.client.client import FleetClient
+from groundstation.fleet.places import by_vehicle, out_of_service, vehicles_at
 from groundstation.fleet.state import FleetState
 from groundstation.formations.slots import formation_names, formation_slots
 from groundstation.mission_files.world_time import (
@@ -52,6 +53,7 @@ from groundstation.orders.intents import (
     Resume,
     Rotate,
     Skip,
+    Swap,
     Takeoff,
     Yaw,
 )
@@ -107,6 +109,8 @@ class Group:
     def select(self, vehicles: Vehicles, *, with_lost: bool = False) -> tuple[str, ...]:
         """Return the vehicles of this group that are meant.
 
+        A vehicle that stands in for another one is meant by that one's name.
+
         Args:
             vehicles: "all", names or indices.
             with_lost: "all" also means those whose failure the mission has reacted to.
@@ -119,7 +123,7 @@ class Group:
             able = tuple(name for name in self.names if name not in lost)
             return able or self.names  # who orders nobody but the lost hears why they refuse
 
-        selected = self.config.select(vehicles)
+        selected = vehicles_at(self.config.select(vehicles), self.state)
         not_in_group = [name for name in selected if name not in self._names]
         if not_in_group:
             raise ConfigError(
@@ -156,7 +160,7 @@ class Group:
             vehicles: to order; they stand on the ground, disarmed.
             timeout_s: longest wait [s].
         """
-        results = await self.order(Disable(vehicles=self.select(vehicles)), timeout_s)
+        results = await self.order(Disable(vehicles=self.config.select(vehicles)), timeout_s)
         self.ground.disabled.update(results)
         self.ground.leave_out(*results)
         return results
@@ -168,9 +172,32 @@ class Group:
             vehicles: to order.
             timeout_s: longest wait [s].
         """
-        results = await self.order(Enable(vehicles=self.select(vehicles)), timeout_s)
+        results = await self.order(Enable(vehicles=self.config.select(vehicles)), timeout_s)
         self.ground.disabled.difference_update(results)
         self.ground.left_out.difference_update(results)
+        return results
+
+    async def swap(self, vehicle: str, spare: str, *, timeout_s: float = 5.0) -> Results:
+        """Give a vehicle's place to a spare that stands on its spot; both stand, disarmed.
+
+        From then on the name of the vehicle means the spare: in paths, goals and formations.
+
+        Args:
+            vehicle: that is out of service from then on.
+            spare: that takes part from its place.
+            timeout_s: longest wait [s].
+        """
+        intent = Swap(vehicles=self.config.select([vehicle, spare]))
+        results = await self.order(intent, timeout_s)
+
+        def is_told(state: FleetState) -> bool:
+            return intent.swapped in out_of_service(state)
+
+        await self.client.wait_for(is_told, timeout_s)
+        self.ground.disabled.add(intent.swapped)
+        self.ground.leave_out(intent.swapped)
+        self.ground.disabled.discard(intent.spare)
+        self.ground.left_out.discard(intent.spare)
         return results
 
     async def takeoff(
@@ -248,9 +275,10 @@ class Group:
                 )
             goals = {self.names[0]: goals}
 
+        own_goals = by_vehicle(goals, self.state)
         intent = Goto(
-            vehicles=self.select(list(goals)),
-            goals=dict(goals),
+            vehicles=self.select(list(own_goals)),
+            goals=own_goals,
             yaw_deg=yaw_deg,
             duration_s=duration_s,
         )
@@ -445,6 +473,7 @@ class Group:
             timeout_s: longest flight along the paths [s]; None: their own duration, and a minute.
         """
         self.select(list(paths))
+        paths = by_vehicle(paths, self.state)
         start = self._time_of(at)
 
         # Without Covey's law simulation may try what the law would refuse.
@@ -457,7 +486,7 @@ class Group:
         return await follow_paths(
             self.ground,
             paths,
-            lights=lights or {},
+            lights=by_vehicle(lights or {}, self.state),
             on_lag=on_lag,
             at=start,
             timeout_s=timeout_s,
@@ -477,6 +506,7 @@ class Group:
             ConfigError: two waypoints are one, or a vehicle does not report where it is.
         """
         paths = {}
+        waypoints = by_vehicle(waypoints, self.state)
         for name in self.select(list(waypoints)):
             telemetry = self.state.vehicles[name].telemetry
             if telemetry is None or not telemetry.is_airborne:
@@ -508,8 +538,10 @@ class Group:
         Raises:
             ConfigError: the leader or a follower does not report where it is.
         """
+        (leader,) = vehicles_at([leader], self.state)
         if offsets is None:
             offsets = present_offsets(self.client, leader, self.names)
+        offsets = by_vehicle(offsets, self.state)
 
         followers = self.select(list(offsets))
         follower_offsets = {name: offsets[name] for name in followers}

@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 
 from msgspec.structs import replace
 
+from groundstation.fleet.places import by_vehicle, place_of, vehicles_at
+from groundstation.fleet.state import FleetState
 from groundstation.mission_files.expected_course import (
     CourseStep,
     formation_paths,
@@ -35,7 +37,7 @@ from groundstation.missions.api import Fleet
 from groundstation.missions.conditions import WaitCondition
 from groundstation.orders.intents import GoalIntent, Goto, Intent, Names
 from groundstation.verdict.expectations import check
-from onboard.config.fleet import FleetConfig, Vec3
+from onboard.config.fleet import Vec3
 from onboard.control.path import Path
 
 
@@ -109,8 +111,9 @@ class StepRunner:
                 timeout_s=step.timeout_s,
             )
         elif isinstance(step, FlyFormationStep):
+            paths = formation_paths(step, self._fleet.config, self._spots_of_places())
             await self._fleet.follow_path(
-                self._taking_part(formation_paths(step, self._fleet.config, self._spots())),
+                self._taking_part(paths),
                 on_lag=step.on_lag,
                 at=self._times.get(step.at, step.at),
                 timeout_s=step.timeout_s,
@@ -126,7 +129,8 @@ class StepRunner:
     async def _order(self, step: Intent) -> None:
         """Give a step's order to those of its vehicles that still take part."""
         fleet = self._fleet
-        intent = _without(resolved(step, fleet.config), fleet.ground.left_out)
+        intent = _at_places(resolved(step, fleet.config), fleet.state)
+        intent = _without(intent, fleet.ground.left_out)
         if not intent.names:
             return
 
@@ -143,7 +147,7 @@ class StepRunner:
         await self._fleet.countdown(self._times.get(step.at, step.at))
         await self._fleet.wait(step.duration_s)
         if step.until is not None:
-            await self._fleet.until(condition(step.until, self._fleet.config), step.timeout_s)
+            await self._fleet.until(condition(step.until, self._fleet), step.timeout_s)
 
     async def _side_by_side(self, step: ParallelStep, key: str) -> None:
         """Do branches at the same time; the first failure ends all."""
@@ -160,7 +164,7 @@ class StepRunner:
         async def then() -> None:
             await self._all(step.then, f"{key}.then")
 
-        when = condition(step.when, self._fleet.config)
+        when = condition(step.when, self._fleet)
         try:
             async with self._fleet.reacting(when, then, ends=True):
                 await self._all(step.steps, f"{key}.steps")
@@ -192,7 +196,13 @@ class StepRunner:
     def _taking_part(self, paths: Mapping[str, Path]) -> dict[str, Path]:
         """Return the paths without those of vehicles that the mission goes on without."""
         left_out = self._fleet.ground.left_out
-        return {name: path for name, path in paths.items() if name not in left_out}
+        own_paths = by_vehicle(paths, self._fleet.state)
+        return {name: path for name, path in own_paths.items() if name not in left_out}
+
+    def _spots_of_places(self) -> dict[str, Vec3]:
+        """Return where the vehicles are that report it, by the names of their places."""
+        state = self._fleet.state
+        return {place_of(name, state): spot for name, spot in self._spots().items()}
 
     def _spots(self) -> dict[str, Vec3]:
         """Return where the vehicles are that report it."""
@@ -205,26 +215,28 @@ class StepRunner:
         return spots
 
 
-def condition(until: Until, fleet: FleetConfig) -> WaitCondition:
+def condition(until: Until, fleet: Fleet) -> WaitCondition:
     """Return the condition that a step waits for.
 
     Args:
         until: the keys of the file; at least one.
-        fleet: the fleet file.
+        fleet: that flies the mission.
 
     Raises:
         ConfigError: a vehicle is unknown.
     """
 
     def select(vehicles: Names | None) -> tuple[str, ...] | None:
-        return None if vehicles is None else fleet.select(vehicles)
+        if vehicles is None:
+            return None
+        return vehicles_at(fleet.config.select(vehicles), fleet.state)
 
     about = select(until.vehicles)
     parts = []
     if until.reached:
-        names = fleet.select(list(until.reached))
+        names = fleet.config.select(list(until.reached))
         goals = dict(zip(names, until.reached.values(), strict=True))
-        parts.append(conditions.reached(goals, until.within_m))
+        parts.append(conditions.reached(by_vehicle(goals, fleet.state), until.within_m))
     if until.separation_above_m is not None:
         parts.append(conditions.separation_above(until.separation_above_m))
     if until.separation_below_m is not None:
@@ -243,6 +255,15 @@ def condition(until: Until, fleet: FleetConfig) -> WaitCondition:
     if len(parts) == 1:
         return parts[0]
     return conditions.all_of(*parts)
+
+
+def _at_places(intent: Intent, state: FleetState) -> Intent:
+    """Return an order for those who have the places that it names."""
+    names = vehicles_at(intent.names, state)
+    if isinstance(intent, Goto):
+        goals = by_vehicle(intent.goals, state)
+        return replace(intent, vehicles=tuple(goals), goals=goals)
+    return replace(intent, vehicles=names)
 
 
 def _without(intent: Intent, left_out: set[str]) -> Intent:

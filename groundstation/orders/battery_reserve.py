@@ -12,7 +12,9 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from groundstation.fleet.places import spot_of
 from groundstation.fleet.state import FleetState
+from onboard.bus.schema import Vec3
 from onboard.config.fleet import FleetConfig, Vehicle
 
 ASSUMED_HOVER_S = 300.0  # of a battery about which the fleet file says nothing: a short time
@@ -87,7 +89,8 @@ def weakest(
         if telemetry is None or not math.isfinite(telemetry.battery_frac):
             continue
 
-        way_s = way_home_s(fleet.vehicles[name], telemetry.position_enu_m)
+        spot_enu_m = spot_of(name, fleet, state)
+        way_s = way_home_s(fleet.vehicles[name], spot_enu_m, telemetry.position_enu_m)
         hover_s = fleet.vehicles[name].hover_time_s or ASSUMED_HOVER_S
         seen_1_s = discharge.rate_1_s(name, now_ns, telemetry.battery_frac)
         rate_pct_s = 100.0 * max(1.0 / hover_s, seen_1_s)
@@ -99,14 +102,15 @@ def weakest(
     return min(reserves, key=lambda one: one.has_pct - one.needs_pct, default=None)
 
 
-def way_home_s(vehicle: Vehicle, position_enu_m: Sequence[float]) -> float:
+def way_home_s(vehicle: Vehicle, spot_enu_m: Vec3, position_enu_m: Sequence[float]) -> float:
     """Return how long the way to the take-off spot and the landing there take [s].
 
     Args:
         vehicle: of the fleet file.
+        spot_enu_m: its take-off spot.
         position_enu_m: where it is.
     """
-    x, y, z = vehicle.start_enu_m
+    x, y, z = spot_enu_m
     distance_m = math.dist(position_enu_m[:2], (x, y))
     height_m = max(0.0, position_enu_m[2] - z)
     return (

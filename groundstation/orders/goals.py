@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
+from groundstation.fleet.places import by_vehicle, spot_of
 from groundstation.fleet.state import FleetState, VehicleView
 from groundstation.formations.assignment import nearest_slots, spots_without_crossing
 from groundstation.orders.held_formation import (
@@ -51,6 +52,14 @@ class Situation(NamedTuple):
     state: FleetState | None  # None: judged against the fleet file alone
     held: HeldFormation  # before the order
     names: list[str]  # vehicles of the order that may be ordered
+
+    def spot_enu_m(self, name: str) -> Vec3:
+        """Return the take-off spot of a vehicle [m]: its own, or of whom it stands in for."""
+        return spot_of(name, self.fleet, self.state)
+
+    def slots(self, held: HeldFormation) -> dict[str, Vec3]:
+        """Return the offset of each vehicle in a formation [m], of those who stand in as well."""
+        return by_vehicle(held_slots(self.fleet, held), self.state)
 
 
 class Goals(NamedTuple):
@@ -112,7 +121,7 @@ def _home(intent: Home, situation: Situation) -> Goals:
     goals = {}
     for name in situation.names:
         vehicle = situation.fleet.vehicles[name]
-        x, y, _ = vehicle.start_enu_m
+        x, y, _ = situation.spot_enu_m(name)
         height_m = intent.height_m
         if height_m is None:
             # who stands or is about to is refused by its agent, for a reason of its own
@@ -129,7 +138,7 @@ def _bring_home(intent: BringHome, situation: Situation) -> Goals:
     """
     spots = {}
     for name in situation.names:
-        here = situation.fleet.vehicles[name].start_enu_m
+        here = situation.spot_enu_m(name)
         if situation.state is not None:
             view = situation.state.vehicles.get(name)
             telemetry = None if view is None else view.telemetry
@@ -142,13 +151,13 @@ def _bring_home(intent: BringHome, situation: Situation) -> Goals:
 
     takes = intent.takes
     if takes is None:
-        homes = {name: situation.fleet.vehicles[name].start_enu_m for name in situation.names}
+        homes = {name: situation.spot_enu_m(name) for name in situation.names}
         takes = spots_without_crossing(homes, spots)
         intent = replace(intent, takes=takes)
 
     goals = {}
     for name in situation.names:
-        x, y, _ = situation.fleet.vehicles[takes.get(name, name)].start_enu_m
+        x, y, _ = situation.spot_enu_m(takes.get(name, name))
         height_m = intent.height_m
         if height_m is None:
             lowest_m = floor_m(situation.fleet) + least_height_m(situation.fleet.vehicles[name])
@@ -180,13 +189,13 @@ def _move(intent: Move, situation: Situation) -> Goals:
         return Goals(intent, {names[0]: intent.position_enu_m})
 
     held = situation.held
-    slots = held_slots(situation.fleet, held)
+    slots = situation.slots(held)
     return _slot_goals(intent, situation, held, intent.position_enu_m, slots)
 
 
 def _formation(intent: Formation, situation: Situation) -> Goals:
     held = held_after(intent, situation.held)
-    slots = held_slots(situation.fleet, held)
+    slots = situation.slots(held)
 
     position_enu_m = intent.position_enu_m
     if position_enu_m is None and situation.state is not None:
@@ -211,14 +220,14 @@ def _rotate(intent: Rotate, situation: Situation) -> Goals:
     if center_enu_m is None:
         if situation.state is None:
             return Goals(intent)
-        slots_before = held_slots(situation.fleet, situation.held)
+        slots_before = situation.slots(situation.held)
         center_enu_m = formation_position(slots_before, situation.state, situation.names)
     if center_enu_m is None:
         return _no_formation_position(intent, situation)
     intent = replace(intent, center_enu_m=center_enu_m)
 
     held = held_after(intent, situation.held)
-    slots = held_slots(situation.fleet, held)
+    slots = situation.slots(held)
     return _slot_goals(intent, situation, held, center_enu_m, slots)
 
 
@@ -279,7 +288,7 @@ def _spots_or_starts(situation: Situation) -> dict[str, Vec3]:
     """Return the known spots; without a state the take-off spots of the fleet file."""
     if situation.state is not None:
         return known_spots(situation.names, situation.state)
-    return {name: situation.fleet.vehicles[name].start_enu_m for name in situation.names}
+    return {name: situation.spot_enu_m(name) for name in situation.names}
 
 
 def _spot(view: VehicleView | None) -> Vec3 | None:

@@ -10,6 +10,7 @@ Grammar (``WHO`` is ``all``, names or indices: ``mav0,mav2``, ``0-1``; left out 
     rotate [WHO] DEG [in SECONDS]          rotate all 90
     yaw [WHO] DEG                          yaw mav1 -90
     home [WHO] [HEIGHT] [in SECONDS]       home all
+    swap WHO SPARE                         swap mav2 mav7
 
 ``move`` for one vehicle names its own goal. For several it names the formation's position: each
 one's slot is added, so that they never get one goal together. The formation is the last one
@@ -84,6 +85,9 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
     if kind.verb == "goto":
         goals = _take_goals(words, fleet)
         return kind.from_line(OrderLine(vehicles=tuple(goals), options=options, goals=goals))
+
+    if kind.verb == "swap":
+        return kind(vehicles=_take_swapped(words, fleet))
 
     names, numbers = _take_vehicles(words, kind, fleet)
     is_everybody = not names or words[0].lower() == "all"
@@ -251,6 +255,14 @@ def _take_vehicles(
         return names, numbers
 
     raise OrderError(f"That is not understood. Write: {kind.usage}")
+
+
+def _take_swapped(words: list[str], fleet: FleetConfig) -> tuple[str, ...]:
+    """Return the vehicle that is swapped, and its spare."""
+    names = _select(",".join(words), fleet) if words else ()
+    if len(words) != 2 or len(names) != 2:
+        raise OrderError(f"A swap is of two vehicles. Write: {INTENTS['swap'].usage}")
+    return names
 
 
 def _select(word: str, fleet: FleetConfig) -> tuple[str, ...]:

@@ -56,6 +56,7 @@ Verb = Literal[
     "reboot",
     "disable",
     "enable",
+    "swap",
 ]
 PathVerb = Literal["load_path", "follow_path"]  # of programs and missions; nobody types a path
 
@@ -141,6 +142,10 @@ class Intent(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     def message_values(self) -> MessageValues:
         """Return what the message to each vehicle says."""
         return MessageValues()
+
+    def kind_for(self, name: str) -> OrderKind:
+        """Return the kind of the message to a vehicle: mostly the same for all."""
+        return self.kind
 
     def __str__(self) -> str:
         return " ".join((self.verb, ",".join(self.names), *self._words()))
@@ -618,6 +623,39 @@ class Enable(Intent, frozen=True, kw_only=True):
     timeout_s: float = 5.0
 
 
+class Swap(Intent, frozen=True, kw_only=True):
+    """Give a vehicle's place to a spare: its spot, its slots, its paths."""
+
+    verb = "swap"
+    kind = "stand_in"
+    usage = "swap WHO SPARE, for instance: swap mav2 mav7"
+    must_name_vehicles = True
+    is_mission_step = False
+    is_joint = True
+    begins = "on ground"
+    planned_fields = ("place",)
+
+    timeout_s: float = 5.0
+    place: str = ""  # that the spare gets: of the first vehicle, or of whom it stands in for
+
+    @property
+    def swapped(self) -> str:
+        """The vehicle that is out of service from then on."""
+        return self.names[0]
+
+    @property
+    def spare(self) -> str:
+        """The vehicle that has its place from then on."""
+        return self.names[1]
+
+    def kind_for(self, name: str) -> OrderKind:
+        """Return the kind of the message to a vehicle."""
+        return self.kind if name == self.spare else "disable"
+
+    def __str__(self) -> str:
+        return " ".join((self.verb, *self.names))
+
+
 class LoadPath(Intent, frozen=True, kw_only=True):
     """Bring each vehicle a part of its path."""
 
@@ -658,6 +696,7 @@ INTENTS: dict[str, type[Intent]] = {
         Reboot,
         Disable,
         Enable,
+        Swap,
     )
 }
 PATH_INTENTS: dict[PathVerb, type[Intent]] = {"load_path": LoadPath, "follow_path": FollowPath}

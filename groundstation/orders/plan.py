@@ -13,10 +13,12 @@ from dataclasses import dataclass, field, replace
 
 import msgspec
 
+from groundstation.fleet.places import out_of_service
 from groundstation.fleet.state import FleetState
 from groundstation.orders.goals import Situation, goals_of
 from groundstation.orders.held_formation import HeldFormation, held_after
-from groundstation.orders.intents import Formation, Goto, Intent, Takeoff
+from groundstation.orders.intents import Formation, Goto, Intent, Swap, Takeoff
+from groundstation.orders.swap import names_that_hear, swap_refusals, with_place
 from onboard.bus.schema import BY_MISSION, Order, Vec3
 from onboard.config.fleet import (
     ConfigError,
@@ -82,6 +84,8 @@ def plan_order(
         Orders for the vehicles that may be ordered, refusals for the others.
     """
     intent = _without_disabled(intent, fleet, state)
+    if isinstance(intent, Swap) and state is not None:
+        intent = with_place(intent, state)
     refusals: dict[str, str] = {}
     names = []
     for name in intent.names:
@@ -107,6 +111,9 @@ def plan_order(
         if not refusals:
             refusals = _goal_refusals(goals_enu_m, fleet, state, now_ns)
 
+    if not refusals and isinstance(intent, Swap) and state is not None:
+        refusals = swap_refusals(intent, fleet, state, now_ns)
+        names = names_that_hear(intent, state, now_ns)
     if not refusals and isinstance(intent, Takeoff):
         refusals = _height_refusals(names, intent.height_m, fleet)
     if intent.is_joint:
@@ -117,7 +124,7 @@ def plan_order(
         name: Order(
             order_id=new_id(),
             author=author,
-            kind=intent.kind,
+            kind=intent.kind_for(name),
             stamp_ns=now_ns,
             deadline_ns=_deadline_ns(now_ns),
             position_enu_m=goals_enu_m.get(name),
@@ -127,6 +134,7 @@ def plan_order(
             yaw_deg=values.yaw_deg,
             then_land=values.then_land,
             reason=values.reason,
+            stands_in_for=_place_for(name, intent),
         )
         for name in names
         if name not in refusals
@@ -139,8 +147,15 @@ def plan_order(
     )
 
 
+def _place_for(name: str, intent: Intent) -> str:
+    """Return the place that a message gives a vehicle; mostly none."""
+    if isinstance(intent, Swap) and name == intent.spare:
+        return intent.place or intent.swapped
+    return ""
+
+
 def _without_disabled(intent: Intent, fleet: FleetConfig, state: FleetState | None) -> Intent:
-    """Return an order to all without the vehicles that are out of service.
+    """Return an order to all without the vehicles that are out of service, or swapped.
 
     Orders that bring vehicles down mean them too, and so does one that names them.
     """
@@ -148,7 +163,8 @@ def _without_disabled(intent: Intent, fleet: FleetConfig, state: FleetState | No
     if state is None or not is_to_all or intent.brings_down or isinstance(intent, Goto):
         return intent
 
-    names = tuple(name for name in intent.names if not state.vehicles[name].is_disabled)
+    out = out_of_service(state)
+    names = tuple(name for name in intent.names if name not in out)
     if not names or len(names) == len(intent.names):
         return intent
     return msgspec.structs.replace(intent, vehicles=names)

@@ -386,6 +386,7 @@ class AgentCore:
             hover_frac=self.control.hover_frac,
             conditions=self.failsafes.conditions,
             corrections=self._corrections_status,
+            place=self.flight.place,
         )
         state_machine.preflight_checked(self.flight, view, not self.preflight.not_ready)
 

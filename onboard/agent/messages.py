@@ -264,6 +264,7 @@ def telemetry(
         **_taken_order(sources.orders),
         **_counts(counters.messages),
         disabled_by=flight.disabled_by[:60],
+        stands_in_for=flight.stands_in_for,
         **_path_fields(flight.path),
     )
 

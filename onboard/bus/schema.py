@@ -48,9 +48,11 @@ OrderKind = Literal[
     "reboot",
     "disable",
     "enable",
+    "stand_in",
 ]
 ON_PATHS = ("pause", "resume", "skip")  # they change how a path is followed
-SERVICE = ("disable", "enable")  # whether a vehicle takes part in flights
+# whether a vehicle takes part in flights, and from whose place
+SERVICE = ("disable", "enable", "stand_in")
 BESIDE = (*LOCATE, "load_path", *ON_PATHS, *SERVICE)  # orders that begin nothing, and end no other
 # Reasons of an order; without one a person gives it, to the vehicles that he names.
 BY_MISSION = "mission"  # a mission or a script gives it, at its end or in its course
@@ -197,6 +199,9 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     base_id: int = -1  # station of those corrections; -1: none is known
     base_distance_m: float = math.nan  # from the vehicle to that station; NaN: not known
 
+    # the vehicle whose spot, slots and paths it has instead of its own; empty: its own
+    stands_in_for: str = ""
+
 
 class PreflightReport(Message, frozen=True, array_like=True, kw_only=True):
     """Go or no-go of one vehicle, 1 Hz while it stands on the ground."""
@@ -321,6 +326,7 @@ class Order(Message, frozen=True, array_like=True, kw_only=True):
     # BY_MISSION, TO_EVERYBODY, or empty: a person's to the vehicles that he names. A landing with a
     # reason is refused while a pilot flies the vehicle by hand.
     reason: str = ""
+    stands_in_for: str = ""  # stand_in only: whose place the vehicle takes, maybe its own again
 
     @property
     def text(self) -> str:

@@ -62,6 +62,7 @@ class FlightContext:
     lowest_m: float = math.inf  # lowest height since the landing began, or since contact
     contact_z_m: float = -math.inf  # height where it came to stand
     disabled_by: str = ""  # who has ordered that it takes part in no flight; empty: it does
+    stands_in_for: str = ""  # the vehicle whose place it has; empty: its own
     has_fallen: bool = False  # PX4 disarmed or restarted in this flight
     contact: ContactSigns = field(default_factory=ContactSigns)
     seen_height_m: float = 0.0  # of the goal that it had before its poses stopped
@@ -95,6 +96,11 @@ class FlightContext:
         """Whether a person has ordered this landing, and this vehicle by its name."""
         order = self.order
         return order is not None and order.kind == "land" and not order.reason
+
+    @property
+    def place(self) -> str:
+        """Name whose spot, slots and paths the vehicle has: mostly its own."""
+        return self.stands_in_for or self.vehicle.name
 
     @property
     def goal_position_enu_m(self) -> Vec3:

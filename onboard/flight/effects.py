@@ -82,7 +82,7 @@ def climb_on(flight: FlightContext, view: FlightView) -> None:
 
 def take_over(flight: FlightContext, view: FlightView) -> None:
     """Stop here; the ground is at the height of the start, because nobody saw the take-off."""
-    flight.ground_z_m = flight.vehicle.start_enu_m[2]
+    flight.ground_z_m = flight.fleet.vehicles[flight.place].start_enu_m[2]
     _set_goal(flight, stop_point(view, flight.vehicle, flight.fleet), 0.0)
 
 

@@ -18,6 +18,7 @@ from onboard.config.fleet import FleetConfig, FleetSection, Vehicle
 from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import floor_m, least_height_m
 from onboard.config.pair_separation import separation_m
+from onboard.config.stand_in import stand_in_refusal
 from onboard.control.control_mode import ControlMode
 from onboard.flight import path_flight, sentences, takeover
 from onboard.flight.context import FlightContext
@@ -105,6 +106,32 @@ def _beside_the_flight(order: Order, flight: FlightContext, facts: OrderFacts) -
         return path_flight.change_refusal(flight.path, order.kind)
     if order.kind == "disable":
         return _disable(flight, facts.view)
+    if order.kind == "enable":
+        return _has_stand_in(flight, facts.others)
+    if order.kind == "stand_in":
+        return _stand_in(order, flight, facts)
+    return None
+
+
+def _stand_in(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
+    """Return what speaks against taking the place of another vehicle, or None."""
+    standing = _disable(flight, facts.view)
+    if standing is not None:
+        return standing
+
+    name = flight.vehicle.name
+    if order.stands_in_for == name:
+        return None
+
+    position_enu_m = facts.view.position_enu_m if facts.view.has_position else None
+    return stand_in_refusal(facts.fleet, name, order.stands_in_for, position_enu_m) or None
+
+
+def _has_stand_in(flight: FlightContext, others: Mapping[str, Telemetry]) -> str | None:
+    """Return that another vehicle has this one's place, or None."""
+    for other, telemetry in others.items():
+        if telemetry.stands_in_for == flight.place and not telemetry.disabled_by:
+            return sentences.has_stand_in(flight.vehicle.name, other)
     return None
 
 
@@ -113,7 +140,7 @@ def _disable(flight: FlightContext, view: FlightView) -> str | None:
     if flight.step in _AT_REST and not view.snapshot.is_armed:
         return None
     doing = flight.state if flight.step not in _AT_REST else "armed"
-    return f"A vehicle is disabled on the ground only, disarmed: it is {doing}."
+    return f"A vehicle is disabled or swapped on the ground only, disarmed: it is {doing}."
 
 
 def acceptance(order: Order, flight: FlightContext, view: FlightView) -> str:

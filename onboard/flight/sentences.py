@@ -63,6 +63,19 @@ def disabled(flight: FlightContext) -> str:
     return f"{name} is disabled by {flight.disabled_by[:60]}: order enable {name} to fly it."
 
 
+def stands_in(flight: FlightContext) -> str:
+    """Return from whose place a vehicle takes part in flights."""
+    name = flight.vehicle.name
+    if not flight.stands_in_for:
+        return f"{name} takes part in flights, from its own place."
+    return f"{name} stands in for {flight.stands_in_for}: with its spot, slots and paths."
+
+
+def has_stand_in(name: str, other: str) -> str:
+    """Return why a vehicle takes no part: another one has its place."""
+    return f"{other} stands in for {name}: order swap {other} {name} to fly {name} again."
+
+
 def not_rebooted(flight: FlightContext, view: FlightView) -> str:
     """Return the reason why an order to reboot has not been confirmed, with PX4's own words."""
     has_spoken = view.snapshot.status_text_ns > flight.step_ns

@@ -92,10 +92,18 @@ def change_path(flight: FlightContext, view: FlightView, order: Order) -> None:
 
 
 def change_service(flight: FlightContext, view: FlightView, order: Order) -> None:
-    """Take the vehicle out of service, or back; it goes on being seen and avoided."""
+    """Take the vehicle out of service, or back, or have it stand in for another one.
+
+    It goes on being seen and avoided.
+    """
     if order.kind == "disable":
         flight.disabled_by = order.author or "nobody named"
         sentence = sentences.disabled(flight)
+    elif order.kind == "stand_in":
+        is_other = order.stands_in_for != flight.vehicle.name
+        flight.stands_in_for = order.stands_in_for if is_other else ""
+        flight.disabled_by = ""
+        sentence = sentences.stands_in(flight)
     else:
         flight.disabled_by = ""
         sentence = f"{flight.vehicle.name} takes part in flights."

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 
+from onboard.bus.schema import Vec3
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
 from onboard.preflight.frame_fit import fit_frame
@@ -127,10 +128,11 @@ def _spot(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
         return NO_POSITION
 
     x_y_m = facts.position_enu_m[:2]
-    off_m = math.dist(x_y_m, vehicle.start_enu_m[:2])
+    spot_enu_m = _spot_enu_m(facts, fleet, vehicle)
+    off_m = math.dist(x_y_m, spot_enu_m[:2])
     words: dict[str, object] = {
         "off": off_m,
-        "spot": coordinates(vehicle.start_enu_m),
+        "spot": coordinates(spot_enu_m),
         "position": coordinates(facts.position_enu_m),
     }
     if off_m <= OFF_SPOT_M or facts.has_flown:
@@ -138,7 +140,7 @@ def _spot(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
 
     for name in fleet.enabled_names:
         other_spot_m = fleet.vehicles[name].start_enu_m[:2]
-        if name != vehicle.name and math.dist(x_y_m, other_spot_m) < OFF_SPOT_M:
+        if name != (facts.place or vehicle.name) and math.dist(x_y_m, other_spot_m) < OFF_SPOT_M:
             return "swapped", {**words, "other": name}
     return "away", words
 
@@ -183,13 +185,21 @@ def _frame(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
 
 def _fence(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     space = flight_space_of(fleet)
-    if not space.contains(vehicle.start_enu_m):
-        return "spot", {"spot": coordinates(vehicle.start_enu_m)}
+    spot_enu_m = _spot_enu_m(facts, fleet, vehicle)
+    if not space.contains(spot_enu_m):
+        return "spot", {"spot": coordinates(spot_enu_m)}
     if not facts.has_position:
         return NO_POSITION
     if not space.contains(facts.position_enu_m):
         return "outside", {"position": coordinates(facts.position_enu_m)}
     return FINE
+
+
+def _spot_enu_m(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Vec3:
+    """Return the take-off spot of the vehicle [m]: its own, or of whom it stands in for."""
+    if facts.place:
+        return fleet.vehicles[facts.place].start_enu_m
+    return vehicle.start_enu_m
 
 
 POSITION_RULES = rules(

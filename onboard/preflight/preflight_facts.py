@@ -111,6 +111,7 @@ class PreflightFacts:
 
     # vehicles on the ground that have not flown yet: where each is seen [m], ENU
     spots_seen_enu_m: Mapping[str, Vec3] = field(default_factory=dict)
+    place: str = ""  # whose spot it stands on where it stands in for another vehicle
     position_std_m: float = 0.0  # of the own position, along one axis
 
     @property

@@ -69,6 +69,7 @@ class PreflightReporter:
         self.not_ready: tuple[str, ...] = ()  # sentences that refuse take-off now
         self.is_warm = False  # set by the shell when it has run the pipeline once
         self._facts: PreflightFacts | None = None  # of this tick, not yet reported
+        self._place = vehicle.name  # whose spot it stands on
         self._has_flown = False
         self._fastest_m_s = 0.0  # highest speed of the last second
         self._fastest_ns = 0  # when that was
@@ -89,6 +90,7 @@ class PreflightReporter:
         hover_frac: float,
         conditions: Iterable[Condition] = (),
         corrections: CorrectionsStatus | None = None,
+        place: str = "",
     ) -> tuple[str, ...]:
         """Judge one tick on the ground.
 
@@ -99,6 +101,7 @@ class PreflightReporter:
             hover_frac: hover throttle learned so far.
             conditions: of the failsafe table that hold.
             corrections: of a vehicle that takes them.
+            place: whose spot it stands on; empty: its own.
         Returns:
             the sentences that refuse take-off.
         """
@@ -109,6 +112,7 @@ class PreflightReporter:
 
         self._judged_ns = now_ns
         self._state_ages.update(self._neighbours.followed_ages_s(now_ns))
+        self._place = place or self._vehicle.name
         facts = self._gather(view, is_airborne, hover_frac)
         self._facts = replace(facts, conditions=frozenset(conditions), corrections=corrections)
         self.not_ready = all_rules.reasons(self._facts, self._fleet, self._vehicle)
@@ -213,6 +217,7 @@ class PreflightReporter:
             source_problem=inputs.source_problem,
             pose_sources=inputs.pose_sources(now_ns),
             spots_seen_enu_m=self._spots_seen(view),
+            place="" if self._place == self._vehicle.name else self._place,
             position_std_m=own.position_std_m,
             heading_miss_rad=own.heading_offset_rad,
             tilt_miss_rad=self._tilt.difference_rad,
@@ -223,7 +228,7 @@ class PreflightReporter:
             hover_frac=hover_frac if self._has_flown else math.nan,
             # bus and other vehicles
             has_duplicate=inputs.has_duplicate(now_ns),
-            missing_neighbours=neighbours.missing(now_ns),
+            missing_neighbours=self._missing(now_ns),
             radio=self._state_ages.measured,
             clock_bounds_s=inputs.clock_bounds_s,
             other_hashes=neighbours.other_hashes(self._config_hash),
@@ -239,15 +244,26 @@ class PreflightReporter:
         )
 
     def _spots_seen(self, view: FlightView) -> dict[str, Vec3]:
-        """Return where vehicles are seen that stand where people have put them [m], ENU."""
+        """Return where vehicles are seen that stand where people have put them [m], ENU.
+
+        The names are those of their places. One that is out of service may have been carried away.
+        """
         spots: dict[str, Vec3] = {}
         if self._own.age_s < POSITION_STALE_S and not self._has_flown:
-            spots[self._vehicle.name] = view.position_enu_m
+            spots[self._place] = view.position_enu_m
         for name, telemetry in self._neighbours.telemetries().items():
             is_put_down = telemetry.state in _BEFORE_FLIGHT and not telemetry.is_airborne
-            if is_put_down and telemetry.is_position_valid:
-                spots[name] = telemetry.position_enu_m
+            if is_put_down and telemetry.is_position_valid and not telemetry.disabled_by:
+                spots[telemetry.stands_in_for or name] = telemetry.position_enu_m
         return spots
+
+    def _missing(self, now_ns: int) -> tuple[str, ...]:
+        """Return vehicles that must be there and are not heard; nobody waits for one swapped."""
+        swapped = {self._place}
+        for telemetry in self._neighbours.telemetries().values():
+            if not telemetry.disabled_by:
+                swapped.add(telemetry.stands_in_for)
+        return tuple(name for name in self._neighbours.missing(now_ns) if name not in swapped)
 
 
 def _fix_type(snapshot: Snapshot, now_ns: int) -> int | None:

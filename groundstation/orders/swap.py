@@ -1,0 +1,124 @@
+"""A vehicle's place for a spare: what speaks against it, and who has to hear of it. Pure.
+
+The spare gets the order to stand in, the swapped vehicle the order ``disable``. A swapped vehicle
+that nobody hears gets none: dead computers are a reason to swap. Each vehicle judges its own order
+once more (`onboard/flight/order_checks.py`).
+"""
+
+from __future__ import annotations
+
+import math
+
+from msgspec.structs import replace
+
+from groundstation.fleet.places import place_of, stand_ins
+from groundstation.fleet.state import FleetState, VehicleView
+from groundstation.orders.intents import Swap
+from onboard.config.fleet import FleetConfig
+from onboard.config.stand_in import stand_in_refusal
+
+
+def with_place(intent: Swap, state: FleetState) -> Swap:
+    """Return the order with the place that the spare gets.
+
+    Args:
+        intent: as it was written.
+        state: the fleet as known now.
+    """
+    if intent.place:
+        return intent
+    return replace(intent, place=place_of(intent.swapped, state))
+
+
+def names_that_hear(intent: Swap, state: FleetState, now_ns: int) -> list[str]:
+    """Return who gets a message: the spare, and the swapped vehicle where it is heard.
+
+    Args:
+        intent: with its place.
+        state: the fleet as known now.
+        now_ns: the ground's monotonic clock [ns].
+    """
+    swapped = state.vehicles.get(intent.swapped)
+    is_heard = swapped is not None and swapped.is_fresh(now_ns)
+    return [intent.swapped, intent.spare] if is_heard else [intent.spare]
+
+
+def swap_refusals(
+    intent: Swap, fleet: FleetConfig, state: FleetState, now_ns: int
+) -> dict[str, str]:
+    """Return what speaks against a swap, as a sentence of the vehicle that it is about.
+
+    Args:
+        intent: with its place.
+        fleet: the fleet file.
+        state: the fleet as known now.
+        now_ns: the ground's monotonic clock [ns].
+    """
+    flying = _standing_refusal(state.vehicles[intent.swapped])
+    if flying:
+        return {intent.swapped: flying}
+
+    spare = state.vehicles[intent.spare]
+    sentence = _spare_refusal(intent, spare, fleet, state, now_ns)
+    return {intent.spare: sentence} if sentence else {}
+
+
+def _spare_refusal(
+    intent: Swap, spare: VehicleView, fleet: FleetConfig, state: FleetState, now_ns: int
+) -> str:
+    """Return why the spare cannot stand in; empty where it can."""
+    telemetry = spare.telemetry
+    if telemetry is None or not spare.is_fresh(now_ns):
+        sentence = f"{spare.name} is not heard: start its agent."
+        if fleet.has_keys:
+            sentence += f" It needs keys of its own: covey keys secure {fleet.path}."
+        return sentence
+
+    standing = _standing_refusal(spare)
+    if standing:
+        return standing
+
+    own_place = place_of(spare.name, state)
+    if own_place not in (spare.name, intent.place):
+        return (
+            f"{spare.name} stands in for {own_place} already: order swap {spare.name} "
+            f"{own_place} first."
+        )
+    present = stand_ins(state).get(intent.place, intent.swapped)
+    if present not in (intent.swapped, spare.name):
+        return f"{present} has the place of {intent.place}: write swap {present} {spare.name}."
+    if intent.place == spare.name:
+        return ""
+
+    in_the_way = _in_the_way(intent, fleet, state, now_ns)
+    if in_the_way:
+        return in_the_way
+    position_enu_m = telemetry.position_enu_m if telemetry.is_position_valid else None
+    return stand_in_refusal(fleet, spare.name, intent.place, position_enu_m)
+
+
+def _in_the_way(intent: Swap, fleet: FleetConfig, state: FleetState, now_ns: int) -> str:
+    """Return that the swapped vehicle still stands where the spare will land; empty: it does not.
+
+    Nobody avoids a vehicle that stands.
+    """
+    position_enu_m = state.vehicles[intent.swapped].position_enu_m(now_ns)
+    if position_enu_m is None or intent.place not in fleet.vehicles:
+        return ""
+
+    spot_enu_m = fleet.vehicles[intent.place].start_enu_m
+    if math.dist(position_enu_m[:2], spot_enu_m[:2]) > fleet.fleet.safety_distance_m:
+        return ""
+    return (
+        f"{intent.swapped} still stands on the spot on which {intent.spare} will land: carry it "
+        f"away, by more than {fleet.fleet.safety_distance_m:g} m, then order again."
+    )
+
+
+def _standing_refusal(view: VehicleView) -> str:
+    """Return that a vehicle is armed or flies; empty where it stands, or was never heard."""
+    telemetry = view.telemetry
+    if telemetry is None or not (telemetry.is_armed or telemetry.is_airborne):
+        return ""
+    doing = telemetry.state if telemetry.is_airborne else "armed"
+    return f"Vehicles are swapped on the ground only, disarmed: {view.name} is {doing}."

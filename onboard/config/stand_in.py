@@ -1,0 +1,85 @@
+"""Whether one vehicle can stand in for another: what its place asks of it. Pure.
+
+A place is what the fleet file gives a vehicle's name: its take-off spot, its slots, its paths. A
+spare that stands in for a vehicle flies from that place. So it has to stand on the spot, to find
+its position in the same way, and to fly at least as fast, as hard and as long as the other one: a
+mission was checked with the other one's limits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from onboard.config.fleet_config import FleetConfig, Vehicle
+from onboard.config.wind_limit import wind_limit_m_s
+
+# from the middle of the spot, horizontally
+BY_MOCAP_M = 0.5  # as preflight allows it
+BY_SATELLITES_M = 1.5  # a position by satellites is a metre wrong itself
+
+
+def stand_in_refusal(
+    fleet: FleetConfig, spare: str, place: str, position_enu_m: Sequence[float] | None
+) -> str:
+    """Return why a vehicle cannot stand in at a place; empty where it can.
+
+    Args:
+        fleet: the fleet file.
+        spare: name of the vehicle.
+        place: name of the vehicle whose place it is to have.
+        position_enu_m: where the spare stands [m]; None: not known.
+    """
+    if place not in fleet.vehicles:
+        names = ", ".join(fleet.enabled_names)
+        return f"{place[:40]} is not a vehicle of fleet '{fleet.fleet.name}': it has {names}."
+
+    difference = _difference(fleet, fleet.vehicles[spare], fleet.vehicles[place])
+    if difference:
+        return f"{spare} cannot stand in for {place}: {difference}."
+    if position_enu_m is None:
+        return f"{spare} does not report where it stands, so nobody knows that it is on the spot."
+
+    spot_enu_m = fleet.vehicles[place].start_enu_m
+    off_m = math.dist(position_enu_m[:2], spot_enu_m[:2])
+    tolerance_m = _tolerance_m(fleet, spare)
+    if off_m > tolerance_m:
+        east_m, north_m, _ = spot_enu_m
+        return (
+            f"{spare} stands {off_m:.1f} m from the spot of {place}, ({east_m:g}, {north_m:g}); "
+            f"{tolerance_m:.1f} m are allowed. Put it there, then order again."
+        )
+    return ""
+
+
+def _tolerance_m(fleet: FleetConfig, spare: str) -> float:
+    """Return how far from its spot a vehicle may be seen [m]."""
+    if fleet.vehicles[spare].mocap_required:
+        return BY_MOCAP_M
+    return BY_SATELLITES_M
+
+
+def _difference(fleet: FleetConfig, spare: Vehicle, other: Vehicle) -> str:
+    """Return in which value a spare does not do what the other one does; empty: in none."""
+    if spare.mocap_required != other.mocap_required:
+        return "one flies by the mocap, and the other one does not"
+    begins_where_it_stands = not spare.mocap_required and fleet.fleet.global_origin is None
+    if begins_where_it_stands:
+        return (
+            "its frame begins where the fleet file says that it stands. Write the spot there: "
+            f"vehicles.{spare.name}.start_enu_m"
+        )
+
+    least: list[tuple[str, float, float, str]] = [
+        ("max_speed_m_s", spare.max_speed_m_s, other.max_speed_m_s, "m/s"),
+        ("max_acceleration_m_s2", spare.max_acceleration_m_s2, other.max_acceleration_m_s2, "m/s²"),
+        ("max_tilt_deg", spare.max_tilt_deg, other.max_tilt_deg, "°"),
+        ("wind limit", wind_limit_m_s(fleet, spare), wind_limit_m_s(fleet, other), "m/s"),
+    ]
+    if spare.hover_time_s is not None and other.hover_time_s is not None:
+        least.append(("hover_time_s", spare.hover_time_s, other.hover_time_s, "s"))
+
+    for key, has, needs, unit in least:
+        if has < needs:
+            return f"its {key} is {has:g} {unit}, and the mission was checked with {needs:g} {unit}"
+    return ""
