@@ -39,6 +39,8 @@ class TrackingMonitor:
     largest_frac: float  # throttle at which thrust is saturated
 
     is_attitude_lost: bool = False
+    is_upset: bool = False  # it leans so far that nothing else has to be known
+    missed_s: float = 0.0  # for how long it has not followed
     is_saturated: bool = False
     is_sinking: bool = False  # with full thrust
 
@@ -49,7 +51,6 @@ class TrackingMonitor:
     _miss_y: float = 0.0
 
     # for how long each sign has lasted
-    _missed_s: float = 0.0
     _upset_s: float = 0.0
     _full_s: float = 0.0
     _sinking_s: float = 0.0
@@ -60,11 +61,12 @@ class TrackingMonitor:
         self._commanded_y = 0.0
         self._miss_x = 0.0
         self._miss_y = 0.0
-        self._missed_s = 0.0
+        self.missed_s = 0.0
         self._upset_s = 0.0
         self._full_s = 0.0
         self._sinking_s = 0.0
         self.is_attitude_lost = False
+        self.is_upset = False
         self.is_saturated = False
         self.is_sinking = False
 
@@ -108,11 +110,12 @@ class TrackingMonitor:
         is_full = thrust_frac >= _FULL_SHARE * self.largest_frac
         is_sinking = is_full and below_m > _BELOW_M and climb_m_s < _CLIMB_M_S
         has_missed = squared_miss > _MISS_SIN * _MISS_SIN
-        self._missed_s = self._missed_s + dt_s if has_missed else 0.0
+        self.missed_s = self.missed_s + dt_s if has_missed else 0.0
         self._upset_s = self._upset_s + dt_s if cos_tilt < _UPSET_COS else 0.0
         self._full_s = self._full_s + dt_s if is_full else 0.0
         self._sinking_s = self._sinking_s + dt_s if is_sinking else 0.0
 
-        self.is_attitude_lost = self._missed_s > _MISS_FOR_S or self._upset_s > _UPSET_FOR_S
+        self.is_upset = self._upset_s > _UPSET_FOR_S
+        self.is_attitude_lost = self.missed_s > _MISS_FOR_S or self.is_upset
         self.is_saturated = self._full_s > _FULL_FOR_S
         self.is_sinking = self._sinking_s > _SINKING_FOR_S

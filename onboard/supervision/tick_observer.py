@@ -45,6 +45,8 @@ _TRACKED_BLIND_ABOVE_M = 0.5  # of a height that reads too high
 _TRACKED_SATELLITES_ABOVE_M = 1.0
 _LONGEST_TICK_S = 0.1  # that tracking integrates over
 
+_HEARTBEAT_DUE_NS = 1_300_000_000  # after the last one, at 1 Hz and with delays; then it is lost
+
 _NOWHERE_NEAR = FenceStatus(is_near=False, is_outside=False, is_above=False)
 
 
@@ -203,7 +205,7 @@ class TickObserver:
             is_on_ground=is_on_ground,
             mode_loss=mode_loss,
             px4_mode=snapshot.mode,
-            is_attitude_lost=self._tracking.is_attitude_lost,
+            is_attitude_lost=self._is_attitude_lost(now_ns, snapshot.heartbeat_ns),
             is_thrust_saturated=self._tracking.is_saturated,
             is_sinking=self._tracking.is_sinking,
             # own process
@@ -228,6 +230,19 @@ class TickObserver:
             unseen=silence.unseen,
             heard_again=silence.heard_again,
         )
+
+    def _is_attitude_lost(self, now_ns: int, heartbeat_ns: int) -> bool:
+        """Whether the attitude does not follow, and no pilot is known to be the reason.
+
+        A pilot who takes the vehicle leans it as he likes, and PX4 tells its mode once a second
+        only. So a miss counts when a heartbeat has come since it began: the heartbeat of another
+        mode ends the flight's need of the attitude, see `OffboardMonitor`. An upset vehicle waits
+        for nothing.
+        """
+        if self._tracking.is_upset or not self._tracking.is_attitude_lost:
+            return self._tracking.is_upset
+        began_ns = now_ns - int(1e9 * self._tracking.missed_s)
+        return heartbeat_ns >= began_ns or now_ns - heartbeat_ns > _HEARTBEAT_DUE_NS
 
     def _fence_status(self, view: FlightView) -> FenceStatus:
         """Return where the vehicle is in the box, and in the areas of a fleet that has some."""

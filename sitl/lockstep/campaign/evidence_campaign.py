@@ -25,7 +25,7 @@ from groundstation.evidence.hazards import claimed_action
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission import Mission
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
-from onboard.config.wind_limit import wind_limit_m_s
+from onboard.config.wind_limit import GUST_SHARE, wind_limit_m_s
 from onboard.control.path import point_at
 from onboard.safety.failsafe_table import Action, Condition, Situation
 from sitl.lockstep.campaign.broken_flight import Breaking, fly_broken, injection_of, wind_of
@@ -55,18 +55,25 @@ class Campaign(NamedTuple):
 def refuse_strong_wind(fleet: FleetConfig, wind_m_s: float) -> None:
     """Refuse a wind in which this fleet does not set out.
 
+    What vehicles feel is the mean with gusts, over seconds: at a mean that is the limit itself, a
+    half of all flights would end after the take-off. So a standard deviation of the gusts has to
+    fit below the limit.
+
     Raises:
-        ConfigError: it is above the lowest limit of the fleet, below 0 or no number.
+        ConfigError: with its gusts it is above the lowest limit of the fleet, below 0 or no number.
     """
     if not wind_m_s >= 0.0:
         raise ConfigError(f"--wind is {wind_m_s:g}; it must be 0 m/s or more.")
     limits_m_s = {name: wind_limit_m_s(fleet, fleet.vehicles[name]) for name in fleet.enabled_names}
     lowest = min(limits_m_s, key=lambda name: limits_m_s[name])
-    if wind_m_s > limits_m_s[lowest]:
+    strongest_m_s = limits_m_s[lowest] / (1.0 + GUST_SHARE)
+    if wind_m_s > strongest_m_s:
+        shown_m_s = math.floor(10.0 * strongest_m_s) / 10.0
         raise ConfigError(
-            f"--wind is {wind_m_s:g} m/s, and {lowest} may fly in {limits_m_s[lowest]:.1f} m/s at"
-            " most: in more, no mission of this fleet sets out. Give less wind, or a fleet whose"
-            " max_wind_m_s is higher (docs/wind.md)."
+            f"--wind is {wind_m_s:g} m/s in the mean, with gusts of {GUST_SHARE:.0%}, and {lowest}"
+            f" may fly in {limits_m_s[lowest]:.1f} m/s at most: in more, no mission of this fleet"
+            f" sets out. Give --wind {shown_m_s:.1f} or less, or a fleet whose max_wind_m_s is"
+            " higher (docs/wind.md)."
         )
 
 

@@ -253,6 +253,29 @@ def test_a_landing_that_rises_again_or_that_px4_does_not_see_is_left_to_px4(
     rig.until("landed")
 
 
+@pytest.mark.parametrize("ticks_after_heartbeat", range(1, 50, 8))
+@pytest.mark.parametrize("is_taken", [True, False])
+def test_a_vehicle_that_another_mode_leans_is_not_landed_before_px4_tells_the_mode(
+    ticks_after_heartbeat: int, is_taken: bool
+) -> None:
+    rig = hovering_rig()
+    beat_ns = rig.snapshot.heartbeat_ns
+    while rig.snapshot.heartbeat_ns == beat_ns:
+        rig.step()
+    rig.run(0.02 * ticks_after_heartbeat)
+
+    rig.obeys = False
+    assert rig.setpoint is not None
+    half_rad = 0.5 * math.radians(15.0)
+    leaned = (math.cos(half_rad), 0.0, math.sin(half_rad), 0.0)
+    rig.setpoint = AttitudeSetpoint(leaned, HOVER)
+    if is_taken:
+        rig.mode = "HOLD"  # by somebody without sticks
+    rig.run(1.6)
+
+    assert rig.mode == ("HOLD" if is_taken else "LAND")
+
+
 @pytest.mark.failsafe("geofence crossed", step="flying")
 @pytest.mark.failsafe("geofence crossed for long", step="flying")
 def test_outside_the_fence_it_holds_inside_and_then_lands(

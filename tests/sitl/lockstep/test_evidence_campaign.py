@@ -96,6 +96,15 @@ def test_a_wind_in_which_the_fleet_does_not_set_out_is_refused(
         refuse_strong_wind(paper, wind_m_s)
 
 
+def test_the_gusts_of_a_wind_have_to_fit_below_the_limit_too(paper: FleetConfig) -> None:
+    limited = msgspec.structs.replace(
+        paper, fleet=msgspec.structs.replace(paper.fleet, max_wind_m_s=3.0)
+    )
+    with pytest.raises(ConfigError, match="or a fleet whose max_wind_m_s is higher"):
+        refuse_strong_wind(limited, 3.0)
+    refuse_strong_wind(limited, 2.6)
+
+
 @pytest.mark.long
 def test_a_campaign_has_the_same_digest_again_and_flies_nothing_that_it_has(
     hop: Campaign, tmp_path: Path
