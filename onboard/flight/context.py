@@ -34,6 +34,8 @@ _CONTACT_LIMIT_S = 8.0
 _RISEN_M = 0.5
 _PX4_HEIGHT_RISEN_M = 1.5
 
+KILLED = "Killed by order of"  # begins the reason of a killed vehicle's state
+
 _NEAR_THE_GROUND = (FlightStep.LIFTOFF, FlightStep.DESCENT, FlightStep.SINKING)
 _NO_GOAL = Goal(ZERO_3, 0.0, 0)
 
@@ -75,6 +77,11 @@ class FlightContext:
         if self.step is FlightStep.COASTING and self.order is None:
             return "holding"
         return self.step.state
+
+    @property
+    def was_killed(self) -> bool:
+        """Whether an order to kill is the reason of what it does: the motors stop, or have."""
+        return self.reason.startswith(KILLED)
 
     @property
     def situation(self) -> Situation:

@@ -115,10 +115,12 @@ ORDERS = (
     Row((S.LANDED,), E.LAND, ends=("done", sentences.STANDS)),
     Row(_START, E.MOVE, ends=("done", sentences.STANDS_AT_HOME)),  # `home` only, and only there
     Row((S.DISARMING,), E.LAND, when=p.px4_reports_the_ground),  # it stands, and is disarmed
+    # Also after a kill, which may have been lost on its way; LANDING tells a fall from a landing.
     # Where sticks are heard, PX4 is asked first whether a pilot has the vehicle.
     Row((*_SILENT, S.DISARMING), E.LAND, when=p.px4_hears_sticks, to=S.PX4_LANDING,
-        request=RequestHeartbeat(), reason="ordered"),
-    Row((*_SILENT, S.DISARMING), E.LAND, to=S.PX4_LANDING, request=Px4Land(), reason="ordered"),
+        request=RequestHeartbeat(), reason=sentences.ordered_or_killed),
+    Row((*_SILENT, S.DISARMING), E.LAND, to=S.PX4_LANDING, request=Px4Land(),
+        reason=sentences.ordered_or_killed),
 
     # Without thrust first, so that it stands even if PX4 has seen it lift off meanwhile. Once PX4
     # does not report the ground any more, it lands: whoever orders this wants the vehicle down.
@@ -274,6 +276,11 @@ LANDING = (
     Row((S.DESCENT,), E.TICK, when=p.is_kept_off, to=S.DESCENT, effect=effects.descend_here),
     Row((S.DESCENT,), E.TICK, when=p.feels_for_ground, effect=effects.feel_for_ground),
     Row((S.DESCENT,), E.TICK, when=p.floor_is_lower, to=S.DESCENT, effect=effects.descend_further),
+
+    # PX4 disarms after a landing only once it has stood for seconds: the kill has done this.
+    Row((S.PX4_LANDING,), E.TICK, when=p.falls_by_kill, to=S.FAILED,
+        ends=("failed", sentences.falls_by_kill)),
+    Row((S.PX4_LANDING,), E.TICK, when=p.kill_had_no_effect, reason="ordered"),
 
     Row((S.CONTACT, S.PX4_LANDING), E.TICK, when=p.landed_by_order, to=S.LANDED,
         ends=("done", sentences.landed_as_ordered)),

@@ -145,6 +145,8 @@ def _disable(flight: FlightContext, view: FlightView) -> str | None:
 
 def acceptance(order: Order, flight: FlightContext, view: FlightView) -> str:
     """Return what an order that is accepted leads to, where that is not what its name says."""
+    if order.kind == "land" and flight.was_killed:
+        return sentences.lands_unless_killed(flight)
     if order.kind != "disarm":
         return ""
     lifts_off = flight.step is FlightStep.LIFTOFF and not view.is_on_ground
@@ -179,7 +181,7 @@ def _take_over(order: Order, flight: FlightContext, facts: OrderFacts) -> str | 
     """Return what speaks against a hold that takes over a vehicle whose flight has failed."""
     not_ready = facts.not_ready_in_air()
     refused = takeover.refusal(facts.view, not_ready, facts.distances_m, facts.fleet)
-    if refused is not None and sentences.was_killed(flight):
+    if refused is not None and flight.was_killed:
         return _wrong_step(order, flight)
     return refused
 
@@ -207,9 +209,9 @@ def _wrong_step(order: Order, flight: FlightContext) -> str:
         doing = f"{flight.state} ({flight.step.text})"
 
     is_start = order.kind in ("arm", "takeoff")
-    if sentences.was_killed(flight) and is_start:
+    if flight.was_killed and is_start:
         return f"{flight.reason} It is {doing} and cannot start now: look at it first."
-    if sentences.was_killed(flight):
+    if flight.was_killed:
         return f"{flight.reason} It is {doing}: look at it before you order take-off."
     if flight.step is FlightStep.PX4_LANDING and not is_start:
         why = f" ({flight.reason.rstrip('.')})" if flight.reason else ""
@@ -245,7 +247,7 @@ def _at_rest(order: Order, flight: FlightContext, facts: OrderFacts) -> str | No
     A vehicle that stands at its take-off spot is at home; nobody is told so of one that fell.
     """
     name = flight.vehicle.name
-    if sentences.was_killed(flight):
+    if flight.was_killed:
         return _wrong_step(order, flight)
     if flight.has_fallen:
         return f"{name} fell: {flight.reason} Look at it before you order take-off."

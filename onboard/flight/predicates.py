@@ -21,6 +21,7 @@ REBOOT_TIMEOUT_S = 30.0
 _STREAM_BEFORE_OFFBOARD_S = 0.3
 _LEAST_OFFBOARD_S = 0.1
 _ARM_ON_ITS_WAY_S = 0.5  # an older request to arm has had its effect
+_KILL_ON_ITS_WAY_S = 0.5
 
 # take-off, move, hold
 LIFTOFF_TIMEOUT_S = 6.0
@@ -342,6 +343,18 @@ def px4_stays_armed_on_ground(flight: FlightContext, view: FlightView) -> bool:
     """Return whether PX4 has reported the ground for so long that it should have disarmed."""
     reported_s = 1e-9 * (view.now_ns - flight.contact.reported_ns)
     return view.is_on_ground and reported_s > _DISARM_AFTER_S
+
+
+def falls_by_kill(flight: FlightContext, view: FlightView) -> bool:
+    """Return whether PX4 confirms that it is disarmed after a kill."""
+    return flight.was_killed and px4_confirms_disarmed(flight, view)
+
+
+def kill_had_no_effect(flight: FlightContext, view: FlightView) -> bool:
+    """Return whether PX4 says that it is armed when an older kill has had its effect."""
+    later_ns = view.snapshot.heartbeat_ns - flight.step_ns
+    is_effect_known = later_ns > 1e9 * _KILL_ON_ITS_WAY_S
+    return flight.was_killed and view.snapshot.is_armed and is_effect_known
 
 
 def px4_hears_sticks(flight: FlightContext, view: FlightView) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from onboard.flight.arrival import position_text
-from onboard.flight.context import FlightContext
+from onboard.flight.context import KILLED, FlightContext
 from onboard.flight.path_flight import PATIENCE_S
 from onboard.flight.predicates import CONFIRM_TIMEOUT_S, REBOOT_TIMEOUT_S
 from onboard.flight.types import FlightView
@@ -15,7 +15,6 @@ FLIES_WITHOUT_AGENT = (
     "PX4 flies without this agent: order land or kill; or order hold, to take over from PX4's hold."
 )
 DISARMED = "PX4 is disarmed."
-_KILLED = "Killed by order of"
 NO_POSE = "Its position is not known any more, so it left the path."
 LANDED = "Landed and disarmed."
 STANDS = "It stands on the ground already, disarmed."
@@ -31,12 +30,7 @@ NO_LIFTOFF = (
 def killed(flight: FlightContext, view: FlightView) -> str:
     """Return the reason of a killed vehicle's state."""
     author = "" if flight.order is None else flight.order.author
-    return f"{_KILLED} {author}."
-
-
-def was_killed(flight: FlightContext) -> bool:
-    """Whether an order has stopped the motors, and no other has begun since."""
-    return flight.reason.startswith(_KILLED)
+    return f"{KILLED} {author}."
 
 
 def killed_in_the_air(flight: FlightContext, view: FlightView) -> str:
@@ -46,6 +40,21 @@ def killed_in_the_air(flight: FlightContext, view: FlightView) -> str:
         return ""
     node = order.node or "an unnamed ground"
     return f"Killed in the air by order of {order.author} (from {node})."
+
+
+def ordered_or_killed(flight: FlightContext, view: FlightView) -> str:
+    """Return the reason of a landing by order: after a kill, the kill goes on being it."""
+    return flight.reason if flight.was_killed else "ordered"
+
+
+def falls_by_kill(flight: FlightContext, view: FlightView) -> str:
+    """Return the end of a landing that was ordered after a kill."""
+    return f"{flight.reason} Its motors have stopped and it falls: no order can land it."
+
+
+def lands_unless_killed(flight: FlightContext) -> str:
+    """Return what an order to land leads to after a kill."""
+    return f"{flight.reason} It falls; PX4 lands it only if the kill did not reach its motors."
 
 
 def still_armed(flight: FlightContext, view: FlightView) -> str:

@@ -76,6 +76,7 @@ class Rig:
     heading_error_rad: float = 0.0
     accepts_offboard: bool = True
     accepts_arm: bool = True
+    hears_kill: bool = True
     sees_ground: bool = True  # False: PX4 does not notice that it is down
     obeys: bool = True  # False: PX4 takes setpoints and keeps to the last one that it obeyed
     has_mocap: bool = True
@@ -247,7 +248,7 @@ class Rig:
                     self.is_armed = True
                 case agent_commands.Disarm() if self.position[2] <= self.floor_m + 1e-6:
                     self.is_armed = False
-                case agent_commands.Kill():
+                case agent_commands.Kill() if self.hears_kill:
                     self.is_armed = False
                 case agent_commands.RequestHeartbeat():
                     # it answers after the request

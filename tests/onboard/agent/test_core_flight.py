@@ -203,6 +203,33 @@ def test_kill_is_repeated_until_px4_is_disarmed() -> None:
     assert rig.core.flight.state in ("failed", "landed")
 
 
+@pytest.mark.parametrize("after_s", [0.0, 0.2])
+def test_an_order_to_land_what_falls_by_a_kill_fails_and_says_so(after_s: float) -> None:
+    rig = hovering_rig()
+    rig.order("kill")
+    rig.run(after_s)
+    reply = rig.order("land", order_id="land-it")
+    assert reply.is_accepted
+    assert reply.reason.startswith("Killed by order of tester. It falls;")
+
+    rig.run(1.5)
+    assert rig.outcomes()["land-it"] == "failed"
+    (ended,) = [event for event in rig.events if event.order_id == "land-it"]
+    assert ended.sentence.endswith("Its motors have stopped and it falls: no order can land it.")
+    assert rig.core.flight.reason == "Killed by order of tester."
+
+
+def test_an_order_to_land_after_a_kill_that_px4_has_not_heard_lands_the_vehicle() -> None:
+    rig = hovering_rig()
+    rig.hears_kill = False
+    rig.order("kill")
+    rig.run(0.2)
+    rig.order("land", order_id="land-it")
+    rig.until("landed")
+    assert rig.outcomes()["land-it"] == "done"
+    assert rig.core.flight.reason == "ordered"
+
+
 def test_an_agent_started_while_the_vehicle_flies_stays_silent_and_says_so() -> None:
     rig = Rig(AgentCore(fleet(), "mav0", boot_id=8))
     rig.is_armed = True

@@ -38,7 +38,7 @@ from onboard.agent_commands import Arm, Command, Disarm, Kill, Publish, Px4Land,
 from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import Event, Order, OrderKind, PathOrder
 from onboard.control.path import path_of
-from onboard.flight import order_checks, sentences, state_machine
+from onboard.flight import order_checks, state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.flight_table import ROWS, Row
 from onboard.flight.order_checks import OrderFacts
@@ -117,6 +117,7 @@ class Key(NamedTuple):
     step: FlightStep
     order: str  # kind and reason of the order in progress; empty without one
     is_slow: bool
+    was_killed: bool
     world: World
 
 
@@ -145,6 +146,7 @@ class State(NamedTuple):
             step=self.flight.step,
             order="" if order is None else f"{order.kind} {order.reason}",
             is_slow=self.flight.is_slow,
+            was_killed=self.flight.was_killed,
             world=self.world,
         )
 
@@ -412,6 +414,9 @@ def _look_at(state: State, found: Found) -> None:
     if killed.flight.step is not FlightStep.KILLING:
         found.add_wrong("a kill does not last", key, "order kill")
 
+    if state.world.is_in_air and _is_landing_told_after_a_fall(killed):
+        found.add_wrong("a killed vehicle is said to have landed", key, "order kill, order land")
+
     if not is_brought_down(state):
         found.add_wrong("a person's order to land brings nothing down", key, "order land")
     if is_at_rest_after_its_flight(state):
@@ -431,8 +436,17 @@ def _look_at_move(before: State, event: str, after: State, found: Found) -> None
         found.add_wrong("a landing is undone", before.key, event)
 
     is_given_up = old in LANDING_STEPS and new.situation is Situation.SILENT
+    is_given_up = is_given_up and not after.flight.was_killed  # which falls
     if is_given_up and event not in _GIVING_UP and not event.startswith("order "):
         found.add_wrong("a landing is given up", before.key, event)
+
+
+def _is_landing_told_after_a_fall(killed: State) -> bool:
+    """Return whether an order to land is done though a kill has stopped the motors in the air."""
+    falling, _ = ordered(killed, "land", "")
+    disarmed = falling.world._replace(is_armed=False, is_in_air=False)  # so says PX4 without motors
+    fallen = _passed(falling._replace(world=disarmed), _SHORT_TICKS, _TICK_NS)
+    return any(is_done(command) for command in fallen.flight.commands)
 
 
 def is_brought_down(state: State) -> bool:
@@ -515,7 +529,7 @@ def is_at_rest_after_its_flight(state: State) -> bool:
     """Return whether a vehicle stands disarmed where it has landed, and has not fallen there."""
     flight = state.flight
     is_down = flight.step is FlightStep.LANDED and not state.world.is_armed
-    has_landed = not flight.has_fallen and not sentences.was_killed(flight)
+    has_landed = not flight.has_fallen and not flight.was_killed
     is_left_alone = not _view(state).is_flown_by_hand
     return is_down and has_landed and is_left_alone
 
