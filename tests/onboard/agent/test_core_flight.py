@@ -382,3 +382,20 @@ def test_a_pilot_who_takes_the_vehicle_from_px4s_landing_is_not_fought() -> None
     rig.run(2.5)
     assert rig.count(agent_commands.Px4Land, told_ns) == 0
     assert "POSCTL" in rig.core.flight.reason
+
+
+def test_a_strong_wind_carries_a_vehicle_that_lifts_off_by_less_than_a_metre() -> None:
+    rig = ready_rig()
+
+    def blow() -> None:
+        if rig.position[2] > 0.0:
+            rig.velocity += np.array([0.02 * 3.0, 0.0, 0.0])
+
+    rig.after_move = blow
+    rig.order("takeoff", height_m=1.0)
+    farthest_m = 0.0
+    for _ in range(300):
+        rig.step()
+        farthest_m = max(farthest_m, abs(float(rig.position[0])))
+    assert rig.core.flight.state == "flying"
+    assert 0.3 < farthest_m < 0.9
