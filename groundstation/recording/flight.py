@@ -41,6 +41,11 @@ class Ticks:
     setpoint_thrust_frac: Array  # (n,), throttle
     attitude_age_s: Array  # (n,), since PX4's attitude arrived
 
+    # where its lag brings it, and what the law commands, without gravity
+    predicted_position_enu_m: Array  # (n, 3)
+    predicted_velocity_enu_m_s: Array  # (n, 3)
+    commanded_acceleration_enu_m_s2: Array  # (n, 3)
+
     # the neighbour that the law intervenes mostly for: index in Flight.vehicles, -1 for none
     avoided: Array  # (n,)
     ages_s: dict[str, Array]  # neighbour -> (n,), age of the state that this vehicle had of it
@@ -102,6 +107,16 @@ class TruthRows:
 
 
 @dataclass(frozen=True, slots=True)
+class StateRows:
+    """What changes slowly in the states that one vehicle published: n of them, some each second."""
+
+    time_s: Array  # (n,), rising
+    position_std_m: Array  # (n,), standard deviation of its estimate's position
+    velocity_std_m_s: Array  # (n,)
+    is_cooperative: Array  # (n,), 0 or 1
+
+
+@dataclass(frozen=True, slots=True)
 class VehicleFlight:
     """One vehicle's part of a flight."""
 
@@ -109,6 +124,7 @@ class VehicleFlight:
     ticks: Ticks
     telemetry: TelemetryRows
     truth: TruthRows
+    states: StateRows
     preflight: PreflightReport | None = None  # the last one
 
     @property

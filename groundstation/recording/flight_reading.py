@@ -28,6 +28,7 @@ from groundstation.recording.audit import trail_of
 from groundstation.recording.channels import from_json
 from groundstation.recording.flight import (
     Flight,
+    StateRows,
     TelemetryRows,
     Ticks,
     TruthRows,
@@ -54,7 +55,7 @@ MAX_NAME = 60  # letters of a name that are kept
 LARGEST = 1e9  # of any quantity; a larger number is none
 # The flight is where most stamps are; others further apart than this from them are wrong.
 MAX_PAUSE_S = 600.0
-TOPICS = frozenset(("tick", "telemetry", "truth", "preflight")) | ORDER_TOPICS
+TOPICS = frozenset(("tick", "telemetry", "truth", "state", "preflight")) | ORDER_TOPICS
 
 _Number = float | None
 _Vec2 = tuple[_Number, _Number] | None
@@ -73,6 +74,9 @@ class _TickRow(msgspec.Struct, gc=False):
     thrust_safe_enu_m_s2: _Vec3 = None
     setpoint_quaternion_enu_flu_wxyz: _Vec4 = None
     attitude_quaternion_enu_flu_wxyz: _Vec4 = None
+    predicted_position_enu_m: _Vec3 = None
+    predicted_velocity_enu_m_s: _Vec3 = None
+    commanded_acceleration_enu_m_s2: _Vec3 = None
     period_s: _Number = None
     intervention_m_s2: _Number = None
     slack_m_s2: _Number = None
@@ -118,6 +122,12 @@ class _TruthRow(msgspec.Struct, gc=False):
     is_collided: bool = False
 
 
+class _StateRow(msgspec.Struct, gc=False):
+    position_std_m: _Number = None
+    velocity_std_m_s: _Number = None
+    is_cooperative: bool = True
+
+
 _SIZES = {_Number: 1, _Vec2: 2, _Vec3: 3, _Vec4: 4, bool: 1}
 
 
@@ -130,11 +140,13 @@ def _number_fields(row: type[msgspec.Struct]) -> dict[str, int]:
 _TICK_FIELDS = _number_fields(_TickRow)
 _TELEMETRY_FIELDS = _number_fields(_TelemetryRow)
 _TRUTH_FIELDS = _number_fields(_TruthRow)
+_STATE_FIELDS = _number_fields(_StateRow)
 
 _Row = TypeVar("_Row", bound=msgspec.Struct)
 _TICKS = msgspec.json.Decoder(_TickRow)
 _TELEMETRY = msgspec.json.Decoder(_TelemetryRow)
 _TRUTHS = msgspec.json.Decoder(_TruthRow)
+_STATES = msgspec.json.Decoder(_StateRow)
 _UNDECODABLE = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 
 
@@ -259,6 +271,7 @@ class _VehicleRows:
         self.ticks = _Rows(_TICK_FIELDS)
         self.telemetry = _Rows(_TELEMETRY_FIELDS)
         self.truth = _Rows(_TRUTH_FIELDS)
+        self.states = _Rows(_STATE_FIELDS)
 
         self.avoided: list[str] = []  # of each tick
         self.ages = _Ages()
@@ -293,6 +306,12 @@ class _VehicleRows:
         """Add samples of the truth; returns how many of the messages are some."""
         stamps_ns, rows = _rows_of(_TRUTHS, stamps_ns, datas)
         self.truth.add(stamps_ns, rows)
+        return len(rows)
+
+    def add_states(self, stamps_ns: list[int], datas: list[bytes]) -> int:
+        """Add states; returns how many of the messages are some."""
+        stamps_ns, rows = _rows_of(_STATES, stamps_ns, datas)
+        self.states.add(stamps_ns, rows)
         return len(rows)
 
     def add_preflight(self, raw: RawChannel) -> int:
@@ -331,8 +350,13 @@ class _Collected:
 
         key = (raw.topic, raw.name)
         stamps_ns, datas = self._waiting.setdefault(key, ([], []))
-        stamps_ns += raw.stamps_ns
-        datas += raw.datas
+        if raw.topic == "state":
+            # what is kept of it changes slowly: one of each piece of the file is enough
+            stamps_ns += raw.stamps_ns[:1]
+            datas += raw.datas[:1]
+        else:
+            stamps_ns += raw.stamps_ns
+            datas += raw.datas
         if len(datas) >= _DECODED_AT_ONCE:
             self._decode(key)
 
@@ -349,6 +373,8 @@ class _Collected:
             count = rows.add_ticks(stamps_ns, datas)
         elif topic == "telemetry":
             count = rows.add_telemetry(stamps_ns, datas)
+        elif topic == "state":
+            count = rows.add_states(stamps_ns, datas)
         else:
             count = rows.add_truths(stamps_ns, datas)
         self.malformed += len(datas) - count
@@ -513,6 +539,7 @@ def _vehicles(
             ticks=_ticks(flown[name], span, numbers),
             telemetry=_telemetry(flown[name], span),
             truth=_truth(flown[name], span),
+            states=_states(flown[name], span),
             preflight=flown[name].preflight,
         )
         for name in order
@@ -555,6 +582,11 @@ def _telemetry(rows: _VehicleRows, span: _Span) -> TelemetryRows:
 def _truth(rows: _VehicleRows, span: _Span) -> TruthRows:
     kept, time_s = _kept(rows.truth.stamps_ns, span)
     return TruthRows(time_s=time_s, **rows.truth.columns(kept))
+
+
+def _states(rows: _VehicleRows, span: _Span) -> StateRows:
+    kept, time_s = _kept(rows.states.stamps_ns, span)
+    return StateRows(time_s=time_s, **rows.states.columns(kept))
 
 
 # -- what lies beside the record, and what is missing ----------------------------------------------

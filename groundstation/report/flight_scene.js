@@ -12,6 +12,8 @@ globalThis.Covey ??= {};
   const UP_M = 0.12; // who is higher flies
   const LEAST_PUSH_M_S2 = 0.15; // interventions below it are not drawn
   const PUSH_M_PER_M_S2 = 0.25; // length of their arrows
+  const PLANE_M = 0.45; // half the length of a half-plane's edge
+  const HATCH_M = 0.09; // length of its strokes to the side that is ruled out
   const LEAST_WIDTH_PX = 520; // of a scene with room for more than distances
   const LAYERS = [
     ["trails", "Trails", true],
@@ -19,6 +21,7 @@ globalThis.Covey ??= {};
     ["rings", "Safety circles", true],
     ["pairs", "Distances of near pairs", true],
     ["law", "What the law changes", true],
+    ["planes", "Half-planes of the law", false],
     ["setpoints", "Setpoints", false],
     ["way", "The whole way", false],
     ["ghost", "The other flight", true],
@@ -146,6 +149,7 @@ globalThis.Covey ??= {};
       }
       if (this.layers.setpoints) this._drawSetpoint(vehicle, position, time_s, colour);
       if (this.layers.law) this._drawPush(vehicle, position, time_s, colour);
+      if (this.layers.planes) this._drawPlane(vehicle, position, time_s, colour);
       if (this.layers.names) {
         const isFollowed = vehicle === this.followed;
         const name = shortened(flight.names[vehicle]);
@@ -208,6 +212,54 @@ globalThis.Covey ??= {};
         const x = tip[0] + head_m * Math.cos(angle + turn);
         const y = tip[1] + head_m * Math.sin(angle + turn);
         this.scene.line(tip, [x, y, tip[2]], colour, { width: 4 });
+      }
+    }
+
+    /*
+     * Draws the half-plane that keeps the distance to whom the law intervenes for, at the vehicle as
+     * the origin of accelerations: its edge, hatched to the side that is ruled out, and the thrust
+     * before the law (a cross) and after it (a line from the vehicle).
+     */
+    _drawPlane(vehicle, position, time_s, colour) {
+      const flight = this.flight;
+      const index = flight.indexAt(time_s);
+      if (!flight.has(vehicle, "row_bound")) return;
+      const bound_m_s2 = flight.curve(vehicle, "row_bound")[index];
+      const direction_rad = flight.curve(vehicle, "row_direction")[index];
+      if (!Number.isFinite(bound_m_s2) || !Number.isFinite(direction_rad)) return;
+
+      const [x, y, z] = position;
+      const normal = [Math.cos(direction_rad), Math.sin(direction_rad)];
+      const away_m = PUSH_M_PER_M_S2 * bound_m_s2;
+      // a point of the edge: so far along it from its middle, and so far into what is ruled out
+      const at = (along_m, into_m) => [
+        x + (away_m - into_m) * normal[0] - along_m * normal[1],
+        y + (away_m - into_m) * normal[1] + along_m * normal[0],
+        z,
+      ];
+      this.scene.line(at(-PLANE_M, 0), at(PLANE_M, 0), colour, { width: 2 });
+      for (let along_m = -PLANE_M; along_m < PLANE_M; along_m += HATCH_M) {
+        this.scene.line(at(along_m, 0), at(along_m + HATCH_M, HATCH_M), colour, {
+          opacity: 0.6,
+          width: 1,
+        });
+      }
+
+      const thrust = (name) => [
+        x + PUSH_M_PER_M_S2 * flight.curve(vehicle, `${name}_x`)[index],
+        y + PUSH_M_PER_M_S2 * flight.curve(vehicle, `${name}_y`)[index],
+        z,
+      ];
+      this.scene.line(position, thrust("after"), colour, { width: 2.5 });
+      const [before_x, before_y] = thrust("before");
+      const cross_m = 0.05;
+      for (const side of [-1, 1]) {
+        this.scene.line(
+          [before_x - cross_m, before_y - side * cross_m, z],
+          [before_x + cross_m, before_y + side * cross_m, z],
+          colour,
+          { width: 2 },
+        );
       }
     }
 

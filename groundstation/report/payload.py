@@ -29,6 +29,7 @@ from groundstation.recording.flight import (
 )
 from groundstation.recording.flight_report import TrueMotion, separations
 from groundstation.report.columns import Column, packed
+from groundstation.report.law_columns import law_columns
 from groundstation.report.px4_columns import px4_columns, px4_header
 from groundstation.report.settings import settings
 from groundstation.scene.ground_tiles import GroundTiles, ground_message
@@ -82,6 +83,7 @@ def payload(
         columns += _columns(number, vehicle, tuple(flight.vehicles), grid_s, step_s)
         if vehicle.name in logs.logs:
             columns += px4_columns(number, vehicle, logs.logs[vehicle.name], grid_s)
+    columns += law_columns(flight, grid_s, _TICK_GAP_S)
     if ghost is not None:
         columns += _ghost_columns(flight, ghost, grid_s)
 

@@ -31,7 +31,9 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from groundstation.recording.flight import Flight, VehicleFlight, at_times, between_times
+from groundstation.recording.law_rows import RecordedLaw
 from onboard.arrays import Array
+from onboard.avoidance.half_planes import HalfPlane
 from onboard.bus.schema import Event
 from onboard.config.fleet_config import FleetConfig, Origin
 from onboard.config.flight_space import flight_space_of
@@ -44,6 +46,9 @@ FRAME = "fleet"
 TRAIL_S = 8.0
 TRAIL_STEP_S = 0.2
 MAX_GAP_S = 0.5
+M_PER_M_S2 = 0.25  # length of an acceleration in the scene
+PLANE_M = 0.45  # half the length of a half-plane's edge
+HATCH_M = 0.09  # length of its strokes to the side that is ruled out
 _CAPSULE_CORNERS = 24
 _EARTH_RADIUS_M = 6_371_000.0  # of the sphere that PX4 projects its local frame from
 LEVEL: Quaternion = (1.0, 0.0, 0.0, 0.0)
@@ -382,6 +387,91 @@ class VehicleScenes:
         if not number >= 0.0:
             return None
         return self._motion.position(self._names[int(number)], index)
+
+
+class LawScenes:
+    """The half-planes of the law in a recorded flight: an entity for each vehicle.
+
+    Args:
+        flight: the flight.
+        motion: at the times of the scenes.
+    """
+
+    def __init__(self, flight: Flight, motion: Motion) -> None:
+        self._motion = motion
+        self._vehicles = flight.vehicles
+        self._law = RecordedLaw(flight)
+
+    def at(self, index: int, stamp_ns: int) -> SceneUpdate:
+        """Return them at one of the times; the entity of who flies as it intends is empty."""
+        update = SceneUpdate()
+        for number, name in enumerate(self._vehicles):
+            update.entities.append(self._entity(number, name, index, stamp_ns))
+        return update
+
+    def _entity(self, number: int, name: str, index: int, stamp_ns: int) -> SceneEntity:
+        entity = _entity(name, stamp_ns)
+        ticks = self._vehicles[name].ticks
+        time_s = float(self._motion.times_s[index])
+        tick = int(np.searchsorted(ticks.time_s, time_s, side="right")) - 1
+        position = self._motion.position(name, index)
+        if tick < 0 or time_s - ticks.time_s[tick] > MAX_GAP_S or position is None:
+            return entity
+        row = self._law.row(name, tick)
+        if row is None:
+            return entity
+
+        colour = _COLOURS[number % len(_COLOURS)]
+        before = ticks.thrust_baseline_enu_m_s2[tick]
+        after = ticks.thrust_safe_enu_m_s2[tick]
+        _add_half_plane(entity, position, row, colour)
+        _add_thrust(entity, position, (float(before[0]), float(before[1])), _colour(colour, 0.4))
+        _add_thrust(entity, position, (float(after[0]), float(after[1])), _colour(colour, 1.0))
+        return entity
+
+
+def _add_half_plane(
+    entity: SceneEntity, position: PointEnu, row: HalfPlane, colour: tuple[float, float, float]
+) -> None:
+    """Add the edge of a half-plane of accelerations, hatched to the side that is ruled out.
+
+    Args:
+        entity: of the vehicle.
+        position: of the vehicle, which stands for no acceleration.
+        row: with a normal of unit length.
+        colour: of the vehicle.
+    """
+    lines = entity.lines.add(type=LinePrimitive.LINE_LIST, thickness=2.0, scale_invariant=True)
+    lines.color.CopyFrom(_colour(colour, 0.9))
+    away_m = M_PER_M_S2 * row.bound_m_s2
+
+    def add(along_m: float, into_m: float) -> None:
+        lines.points.add(
+            x=position[0] + (away_m - into_m) * row.normal.x - along_m * row.normal.y,
+            y=position[1] + (away_m - into_m) * row.normal.y + along_m * row.normal.x,
+            z=position[2],
+        )
+
+    add(-PLANE_M, 0.0)
+    add(PLANE_M, 0.0)
+    for stroke in range(round(2.0 * PLANE_M / HATCH_M)):
+        along_m = stroke * HATCH_M - PLANE_M
+        add(along_m, 0.0)
+        add(along_m + HATCH_M, HATCH_M)
+
+
+def _add_thrust(
+    entity: SceneEntity,
+    position: PointEnu,
+    thrust_m_s2: tuple[float, float],
+    colour: Color,
+) -> None:
+    """Add a horizontal thrust as a line from the vehicle."""
+    line = entity.lines.add(type=LinePrimitive.LINE_STRIP, thickness=3.0, scale_invariant=True)
+    line.color.CopyFrom(colour)
+    x, y, z = position
+    line.points.add(x=x, y=y, z=z)
+    line.points.add(x=x + M_PER_M_S2 * thrust_m_s2[0], y=y + M_PER_M_S2 * thrust_m_s2[1], z=z)
 
 
 def _entity(name: str, stamp_ns: int) -> SceneEntity:

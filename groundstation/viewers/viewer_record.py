@@ -2,8 +2,8 @@
 
 The file begins with the fleet file, the mission and the verdict as attachments. Then come the
 record's own messages as they are, on its common clock, and beside them channels of Foxglove's
-schemas: ``/tf``, ``/scene/static``, ``/scene``, ``/positions``, ``/log`` and, outdoors,
-``/fix/NAME``. It is made after a flight: nothing of it costs the flight anything.
+schemas: ``/tf``, ``/scene/static``, ``/scene``, ``/scene/law``, ``/positions``, ``/log`` and,
+outdoors, ``/fix/NAME``. It is made after a flight: nothing of it costs the flight anything.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from groundstation.recording.flight import Flight
 from groundstation.recording.flight_reading import read_flight
 from groundstation.recording.timeline import Timeline
 from groundstation.viewers import scene_messages
-from groundstation.viewers.scene_messages import Motion, VehicleScenes
+from groundstation.viewers.scene_messages import LawScenes, Motion, VehicleScenes
 from onboard.config.file_reading import FLEET_FILE, MISSION_FILE, RESULTS_FILE, FileKind, read_bytes
 from onboard.config.fleet import ConfigError
 
@@ -170,10 +170,12 @@ def _transforms(flight: Flight) -> Iterator[_Message]:
 def _scenes(flight: Flight) -> Iterator[_Message]:
     motion = _motion(flight, SCENE_S)
     scenes = VehicleScenes(flight, motion)
+    law = LawScenes(flight, motion)
     origin = flight.fleet.fleet.global_origin if flight.fleet is not None else None
 
     for index, stamp_ns in enumerate(_stamps_ns(flight, motion)):
         yield _Message(stamp_ns, "/scene", scenes.at(index, stamp_ns))
+        yield _Message(stamp_ns, "/scene/law", law.at(index, stamp_ns))
         yield _Message(stamp_ns, "/positions", scene_messages.positions(motion, index, stamp_ns))
         if origin is None:
             continue

@@ -22,6 +22,11 @@ from tests.groundstation.recorded import FLEET, LEVEL, SECOND, ZERO, tick
 BEGIN_NS = 5 * SECOND
 Row = tuple[int, Topic, str, Message]
 
+# of two vehicles that meet head on
+SPEED_M_S = 1.0
+APART_M = 2.0
+BEFORE_M_S2 = 3.0  # thrust before the law, towards the other one
+
 
 def position(vehicle: int, time_s: float) -> tuple[float, float, float]:
     """Two vehicles that pass each other: mav0 eastwards, mav1 stands 0.9 m beside its way."""
@@ -74,6 +79,37 @@ def said(name: str, at_ns: int, step: int, place: tuple[float, float, float]) ->
         velocity_enu_m_s=ZERO,
         battery_frac=battery_frac,
     )
+
+
+def head_on(law: str = "covey") -> list[Row]:
+    """mav0 from the west and mav1 from the east, at the same moment again and again."""
+    told: list[Row] = []
+    for step in range(20):
+        at_ns = BEGIN_NS + step * SECOND // 50
+        for name, other, side in (("mav0", "mav1", -1.0), ("mav1", "mav0", 1.0)):
+            place = (side * APART_M / 2.0, 0.0, 1.0)
+            velocity = (-side * SPEED_M_S, 0.0, 0.0)
+            own_tick = msgspec.structs.replace(
+                tick(at_ns),
+                position_enu_m=place,
+                velocity_enu_m_s=velocity,
+                predicted_position_enu_m=place,
+                predicted_velocity_enu_m_s=velocity,
+                thrust_baseline_enu_m_s2=(-side * BEFORE_M_S2, 0.0, 9.81),
+                active_neighbour=other,
+                neighbour_ages_s={other: 0.0},
+            )
+            told.append((at_ns, Topic.TICK, name, own_tick))
+            said = telemetry(
+                name,
+                stamp_ns=at_ns,
+                sequence=step + 1,
+                position_enu_m=place,
+                velocity_enu_m_s=ZERO,
+                law=law,
+            )
+            told.append((at_ns, Topic.TELEMETRY, name, said))
+    return told
 
 
 def story(vehicle: str, author: str = "anna", sentence: str = "At 1.00 m.") -> list[Row]:

@@ -23,6 +23,7 @@ def layout() -> str:
             layers={"grid": fl.BaseRendererGridLayerSettings()},
             topics={
                 "/scene": fl.BaseRendererSceneUpdateTopicSettings(visible=True),
+                "/scene/law": fl.BaseRendererSceneUpdateTopicSettings(visible=False),
                 "/scene/static": fl.BaseRendererSceneUpdateTopicSettings(visible=True),
                 "/positions": fl.BaseRendererPointCloudTopicSettings(visible=False),
             },

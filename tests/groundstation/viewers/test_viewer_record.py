@@ -16,14 +16,25 @@ pytest.importorskip("mcap_protobuf")
 from mcap_protobuf.decoder import DecoderFactory
 
 from groundstation.cli import main
+from groundstation.recording.flight_reading import read_flight
+from groundstation.recording.law_rows import RecordedLaw
 from groundstation.recording.reader import count_messages
 from groundstation.viewers.viewer_record import write_viewer_record
-from tests.groundstation.report.made_up import BEGIN_NS, position, rows, story, write
+from tests.groundstation.report.made_up import (
+    APART_M,
+    BEGIN_NS,
+    head_on,
+    position,
+    rows,
+    story,
+    write,
+)
 
 SCHEMAS = {
     "/tf": "foxglove.FrameTransforms",
     "/scene": "foxglove.SceneUpdate",
     "/scene/static": "foxglove.SceneUpdate",
+    "/scene/law": "foxglove.SceneUpdate",
     "/positions": "foxglove.PointCloud",
     "/log": "foxglove.Log",
 }
@@ -96,6 +107,23 @@ def test_a_vehicle_is_where_the_record_has_it(found: dict[str, list[Message]]) -
     assert mav1.translation.z == pytest.approx(expected[2], abs=0.001)
     entity_ids = {one.id for _, _, content in found["/scene"] for one in content.entities}
     assert entity_ids == {"mav0", "mav1"}
+
+
+def test_the_half_plane_of_who_is_held_back_stands_before_it(tmp_path: Path) -> None:
+    found = read(write_viewer_record(write(tmp_path, head_on())))
+
+    _, _, update = found["/scene/law"][2]
+    entities = {one.id: one for one in update.entities}
+    assert set(entities) == {"mav0", "mav1"}
+
+    edge, *_ = entities["mav0"].lines
+    begin, end = edge.points[0], edge.points[1]
+    # the edge lies across the line to mav1, and behind mav0, which has to brake
+    assert begin.x == pytest.approx(end.x)
+    assert begin.y < 0.0 < end.y or end.y < 0.0 < begin.y
+    row = RecordedLaw(read_flight(tmp_path)).row("mav0", 10)
+    assert row is not None
+    assert begin.x == pytest.approx(-APART_M / 2.0 - 0.25 * row.bound_m_s2, abs=0.001)
 
 
 def test_the_records_own_messages_are_beside_them_as_they_are(

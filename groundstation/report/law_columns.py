@@ -1,0 +1,60 @@
+"""The law's half-planes in a report: of each vehicle the one for whose neighbour it intervenes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from groundstation.recording.flight import Flight, VehicleFlight
+from groundstation.recording.law_rows import RecordedLaw
+from groundstation.report.columns import Column, packed
+from onboard.arrays import Array, IntArray
+
+LEAST_M_S2 = 0.15  # interventions below it are not drawn
+MOST_ROWS = 8_000  # of all vehicles together; of more, each stays for several samples
+_ANGLE_RAD = 0.001
+_ACCELERATION_M_S2 = 0.005
+
+
+def law_columns(flight: Flight, grid_s: Array, max_gap_s: float) -> Iterator[Column]:
+    """Yield direction and bound of each vehicle's half-plane; vehicles without any are left out.
+
+    Args:
+        flight: the flight.
+        grid_s: times of the report.
+        max_gap_s: a tick that is older than that is not shown any more.
+    """
+    law = RecordedLaw(flight)
+    wanted = {
+        name: _samples(vehicle, grid_s, max_gap_s) for name, vehicle in flight.vehicles.items()
+    }
+    count = sum(samples.size for samples, _ in wanted.values())
+    stay = math.ceil(count / MOST_ROWS)
+
+    for number, (name, (samples, ticks)) in enumerate(wanted.items()):
+        directions_rad = np.full(grid_s.size, np.nan)
+        bounds_m_s2 = np.full(grid_s.size, np.nan)
+        for begin in range(0, samples.size, max(1, stay)):
+            row = law.row(name, int(ticks[begin]))
+            if row is not None:
+                shown = samples[begin : begin + stay]
+                directions_rad[shown] = math.atan2(row.normal.y, row.normal.x)
+                bounds_m_s2[shown] = row.bound_m_s2
+        if np.isfinite(bounds_m_s2).any():
+            yield packed(f"{number}/row_direction", directions_rad, _ANGLE_RAD)
+            yield packed(f"{number}/row_bound", bounds_m_s2, _ACCELERATION_M_S2)
+
+
+def _samples(vehicle: VehicleFlight, grid_s: Array, max_gap_s: float) -> tuple[IntArray, IntArray]:
+    """Return the numbers of the report's samples that have a half-plane, and of their ticks."""
+    ticks = vehicle.ticks
+    if not ticks.size:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+
+    last = np.searchsorted(ticks.time_s, grid_s, side="right") - 1
+    is_known = (last >= 0) & (grid_s - ticks.time_s[last] <= max_gap_s)
+    intervenes = (ticks.intervention_m_s2[last] >= LEAST_M_S2) & (ticks.avoided[last] >= 0.0)
+    samples = np.flatnonzero(is_known & intervenes)
+    return samples, last[samples]
