@@ -1,7 +1,8 @@
 """Vehicles that follow another one at an offset.
 
 Each gets a new goal twice a second, where its offset will be when the leader has flown on for a
-second. The goals of one moment are one order, judged together.
+second. The goals of one moment are one order, judged together. In a pause nobody gets a goal, and
+the time for which they follow stands still.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from groundstation.client.client import FleetClient
+from groundstation.missions.follow_pause import FollowPause
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.taken import FleetTaken
 from groundstation.orders.intents import Goto, Hold
@@ -45,7 +47,8 @@ async def follow(
 
     Raises:
         ConfigError: the leader does not report where it is.
-        OrderFailed: the goals are refused for five seconds on end, or a follower does not hold.
+        OrderFailed: the goals are refused for five seconds on end, a follower does not hold, or all
+            were brought home in a pause.
     """
     client = ground.client
     client.fleet.select([leader])
@@ -54,8 +57,15 @@ async def follow(
     last_goals: dict[str, Vec3] = {}
     end_ns = client.now_ns() + int(duration_s * 1e9)
     last_good_ns = client.now_ns()
+    pause = FollowPause(ground, tuple(offsets))
+    ground.follow_pauses.append(pause)
     try:
         while client.now_ns() < end_ns:
+            pause.look()
+            if pause.is_paused:
+                end_ns += await pause.wait()
+                last_goals = {}
+                last_good_ns = client.now_ns()
             goals = _goals(client, leader, offsets)
             if not _have_moved(goals, last_goals):
                 last_good_ns = client.now_ns()
@@ -72,9 +82,10 @@ async def follow(
                     raise OrderFailed(order.intent, dict(order.results))
             await asyncio.sleep(_PERIOD_S)
     finally:
+        ground.follow_pauses.remove(pause)
         results: Results = {}
         # who has taken the fleet has ordered them already
-        if ground.watch.look() is None:
+        if ground.watch.look() is None and not pause.has_brought_home:
             results = await ground.order(Hold(vehicles=tuple(offsets)), _HOLD_S)
     return results
 

@@ -13,6 +13,7 @@ from groundstation.client.client import FleetClient
 from groundstation.fleet.places import out_of_service
 from groundstation.mission_files.world_time import WorldTime, time_words
 from groundstation.missions.countdown import Countdown, CountdownEnded, clock_words, count_down
+from groundstation.missions.follow_pause import FollowPause
 from groundstation.missions.hover_check import hover_check
 from groundstation.missions.own_link import OwnLink
 from groundstation.missions.taken import FleetTaken, FleetWatch
@@ -54,6 +55,7 @@ class MissionGround:
         self.left_out_orders: list[str] = []  # by the operator, in words
         self.countdown: Countdown | None = None  # to a start at a time of the world's clock
         self.pause_line = ""  # a pause of paths, in a few words
+        self.follow_pauses: list[FollowPause] = []  # of those who follow a vehicle now
         self._is_stepping = False
         self._next = asyncio.Event()  # set by `go_on` and `leave_out_order`
         self._waiting: Intent | None = None  # the order that waits

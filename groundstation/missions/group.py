@@ -25,6 +25,7 @@ from groundstation.mission_files.world_time import (
     world_time,
 )
 from groundstation.missions.conditions import ConditionTimeout, Moment, WaitCondition
+from groundstation.missions.follow_pause import FollowPause
 from groundstation.missions.following import follow, present_offsets
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.path_following import Lights, Paths, follow_paths
@@ -58,7 +59,7 @@ from groundstation.orders.intents import (
     Yaw,
 )
 from groundstation.orders.path_orders import OnLag
-from groundstation.orders.result import Results
+from groundstation.orders.result import Results, VehicleResult
 from groundstation.paths.checks import path_findings, refusals
 from groundstation.paths.pieces import through
 from onboard.bus.schema import Vec3
@@ -426,11 +427,22 @@ class Group:
     async def pause(self, vehicles: Vehicles = "all", *, timeout_s: float = 5.0) -> Results:
         """Stop the clock of the paths that are followed; the order to follow them goes on.
 
+        Vehicles that follow another one hold where they are until `resume`.
+
         Args:
             vehicles: to order; whoever flies the same show pauses with them.
             timeout_s: longest wait [s].
         """
-        return await self.order(Pause(vehicles=self.select(vehicles)), timeout_s)
+        names = self.select(vehicles)
+        held: Results = {}
+        for pause in self._follow_pauses(names):
+            pause.is_paused = True
+            held.update(await self.order(Hold(vehicles=pause.names), timeout_s))
+
+        on_paths = self._on_paths(names, held)
+        if not on_paths:
+            return held
+        return {**held, **await self.order(Pause(vehicles=on_paths), timeout_s)}
 
     async def resume(self, vehicles: Vehicles = "all", *, timeout_s: float = 5.0) -> Results:
         """Let the clock of paused paths go on.
@@ -439,7 +451,38 @@ class Group:
             vehicles: to order; it goes on once nobody of the same show is paused any more.
             timeout_s: longest wait [s].
         """
-        return await self.order(Resume(vehicles=self.select(vehicles)), timeout_s)
+        names = self.select(vehicles)
+        follow_again: Results = {}
+        for pause in self._follow_pauses(names):
+            pause.is_paused = False
+            for name in pause.names:
+                follow_again[name] = VehicleResult(name, "", "done", "Follows again.")
+
+        on_paths = self._on_paths(names, follow_again)
+        if not on_paths:
+            return follow_again
+        return {**follow_again, **await self.order(Resume(vehicles=on_paths), timeout_s)}
+
+    def _follow_pauses(self, names: Sequence[str]) -> list[FollowPause]:
+        """Return the pauses of those of these vehicles that follow another one now."""
+        pauses = self.ground.follow_pauses
+        return [pause for pause in pauses if not set(names).isdisjoint(pause.names)]
+
+    def _on_paths(self, names: Sequence[str], followers: Results) -> tuple[str, ...]:
+        """Return the vehicles that get an order of their own.
+
+        Beside followers only those get it who follow paths: a leader may be led by other orders.
+        """
+        others = tuple(name for name in names if name not in followers)
+        if not followers:
+            return others
+
+        on_paths = []
+        for name in others:
+            telemetry = self.state.vehicles[name].telemetry
+            if telemetry is not None and telemetry.show_id:
+                on_paths.append(name)
+        return tuple(on_paths)
 
     async def skip(self, vehicles: Vehicles = "all", *, timeout_s: float = 5.0) -> Results:
         """Leave the paths that are followed, straight to their ends, each with the law.

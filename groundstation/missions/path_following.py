@@ -16,10 +16,11 @@ from typing import Protocol
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
-from groundstation.mission_files.world_time import WorldTime, time_words
+from groundstation.mission_files.world_time import WorldTime
 from groundstation.missions.countdown import Countdown, CountdownEnded, count_down
+from groundstation.missions.follow_pause import pause_line
 from groundstation.missions.ground import step_result
-from groundstation.orders.battery_reserve import Discharge, Reserve, weakest
+from groundstation.orders.battery_reserve import Discharge, weakest
 from groundstation.orders.intents import BringHome, FollowPath, Goto, Hold, Intent
 from groundstation.orders.path_orders import OnLag, parts_of, starts_of
 from groundstation.orders.result import OrderFailed, OrderResult, Results
@@ -171,7 +172,7 @@ async def _watched_end_of(ground: PathGround, order: OrderResult, timeout_s: flo
         if is_paused and not was_paused and reserve is not None:
             ground.say(f"  paused; {reserve}")
         was_paused = is_paused
-        ground.pause_line = _pause_line(reserve) if is_paused else ""
+        ground.pause_line = pause_line(reserve) if is_paused else ""
 
         if is_paused and reserve is not None and reserve.is_used_up:
             ground.say(f"  The pause ends: {reserve}.")
@@ -182,16 +183,6 @@ async def _watched_end_of(ground: PathGround, order: OrderResult, timeout_s: flo
             left_s -= (client.now_ns() - begin_ns) * 1e-9
         if left_s <= 0.0:
             return results
-
-
-def _pause_line(reserve: Reserve | None) -> str:
-    """Return a pause in a few words, for the title: the weakest battery and its limit."""
-    if reserve is None:
-        return "paused · r goes on"
-    return (
-        f"paused · {reserve.name} {reserve.has_pct:.0f} %: all home at {reserve.needs_pct:.0f} %, "
-        f"in {time_words(reserve.left_s)} · r goes on"
-    )
 
 
 def _is_following(state: FleetState, name: str) -> bool:

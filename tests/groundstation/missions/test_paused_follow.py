@@ -1,0 +1,66 @@
+"""Vehicles that follow another one are paused and go on; their time stands still meanwhile."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import Any
+
+import pytest
+
+from groundstation.missions.api import Fleet
+from groundstation.orders.result import OrderFailed
+
+FOLLOW_S = 0.6
+
+
+@pytest.fixture
+async def flying(client: Any, bus: Any) -> Any:
+    """A fleet in the air."""
+    fleet = Fleet(client)
+    await fleet.ready(5.0)
+    await fleet.takeoff(1.0)
+    return fleet
+
+
+def kinds_of(bus: Any, name: str) -> list[str]:
+    return [order.kind for vehicle, order in bus.orders if vehicle == name]
+
+
+async def test_a_pause_holds_the_followers_and_resume_lets_them_follow_for_the_rest(
+    flying: Any, bus: Any
+) -> None:
+    begin_s = time.monotonic()
+    follow = asyncio.create_task(flying.follow("mav0", FOLLOW_S, offsets={"mav1": (0.0, 2.0, 0.0)}))
+    await asyncio.sleep(0.1)
+    results = await flying.pause()
+    assert {name: result.phase for name, result in results.items()} == {"mav1": "done"}
+    assert kinds_of(bus, "mav1")[-1] == "hold"
+
+    # the leader flies on, and nobody follows
+    x, y, z = bus.vehicles["mav0"].position_enu_m
+    bus.tell("mav0", position_enu_m=(x, y + 0.5, z))
+    await asyncio.sleep(1.2)
+    assert kinds_of(bus, "mav1")[-1] == "hold"
+    assert flying.ground.pause_line.startswith("paused")
+
+    resumed = await flying.resume("mav1")
+    assert resumed["mav1"].is_done
+    await asyncio.wait_for(follow, 5.0)
+    assert time.monotonic() - begin_s > 1.3 + FOLLOW_S - 0.1
+    assert kinds_of(bus, "mav1")[-2:] == ["move", "hold"]
+    assert flying.ground.pause_line == ""
+
+
+async def test_a_pause_of_followers_ends_at_home_while_the_weakest_battery_still_can(
+    flying: Any, bus: Any
+) -> None:
+    follow = asyncio.create_task(flying.follow("mav0", 60.0, offsets={"mav1": (0.0, 2.0, 0.0)}))
+    await asyncio.sleep(0.1)
+    bus.tell("mav1", battery_frac=0.21)
+    await flying.pause("mav1")
+    with pytest.raises(OrderFailed):
+        await asyncio.wait_for(follow, 5.0)
+    home = bus.orders[-1][1]
+    assert home.kind == "move"
+    assert home.then_land
