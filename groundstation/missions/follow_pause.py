@@ -21,7 +21,7 @@ _HOME_S = 90.0
 
 
 class PausedGround(Protocol):
-    """What a pause takes of the ground of its flight."""
+    """The part of a flight's ground that a pause needs."""
 
     client: FleetClient
     say: Callable[[str], None]

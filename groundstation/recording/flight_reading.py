@@ -265,7 +265,7 @@ class _Ages:
 
 
 class _VehicleRows:
-    """What the record has of one vehicle."""
+    """Values of one vehicle in a record, as they are read."""
 
     def __init__(self) -> None:
         self.ticks = _Rows(_TICK_FIELDS)

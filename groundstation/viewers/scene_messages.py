@@ -242,7 +242,7 @@ def _capsule(capsule: tuple[float, ...], height_m: float) -> list[Point3]:
 
 
 class VehicleLook(NamedTuple):
-    """What a vehicle looks like at one time."""
+    """Everything that is drawn of a vehicle at one time."""
 
     number: int  # in the fleet; gives its colour
     name: str

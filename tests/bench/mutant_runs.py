@@ -309,7 +309,7 @@ def _import_changed(mutant: Mutant, root: Path) -> None:
             return changed
         return get_code(self, name)
 
-    SourceFileLoader.get_code = get_changed_code  # type: ignore[method-assign]
+    SourceFileLoader.get_code = get_changed_code  # type: ignore[method-assign, assignment]
 
 
 def _prepare_process(root: Path) -> None:
