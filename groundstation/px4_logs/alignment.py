@@ -6,6 +6,10 @@ and pitch of the two are shifted against each other until they fit: first the cr
 where, on a grid, then the smallest difference says it finely. The heading is left out: PX4's and
 the fleet's frame may differ by a turn.
 
+The two clocks also run at slightly different rates, by some 20 to 100 parts in a million: 30 ms at
+either end of ten minutes. So where the two overlap for long, the offset of the first half and that
+of the second are found apart, and the log is stretched by what they differ.
+
 A hover has no tilt to go by, and an orbit fits at every turn. So the fit is refused when nothing
 moves, when the two do not agree, or when another place fits nearly as well.
 """
@@ -24,6 +28,7 @@ FINE_S = 0.002
 _FINE_HALF_S = 0.05
 LEAST_OVERLAP_S = 5.0
 LEAST_TILT_DEG = 0.3  # standard deviation of roll and pitch together
+LEAST_DRIFT_OVERLAP_S = 60.0  # in less, clocks of a different rate cannot be told apart
 LARGEST_SHARE = 0.5  # of the tilt that the residual may have
 _LONGEST_S = 6 * 3600.0
 _GAP_S = 0.5  # between two samples; over a longer one nothing is known
@@ -33,11 +38,18 @@ _NOISE_DEG = 0.05  # below which residuals do not differ
 
 
 class Alignment(NamedTuple):
-    """Place of a log on a record's clock: record = log + offset."""
+    """Place of a log on a record's clock."""
 
-    offset_s: float
+    offset_s: float  # record less log, at the middle of the log
     residual_deg: float  # standard deviation of what the two attitudes differ by
     overlap_s: float  # of both
+    middle_s: float = 0.0  # of the log
+    drift_frac: float = 0.0  # by which the record's clock runs faster than PX4's
+
+    def on_record(self, log_time_s: Array) -> Array:
+        """Return times of the log on the record's clock."""
+        shown_s: Array = log_time_s + self.offset_s + self.drift_frac * (log_time_s - self.middle_s)
+        return shown_s
 
 
 class NoAlignment(Exception):
@@ -107,7 +119,35 @@ def align(record_time_s: Array, record_up: Array, log_time_s: Array, log_up: Arr
     ]
     best = min(candidates, key=lambda one: one.residual_deg)
     _check(best, _spread_deg(log), candidates)
-    return best
+    return _stretched(record_time_s, record_up, log_time_s, log_up, best)
+
+
+def _stretched(
+    record_time_s: Array, record_up: Array, log_time_s: Array, log_up: Array, best: Alignment
+) -> Alignment:
+    """Return the alignment with the drift of the two clocks, where it makes them fit better."""
+    begin_s = max(float(log_time_s[0]), float(record_time_s[0]) - best.offset_s)
+    end_s = min(float(log_time_s[-1]), float(record_time_s[-1]) - best.offset_s)
+    if end_s - begin_s < LEAST_DRIFT_OVERLAP_S:
+        return best
+
+    middle_s = (begin_s + end_s) / 2.0
+    is_first = log_time_s < middle_s
+    offsets_s = [
+        _refined(record_time_s, record_up, log_time_s[part], log_up[part], best.offset_s).offset_s
+        for part in (is_first, ~is_first)
+    ]
+    stretched = Alignment(
+        offset_s=(offsets_s[0] + offsets_s[1]) / 2.0,
+        residual_deg=best.residual_deg,
+        overlap_s=best.overlap_s,
+        middle_s=middle_s,
+        drift_frac=(offsets_s[1] - offsets_s[0]) / ((end_s - begin_s) / 2.0),
+    )
+    fit = _fit(record_time_s, record_up, stretched.on_record(log_time_s), log_up, 0.0)
+    if not fit.residual_deg < best.residual_deg:
+        return best
+    return stretched._replace(residual_deg=fit.residual_deg)
 
 
 def _check(best: Alignment, tilt_deg: float, candidates: list[Alignment]) -> None:

@@ -47,22 +47,25 @@ class FlightLog(NamedTuple):
     @property
     def begin_s(self) -> float:
         """Of the log, on the record's clock."""
-        return self.log.begin_s + self.alignment.offset_s
+        return self.on_record_s(self.log.begin_s)
 
     @property
     def end_s(self) -> float:
         """Of the log, on the record's clock."""
-        return self.log.end_s + self.alignment.offset_s
+        return self.on_record_s(self.log.end_s)
+
+    def on_record_s(self, time_s: float) -> float:
+        """Return a time of the log on the record's clock."""
+        return float(self.alignment.on_record(np.array(time_s)))
 
     def on_record(self, rows: Rows) -> Rows:
         """Return samples with times on the record's clock."""
-        return rows._replace(time_s=rows.time_s + self.alignment.offset_s)
+        return rows._replace(time_s=self.alignment.on_record(rows.time_s))
 
     @property
     def texts(self) -> list[LoggedText]:
         """Texts of PX4, on the record's clock."""
-        offset_s = self.alignment.offset_s
-        return [text._replace(time_s=text.time_s + offset_s) for text in self.log.texts]
+        return [text._replace(time_s=self.on_record_s(text.time_s)) for text in self.log.texts]
 
     @property
     def position_enu_m(self) -> Rows:
@@ -163,7 +166,7 @@ def _aligned(vehicle: VehicleFlight, log: Px4Log) -> FlightLog:
     residual_m = float("nan")
     if log.position.size > 1:
         path_time_s, path_enu_m = vehicle.path
-        log_time_s = log.position.time_s + alignment.offset_s
+        log_time_s = alignment.on_record(log.position.time_s)
         shown_enu_m = between_times(
             log_time_s, enu_of_ned(log.position.values), path_time_s, _GAP_S
         )

@@ -144,6 +144,7 @@ def fleet_mapping(found: FoundLogs) -> dict[str, Any]:
             name: {
                 **as_mapping(one.log),
                 "offset_s": one.alignment.offset_s,
+                "drift_ppm": 1e6 * one.alignment.drift_frac,
                 "residual_deg": one.alignment.residual_deg,
                 "position_residual_m": one.position_residual_m,
             }
@@ -172,9 +173,8 @@ def _story(logs: Iterable[FlightLog]) -> list[str]:
     """Return warnings, errors and modes of all vehicles in the order of time."""
     rows: list[tuple[float, str]] = []
     for one in logs:
-        offset_s = one.alignment.offset_s
         for time_s, mode in modes(one.log.status):
-            rows.append((time_s + offset_s, f"{one.vehicle:16s} mode     {mode}"))
+            rows.append((one.on_record_s(time_s), f"{one.vehicle:16s} mode     {mode}"))
         for text in one.texts:
             if text.level in _SERIOUS:
                 rows.append((text.time_s, f"{one.vehicle:16s} {text.level:8s} {text.text}"))

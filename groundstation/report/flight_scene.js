@@ -12,6 +12,8 @@ globalThis.Covey ??= {};
   const UP_M = 0.12; // who is higher flies
   const LEAST_PUSH_M_S2 = 0.15; // interventions below it are not drawn
   const PUSH_M_PER_M_S2 = 0.25; // length of their arrows
+  const DASH_S = 0.2; // of the way of another flight
+  const DOT_S = 0.06; // of the way by PX4's own log
   const PLANE_M = 0.45; // half the length of a half-plane's edge
   const HATCH_M = 0.09; // length of its strokes to the side that is ruled out
   const LEAST_WIDTH_PX = 520; // of a scene with room for more than distances
@@ -25,6 +27,7 @@ globalThis.Covey ??= {};
     ["setpoints", "Setpoints", false],
     ["way", "The whole way", false],
     ["ghost", "The other flight", true],
+    ["px4", "Where PX4's own log has it", true],
   ];
 
   class FlightScene {
@@ -89,7 +92,10 @@ globalThis.Covey ??= {};
 
       scene.begin();
       this._drawWorld();
-      flight.names.forEach((_, vehicle) => this._drawGhost(vehicle, time_s));
+      flight.names.forEach((_, vehicle) => {
+        this._drawGhost("ghost", vehicle, time_s, DASH_S);
+        this._drawGhost("px4", vehicle, time_s, DOT_S);
+      });
       flight.names.forEach((_, vehicle) => this._drawVehicle(vehicle, positions[vehicle], time_s));
       if (this.layers.pairs) this._drawPairs(positions, time_s);
       scene.end();
@@ -166,16 +172,18 @@ globalThis.Covey ??= {};
       if (!last.some(Number.isNaN)) this.scene.line(last, position, colour, { width: 2.5 });
     }
 
-    _drawGhost(vehicle, time_s) {
-      if (!this.layers.ghost || !this.flight.has(vehicle, "ghost_x")) return;
-      const position = this.flight.positionAt(vehicle, time_s, "ghost_");
+    /* Draws a vehicle a second time, pale: where the other flight, or PX4's own log, has it. */
+    _drawGhost(layer, vehicle, time_s, dash_s) {
+      const prefix = `${layer}_`;
+      if (!this.layers[layer] || !this.flight.has(vehicle, `${prefix}x`)) return;
+      const position = this.flight.positionAt(vehicle, time_s, prefix);
       if (!position) return;
 
       const colour = Covey.rgb(Covey.vehicleColour(vehicle));
       const index = this.flight.indexAt(time_s);
       const from = Math.max(0, index - Math.round(TRAIL_S / this.flight.step_s));
-      const dash = Math.max(1, Math.round(0.2 / this.flight.step_s));
-      const points = this._path(vehicle, "ghost_");
+      const dash = Math.max(1, Math.round(dash_s / this.flight.step_s));
+      const points = this._path(vehicle, prefix);
       this.scene.path(points, colour, { from, to: index, opacity: 0.5, width: 1.5, dash });
       this.scene.body(position, null, colour, {
         opacity: 0.35,

@@ -79,7 +79,7 @@ def px4_header(found: FoundLogs, names: tuple[str, ...]) -> list[dict[str, Any]]
             "place_m": _finite(one.position_residual_m),
             "about": [[key, value] for key, value in one.log.about.items()],
             "modes": [
-                [round(time_s + one.alignment.offset_s, 2), mode]
+                [round(one.on_record_s(time_s), 2), mode]
                 for time_s, mode in modes(one.log.status)[:MOST_TEXTS]
             ],
             "texts": [

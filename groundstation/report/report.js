@@ -134,8 +134,8 @@ globalThis.Covey ??= {};
 
     /* Returns the list of what the scene shows. */
     _layers() {
-      const hasGhost = Boolean(this.flight.ghost);
-      const boxes = Covey.LAYERS.filter(([name]) => name !== "ghost" || hasGhost).map(
+      const isThere = { ghost: Boolean(this.flight.ghost), px4: this.flight.px4.length > 0 };
+      const boxes = Covey.LAYERS.filter(([name]) => isThere[name] ?? true).map(
         ([name, title, isOn]) => {
           const box = element("input", { type: "checkbox", checked: isOn });
           box.addEventListener("change", () => {

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.bus.schema import TickSample
 from sitl.px4.flight_log import (
     ATTITUDE,
     ATTITUDE_SETPOINT,
@@ -16,6 +18,7 @@ from sitl.px4.flight_log import (
     STATUS,
     LogWriter,
 )
+from tests.groundstation.report.made_up import BEGIN_NS, rows, write
 
 
 def tilts_rad(time_s: Array, seed: int = 1) -> Array:
@@ -62,13 +65,17 @@ def log_bytes(
     seed: int = 1,
     yaw_rad: float = 0.3,
     rate_hz: float = 50.0,
+    drift_frac: float = 0.0,
 ) -> bytes:
-    """A log; at its time start_s + t the vehicle tilts as the signal says at shift_s + t."""
+    """A log; at its time start_s + t the vehicle tilts as the signal says at shift_s + t.
+
+    PX4's clock runs faster than that by the drift.
+    """
     writer = LogWriter(round(start_s * 1e6), {"ver_sw_release_str": "1.17"}, {"MAV_SYS_ID": 3})
     times_s = np.arange(0.0, length_s, 1.0 / rate_hz)
     attitudes = quaternions(times_s + shift_s, seed, yaw_rad=yaw_rad)
     for step, (time_s, attitude) in enumerate(zip(times_s, attitudes, strict=True)):
-        stamp_us = round((start_s + time_s) * 1e6)
+        stamp_us = round((start_s + time_s * (1.0 + drift_frac)) * 1e6)
         writer.sample(ATTITUDE, stamp_us, *attitude)
         if step % 5 == 0:
             writer.sample(ATTITUDE_SETPOINT, stamp_us, *attitude, 0.0, 0.0, -0.5)
@@ -89,8 +96,43 @@ def write_log(
     start_s: float = 100.0,
     shift_s: float = 0.0,
     seed: int = 1,
+    drift_frac: float = 0.0,
 ) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
-    data = log_bytes(length_s=length_s, start_s=start_s, shift_s=shift_s, seed=seed)
+    data = log_bytes(
+        length_s=length_s, start_s=start_s, shift_s=shift_s, seed=seed, drift_frac=drift_frac
+    )
     path.write_bytes(data)
     return path
+
+
+def write_flight_with_logs(
+    folder: Path, *, length_s: float, log_s: float, start_s: float, drift_frac: float = 0.0
+) -> Path:
+    """Two vehicles that tilt differently; their logs begin 3 s after the record."""
+    told = []
+    for at_ns, topic, name, message in rows(length_s=length_s):
+        if isinstance(message, TickSample):
+            time_s = np.array([(at_ns - BEGIN_NS) * 1e-9])
+            attitude = enu_of_ned(quaternions(time_s, seed_of(name), yaw_rad=0.1))[0]
+            message = msgspec.structs.replace(
+                message, attitude_quaternion_enu_flu_wxyz=tuple(attitude.tolist())
+            )
+        told.append((at_ns, topic, name, message))
+    write(folder, told)
+    for name in ("mav0", "mav1"):
+        path = folder / "px4" / f"{name}-2026-11-26_05_21_29.ulg"
+        write_log(
+            path,
+            shift_s=3.0,
+            seed=seed_of(name),
+            length_s=log_s,
+            start_s=start_s,
+            drift_frac=drift_frac,
+        )
+    return folder
+
+
+def seed_of(name: str) -> int:
+    """The signal by which a vehicle tilts."""
+    return 1 + int(name[-1])

@@ -40,6 +40,18 @@ def test_the_offset_is_found_within_ten_milliseconds(begin_s: float, rate_hz: fl
     assert found.overlap_s == pytest.approx(22.0, abs=0.2)
 
 
+@pytest.mark.parametrize("drift_frac", [-400e-6, 300e-6])
+def test_clocks_that_drift_apart_are_laid_on_each_other_at_both_ends(drift_frac: float) -> None:
+    record_s = np.arange(0.0, 120.0, 0.04)
+    log_s = np.arange(5.0, 115.0, 0.04)
+    px4_clock_s = log_s * (1.0 + drift_frac) + 50.0
+
+    found = align(record_s, up_of_record(record_s), px4_clock_s, up_of_log(log_s))
+
+    shown_s = found.on_record(px4_clock_s[[0, -1]])
+    assert shown_s == pytest.approx([5.0, log_s[-1]], abs=0.005)
+
+
 def test_a_log_that_is_longer_than_the_record_fits_as_well() -> None:
     record_s = np.arange(20.0, 40.0, 0.02)
     log_s = np.arange(0.0, 90.0, 0.04)

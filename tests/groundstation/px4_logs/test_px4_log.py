@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import random
+import time
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -17,45 +17,26 @@ from groundstation.px4_logs.px4_log import read_log
 from groundstation.px4_logs.summary import fleet_lines, lines
 from groundstation.recording.flight_reading import read_flight
 from groundstation.report.payload import payload
-from onboard.bus.schema import TickSample
 from onboard.config.fleet import ConfigError
 from sitl.px4.flight_log import LogWriter, _message
 from tests.groundstation.px4_logs.made_up_logs import (
-    enu_of_ned,
     log_bytes,
-    quaternions,
+    write_flight_with_logs,
     write_log,
 )
-from tests.groundstation.report.made_up import BEGIN_NS, opened, rows, write
+from tests.groundstation.report.made_up import opened
 
 LENGTH_S = 14.0
 LENGTH_OF_LOG_S = 9.0
 START_S = 300.0
-SECOND = 1_000_000_000
 
 
 @pytest.fixture(scope="module")
 def flight_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two vehicles that tilt differently; their logs begin 3 s after the record."""
-    folder = tmp_path_factory.mktemp("flight")
-    told = []
-    for at_ns, topic, name, message in rows(length_s=LENGTH_S):
-        if isinstance(message, TickSample):
-            time_s = np.array([(at_ns - BEGIN_NS) / SECOND])
-            attitude = enu_of_ned(quaternions(time_s, _seed(name), yaw_rad=0.1))[0]
-            message = msgspec.structs.replace(
-                message, attitude_quaternion_enu_flu_wxyz=tuple(attitude.tolist())
-            )
-        told.append((at_ns, topic, name, message))
-    write(folder, told)
-    for name in ("mav0", "mav1"):
-        path = folder / "px4" / f"{name}-2026-11-26_05_21_29.ulg"
-        write_log(path, shift_s=3.0, seed=_seed(name), length_s=LENGTH_OF_LOG_S, start_s=START_S)
-    return folder
-
-
-def _seed(name: str) -> int:
-    return 1 + int(name[-1])
+    return write_flight_with_logs(
+        tmp_path_factory.mktemp("flight"), length_s=LENGTH_S, log_s=LENGTH_OF_LOG_S, start_s=START_S
+    )
 
 
 def test_a_log_is_read_with_what_it_says_of_itself(tmp_path: Path) -> None:
@@ -136,6 +117,26 @@ def test_the_report_has_px4s_curves_and_words_beside_the_records(flight_folder: 
     assert np.nanmax(curves["0/px4_voltage"]) == pytest.approx(16.0, abs=0.01)
     header, _ = opened(payload(flight, made_by="test"))
     assert header["px4"] == []
+
+
+@pytest.mark.long
+def test_a_log_of_ten_minutes_whose_clock_drifts_lies_on_the_records_clock(tmp_path: Path) -> None:
+    write_flight_with_logs(tmp_path, length_s=600.0, log_s=590.0, start_s=START_S, drift_frac=50e-6)
+    flight = read_flight(tmp_path)
+
+    begin_s = time.process_time()
+    found = logs_of_flight(tmp_path, flight)
+    _, curves = opened(payload(flight, made_by="test", logs=found))
+    cost_s = time.process_time() - begin_s
+    print(f"two logs of ten minutes: {cost_s:.1f} s of processor")
+
+    for one in found.logs.values():
+        assert one.begin_s == pytest.approx(3.0, abs=0.01)
+        assert one.end_s == pytest.approx(593.0, abs=0.03)
+        assert one.alignment.drift_frac == pytest.approx(-50e-6, abs=10e-6)
+    for part in (slice(200, 1_000), slice(-2_000, -1_000)):  # begin and end fit alike
+        difference_deg = curves["0/px4_roll"][part] - curves["0/own_roll"][part]
+        assert np.nanstd(difference_deg) < 0.2
 
 
 def test_the_command_says_a_log_and_the_logs_of_a_flight(

@@ -16,6 +16,7 @@ from groundstation.report.flight_page import write_page
 from groundstation.report.page import OWN_SCRIPTS, _own
 from groundstation.report.payload import payload
 from groundstation.scene.static_files import SCRIPTS, text_of
+from tests.groundstation.px4_logs.made_up_logs import write_flight_with_logs
 from tests.groundstation.report.made_up import opened, rows, story, write
 
 NODE = shutil.which("node")
@@ -130,6 +131,18 @@ def test_a_browser_opens_the_pair_and_the_time_that_the_address_names(tmp_path: 
     assert 'data-time="5.500"' in shown
     assert "Age of what each knew of the other" in shown
     assert "closest 0.900 m" in re.sub(r"<[^>]*>", "", shown)
+
+
+@needs_chromium
+@pytest.mark.realtime
+def test_the_scene_offers_px4s_own_track_where_there_is_a_log_of_px4(tmp_path: Path) -> None:
+    folder = write_flight_with_logs(tmp_path / "a", length_s=14.0, log_s=9.0, start_s=300.0)
+    with_log = dump(write_page(folder).path, "#t=6", tmp_path)
+    shutil.rmtree(folder / "px4")
+    without_log = dump(write_page(folder).path, "#t=6", tmp_path)
+
+    assert "own log has it" in with_log.partition("<script")[0]
+    assert "own log has it" not in without_log.partition("<script")[0]
 
 
 @needs_chromium
