@@ -4,10 +4,12 @@ Examples:
   covey fly script script.py --fleet fleet.toml --lockstep
   covey fly script script.py --fleet fleet.toml --sitl -- --height 1.5
   covey fly script script.py --fleet fleet.toml --record flights/first
+  covey fly script script.py --fleet fleet.toml --rehearse
 
 The script uses groundstation.Fleet, groundstation.BlockingFleet or
 groundstation.crazyswarm: docs/python-api.md. Without --lockstep and --sitl it
-meets the agents that run. What follows -- goes to the script.
+meets the agents that run. What follows -- goes to the script. With --rehearse it
+is flown in simulated time first, and again with the fleet if that went well.
 
 Exit status: 0 the script has ended and all are down; 1 it failed, or somebody
 is not down; 2 wrong input, nothing started; 130 interrupted. Ctrl-C leaves the
@@ -42,6 +44,7 @@ from groundstation.flights.script_flight import (
 )
 from onboard.config.file_reading import SCRIPT, read_text
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.exit_status import EXIT_INTERRUPTED, EXIT_OK
 from onboard.plain_text import plain_lines
 
 
@@ -55,6 +58,7 @@ def run(
     record: Folder | None = None,
     law: LawName = None,
     seed: int = 0,
+    rehearse: bool = False,
 ) -> int:
     """Run a Python script with a fleet; the same script flies simulated and for real.
 
@@ -66,15 +70,20 @@ def run(
         record: flight folder (default: flights/<time>)
         law: covey, paper, off or a law of your own, instead of the fleet file's (simulated flights)
         seed: seed of everything random in the emulator
+        rehearse: fly it in simulated time first; nothing takes off when that fails
     """
     refuse_what_is_no_script(script)
     if lockstep and sitl:
         raise ConfigError("--lockstep and --sitl are two ways to simulate: give one.")
+    if lockstep and rehearse:
+        raise ConfigError("--lockstep flies in simulated time already: leave --rehearse out.")
     refuse_law_of_real_flight(law, is_simulated=lockstep or sitl)
     refuse_wrong_seed(seed)
 
     folder = (record or new_folder()).absolute()
     config = load_fleet(fleet)
+    if rehearse:
+        _rehearse(script, arguments, config, folder / "rehearsal", seed)
     if lockstep or sitl:
         config = simulated_fleet(config, folder, law=law, has_free_ports=sitl, needs_ports=sitl)
 
@@ -87,6 +96,30 @@ def run(
     if sitl:
         return fly_script_emulated(script, arguments, config, folder, seed)
     return fly_script_in_real_time(script, arguments, config, folder)
+
+
+def _rehearse(
+    script: str, arguments: tuple[str, ...], config: FleetConfig, folder: Path, seed: int
+) -> None:
+    """Fly a script in simulated time.
+
+    Raises:
+        ConfigError: it does not end well there.
+    """
+    print("Rehearsal in simulated time, before anything takes off:", flush=True)
+    simulated = simulated_fleet(config, folder, law=None, has_free_ports=False, needs_ports=False)
+    files = {"fleet.toml": simulated.text, "script.py": read_text(script, SCRIPT)}
+    open_folder(folder, files, is_headless=True)
+
+    status = _fly_in_lockstep(script, arguments, simulated, folder, seed)
+    if status == EXIT_INTERRUPTED:
+        raise KeyboardInterrupt
+    if status != EXIT_OK:
+        raise ConfigError(
+            f"The rehearsal of {script} ended with status {status}, for the reason above: nothing "
+            f"has taken off. See it: covey replay {folder}"
+        )
+    print("The rehearsal went well.\n", flush=True)
 
 
 def _fly_in_lockstep(

@@ -5,7 +5,8 @@ after its take-off; so the script that makes a ``Crazyswarm`` is read first, and
 line of the call. So is one that wants vehicles by ids that the fleet lacks.
 
 Only what is written as a number is known: in the place itself, or under a name to which the script
-gives a value once. Everything else is found where the script comes to it.
+gives a value once. What stands below an `if` or in a `try` may never be reached: a script asks so
+whether the fleet has a vehicle. Everything else is found where the script comes to it.
 """
 
 from __future__ import annotations
@@ -205,12 +206,35 @@ def _numbers(node: ast.expr, known: dict[str, ast.expr], depth: int = 0) -> list
 def _wanted_ids(tree: ast.Module) -> Iterator[tuple[int, int]]:
     """Yield line and number of each id by which the script wants a vehicle."""
     known = _known_values(tree)
-    for node in ast.walk(tree):
+    for node in _reached(tree):
         if not isinstance(node, ast.Subscript) or not isinstance(node.value, ast.Attribute):
             continue
         if node.value.attr == _BY_ID:
             for number in _numbers(node.slice, known):
                 yield node.lineno, int(number)
+
+
+def _reached(node: ast.AST) -> Iterator[ast.AST]:
+    """Yield the nodes below this one, without those that depend on a condition."""
+    for child in ast.iter_child_nodes(node):
+        yield child
+        if not _is_conditional(child):
+            yield from _reached(child)
+
+
+def _is_conditional(node: ast.AST) -> bool:
+    """Whether what is below a node may be left out, or may fail without harm."""
+    if isinstance(node, ast.If):
+        return not _is_main(node.test)
+    if isinstance(node, ast.comprehension | ast.GeneratorExp | ast.ListComp):
+        generators = [node] if isinstance(node, ast.comprehension) else node.generators
+        return any(one.ifs for one in generators)
+    return isinstance(node, ast.IfExp | ast.Try | ast.BoolOp | ast.While)
+
+
+def _is_main(test: ast.expr) -> bool:
+    """Whether a condition is that of ``if __name__ == "__main__"``."""
+    return any(isinstance(one, ast.Name) and one.id == "__name__" for one in ast.walk(test))
 
 
 def _timescale_of(call: ast.Call) -> ast.expr:

@@ -73,6 +73,11 @@ def test_an_import_that_is_missing_says_what_to_write(module: str, words: str) -
         ("allcfs.crazyfliesById[1]\nn = 9\nn = 2\nallcfs.crazyfliesById[n]", 0),
         ("allcfs.crazyfliesById[int(row[0])]\na = b\nb = a\nallcfs.crazyfliesById[a]", 0),
         ("def one(n=3):\n    return allcfs.crazyfliesById[n]", 0),
+        ("if 9 in allcfs.crazyfliesById:\n    allcfs.crazyfliesById[9].land(0.0, 1.0)", 0),
+        ("cfs = [allcfs.crazyfliesById[i] for i in (1, 9) if i in there_are]", 0),
+        ("one = allcfs.crazyfliesById[9] if len(allcfs.crazyflies) > 8 else None", 0),
+        ("try:\n    allcfs.crazyfliesById[9]\nexcept KeyError:\n    pass", 0),
+        ("if __name__ == '__main__':\n    allcfs.crazyfliesById[9]", 1),
     ],
 )
 def test_a_script_that_wants_ids_that_the_fleet_lacks_is_refused(
