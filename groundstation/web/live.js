@@ -200,6 +200,7 @@
 
   function wordsOf(vehicle) {
     const words = [];
+    if (vehicle.service) words.push(vehicle.service);
     if (vehicle.avoids) words.push(`avoids ${vehicle.avoids}`);
     if (vehicle.conditions?.length) words.push(vehicle.conditions.join(", "));
     if (vehicle.reason) words.push(vehicle.reason);

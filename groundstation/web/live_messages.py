@@ -143,6 +143,7 @@ def _vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> Message:
         order=telemetry.order_kind,
         phase=telemetry.order_phase,
         satellites=satellite_words(telemetry),
+        service=_service_words(telemetry),
         wind_m_s=[_known(part) for part in telemetry.wind_enu_m_s],
         conditions=list(telemetry.conditions),
         action=telemetry.action,
@@ -151,6 +152,15 @@ def _vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> Message:
         neighbour_age_s=_known(telemetry.neighbour_age_s),
     )
     return message
+
+
+def _service_words(telemetry: Telemetry) -> str:
+    """Return whether a vehicle is out of service, or has another one's place; mostly empty."""
+    if telemetry.disabled_by:
+        return f"disabled by {plain_line(telemetry.disabled_by)[:60]}"
+    if telemetry.stands_in_for:
+        return f"stands in for {plain_line(telemetry.stands_in_for)[:60]}"
+    return ""
 
 
 def _way(

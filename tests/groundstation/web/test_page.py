@@ -188,15 +188,34 @@ async def test_what_could_go_wrong_is_shown_first_and_sent_by_its_confirmation(
     assert [order.kind for _, order in operated.bus.orders] == ["takeoff"] * 3
 
 
-async def test_a_take_off_in_waves_is_refused_and_nobody_takes_off_at_once(
+async def test_a_take_off_in_waves_is_refused_and_not_sent_to_all_at_once(
     operated: Served,
 ) -> None:
     async with opened(operated) as socket:
         await heard(socket, is_operator)
-        await socket.send_str(json.dumps({"do": "order", "text": "takeoff all 1.0 by 1 every 5"}))
-        refused = await heard(socket, card("takeoff all 1.0 by 1 every 5", "refused"))
-        assert "in waves" in refused["sentences"][0]
+        text = "takeoff all 1.0 by 1 every 4"
+        await socket.send_str(json.dumps({"do": "order", "text": text}))
+        refused = await heard(socket, card(text, "refused"))
+        assert "leave 'by' out" in refused["sentences"][0]
     assert operated.bus.orders == []
+
+
+async def test_vehicles_out_of_service_and_their_spares_say_so(operated: Served) -> None:
+    operated.bus.tell("mav1", disabled_by="olga")
+    operated.bus.tell("mav2", stands_in_for="mav1")
+
+    def tells_service(message: Message) -> bool:
+        if message["kind"] != "state":
+            return False
+        service = {one["name"]: one.get("service") for one in message["vehicles"]}
+        return service == {"mav0": "", "mav1": "disabled by olga", "mav2": "stands in for mav1"}
+
+    async with opened(operated) as socket:
+        await heard(socket, tells_service)
+        for text in ("disable mav0", "enable mav0", "reboot mav0"):
+            await socket.send_str(json.dumps({"do": "order", "text": text}))
+            await heard(socket, card(text, "sent"))
+    assert [order.kind for _, order in operated.bus.orders] == ["disable", "enable", "reboot"]
 
 
 async def test_a_page_that_is_loaded_again_shows_the_cards_of_before(operated: Served) -> None:
