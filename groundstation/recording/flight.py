@@ -69,6 +69,7 @@ class TelemetryRows:
     wind_enu_m_s: Array  # (n, 2), mean velocity of the air
     gust_m_s: Array  # (n,)
     max_wind_m_s: Array  # (n,), its limit of the mean
+    corrections_age_s: Array  # (n,), of RTK; NaN without
     state_age_s: Array  # (n,), of its own position
     autopilot_age_s: Array  # (n,), since a packet of PX4
     neighbour_age_s: Array  # (n,), of the neighbour that has been silent for longest
@@ -88,6 +89,7 @@ class TelemetryRows:
     # (n,) texts each
     states: list[str]
     modes: list[str]
+    fixes: list[str]  # of the satellite receiver; empty without
     orders: list[str]  # kind of the newest order
 
     law: str  # the last one that it reported

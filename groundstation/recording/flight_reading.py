@@ -94,6 +94,7 @@ class _TelemetryRow(msgspec.Struct, gc=False):
     battery_voltage_v: _Number = None
     gust_m_s: _Number = None
     max_wind_m_s: _Number = None
+    corrections_age_s: _Number = None
     state_age_s: _Number = None
     autopilot_age_s: _Number = None
     neighbour_age_s: _Number = None
@@ -110,6 +111,7 @@ class _TelemetryRow(msgspec.Struct, gc=False):
     state: str = ""
     mode: str = ""
     order_kind: str = ""
+    fix: str = ""
     law: str = ""
     config_hash: str = ""
 
@@ -275,7 +277,8 @@ class _VehicleRows:
 
         self.avoided: list[str] = []  # of each tick
         self.ages = _Ages()
-        self.texts: list[tuple[str, str, str]] = []  # of each telemetry: state, mode, order
+        # of each telemetry: state, mode, order and fix
+        self.texts: list[tuple[str, str, str, str]] = []
         self.law = ""
         self.config_hash = ""
         self.preflight: PreflightReport | None = None
@@ -293,7 +296,7 @@ class _VehicleRows:
         stamps_ns, rows = _rows_of(_TELEMETRY, stamps_ns, datas)
         self.telemetry.add(stamps_ns, rows)
         for row in rows:
-            texts = (row.state, row.mode, row.order_kind)
+            texts = (row.state, row.mode, row.order_kind, row.fix)
             # the same few texts ten times a second: each is kept once
             if self.texts and self.texts[-1] == texts:
                 texts = self.texts[-1]
@@ -573,6 +576,7 @@ def _telemetry(rows: _VehicleRows, span: _Span) -> TelemetryRows:
         states=[text[0] for text in texts],
         modes=[text[1] for text in texts],
         orders=[text[2] for text in texts],
+        fixes=[text[3] for text in texts],
         law=rows.law,
         config_hash=rows.config_hash,
         **rows.telemetry.columns(kept),

@@ -215,6 +215,23 @@ globalThis.Covey ??= {};
       height: 110,
       series: perVehicle(view, "gust"),
     });
+    if (view.chosen.some((vehicle) => flight.has(vehicle, "fix"))) {
+      chart(view, parent, {
+        title: "Fix by satellites (3: 3D, 5: RTK float, 6: RTK fixed)",
+        unit: "",
+        height: 110,
+        decimals: 0,
+        series: perVehicle(view, "fix"),
+        range: () => [0, 7],
+      });
+      chart(view, parent, {
+        title: "Age of the RTK corrections",
+        range: fromZero(2),
+        unit: "s",
+        height: 110,
+        series: perVehicle(view, "corrections_age"),
+      });
+    }
     chart(view, parent, {
       title: "Battery",
       unit: "%",

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import struct
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import msgspec
@@ -56,6 +56,20 @@ _ANGLE = 1.0 / 32_000.0  # of a quaternion's part
 _ACCELERATION = 0.005
 _SECOND = 0.001
 _FRACTION = 0.0005
+
+
+# MAVLink's GPS_FIX_TYPE by the words of telemetry
+FIX_NUMBERS = {
+    "no receiver": 0.0,
+    "no fix": 1.0,
+    "2D": 2.0,
+    "3D": 3.0,
+    "DGPS": 4.0,
+    "RTK float": 5.0,
+    "RTK fixed": 6.0,
+    "static": 7.0,
+    "PPP": 8.0,
+}
 
 
 def payload(
@@ -172,6 +186,11 @@ def _tick_columns(
             yield packed(key, largest(age_s), _SECOND)
 
 
+def _fix_numbers(fixes: Sequence[str]) -> Array:
+    """Return fixes as numbers, (n,): MAVLink's GPS_FIX_TYPE; NaN where none is known."""
+    return np.array([FIX_NUMBERS.get(fix, math.nan) for fix in fixes])
+
+
 def _telemetry_columns(
     number: int, vehicle: VehicleFlight, grid_s: Array, step_s: float
 ) -> Iterator[Column]:
@@ -188,6 +207,9 @@ def _telemetry_columns(
     yield packed(f"{number}/wind_y", shown(wind_enu_m_s[:, 1]), 0.01)
     yield packed(f"{number}/gust", shown(told.gust_m_s), 0.01)
     yield packed(f"{number}/max_wind", shown(told.max_wind_m_s), 0.01)
+    if any(told.fixes):
+        yield packed(f"{number}/fix", shown(_fix_numbers(told.fixes)), 1.0)
+        yield packed(f"{number}/corrections_age", shown(told.corrections_age_s), 0.01)
     yield packed(f"{number}/state_age", shown(told.state_age_s), _SECOND)
     yield packed(f"{number}/autopilot_age", shown(told.autopilot_age_s), _SECOND)
     yield packed(f"{number}/neighbour_age", shown(told.neighbour_age_s), _SECOND)

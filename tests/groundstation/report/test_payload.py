@@ -9,9 +9,10 @@ import pytest
 
 from groundstation.recording.flight_reading import read_flight
 from groundstation.report import payload as payload_module
-from groundstation.report.payload import payload
-from onboard.bus.schema import Event
+from groundstation.report.payload import FIX_NUMBERS, payload
+from onboard.bus.schema import Event, Telemetry
 from onboard.bus.topics import Topic
+from onboard.corrections.fix import FIX_WORDS
 from tests.groundstation.recorded import SECOND
 from tests.groundstation.report.made_up import BEGIN_NS, Row, opened, position, rows, story, write
 
@@ -114,3 +115,21 @@ def test_a_long_flight_has_a_coarser_grid(folder: Path, monkeypatch: pytest.Monk
     assert header["step_s"] == 0.1
     # an intervention of one tick is still there
     assert np.nanmax(curves["0/intervention"]) == pytest.approx(1.0, abs=0.01)
+
+
+def test_fix_and_age_of_corrections_are_curves_of_vehicles_by_satellites(tmp_path: Path) -> None:
+    told = []
+    for at_ns, topic, name, message in rows():
+        if isinstance(message, Telemetry) and name == "mav0":
+            message = msgspec.structs.replace(message, fix="RTK float", corrections_age_s=0.6)
+        told.append((at_ns, topic, name, message))
+    _, curves = opened(payload(read_flight(write(tmp_path, told)), made_by="test"))
+
+    assert np.nanmin(curves["0/fix"]) == np.nanmax(curves["0/fix"]) == 5.0
+    assert np.nanmax(curves["0/corrections_age"]) == pytest.approx(0.6, abs=0.01)
+    assert "1/fix" not in curves  # it flies by a mocap
+
+
+def test_every_fix_that_a_vehicle_tells_has_its_number() -> None:
+    assert list(FIX_NUMBERS) == list(FIX_WORDS)
+    assert list(FIX_NUMBERS.values()) == [*range(len(FIX_WORDS))]
