@@ -11,6 +11,7 @@ from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission_findings import mission_findings
 from groundstation.mission_files.python_file import load_function
 from groundstation.network.bus_findings import bus_findings
+from groundstation.network.corrections_findings import corrections_findings
 from onboard.config.example_files import existing_file
 from onboard.config.fleet import FleetConfig, load_fleet, read_toml
 from onboard.estimation.accuracies import ACCURACIES
@@ -97,7 +98,11 @@ def _examine_mission(path: str, fleet_path: str | None, errors: ErrorClass | Non
 
 def _examine_fleet(path: str, errors: ErrorClass | None) -> ExaminedFile:
     fleet = load_fleet(path)
-    findings = [*fleet_findings(fleet, errors=errors), *bus_findings(fleet)]
+    findings = [
+        *fleet_findings(fleet, errors=errors),
+        *bus_findings(fleet),
+        *corrections_findings(fleet),
+    ]
     if len(fleet.enabled_names) > 1:
         findings += _spacing_findings(fleet, errors)
 

@@ -1,0 +1,87 @@
+"""What ``covey check`` says about the corrections of a fleet: nothing where it takes none.
+
+Files beside the fleet file are looked for. Nothing is connected: what the source sends, in which
+format, and where its base is, says ``covey corrections --check``.
+"""
+
+from __future__ import annotations
+
+import os
+
+from onboard.config.corrections import CorrectionsConfig, beside
+from onboard.config.fleet import FleetConfig
+from onboard.feasibility.finding import Finding, Status
+
+_DEMANDS = {
+    "any": "Vehicles take off with any fix",
+    "rtk_float": "Nobody takes off with less than an RTK float fix",
+    "rtk_fixed": "Nobody takes off without an RTK fixed fix",
+}
+
+
+def corrections_findings(fleet: FleetConfig) -> list[Finding]:
+    """Return what there is to say about the source of the corrections.
+
+    Args:
+        fleet: the fleet file.
+    """
+    corrections = fleet.corrections
+    if corrections is None:
+        return []
+
+    taking = [name for name in fleet.enabled_names if fleet.takes_corrections(fleet.vehicles[name])]
+    if not taking:
+        remedy = "Remove [corrections], or set mocap_required = false for who flies by satellites."
+        return [_finding("warning", f"No vehicle takes the corrections. {remedy}", remedy)]
+
+    findings = [
+        _finding("warning", sentence, remedy)
+        for sentence, remedy in _missing_files(fleet, corrections)
+    ]
+    remedy = f"What it sends, and where its base is: covey corrections --fleet {fleet.path} --check"
+    sentence = (
+        f"RTK corrections come from {_source_words(corrections)}. {_DEMANDS[corrections.fix]}. "
+        f"{remedy}"
+    )
+    findings.append(_finding("note", sentence, remedy))
+    return findings
+
+
+def _missing_files(fleet: FleetConfig, corrections: CorrectionsConfig) -> list[tuple[str, str]]:
+    """Return sentence and remedy for each file that the table names and that is not there."""
+    named = {"corrections.password_file": corrections.password_file}
+    if corrections.source == "file":
+        named["corrections.address"] = corrections.address
+
+    missing = []
+    for key, path in named.items():
+        if path and not os.path.isfile(beside(fleet.path, path)):
+            remedy = f"Put it there, beside {fleet.path}, or correct '{key}'."
+            missing.append((f"'{key}' names {path}, which is not there. {remedy}", remedy))
+    return missing
+
+
+def _source_words(corrections: CorrectionsConfig) -> str:
+    """Return the source in a few words."""
+    if corrections.source == "ntrip":
+        return f"the caster {corrections.address}, mountpoint {corrections.mountpoint}"
+    if corrections.source == "serial":
+        return f"a base on {corrections.address}, {corrections.baud} baud"
+    if corrections.source == "tcp":
+        return f"the server {corrections.address}"
+    if corrections.source == "file":
+        return f"the recording {corrections.address}, which is for demonstrations"
+    return "a base that is made up: real receivers make nothing of it"
+
+
+def _finding(status: Status, sentence: str, remedy: str) -> Finding:
+    return Finding(
+        name="corrections",
+        status=status,
+        value=0.0,
+        bound=0.0,
+        unit="",
+        relation="at most",
+        sentence=sentence,
+        remedy=remedy,
+    )
