@@ -6,6 +6,8 @@ import asyncio
 import contextlib
 import json
 import re
+import socket
+from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from typing import Any, NamedTuple
 from urllib.parse import urljoin, urlsplit
@@ -347,6 +349,67 @@ async def test_one_page_too_many_is_turned_away(
         assert (await third.receive()).type is aiohttp.WSMsgType.CLOSE
         for socket in (first, second, third):
             await socket.close()
+
+
+@pytest.mark.realtime
+async def test_of_200_sockets_at_once_50_are_served_and_one_that_answers_nothing_is_closed(
+    watched: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(page_server, "_HEARTBEAT_S", 5.0)
+    silent = await silent_page(watched)
+    served = page_server.MAX_PAGES - 1  # beside it
+
+    states: Counter[int] = Counter()
+
+    async def read(number: int, page: aiohttp.ClientWebSocketResponse) -> None:
+        async for message in page:
+            states[number] += json.loads(message.data)["kind"] == "state"
+
+    async with aiohttp.ClientSession(connector=aiohttp.TCPConnector(limit=0)) as session:
+        url = watched.address + "ws"
+        pages = await asyncio.gather(*(session.ws_connect(url) for _ in range(200)))
+        readers = [asyncio.create_task(read(*one)) for one in enumerate(pages)]
+        await until(lambda: len(states) == served and sum(page.closed for page in pages) >= 151)
+        closed = [page.close_code for page in pages if page.closed]
+        assert closed == [aiohttp.WSCloseCode.TRY_AGAIN_LATER] * (200 - served)
+
+        # the silent one answers no heartbeat
+        await until(lambda: watched.feed.pages == served)
+
+        before = Counter(states)
+        await until(lambda: all(states[number] > before[number] for number in before))
+
+        for page in pages:
+            await page.close()
+        await asyncio.gather(*readers)
+    silent.close()
+
+
+async def silent_page(served: Served) -> socket.socket:
+    """A connection that asks for the socket of a page, and reads nothing of it."""
+    address = urlsplit(served.address)
+    assert address.hostname is not None
+    assert address.port is not None
+    connection = socket.socket()
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    connection.setblocking(False)
+    loop = asyncio.get_running_loop()
+    await loop.sock_connect(connection, (address.hostname, address.port))
+    words = (
+        f"GET /ws HTTP/1.1\r\nHost: {address.netloc}\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+        "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+    )
+    await loop.sock_sendall(connection, words.encode())
+    await until(lambda: served.feed.pages == 1)
+    return connection
+
+
+async def until(has_come: Callable[[], bool]) -> None:
+    """Wait until something has come about."""
+    async with asyncio.timeout(60.0):
+        while not has_come():  # noqa: ASYNC110 - several sockets together have no event
+            await asyncio.sleep(0.02)
 
 
 async def test_a_page_that_takes_nothing_is_closed_and_holds_up_nobody(
