@@ -29,7 +29,10 @@ def stand_ins(state: FleetState | None) -> dict[str, str]:
     there_are = {}
     for name, view in state.vehicles.items():
         telemetry = view.telemetry
-        if telemetry is None or telemetry.disabled_by or not telemetry.stands_in_for:
+        if telemetry is None or telemetry.disabled_by:
+            continue
+        # what a message says may be no name of the fleet
+        if telemetry.stands_in_for not in state.vehicles:
             continue
         there_are[telemetry.stands_in_for] = name
     return there_are

@@ -253,8 +253,11 @@ class PreflightReporter:
             spots[self._place] = view.position_enu_m
         for name, telemetry in self._neighbours.telemetries().items():
             is_put_down = telemetry.state in _BEFORE_FLIGHT and not telemetry.is_airborne
-            if is_put_down and telemetry.is_position_valid and not telemetry.disabled_by:
-                spots[telemetry.stands_in_for or name] = telemetry.position_enu_m
+            if not is_put_down or not telemetry.is_position_valid or telemetry.disabled_by:
+                continue
+            place = telemetry.stands_in_for or name
+            if place in self._fleet.vehicles:  # what a message says may be no name of the fleet
+                spots[place] = telemetry.position_enu_m
         return spots
 
     def _missing(self, now_ns: int) -> tuple[str, ...]:

@@ -125,6 +125,14 @@ async def test_all_leaves_out_a_vehicle_whose_place_another_one_has(bus: Any, sw
     assert set(swapped.plan("takeoff all 1.0").orders) == {"mav0", "mav2"}
 
 
+async def test_a_vehicle_that_stands_in_for_nobody_of_the_fleet_keeps_its_place(
+    bus: Any, standing: Any
+) -> None:
+    await tell(standing, bus, "mav0", stands_in_for="../etc")
+    home_enu_m = standing.plan("home mav0").orders["mav0"].position_enu_m
+    assert home_enu_m[:2] == standing.fleet.vehicles["mav0"].start_enu_m[:2]
+
+
 async def test_home_and_slots_are_those_of_the_place(fleet: FleetConfig, swapped: Any) -> None:
     home_enu_m = swapped.plan("home mav2").orders["mav2"].position_enu_m
     assert home_enu_m is not None

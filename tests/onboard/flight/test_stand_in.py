@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import pytest
+from msgspec.structs import replace
 
+from onboard import agent_inputs
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
 from onboard.config.stand_in import stand_in_refusal
@@ -57,6 +59,15 @@ def test_a_vehicle_in_the_air_stands_in_for_nobody() -> None:
     reply = hovering_rig().order("stand_in", stands_in_for="mav1")
     assert not reply.is_accepted
     assert "on the ground only, disarmed: it is flying" in reply.reason
+
+
+def test_a_neighbour_that_stands_in_for_nobody_of_the_fleet_disturbs_no_preflight() -> None:
+    rig = ready_rig()
+    lie = replace(told(rig), vehicle="mav1", boot_id=3, stands_in_for="../etc")
+    rig.core.handle(agent_inputs.NeighbourReceived(lie, rig.now_ns), rig.now_ns)
+    rig.run(1.0)
+    assert not told(rig).not_ready
+    assert not any("Internal error" in event.sentence for event in rig.events)
 
 
 def two(**of_spare: object) -> FleetConfig:
