@@ -110,7 +110,7 @@ class TruthRows:
 
 @dataclass(frozen=True, slots=True)
 class StateRows:
-    """What changes slowly in the states that one vehicle published: n of them, some each second."""
+    """Slowly changing values of the states that one vehicle published: n of them, some a second."""
 
     time_s: Array  # (n,), rising
     position_std_m: Array  # (n,), standard deviation of its estimate's position
