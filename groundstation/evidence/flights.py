@@ -8,6 +8,7 @@ campaign is counted.
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -67,7 +68,7 @@ class KeptFlights:
     def __init__(self, path: Path, origin: dict[str, str]) -> None:
         self.path = path
         self.flown: dict[FlightCase, FlownCase] = {}
-        if path.exists():
+        if os.path.lexists(path):  # also a link that leads nowhere
             self._read(origin)
         else:
             path.write_bytes(msgspec.json.encode(origin) + b"\n")
@@ -76,7 +77,7 @@ class KeptFlights:
         lines = read_bytes(self.path, EVIDENCE_FILE).splitlines()
         try:
             kept_origin = msgspec.json.decode(lines[0], type=dict[str, str])
-        except (IndexError, msgspec.DecodeError):
+        except (IndexError, msgspec.DecodeError, RecursionError):
             raise ConfigError(
                 f"{self.path} does not begin with a line of covey evidence. Give another folder."
             ) from None
@@ -90,7 +91,7 @@ class KeptFlights:
         for line in lines[1:]:
             try:
                 one = msgspec.json.decode(line, type=FlownCase)
-            except msgspec.DecodeError:
+            except (msgspec.DecodeError, RecursionError):
                 break  # the last line, cut when it was stopped
             self.flown[one.case] = one
         self._write_whole(origin)

@@ -18,6 +18,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from tests.groundstation.recorded import record
 from tests.groundstation.shows.made_shows import line_of, trajectory
 
 
@@ -290,6 +291,38 @@ def _record_with_huge_length(folder: Path) -> Path:
     return folder
 
 
+def _flight_with(name: str, content: bytes | None) -> Callable[[Path], Path]:
+    """A flight folder in which one file holds this; None: a pipe stands in its place."""
+
+    def make(folder: Path) -> Path:
+        flight = record(folder / "flight", 1.0)
+        path = flight / name
+        path.unlink(missing_ok=True)
+        path.parent.mkdir(exist_ok=True)
+        if content is None:
+            os.mkfifo(path)
+        else:
+            path.write_bytes(content)
+        return flight
+
+    return make
+
+
+def _simulated(**settings: Any) -> Callable[[Path], Path]:
+    """A flight folder whose flight was simulated with these settings."""
+    values = {"is_lockstep": True, **settings}
+    return _flight_with("simulation.json", json.dumps(values).encode())
+
+
+def _link_to_itself(folder: Path) -> Path:
+    path = folder / "flights.jsonl"
+    path.symlink_to(path)
+    return path
+
+
+_PX4_LOG = "px4/mav0-2026-01-01_00_00_00.ulg"
+_KEPT = b'{"fleet":"a"}\n'
+
 CORPUS = {
     # shows
     "a point with seven control points": HostileFile("show", changed_points(_seven_controls)),
@@ -431,6 +464,50 @@ CORPUS = {
     "a replay that unpacks to 200 MB, zstd": HostileFile(
         "replay", _bomb_record("zstd"), outcome="read", is_slow_to_make=True
     ),
+    # what lies beside a record
+    "settings of a simulation nested 100,000 deep": HostileFile(
+        "flown", _flight_with("simulation.json", b"[" * 100_000)
+    ),
+    "settings of a simulation that are a pipe": HostileFile(
+        "flown", _flight_with("simulation.json", None)
+    ),
+    "a simulation with gusts of nan": HostileFile("flown", _simulated(gust_m_s=float("nan"))),
+    "a simulation with a seed of 400 digits": HostileFile("flown", _simulated(seed=10**400)),
+    "a simulated mission with a name of 3 MB": HostileFile(
+        "flown", _simulated(mission_path="x." + "y" * 3_000_000)
+    ),
+    "a simulated mission with control characters in its name": HostileFile(
+        "flown", _simulated(mission_path="\x1b[31m[red]\n\0")
+    ),
+    "a verdict nested 100,000 deep": HostileFile(
+        "log info", _flight_with("verdict.json", b'{"a":' * 100_000), outcome="read"
+    ),
+    "a verdict that is a pipe": HostileFile(
+        "log info", _flight_with("verdict.json", None), outcome="read"
+    ),
+    "a log of PX4 that is a pipe, beside a record": HostileFile(
+        "log info", _flight_with(_PX4_LOG, None), outcome="read"
+    ),
+    "a record that is a pipe": HostileFile("log info", _flight_with("flight.mcap", None)),
+    "a log of PX4 that is a pipe": HostileFile("log info", _pipe(".ulg")),
+    "a log of PX4 that never ends": HostileFile("log info", _endless(".ulg")),
+    "a record to identify whose fleet file is nested 100,000 deep": HostileFile(
+        "identify", _flight_with("fleet.toml", _deep().encode())
+    ),
+    "a record to compare with whose verdict never fits": HostileFile(
+        "report", _flight_with("verdict.json", b'{"passed": NaN, "a": 1e400}'), outcome="read"
+    ),
+    # evidence
+    "evidence nested 100,000 deep": HostileFile(
+        "evidence", lambda folder: _bytes("evidence.json", b'{"x":' * 100_000)(folder).parent
+    ),
+    "kept flights nested 100,000 deep": HostileFile(
+        "kept flights",
+        _bytes("flights.jsonl", _KEPT + b'{"x":' + b"[" * 100_000),
+        outcome="read",
+    ),
+    "kept flights that are a pipe": HostileFile("kept flights", _pipe(".jsonl")),
+    "kept flights that are a link to itself": HostileFile("kept flights", _link_to_itself),
     # parameters, keys, results
     "parameters that never end": HostileFile("params", _endless(".params")),
     "parameters that are a pipe": HostileFile("params", _pipe(".params")),

@@ -7,6 +7,8 @@ no refusal.
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import io
 import json
 import os
 import resource
@@ -82,6 +84,48 @@ def _replay(path: Path) -> None:
     timeline.close()
 
 
+def _flown(path: Path) -> None:
+    """Open a flight that was simulated, as ``covey incident`` and ``covey replay`` do."""
+    from groundstation.flights.recorded_flight import fleet_of, mission_of, open_recorded
+
+    flown = open_recorded(path)
+    fleet = fleet_of(flown.origin.fleet_text, path / "fleet.toml")
+    mission_of(flown, flown.origin, fleet)
+
+
+def _log_info(path: Path) -> None:
+    from groundstation.commands.log import info
+
+    with contextlib.redirect_stdout(io.StringIO()):
+        info(path)
+
+
+def _identify(path: Path) -> None:
+    from groundstation.identification.identified_flight import identify_flight
+
+    identify_flight(path, None, None)
+
+
+def _report(path: Path) -> None:
+    from groundstation.report.flight_page import write_page
+
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "report.html"
+        write_page(path, out, fleet_path=None, compared=path, tiles=None)
+
+
+def _evidence(path: Path) -> None:
+    from groundstation.evidence.summary import read_evidence
+
+    read_evidence(path)
+
+
+def _kept_flights(path: Path) -> None:
+    from groundstation.evidence.flights import KeptFlights
+
+    KeptFlights(path, {"fleet": "a"})
+
+
 def _params(path: Path) -> None:
     from groundstation.px4.parameter_file import read_file
 
@@ -135,6 +179,12 @@ DOORS: dict[str, Callable[[Path], None]] = {
     "mission": _mission,
     "record": _record,
     "replay": _replay,
+    "flown": _flown,
+    "log info": _log_info,
+    "identify": _identify,
+    "report": _report,
+    "evidence": _evidence,
+    "kept flights": _kept_flights,
     "params": _params,
     "certificate": _certificate,
     "key": _key,
