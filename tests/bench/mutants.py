@@ -34,19 +34,39 @@ _PROGRESS_EVERY = 50  # mutants
 _TESTS_ELSEWHERE = {"supervision": ("tests/onboard/agent",)}
 
 # Mutants that no test can notice, by file, line of code and change, and why not.
-REASONS = {
-    ("geofence.py", "ahead_x_m = east - x if vx > 0.0 else x - west", "Gt becomes GtE"): (
-        "who does not move along an axis needs no distance to stop, whichever wall is ahead"
-    ),
-    (
-        "geofence.py",
-        "or (vz > 0.0 and self._is_near(top - z, vz, brake_z))",
-        "Gt becomes GtE",
-    ): "who does not climb needs no distance to stop below the ceiling",
-    ("geofence.py", "ahead_y_m = north - y if vy > 0.0 else y - south", "Gt becomes GtE"): (
-        "who does not move along an axis needs no distance to stop, whichever wall is ahead"
-    ),
-}
+REASONS = (
+    {
+        ("geofence.py", "ahead_x_m = east - x if vx > 0.0 else x - west", "Gt becomes GtE"): (
+            "who does not move along an axis needs no distance to stop, whichever wall is ahead"
+        ),
+        (
+            "geofence.py",
+            "or (vz > 0.0 and self._is_near(top - z, vz, brake_z))",
+            "Gt becomes GtE",
+        ): "who does not climb needs no distance to stop below the ceiling",
+        ("geofence.py", "ahead_y_m = north - y if vy > 0.0 else y - south", "Gt becomes GtE"): (
+            "who does not move along an axis needs no distance to stop, whichever wall is ahead"
+        ),
+    }
+    | {
+        ("wind_monitor.py", code, "Gt becomes GtE"): "no measured number lies on its limit for good"
+        for code in (
+            "is_rising = self._soon_m_s(own.wind_enu_m_s) > self._too_much_m_s",
+            "is_scattered = gust_m_s2 > COVERED_M_S2 and scatter_m > self._margin_m(gust_m_s2)",
+            "is_near=speed_m_s > self._limit_m_s,",
+            "is_above=is_rising or speed_m_s > GUSTY * self._limit_m_s,",
+            "is_at_bound=max(abs(push[0]), abs(push[1])) > self._bound_m_s2,",
+            "is_pushed_about=is_scattered or gust_m_s2 > self._largest_gust_m_s2,",
+        )
+    }
+    | {
+        (
+            "wind_monitor.py",
+            "self._earlier_enu_m_s = (0.0, 0.0)  # the mean wind, later by the time of a rise",
+            "0.0 becomes larger",
+        ): "the first look replaces it",
+    }
+)
 _COUNTED = 1000  # whole numbers below are counts, others are nanoseconds
 
 _COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {

@@ -5,12 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 import pytest
+from msgspec.structs import replace
 
 from onboard.config.fleet import load_fleet
-from onboard.config.wind_limit import GUST_SHARE, GUSTY, wind_limit_m_s
+from onboard.config.wind_limit import (
+    GUST_SHARE,
+    GUSTY,
+    largest_push_m_s2,
+    tilt_acceleration_m_s2,
+    wind_limit_m_s,
+)
 from onboard.localization.own_state import OwnState
 from onboard.supervision.tick_context import TickContext
 from onboard.supervision.wind_monitor import WindFacts, WindMonitor
@@ -28,10 +35,20 @@ class Own:
     wind_enu_m_s: tuple[float, float] = (0.0, 0.0)
 
 
+def context_of(**facts: Any) -> TickContext:
+    return TickContext(own=None, **facts)  # type: ignore[arg-type]
+
+
+def looked(
+    monitor: WindMonitor, wind_enu_m_s: tuple[float, float] = (0.0, 0.0), **facts: Any
+) -> WindFacts:
+    return monitor.look(cast(OwnState, Own(0.0, wind_enu_m_s)), context_of(**facts))
+
+
 def hovering(gust_m_s2: float, scatter_m: float) -> WindFacts:
     """Return the facts after a long hover beside the setpoint."""
     monitor = WindMonitor(FLEET, VEHICLE)
-    context = TickContext(own=None, setpoint_miss_m=scatter_m)  # type: ignore[arg-type]
+    context = context_of(setpoint_miss_m=scatter_m)
     for _ in range(1000):
         monitor.update(context, 0.02)
     return monitor.look(cast(OwnState, Own(gust_m_s2)), context)
@@ -56,7 +73,7 @@ def test_who_scatters_by_more_than_others_keep_in_its_gusts_is_pushed_about() ->
 def first_above(winds_m_s: Iterable[float]) -> float:
     """Return the mean wind at which it is above first, looked at ten times a second; NaN: never."""
     monitor = WindMonitor(FLEET, VEHICLE)
-    context = TickContext(own=None)  # type: ignore[arg-type]
+    context = context_of()
     for wind_m_s in winds_m_s:
         facts = monitor.look(cast(OwnState, Own(0.0, (wind_m_s, 0.0))), context)
         if facts.is_above:
@@ -85,3 +102,55 @@ def test_gusts_of_a_wind_that_is_allowed_are_no_rise(seed: int) -> None:
         mean_m_s += 0.05 * (gusty.step()[0, 1] - mean_m_s)  # over two seconds
         means_m_s.append(float(mean_m_s))
     assert math.isnan(first_above(means_m_s))
+
+
+# the wind that takes all of the tilt
+SPENT_M_S = tilt_acceleration_m_s2(VEHICLE) / VEHICLE.drag_1_s
+
+
+def test_the_first_wind_that_is_known_is_no_rise() -> None:
+    assert not looked(WindMonitor(FLEET, VEHICLE), (0.6 * SPENT_M_S, 0.0)).is_rising
+
+
+def test_a_rise_between_the_first_two_looks_counts_from_their_plain_mean() -> None:
+    monitor = WindMonitor(FLEET, VEHICLE)
+    looked(monitor)
+    # half of it above the mean, and that for eight sixths more
+    assert looked(monitor, (0.6 * SPENT_M_S, 0.0)).is_rising
+
+
+def test_a_wind_that_is_known_again_is_no_rise() -> None:
+    monitor = WindMonitor(FLEET, VEHICLE)
+    for _ in range(100):
+        looked(monitor)
+    looked(monitor, (math.nan, math.nan))
+    assert not looked(monitor, (0.6 * SPENT_M_S, 0.0)).is_rising
+
+
+def test_a_vehicle_of_little_drag_has_a_wind_that_takes_its_tilt_too() -> None:
+    slender = replace(VEHICLE, drag_1_s=0.05)
+    spent_m_s = tilt_acceleration_m_s2(slender) / slender.drag_1_s
+    assert looked(WindMonitor(FLEET, slender), (spent_m_s, 0.0)).is_rising
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_push_at_its_bound_is_seen_in_each_direction(axis: int, sign: float) -> None:
+    push_enu_m_s2 = [0.0, 0.0, 0.0]
+    push_enu_m_s2[axis] = sign * largest_push_m_s2(VEHICLE)
+    monitor = WindMonitor(FLEET, VEHICLE)
+    assert looked(monitor, disturbance_enu_m_s2=tuple(push_enu_m_s2)).is_at_bound
+    assert not looked(monitor, disturbance_enu_m_s2=(0.0, 0.0, push_enu_m_s2[axis])).is_at_bound
+
+
+def test_the_scatter_is_of_this_hover_without_the_laws_evasions() -> None:
+    monitor = WindMonitor(FLEET, VEHICLE)
+    assert looked(monitor).scatter_m == 0.0
+    monitor.update(context_of(setpoint_miss_m=0.3, is_law_active=True), 0.02)
+    monitor.update(context_of(setpoint_miss_m=math.nan), 0.02)
+    assert looked(monitor).scatter_m == 0.0
+
+    monitor.update(context_of(setpoint_miss_m=0.3), 5.0)  # longer than it averages
+    assert looked(monitor).scatter_m == pytest.approx(0.3)
+    monitor.reset()
+    assert looked(monitor).scatter_m == 0.0
