@@ -43,7 +43,7 @@ class Kill(Struct, frozen=True):
 
 
 class RequestHeartbeat(Struct, frozen=True):
-    """Ask PX4 for a heartbeat now, because a doubted one waits for another that agrees."""
+    """Ask PX4 for a heartbeat now: a doubted one waits for another, or the mode has to be known."""
 
 
 class RebootPx4(Struct, frozen=True):

@@ -159,6 +159,7 @@ class ReportConfirmation:
     """Memory of one PX4's reports; give it every snapshot."""
 
     contradicted: str = ""  # kind of report that was contradicted last
+    is_heartbeat_wanted: bool = False  # somebody has to know the mode of now
     _believed: Snapshot = field(default_factory=Snapshot)
     _waiting: tuple[_Waiting, ...] = field(default_factory=lambda: tuple(_Waiting() for _ in KINDS))
 
@@ -214,12 +215,14 @@ class ReportConfirmation:
         return self._dropped_sentence if is_recent else ""
 
     def is_heartbeat_due(self, now_ns: int) -> bool:
-        """Return whether PX4 is to be asked for a heartbeat now, since one waits for another.
+        """Return whether PX4 is to be asked for a heartbeat now.
+
+        One waits for another, or somebody has to know the mode of now.
 
         Args:
             now_ns: our clock, at each tick.
         """
-        is_waiting = self._waiting[_HEARTBEAT].report is not None
+        is_waiting = self.is_heartbeat_wanted or self._waiting[_HEARTBEAT].report is not None
         if not is_waiting or now_ns - self._asked_ns < _ASK_EVERY_NS:
             return False
         self._asked_ns = now_ns

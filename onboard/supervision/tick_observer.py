@@ -235,14 +235,19 @@ class TickObserver:
         """Whether the attitude does not follow, and no pilot is known to be the reason.
 
         A pilot who takes the vehicle leans it as he likes, and PX4 tells its mode once a second
-        only. So a miss counts when a heartbeat has come since it began: the heartbeat of another
-        mode ends the flight's need of the attitude, see `OffboardMonitor`. An upset vehicle waits
-        for nothing.
+        only. So a miss counts when a heartbeat has come since it began, and one is asked for: that
+        of another mode ends the flight's need of the attitude, see `OffboardMonitor`. An upset
+        vehicle waits for nothing.
         """
+        self.reports.is_heartbeat_wanted = False
         if self._tracking.is_upset or not self._tracking.is_attitude_lost:
             return self._tracking.is_upset
+
         began_ns = now_ns - int(1e9 * self._tracking.missed_s)
-        return heartbeat_ns >= began_ns or now_ns - heartbeat_ns > _HEARTBEAT_DUE_NS
+        is_told = heartbeat_ns >= began_ns
+        is_silent = now_ns - heartbeat_ns > _HEARTBEAT_DUE_NS
+        self.reports.is_heartbeat_wanted = not is_told
+        return is_told or is_silent
 
     def _fence_status(self, view: FlightView) -> FenceStatus:
         """Return where the vehicle is in the box, and in the areas of a fleet that has some."""

@@ -271,8 +271,9 @@ def test_a_vehicle_that_another_mode_leans_is_not_landed_before_px4_tells_the_mo
     rig.setpoint = AttitudeSetpoint(leaned, HOVER)
     if is_taken:
         rig.mode = "HOLD"  # by somebody without sticks
-    rig.run(1.6)
-
+    rig.run(0.5)
+    assert rig.mode == ("HOLD" if is_taken else "LAND")
+    rig.run(1.2)
     assert rig.mode == ("HOLD" if is_taken else "LAND")
 
 
