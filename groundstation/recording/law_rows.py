@@ -144,7 +144,7 @@ def _nearest(vehicle: VehicleFlight, time_s: float) -> int | None:
 
 def _accuracy(vehicle: VehicleFlight, time_s: float) -> tuple[float, float]:
     """Return the standard deviations [m, m/s] that a vehicle published last; NaN: not known."""
-    index = int(np.searchsorted(vehicle.states.time_s, time_s, side="right")) - 1
+    index = _last_state(vehicle, time_s)
     if index < 0:
         return math.nan, math.nan
     states = vehicle.states
@@ -153,8 +153,13 @@ def _accuracy(vehicle: VehicleFlight, time_s: float) -> tuple[float, float]:
 
 def _is_cooperative(vehicle: VehicleFlight, time_s: float) -> bool:
     """Whether a vehicle said last that it cooperates; also where nothing of it is known."""
-    index = int(np.searchsorted(vehicle.states.time_s, time_s, side="right")) - 1
+    index = _last_state(vehicle, time_s)
     return index < 0 or vehicle.states.is_cooperative[index] > 0.0
+
+
+def _last_state(vehicle: VehicleFlight, time_s: float) -> int:
+    """Return the number of the last state that a vehicle published by a time; -1 before any."""
+    return int(np.searchsorted(vehicle.states.time_s, time_s, side="right")) - 1
 
 
 def _vector(values: np.ndarray) -> Vec3:

@@ -31,12 +31,12 @@ def law_columns(flight: Flight, grid_s: Array, max_gap_s: float) -> Iterator[Col
         name: _samples(vehicle, grid_s, max_gap_s) for name, vehicle in flight.vehicles.items()
     }
     count = sum(samples.size for samples, _ in wanted.values())
-    stay = math.ceil(count / MOST_ROWS)
+    stay = max(1, math.ceil(count / MOST_ROWS))
 
     for number, (name, (samples, ticks)) in enumerate(wanted.items()):
         directions_rad = np.full(grid_s.size, np.nan)
         bounds_m_s2 = np.full(grid_s.size, np.nan)
-        for begin in range(0, samples.size, max(1, stay)):
+        for begin in range(0, samples.size, stay):
             row = law.row(name, int(ticks[begin]))
             if row is not None:
                 shown = samples[begin : begin + stay]

@@ -140,8 +140,7 @@ def is_agreed_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) ->
     height_m = view.position_enu_m[2] - ground_z_m
     if height_m < _BLIND_UNDER_GROUND_M:
         return True
-    stands_s = (view.now_ns - signs.still_ns) * 1e-9
-    return height_m < _BLIND_LOW_M and stands_s > _BLIND_STANDS_S
+    return _has_stood_low(signs, view, height_m, _BLIND_STANDS_S)
 
 
 def seems_to_stand_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) -> bool:
@@ -156,5 +155,10 @@ def seems_to_stand_blind(signs: ContactSigns, view: FlightView, ground_z_m: floa
         ground_z_m: height of the ground where it took off [m].
     """
     height_m = view.position_enu_m[2] - ground_z_m
+    return _has_stood_low(signs, view, height_m, _BLIND_TOUCHES_S)
+
+
+def _has_stood_low(signs: ContactSigns, view: FlightView, height_m: float, for_s: float) -> bool:
+    """Return whether a vehicle without poses has been still for so long where the ground may be."""
     stands_s = (view.now_ns - signs.still_ns) * 1e-9
-    return height_m < _BLIND_LOW_M and stands_s > _BLIND_TOUCHES_S
+    return height_m < _BLIND_LOW_M and stands_s > for_s
