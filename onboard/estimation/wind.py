@@ -8,7 +8,9 @@ acceleration.
 
 Gusts are slower to be learned than they come: for the time of the lag and of the disturbance
 observer they move the vehicle as nobody has commanded. Hence they are an error of the velocity that
-the vehicle publishes, and widen the distance that all keep from it.
+the vehicle publishes, and widen the distance that all keep from it. Gusts come in groups: what two
+calm seconds look like says little about the next one. So the distance goes by the strongest of
+three: those of now, those of the last half minute, and those that belong to the wind of now.
 """
 
 from __future__ import annotations
@@ -16,10 +18,12 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from onboard.config.wind_limit import GUST_SHARE
 from onboard.types import State
 from onboard.vectors import ZERO_3, Vec3, add_scaled, subtract
 
 MEAN_TIME_S = 2.0  # over which mean and gusts are taken
+_LASTING_TIME_S = 30.0  # over which the gusts are taken that the distance to others goes by
 
 _KNOWN_AFTER_S = 1.0  # of flight
 
@@ -33,12 +37,15 @@ class WindMemory(NamedTuple):
 
     push_enu_m_s2: Vec3  # mean of what pushes the vehicle
     variance_m2_s4: float  # of the push about that mean, per horizontal axis
+    lasting_variance_m2_s4: float  # mean of that variance over a longer time
     time_s: float  # for so long the vehicle has flown
 
 
 def initial() -> WindMemory:
     """Return the memory of a vehicle that nothing pushes."""
-    return WindMemory(push_enu_m_s2=ZERO_3, variance_m2_s4=0.0, time_s=0.0)
+    return WindMemory(
+        push_enu_m_s2=ZERO_3, variance_m2_s4=0.0, lasting_variance_m2_s4=0.0, time_s=0.0
+    )
 
 
 def step(memory: WindMemory, bias_enu_m_s2: Vec3, dt_s: float, is_on_ground: bool) -> WindMemory:
@@ -62,10 +69,19 @@ def step(memory: WindMemory, bias_enu_m_s2: Vec3, dt_s: float, is_on_ground: boo
     off = subtract(bias_enu_m_s2, memory.push_enu_m_s2)
     # once from the mean before and once from the mean after, so that a first sample is no gust
     square_m2_s4 = 0.5 * (1.0 - blend) * (off.x * off.x + off.y * off.y)
+    variance_m2_s4 = memory.variance_m2_s4 + dt_s / MEAN_TIME_S * (
+        square_m2_s4 - memory.variance_m2_s4
+    )
+
+    lasting_blend = dt_s / max(min(time_s, _LASTING_TIME_S), dt_s, 1e-6)
+    lasting_variance_m2_s4 = memory.lasting_variance_m2_s4 + lasting_blend * (
+        variance_m2_s4 - memory.lasting_variance_m2_s4
+    )
+
     return WindMemory(
         push_enu_m_s2=add_scaled(memory.push_enu_m_s2, blend, off),
-        variance_m2_s4=memory.variance_m2_s4
-        + dt_s / MEAN_TIME_S * (square_m2_s4 - memory.variance_m2_s4),
+        variance_m2_s4=variance_m2_s4,
+        lasting_variance_m2_s4=lasting_variance_m2_s4,
         time_s=time_s,
     )
 
@@ -94,6 +110,21 @@ def gust_std_m_s2(memory: WindMemory) -> float:
     return math.sqrt(memory.variance_m2_s4)
 
 
+def strongest_gust_std_m_s2(memory: WindMemory) -> float:
+    """Return the gusts to reckon with, as an acceleration, per axis [m/s^2].
+
+    That is the largest standard deviation of now, of the last half minute, and of what belongs to
+    the mean wind.
+
+    Args:
+        memory: of now.
+    """
+    now_m_s2 = math.sqrt(memory.variance_m2_s4)
+    lasting_m_s2 = math.sqrt(memory.lasting_variance_m2_s4)
+    expected_m_s2 = GUST_SHARE * math.hypot(memory.push_enu_m_s2.x, memory.push_enu_m_s2.y)
+    return max(now_m_s2, lasting_m_s2, expected_m_s2)
+
+
 def widened(state: State, memory: WindMemory, gust_time_s: float) -> State:
     """Return the estimate with the error of its velocity that gusts cause.
 
@@ -103,7 +134,7 @@ def widened(state: State, memory: WindMemory, gust_time_s: float) -> State:
         gust_time_s: for so long a gust moves the vehicle before it is leaned against.
     Properties: in calm air, and in gusts that the margin covers, the estimate stays as it is.
     """
-    beyond_m_s2 = gust_std_m_s2(memory) - COVERED_M_S2
+    beyond_m_s2 = strongest_gust_std_m_s2(memory) - COVERED_M_S2
     if beyond_m_s2 <= 0.0:
         return state
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from onboard.config.wind_limit import GUST_SHARE
 from onboard.estimation import wind
 from onboard.types import State
 from onboard.vectors import ZERO_3, Vec3
@@ -74,8 +75,25 @@ def test_a_number_that_is_not_finite_changes_nothing() -> None:
 
 
 def test_calm_air_leaves_the_estimate_as_it_is_and_gusts_widen_its_velocity() -> None:
-    calm = flown(gusty(0.03, 10.0))
+    calm = flown([push._replace(x=push.x - 1.2) for push in gusty(0.03, 10.0)])
     assert wind.widened(state(), calm, 0.3) == state()
+
     widened = wind.widened(state(), flown(gusty(0.6, 20.0)), 0.3)
     assert widened.velocity_std_m_s > 0.04
     assert widened._replace(velocity_std_m_s=0.02) == state()
+
+
+def test_a_lull_is_no_reason_to_come_nearer() -> None:
+    gusts = [push._replace(x=push.x - 1.2) for push in gusty(0.6, 20.0)]
+    lull = [ZERO_3] * round(8.0 / DT)
+    in_gusts = wind.widened(state(), flown(gusts), 0.3)
+    in_lull = wind.widened(state(), flown(gusts + lull), 0.3)
+
+    assert wind.gust_std_m_s2(flown(gusts + lull)) < wind.COVERED_M_S2
+    assert in_lull.velocity_std_m_s > 0.5 * in_gusts.velocity_std_m_s
+
+
+def test_gusts_that_belong_to_a_wind_are_reckoned_with_before_they_come() -> None:
+    steady = flown([Vec3(1.8, -2.4, 0.0)] * 200)
+    assert wind.strongest_gust_std_m_s2(steady) == pytest.approx(GUST_SHARE * 3.0, abs=0.01)
+    assert wind.widened(state(), steady, 0.3).velocity_std_m_s > 0.08
