@@ -34,8 +34,6 @@ _CONTACT_LIMIT_S = 8.0
 _RISEN_M = 0.5
 _PX4_HEIGHT_RISEN_M = 1.5
 
-KILLED = "Killed by order of"  # begins the reason of a killed vehicle's state
-
 _NEAR_THE_GROUND = (FlightStep.LIFTOFF, FlightStep.DESCENT, FlightStep.SINKING)
 _NO_GOAL = Goal(ZERO_3, 0.0, 0)
 
@@ -66,6 +64,7 @@ class FlightContext:
     disabled_by: str = ""  # who has ordered that it takes part in no flight; empty: it does
     stands_in_for: str = ""  # the vehicle whose place it has; empty: its own
     has_fallen: bool = False  # PX4 disarmed or restarted in this flight
+    was_killed: bool = False  # an order to kill is why it is as it is: the motors stop, or have
     contact: ContactSigns = field(default_factory=ContactSigns)
     seen_height_m: float = 0.0  # of the goal that it had before its poses stopped
 
@@ -77,11 +76,6 @@ class FlightContext:
         if self.step is FlightStep.COASTING and self.order is None:
             return "holding"
         return self.step.state
-
-    @property
-    def was_killed(self) -> bool:
-        """Whether an order to kill is the reason of what it does: the motors stop, or have."""
-        return self.reason.startswith(KILLED)
 
     @property
     def situation(self) -> Situation:

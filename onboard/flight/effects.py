@@ -61,6 +61,7 @@ def stay_on_ground(flight: FlightContext, view: FlightView) -> None:
     """Take this position for the ground and the goal."""
     flight.ground_z_m = view.position_enu_m[2]
     flight.has_fallen = False
+    flight.was_killed = False
     flight.goal = flight.goal._replace(position_enu_m=Point(*view.position_enu_m))
 
 
@@ -82,6 +83,7 @@ def climb_on(flight: FlightContext, view: FlightView) -> None:
 
 def take_over(flight: FlightContext, view: FlightView) -> None:
     """Stop here; the ground is at the height of the start, because nobody saw the take-off."""
+    flight.was_killed = False
     flight.ground_z_m = flight.fleet.vehicles[flight.place].start_enu_m[2]
     _set_goal(flight, stop_point(view, flight.vehicle, flight.fleet), 0.0)
 
@@ -244,6 +246,20 @@ def expect_contact(flight: FlightContext, view: FlightView) -> None:
 def note_fall(flight: FlightContext, view: FlightView) -> None:
     """Remember whether the motors have stopped; whoever orders this vehicle later hears of it."""
     flight.has_fallen = not view.snapshot.is_armed
+    flight.was_killed = False
+
+
+# -- a kill ----------------------------------------------------------------------------------------
+
+
+def note_kill(flight: FlightContext, view: FlightView) -> None:
+    """Remember the kill; whoever orders this vehicle later hears of it."""
+    flight.was_killed = True
+
+
+def forget_kill(flight: FlightContext, view: FlightView) -> None:
+    """Forget an earlier kill: what begins has another reason."""
+    flight.was_killed = False
 
 
 # -- without poses ---------------------------------------------------------------------------------

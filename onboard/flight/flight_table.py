@@ -128,15 +128,20 @@ ORDERS = (
         effect=effects.expect_contact, reason="ordered"),
     Row((S.LIFTOFF, S.CLIMB), E.DISARM, to=S.DESCENT, effect=effects.descend,
         reason=sentences.LANDS_TO_DISARM),
-    Row(_DISARMABLE, E.DISARM, when=p.px4_is_armed, to=S.DISARMING, request=Disarm(), reason=""),
-    Row(_DISARMABLE, E.DISARM, to=S.DISARMED, request=Disarm(), reason=""),
+    Row(_DISARMABLE, E.DISARM, when=p.px4_is_armed, to=S.DISARMING, request=Disarm(),
+        effect=effects.forget_kill, reason=""),
+    Row(_DISARMABLE, E.DISARM, to=S.DISARMED, request=Disarm(),
+        effect=effects.forget_kill, reason=""),
     Row(_SILENT, E.DISARM, to=S.FAILED_DISARMING, request=Disarm()),
 
-    Row(_START, E.REBOOT, to=S.REBOOTING, request=RebootPx4(), reason=S.REBOOTING.text),
+    Row(_START, E.REBOOT, to=S.REBOOTING, request=RebootPx4(),
+        effect=effects.forget_kill, reason=S.REBOOTING.text),
 
     Row(tuple(S), E.KILL, when=p.px4_is_armed_in_the_air, to=S.KILLING, request=Kill(),
-        reason=sentences.killed, says=("critical", "killed", sentences.killed_in_the_air)),
-    Row(tuple(S), E.KILL, to=S.KILLING, request=Kill(), reason=sentences.killed),
+        effect=effects.note_kill, reason=sentences.killed,
+        says=("critical", "killed", sentences.killed_in_the_air)),
+    Row(tuple(S), E.KILL, to=S.KILLING, request=Kill(),
+        effect=effects.note_kill, reason=sentences.killed),
 )
 
 FAILSAFES = (
@@ -190,7 +195,7 @@ GROUND = (
     Row((S.FAILSAFE_DISARMING,), E.TICK, when=p.px4_confirms_disarmed, to=S.WAITING),
     Row((S.FAILSAFE_DISARMING,), E.TICK, when=p.px4_is_on_ground, request=Disarm()),
     Row((*_START, S.FAILSAFE_DISARMING), E.TICK, when=p.px4_flies_without_agent, to=S.FAILED,
-        reason=sentences.FLIES_WITHOUT_AGENT),
+        effect=effects.forget_kill, reason=sentences.FLIES_WITHOUT_AGENT),
     Row((S.ARMED,), E.TICK, when=p.px4_confirms_disarmed, to=S.READY, reason="",
         says=("warning", "auto-disarmed", "PX4 disarmed by itself before take-off.")),
 
@@ -280,7 +285,8 @@ LANDING = (
     # PX4 disarms after a landing only once it has stood for seconds: the kill has done this.
     Row((S.PX4_LANDING,), E.TICK, when=p.falls_by_kill, to=S.FAILED,
         ends=("failed", sentences.falls_by_kill)),
-    Row((S.PX4_LANDING,), E.TICK, when=p.kill_had_no_effect, reason="ordered"),
+    Row((S.PX4_LANDING,), E.TICK, when=p.kill_had_no_effect,
+        effect=effects.forget_kill, reason="ordered"),
 
     Row((S.CONTACT, S.PX4_LANDING), E.TICK, when=p.landed_by_order, to=S.LANDED,
         ends=("done", sentences.landed_as_ordered)),

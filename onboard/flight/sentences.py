@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from onboard.flight.arrival import position_text
-from onboard.flight.context import KILLED, FlightContext
+from onboard.flight.context import FlightContext
 from onboard.flight.path_flight import PATIENCE_S
 from onboard.flight.predicates import CONFIRM_TIMEOUT_S, REBOOT_TIMEOUT_S
 from onboard.flight.types import FlightView
@@ -30,7 +30,7 @@ NO_LIFTOFF = (
 def killed(flight: FlightContext, view: FlightView) -> str:
     """Return the reason of a killed vehicle's state."""
     author = "" if flight.order is None else flight.order.author
-    return f"{KILLED} {author}."
+    return f"Killed by order of {author}."
 
 
 def killed_in_the_air(flight: FlightContext, view: FlightView) -> str:
