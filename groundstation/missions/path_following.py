@@ -18,10 +18,9 @@ from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
 from groundstation.mission_files.world_time import WorldTime
 from groundstation.missions.countdown import Countdown, CountdownEnded, count_down
-from groundstation.missions.follow_pause import pause_line
 from groundstation.missions.ground import step_result
-from groundstation.orders.battery_reserve import Discharge, weakest
-from groundstation.orders.intents import BringHome, FollowPath, Goto, Hold, Intent
+from groundstation.missions.pause_watch import PauseWatch
+from groundstation.orders.intents import FollowPath, Goto, Hold, Intent
 from groundstation.orders.path_orders import OnLag, parts_of, starts_of
 from groundstation.orders.result import OrderFailed, OrderResult, Results
 from groundstation.paths.lights import Colour, Light, colour_at
@@ -145,18 +144,20 @@ async def _end_of(ground: PathGround, order: OrderResult, timeout_s: float) -> R
     Raises:
         OrderFailed: they were brought home.
     """
+    watch = PauseWatch(ground)
     try:
-        return await _watched_end_of(ground, order, timeout_s)
+        return await _watched_end_of(ground, order, timeout_s, watch)
     finally:
-        ground.pause_line = ""
+        watch.hide()
 
 
-async def _watched_end_of(ground: PathGround, order: OrderResult, timeout_s: float) -> Results:
+async def _watched_end_of(
+    ground: PathGround, order: OrderResult, timeout_s: float, watch: PauseWatch
+) -> Results:
     client = ground.client
     names = tuple(order.results)
     left_s = timeout_s
     was_paused = False
-    discharge = Discharge()
 
     while True:
         begin_ns = client.now_ns()
@@ -166,20 +167,19 @@ async def _watched_end_of(ground: PathGround, order: OrderResult, timeout_s: flo
 
         following = [name for name in names if _is_following(client.state, name)]
         is_paused = any(_is_paused(client.state, name) for name in following)
-        reserve = weakest(
-            client.fleet, client.state, following, discharge=discharge, now_ns=client.now_ns()
-        )
+        reserve = watch.look(following)
+
         if is_paused and not was_paused and reserve is not None:
             ground.say(f"  paused; {reserve}")
         was_paused = is_paused
-        ground.pause_line = pause_line(reserve) if is_paused else ""
 
-        if is_paused and reserve is not None and reserve.is_used_up:
-            ground.say(f"  The pause ends: {reserve}.")
-            await ground.order(BringHome(vehicles=tuple(following)), _HOME_S)
-            raise OrderFailed(FollowPath(vehicles=names), dict(order.results))
-
-        if not is_paused:
+        if is_paused:
+            watch.show(reserve)
+            if reserve is not None and reserve.is_used_up:
+                await watch.bring_home(following, reserve, _HOME_S)
+                raise OrderFailed(FollowPath(vehicles=names), dict(order.results))
+        else:
+            watch.hide()
             left_s -= (client.now_ns() - begin_ns) * 1e-9
         if left_s <= 0.0:
             return results

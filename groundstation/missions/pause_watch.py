@@ -1,0 +1,89 @@
+"""Watches the batteries of vehicles that a pause keeps in the air.
+
+A pause may last until the weakest battery has just enough for the way home; the title of the flight
+says how long that is. Then the pause ends, and all are brought home. It makes no difference why
+they are paused: paths whose clock stands still (path_following.py) and vehicles that follow another
+one (follow_pause.py) are watched by the same rule.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from groundstation.client.client import FleetClient
+from groundstation.mission_files.world_time import time_words
+from groundstation.orders.battery_reserve import Discharge, Reserve, weakest
+from groundstation.orders.intents import BringHome, Intent
+from groundstation.orders.result import Results
+
+
+class PausedGround(Protocol):
+    """The part of a flight's ground that a pause needs."""
+
+    client: FleetClient
+    say: Callable[[str], None]
+    pause_line: str
+
+    async def order(self, intent: Intent, timeout_s: float) -> Results:
+        """Give an order, wait for its end and log the results."""
+
+
+class PauseWatch:
+    """The batteries of some vehicles, before a pause and in it.
+
+    Args:
+        ground: of the flight.
+    """
+
+    def __init__(self, ground: PausedGround) -> None:
+        self._ground = ground
+        self._discharge = Discharge()
+
+    def look(self, names: Sequence[str]) -> Reserve | None:
+        """Return the weakest battery: None where no vehicle reports one.
+
+        Call it once a second or so, also before a pause: it measures how fast the batteries sink.
+
+        Args:
+            names: of the vehicles in the air.
+        """
+        client = self._ground.client
+        return weakest(
+            client.fleet, client.state, names, discharge=self._discharge, now_ns=client.now_ns()
+        )
+
+    def show(self, reserve: Reserve | None) -> None:
+        """Show in the title that vehicles are paused, and for how long they can be."""
+        self._ground.pause_line = pause_line(reserve)
+
+    def hide(self) -> None:
+        """Show in the title that no vehicle is paused."""
+        self._ground.pause_line = ""
+
+    async def bring_home(
+        self, names: Sequence[str], reserve: Reserve, timeout_s: float
+    ) -> tuple[BringHome, Results]:
+        """End the pause: say why, and bring all home.
+
+        Args:
+            names: of the vehicles.
+            reserve: the battery that cannot wait any longer.
+            timeout_s: longest wait for their landing.
+
+        Returns:
+            The order and its results.
+        """
+        self._ground.say(f"  The pause ends: {reserve}.")
+        intent = BringHome(vehicles=tuple(names))
+        return intent, await self._ground.order(intent, timeout_s)
+
+
+def pause_line(reserve: Reserve | None) -> str:
+    """Return a pause in a few words, for the title: the weakest battery and its limit."""
+    if reserve is None:
+        return "paused · r goes on"
+    return (
+        f"paused · {reserve.name} {reserve.has_pct:.0f} %: all home at {reserve.needs_pct:.0f} %, "
+        f"in {time_words(reserve.left_s)} · r goes on"
+    )
