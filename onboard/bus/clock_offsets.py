@@ -15,9 +15,10 @@ starts at a time of day; no stamp is converted by it.
 Nodes that share a clock (one kernel, one boot, one time namespace) know that from each other's host
 id.
 
-A message that contradicts what is known of its sender may be false. What is known stays, and is
-used, while messages agree with it; when none has for a while, and several in a row agree on
-something else, that is believed instead.
+A message that contradicts what is known of its sender may be false. So what is known stays in use
+while messages agree with it. Beside it stands what the contradicting messages say. Once no message
+has agreed with what is known for a while, and several in a row have agreed on something else, that
+takes its place: the sender has probably started anew.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ from onboard.bus.schema import ClockMessage, HeardClock
 # clock too, by up to 500.
 DRIFT = 1e-3
 _UNKNOWN_DELAY_NS = 20_000_000  # assumed while nothing is measured
-_SAME_CLOCK_NS = 500_000_000
-_FORGET_NS = 60_000_000_000
+_SAME_CLOCK_NS = 500_000_000  # a stamp this far before its arrival may be of our own clock
+_FORGET_NS = 60_000_000_000  # without a message, after which a node makes room for another one
 _MAX_NODES = 64
 _SILENT_NS = 1_800_000_000  # without a message that agrees: three are missing
 _CONFIRMATIONS = 3  # messages in a row that agree on something new
@@ -39,17 +40,15 @@ _CONFIRMATIONS = 3  # messages in a row that agree on something new
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """One other node: their clock minus ours lies between ``low_ns`` and ``high_ns``, each true at
-    its own time.
-    """
+    """One other node, and the bounds of its clock minus ours."""
 
     host: int
     sent_ns: int  # of its newest message, by its clock
     received_ns: int  # of its newest message, by ours
-    low_ns: int
-    low_at_ns: int
-    high_ns: int | None = None  # None while they have not published an arrival time of ours
-    high_at_ns: int = 0
+    low_ns: int  # lower bound of its clock minus ours
+    low_at_ns: int  # when that bound was true, by ours
+    high_ns: int | None = None  # upper bound; None while it has published no arrival of ours
+    high_at_ns: int = 0  # when that bound was true, by ours
     # the world's clock, as its computer has it, minus its monotonic clock; None: not told
     world_offset_ns: int | None = None
 
@@ -62,10 +61,12 @@ class Peer:
             lower and upper bound [ns] of their clock minus ours; the upper one is None while it is
             not measured.
         """
-        low = self.low_ns - _drift_ns(now_ns - self.low_at_ns)
-        return low, None if self.high_ns is None else self.high_ns + _drift_ns(
-            now_ns - self.high_at_ns
-        )
+        low_ns = self.low_ns - _drift_ns(now_ns - self.low_at_ns)
+        if self.high_ns is None:
+            return low_ns, None
+
+        high_ns = self.high_ns + _drift_ns(now_ns - self.high_at_ns)
+        return low_ns, high_ns
 
     def raised_low(self, low_ns: int, now_ns: int) -> Peer:
         """Return the peer with a new lower bound, where that is the narrower one.
@@ -76,11 +77,10 @@ class Peer:
         Returns:
             the same peer or a changed copy.
         """
-        return (
-            replace(self, low_ns=low_ns, low_at_ns=now_ns)
-            if low_ns >= self.bounds_ns(now_ns)[0]
-            else self
-        )
+        known_low_ns, _ = self.bounds_ns(now_ns)
+        if low_ns < known_low_ns:
+            return self
+        return replace(self, low_ns=low_ns, low_at_ns=now_ns)
 
     def lowered_high(self, high_ns: int, at_ns: int) -> Peer:
         """Return the peer with a new upper bound, where that is the narrower one.
@@ -91,24 +91,21 @@ class Peer:
         Returns:
             the same peer or a changed copy.
         """
-        known = self.bounds_ns(at_ns)[1]
-        return (
-            self
-            if known is not None and high_ns > known
-            else replace(self, high_ns=high_ns, high_at_ns=at_ns)
-        )
+        _, known_high_ns = self.bounds_ns(at_ns)
+        if known_high_ns is not None and high_ns > known_high_ns:
+            return self
+        return replace(self, high_ns=high_ns, high_at_ns=at_ns)
 
     def is_contradictory(self, now_ns: int) -> bool:
-        """Whether both bounds exclude each other: a clock stood still (a suspended host), or a
-        message is false.
+        """Whether no offset fulfils both bounds.
+
+        A clock stood still (a suspended host), or a message is false.
 
         Args:
             now_ns: our clock.
-        Returns:
-            True if no offset fulfils both.
         """
-        low, high = self.bounds_ns(now_ns)
-        return high is not None and low > high
+        low_ns, high_ns = self.bounds_ns(now_ns)
+        return high_ns is not None and low_ns > high_ns
 
 
 @dataclass(slots=True)
@@ -119,8 +116,8 @@ class Clocks:
     host: int  # our own host id
     restarts: int = 0  # nodes of which something else was believed, after a contradiction
     _peers: dict[str, Peer] = field(default_factory=dict)
-    # what contradicts, and how many agree on it
-    _doubtful: dict[str, tuple[Peer, int]] = field(default_factory=dict)
+    # what messages say that contradict what is known of a node, and how many in a row agree on it
+    _contradictions: dict[str, tuple[Peer, int]] = field(default_factory=dict)
     _sequence: int = 0
 
     def message(self, now_ns: int, world_ns: int = 0) -> ClockMessage:
@@ -155,37 +152,59 @@ class Clocks:
             received_ns: its arrival, by our clock.
         """
         node = message.node
-        if node == self.node or (node not in self._peers and not self._has_room(received_ns)):
+        if node == self.node:
             return
-        if message.host == self.host and not 0 <= received_ns - message.sent_ns < _SAME_CLOCK_NS:
-            return  # not by our clock
-        peer = self._peers.get(node)
-        merged = self._merged(peer, message, received_ns)
+        if node not in self._peers and not self._has_room(received_ns):
+            return
+
+        # who says that it shares our clock has to be right about the time
+        age_ns = received_ns - message.sent_ns
+        if message.host == self.host and not 0 <= age_ns < _SAME_CLOCK_NS:
+            return
+
+        known = self._peers.get(node)
+        merged = self._merged(known, message, received_ns)
         if merged is not None:
             self._peers[node] = merged
-            self._doubtful.pop(node, None)
+            self._contradictions.pop(node, None)
             return
-        doubtful, count = self._doubtful.get(node, (None, 0))
-        further = self._merged(doubtful, message, received_ns)
-        if further is None:
-            further, count = self._merged(None, message, received_ns), 0
-        if further is None:
-            return  # contradicts itself
-        self._doubtful[node] = further, count + 1
-        if count + 1 >= _CONFIRMATIONS and (
-            peer is None or received_ns - peer.received_ns > _SILENT_NS
-        ):
+
+        contradiction = self._contradiction(message, received_ns)
+        if contradiction is None:
+            return
+        _, agreeing = contradiction
+        self._contradictions[node] = contradiction
+
+        is_known_silent = known is None or received_ns - known.received_ns > _SILENT_NS
+        if agreeing >= _CONFIRMATIONS and is_known_silent:
             self.restarts += 1
-            self._peers[node] = further
-            del self._doubtful[node]
+            self._peers[node], _ = self._contradictions.pop(node)
+
+    def _contradiction(self, message: ClockMessage, received_ns: int) -> tuple[Peer, int] | None:
+        """Return what a message says that contradicts what is known, and how many agree on that.
+
+        It agrees with the contradicting messages before it, or is the first of a new row. None for
+        a message that contradicts itself.
+        """
+        earlier, count = self._contradictions.get(message.node, (None, 0))
+        peer = self._merged(earlier, message, received_ns)
+        if peer is None:
+            count = 0
+            peer = self._merged(None, message, received_ns)
+        if peer is None:
+            return None
+        return peer, count + 1
 
     def _merged(self, peer: Peer | None, message: ClockMessage, received_ns: int) -> Peer | None:
-        """Return what is known with one more message of the node; None if that contradicts what was
-        known.
+        """Return what is known of a node with one more message of it.
+
+        None if the message contradicts what was known.
         """
-        low_ns = message.sent_ns - received_ns
+        # another boot is another clock
         if peer is not None and peer.host != message.host:
-            return None  # another boot is another clock
+            return None
+
+        low_ns = message.sent_ns - received_ns
         if peer is None or message.host == self.host:
             peer = Peer(
                 host=message.host,
@@ -196,18 +215,26 @@ class Clocks:
             )
         else:
             peer = peer.raised_low(low_ns, received_ns)
+
         if message.sent_ns >= peer.sent_ns:
-            world_offset_ns = message.world_ns - message.sent_ns if message.world_ns else None
+            world_offset_ns = None
+            if message.world_ns:
+                world_offset_ns = message.world_ns - message.sent_ns
             peer = replace(
                 peer,
                 sent_ns=message.sent_ns,
                 received_ns=received_ns,
                 world_offset_ns=world_offset_ns,
             )
+
         for heard in message.heard:
-            if heard.node == self.node and heard.host == self.host and heard.sent_ns <= received_ns:
+            is_of_ours = heard.node == self.node and heard.host == self.host
+            if is_of_ours and heard.sent_ns <= received_ns:
                 peer = peer.lowered_high(heard.received_ns - heard.sent_ns, heard.sent_ns)
-        return None if peer.is_contradictory(received_ns) else peer
+
+        if peer.is_contradictory(received_ns):
+            return None
+        return peer
 
     def _has_room(self, now_ns: int) -> bool:
         """Whether one more node can be remembered; one that was silent for a minute makes room."""
@@ -234,13 +261,18 @@ class Clocks:
         """
         peer = self._peers.get(node)
         if peer is None:
-            is_near = 0 <= received_ns - stamp_ns < _SAME_CLOCK_NS
-            return stamp_ns if is_near else received_ns - _UNKNOWN_DELAY_NS
+            may_be_ours = 0 <= received_ns - stamp_ns < _SAME_CLOCK_NS
+            if may_be_ours:
+                return stamp_ns
+            return received_ns - _UNKNOWN_DELAY_NS
+
         if peer.host == self.host:
             return min(stamp_ns, received_ns)
         if peer.high_ns is None:
             return received_ns - _UNKNOWN_DELAY_NS
-        return min(stamp_ns - peer.high_ns - _drift_ns(received_ns - peer.high_at_ns), received_ns)
+
+        largest_offset_ns = peer.high_ns + _drift_ns(received_ns - peer.high_at_ns)
+        return min(stamp_ns - largest_offset_ns, received_ns)
 
     def is_measured(self, node: str) -> bool:
         """Whether stamps of a node can be converted to our clock.
@@ -268,8 +300,11 @@ class Clocks:
             return None
         if peer.host == self.host:
             return 0.0, 0.0
-        low, high = peer.bounds_ns(now_ns)
-        return None if high is None else ((low + high) * 0.5e-9, (high - low) * 0.5e-9)
+
+        low_ns, high_ns = peer.bounds_ns(now_ns)
+        if high_ns is None:
+            return None
+        return (low_ns + high_ns) * 0.5e-9, (high_ns - low_ns) * 0.5e-9
 
     def world_ahead_s(
         self, node: str, now_ns: int, world_offset_ns: int
