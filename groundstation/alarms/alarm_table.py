@@ -10,7 +10,7 @@ from importlib.resources import files
 from onboard.safety.failsafe_table import Condition
 
 
-class Severity(IntEnum):
+class AlarmSeverity(IntEnum):
     """Urgency of an alarm."""
 
     NOTE = 0  # for information
@@ -43,8 +43,8 @@ Kind = Condition | GroundCondition
 class AlarmRow:
     """One row of the table."""
 
-    in_flight: Severity  # while the vehicle flies
-    on_ground: Severity  # while it does not
+    in_flight: AlarmSeverity  # while the vehicle flies
+    on_ground: AlarmSeverity  # while it does not
     sentence: str  # {who} is a vehicle or several, {what} a number, name or reason
     advice: str
 
@@ -56,8 +56,8 @@ _KINDS: dict[str, Kind] = {kind.name: kind for kind in (*Condition, *GroundCondi
 def _row(in_flight: str, on_ground: str, sentence: str, advice: str) -> AlarmRow:
     """Return one row of the file."""
     return AlarmRow(
-        in_flight=Severity[in_flight.upper()],
-        on_ground=Severity[on_ground.upper()],
+        in_flight=AlarmSeverity[in_flight.upper()],
+        on_ground=AlarmSeverity[on_ground.upper()],
         sentence=sentence,
         advice=advice,
     )

@@ -24,9 +24,9 @@ from groundstation.alarms.alarm_table import (
     COVERED,
     RANKS,
     TABLE,
+    AlarmSeverity,
     GroundCondition,
     Kind,
-    Severity,
 )
 from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
 from onboard.bus.schema import Telemetry
@@ -67,7 +67,7 @@ class Alarm:
 
     kind: Kind
     subject: str  # a vehicle, a pair, or empty for the fleet
-    severity: Severity
+    severity: AlarmSeverity
     sentence: str
     advice: str
     what: str = ""  # number, name or reason in the sentence
@@ -147,7 +147,7 @@ class Alarms:
 
         self.has_new = False
         for key, line in self._lines.items():
-            severity_before = severities_before.get(key, Severity.NOTE)
+            severity_before = severities_before.get(key, AlarmSeverity.NOTE)
             if line.alarm.severity > severity_before:
                 self.has_new = True
 
@@ -196,7 +196,7 @@ class Alarms:
 
         The same alarm of many vehicles is one line.
         """
-        groups: dict[tuple[Kind, Severity, bool], list[AlarmLine]] = {}
+        groups: dict[tuple[Kind, AlarmSeverity, bool], list[AlarmLine]] = {}
         for line in self._lines.values():
             group = (line.alarm.kind, line.alarm.severity, line.is_acknowledged)
             groups.setdefault(group, []).append(line)

@@ -11,7 +11,7 @@ import asyncio
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from groundstation.fleet.state import NodeSeen, NotUsed, Received
+from groundstation.fleet.state import NodeSeen, NotUsed, ReceivedMessage
 from onboard.bus.clock_offsets import Clocks
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
@@ -43,7 +43,7 @@ class BusFeed:
     def __init__(
         self,
         bus: Bus,
-        on_batch: Callable[[Sequence[Received]], None],
+        on_batch: Callable[[Sequence[ReceivedMessage]], None],
         *,
         recorded: Sequence[Topic],
         clock_ns: Callable[[], int],
@@ -56,7 +56,7 @@ class BusFeed:
         self._on_delivery = on_delivery
         self._sinks: list[Sink] = []
 
-        self._queue: deque[Received] = deque(maxlen=MAX_QUEUED)
+        self._queue: deque[ReceivedMessage] = deque(maxlen=MAX_QUEUED)
         self._dropped = 0  # pushed out of the queue since the last batch
         self._is_scheduled = False  # the loop has been woken up for the queue
 

@@ -32,7 +32,7 @@ from groundstation.fleet.own_stall import (
 from groundstation.fleet.state import (
     GROUND_STALLED,
     FleetState,
-    Received,
+    ReceivedMessage,
     fold_batch,
     initial,
     without_distances,
@@ -577,7 +577,7 @@ class FleetClient:
         """Begin anew with smallest distances: those of a mission are its own."""
         self._state = without_distances(self._state)
 
-    def _take_batch(self, batch: Sequence[Received]) -> None:
+    def _take_batch(self, batch: Sequence[ReceivedMessage]) -> None:
         """Fold a batch into the state, and call those who follow it."""
         now_ns = self._clock_ns()
         state = self._state = fold_batch(self._state, batch, now_ns)

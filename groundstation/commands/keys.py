@@ -59,12 +59,12 @@ _RUNNING = {
 }
 
 keys = App(name="keys", help="The keys of a fleet's bus.")
-Fleet = Annotated[FileName, Parameter(name="FLEET")]
-Node = Annotated[str, Parameter(name="NODE")]
+FleetArgument = Annotated[FileName, Parameter(name="FLEET")]
+NodeArgument = Annotated[str, Parameter(name="NODE")]
 
 
 @keys.command
-def secure(fleet: Fleet, /, *, mavlink: bool = False) -> int:
+def secure(fleet: FleetArgument, /, *, mavlink: bool = False) -> int:
     """Make keys for every node of a fleet, and turn its endpoints into endpoints with keys.
 
     Args:
@@ -108,7 +108,7 @@ def _sign_mavlink(path: str) -> int:
 
 
 @keys.command
-def init(fleet: Fleet, /, *, force: bool = False) -> int:
+def init(fleet: FleetArgument, /, *, force: bool = False) -> int:
     """Make a new authority and issue all nodes anew: whoever holds an older key is locked out.
 
     Args:
@@ -133,7 +133,7 @@ def init(fleet: Fleet, /, *, force: bool = False) -> int:
 
 
 @keys.command
-def issue(fleet: Fleet, /, *nodes: Node) -> int:
+def issue(fleet: FleetArgument, /, *nodes: NodeArgument) -> int:
     """Issue key and certificate of a node; its former ones stay valid until they expire.
 
     Args:
@@ -147,7 +147,7 @@ def issue(fleet: Fleet, /, *nodes: Node) -> int:
 
 
 @keys.command
-def renew(fleet: Fleet, /) -> int:
+def renew(fleet: FleetArgument, /) -> int:
     """Issue the certificates of all nodes anew, by the same authority: before they expire, or after
     hosts changed.
 
@@ -159,7 +159,7 @@ def renew(fleet: Fleet, /) -> int:
 
 
 @keys.command(name="list")
-def list_(fleet: Fleet, /, *, running: bool = False) -> int:
+def list_(fleet: FleetArgument, /, *, running: bool = False) -> int:
     """List the nodes: until when their certificates are valid, and what is wrong.
 
     Args:

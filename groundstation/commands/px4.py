@@ -228,7 +228,7 @@ def signing(
     if old is not None:
         old_key = read_key(str(old), config.path)
 
-    action: signing_keys.Action = "look"
+    action: signing_keys.KeyAction = "look"
     if set:
         action = "set"
     elif remove:

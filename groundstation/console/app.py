@@ -26,8 +26,8 @@ from textual.worker import Worker
 from groundstation.alarms.alarms import Alarms
 from groundstation.console.clients import ConsoleClient
 from groundstation.console.history import History
-from groundstation.console.mission_orders import Judge, MissionOrders
-from groundstation.console.mission_worker import Mission, MissionWorker
+from groundstation.console.mission_orders import MissionJudge, MissionOrders
+from groundstation.console.mission_worker import MissionCall, MissionWorker
 from groundstation.console.order_entry import OrderEntry
 from groundstation.console.panel_sizes import (
     LOW,
@@ -124,12 +124,12 @@ class ConsoleApp(App[int]):
         fleet: FleetConfig,
         client: ConsoleClient,
         *,
-        mission: Mission | None = None,
-        connect: Mission | None = None,
+        mission: MissionCall | None = None,
+        connect: MissionCall | None = None,
         title: str = "",
         progress: Callable[[], str] | None = None,
         run: MissionRun | None = None,
-        judge: Judge | None = None,
+        judge: MissionJudge | None = None,
         has_bell: bool = False,
         forecaster: Forecaster | None = None,
     ) -> None:

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from groundstation.client.client import FleetClient
 from groundstation.console.clients import ConsoleClient
 from groundstation.console.mission_words import USAGE
-from groundstation.console.mission_worker import Mission
+from groundstation.console.mission_worker import MissionCall
 from groundstation.console.screens.countdown_screen import CountdownQuestion
 from groundstation.mission_files.loading import load_mission, mission_from_mapping
 from groundstation.mission_files.mission_findings import refuse_unflyable
@@ -31,7 +31,7 @@ _MOST_PROBLEMS = 2
 _READY_S = 10.0  # within which all vehicles are ready
 _WATCH_S = 0.2  # between two looks for silent vehicles
 
-Judge = Callable[[MissionRun], Awaitable[Verdict]]
+MissionJudge = Callable[[MissionRun], Awaitable[Verdict]]
 # shows a question, and calls the function when the operator says yes
 Ask = Callable[[Callable[[], CountdownQuestion], Callable[[], None]], None]
 
@@ -51,8 +51,8 @@ class MissionOrders:
     def __init__(
         self,
         client: ConsoleClient,
-        begin: Callable[[Mission, Callable[[], str]], bool],
-        judge: Judge | None = None,
+        begin: Callable[[MissionCall, Callable[[], str]], bool],
+        judge: MissionJudge | None = None,
         run: MissionRun | None = None,
         ask: Ask | None = None,
     ) -> None:

@@ -12,7 +12,7 @@ from groundstation.console.panels import Panels
 from groundstation.console.theme import SEVERITY_SIGNS
 from groundstation.console.widgets.lines import Lines
 
-Mission = Callable[[], Awaitable[object]]
+MissionCall = Callable[[], Awaitable[object]]
 _FLIES = "mission flies"
 _PASSED = "✔ mission passed"
 _FAILED = "✖ mission failed"
@@ -39,8 +39,8 @@ class MissionWorker:
         app: App[int],
         panels: Panels,
         *,
-        mission: Mission | None = None,
-        connect: Mission | None = None,
+        mission: MissionCall | None = None,
+        connect: MissionCall | None = None,
         progress: Callable[[], str] | None = None,
     ) -> None:
         self._app = app
@@ -72,7 +72,7 @@ class MissionWorker:
         if self._mission is not None:
             self._begin(self._mission)
 
-    def begin(self, mission: Mission, progress: Callable[[], str]) -> bool:
+    def begin(self, mission: MissionCall, progress: Callable[[], str]) -> bool:
         """Fly a mission that the operator has started here, unless one flies already.
 
         Args:
@@ -88,7 +88,7 @@ class MissionWorker:
         self._begin(mission)
         return True
 
-    def _begin(self, mission: Mission) -> None:
+    def _begin(self, mission: MissionCall) -> None:
         self._line = _FLIES
         self._mission_worker = self._app.run_worker(self._fly(mission), exit_on_error=False)
 
@@ -134,7 +134,7 @@ class MissionWorker:
         else:
             self._open(False)
 
-    async def _fly(self, mission: Mission) -> object:
+    async def _fly(self, mission: MissionCall) -> object:
         verdict = await mission()
         sentences = getattr(verdict, "sentences", None) or str(verdict).splitlines()
         status = _exit_status(verdict)
@@ -196,5 +196,5 @@ def _exit_status(verdict: object) -> int:
     return 1
 
 
-async def _awaited(function: Mission) -> object:
+async def _awaited(function: MissionCall) -> object:
     return await function()

@@ -68,7 +68,8 @@ class NotUsed(NamedTuple):
     dropped: int = 0
 
 
-Received = tuple[Message | Malformed | NodeSeen | NotUsed, int]  # and when it was received [ns]
+# a message, and when it was received [ns]
+ReceivedMessage = tuple[Message | Malformed | NodeSeen | NotUsed, int]
 
 
 class Separation(Struct, frozen=True):
@@ -381,7 +382,7 @@ def _fold_event(state: FleetState, message: Event, now_ns: int) -> FleetState:
 # -- many messages ---------------------------------------------------------------------------------
 
 
-def fold_batch(state: FleetState, batch: Sequence[Received], now_ns: int) -> FleetState:
+def fold_batch(state: FleetState, batch: Sequence[ReceivedMessage], now_ns: int) -> FleetState:
     """Fold everything that has arrived since the last batch.
 
     Telemetry and ground truth are folded together, after the rest: the pairs to compare grow with

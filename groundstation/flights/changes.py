@@ -53,7 +53,7 @@ class Change(NamedTuple):
         return self.key not in _OF_FLIGHT and not self.key.startswith(_BUS)
 
 
-class Origin(NamedTuple):
+class FlightOrigin(NamedTuple):
     """Files and settings of a flight."""
 
     fleet_text: str  # TOML
@@ -77,7 +77,7 @@ def parse_change(text: str) -> Change:
     return Change(key=key, value=value.strip())
 
 
-def changed(origin: Origin, changes: Sequence[Change], at_s: float | None) -> Origin:
+def changed(origin: FlightOrigin, changes: Sequence[Change], at_s: float | None) -> FlightOrigin:
     """Return what the changed flight is flown from.
 
     Args:
@@ -97,7 +97,7 @@ def changed(origin: Origin, changes: Sequence[Change], at_s: float | None) -> Or
     return origin
 
 
-def _changed_from_start(origin: Origin, change: Change) -> Origin:
+def _changed_from_start(origin: FlightOrigin, change: Change) -> FlightOrigin:
     if change.is_of_fleet_file:
         return origin._replace(fleet_text=edited_fleet(origin.fleet_text, change))
     if change.key == _WITHOUT_STEP:
@@ -170,7 +170,7 @@ def _without(lines: tuple[str, ...], change: Change, what: str) -> tuple[str, ..
     return lines[: number - 1] + lines[number:]
 
 
-def _without_step(origin: Origin, change: Change) -> str:
+def _without_step(origin: FlightOrigin, change: Change) -> str:
     """Return the text of a mission file without the step of the change's number."""
     if origin.settings.mission_path.endswith(".py"):
         raise ConfigError(f"--what-if {change.text}: a Python mission has no steps of a file.")

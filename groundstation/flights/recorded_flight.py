@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from groundstation.flights.changes import Origin
+from groundstation.flights.changes import FlightOrigin
 from groundstation.flights.simulation_settings import read_settings
 from groundstation.mission_files.loading import load_mission, mission_from_mapping
 from groundstation.mission_files.mission import Mission
@@ -28,7 +28,7 @@ class RecordedFlight(NamedTuple):
     """A flight that was flown in lockstep."""
 
     folder: Path
-    origin: Origin  # fleet file and settings
+    origin: FlightOrigin  # fleet file and settings
     digests: dict[str, str]  # of the state: second as it is written -> digest
 
 
@@ -45,7 +45,7 @@ def open_recorded(folder: Path) -> RecordedFlight:
             " Only flights in lockstep can be flown again: add --lockstep."
         )
     suffix = Path(settings.mission_path).suffix or ".toml"
-    origin = Origin(
+    origin = FlightOrigin(
         fleet_text=read_text(folder / FLEET_NAME, FLEET_FILE),
         mission_text=read_text(folder / f"mission{suffix}", MISSION_FILE),
         settings=settings,
@@ -71,7 +71,7 @@ def fleet_of(text: str, path: Path) -> FleetConfig:
     return fleet_from_mapping(values, path=str(path), text=text)
 
 
-def mission_of(flown: RecordedFlight, origin: Origin, fleet: FleetConfig) -> Mission:
+def mission_of(flown: RecordedFlight, origin: FlightOrigin, fleet: FleetConfig) -> Mission:
     """Return the mission of an origin.
 
     Files that it names are read where the recorded flight has read them.

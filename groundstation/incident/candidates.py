@@ -14,13 +14,13 @@ from typing import Any, Literal, NamedTuple
 
 import msgspec
 
-from groundstation.flights.changes import Change, Origin
+from groundstation.flights.changes import Change, FlightOrigin
 from onboard.config.example_files import example_names, existing_file
 from onboard.config.file_reading import FLEET_FILE, read_text, toml_values
 from onboard.config.fleet import LawConfig, RadioConfig
 from onboard.config.fleet_config import FleetSection
 
-Kind = Literal["cause", "defence"]
+CandidateKind = Literal["cause", "defence"]
 
 _CALM = "0,0"
 _MORE_MARGIN_M = 0.2
@@ -40,12 +40,12 @@ _NAMES = ("name", "folder", "keys", "simulator", "origin")
 class Candidate(NamedTuple):
     """One thing that is otherwise, by one or more changes."""
 
-    kind: Kind
+    kind: CandidateKind
     what: str  # in words, as the subject of "would have kept the promise"
     changes: tuple[Change, ...]
 
 
-def candidates_of(origin: Origin) -> list[Candidate]:
+def candidates_of(origin: FlightOrigin) -> list[Candidate]:
     """Return what could have made the difference in a flight, the likeliest first.
 
     Args:
@@ -63,7 +63,7 @@ def candidates_of(origin: Origin) -> list[Candidate]:
     ]
 
 
-def _faults(origin: Origin) -> Iterator[Candidate]:
+def _faults(origin: FlightOrigin) -> Iterator[Candidate]:
     """Yield each fault of the options and of the mission's steps less."""
     for number, line in enumerate(origin.settings.faults, start=1):
         yield _cause(f"without the fault '{line}'", "without_fault", number)
@@ -77,7 +77,7 @@ def _faults(origin: Origin) -> Iterator[Candidate]:
             yield _cause(what, "without_step", number)
 
 
-def _orders(origin: Origin) -> Iterator[Candidate]:
+def _orders(origin: FlightOrigin) -> Iterator[Candidate]:
     for number, line in enumerate(origin.settings.orders, start=1):
         yield _cause(f"without the order '{line}'", "without_order", number)
 
@@ -121,7 +121,7 @@ def _law(fleet: Mapping[str, Any]) -> Iterator[Candidate]:
         yield _cause(f"with Covey's law in place of '{name}'", "law", "covey")
 
 
-def _weather(origin: Origin) -> Iterator[Candidate]:
+def _weather(origin: FlightOrigin) -> Iterator[Candidate]:
     settings = origin.settings
     has_wind = any(settings.wind_enu_m_s)
     if has_wind or settings.gust_m_s:
@@ -131,7 +131,7 @@ def _weather(origin: Origin) -> Iterator[Candidate]:
         yield _cause("without the gusts", "gust", 0)
 
 
-def _bus(origin: Origin) -> Iterator[Candidate]:
+def _bus(origin: FlightOrigin) -> Iterator[Candidate]:
     bad = {
         name: value
         for name, value in origin.settings.bus.items()

@@ -16,13 +16,13 @@ from groundstation.recording.timeline import Timeline
 from onboard.bus.schema import Event
 from onboard.config.fleet import FleetConfig
 
-Kind = Literal["distance", "event", "none"]
+MomentKind = Literal["distance", "event", "none"]
 
 
 class Moment(NamedTuple):
     """One moment of a record."""
 
-    kind: Kind
+    kind: MomentKind
     stamp_ns: int  # on the record's clock
     vehicles: tuple[str, ...]  # that it is about
     sentence: str

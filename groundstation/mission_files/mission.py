@@ -9,7 +9,7 @@ import msgspec
 
 from groundstation.mission_files.expected_course import CourseStep, course
 from groundstation.mission_files.steps import FollowPathStep, MissionStep, OnFailure
-from groundstation.paths.lights import Light, load_lights
+from groundstation.paths.lights import TimedColour, load_lights
 from groundstation.verdict.expectations import Expect
 from onboard.config.fleet import FleetConfig
 from onboard.config.formation_shape import FormationShape
@@ -41,7 +41,7 @@ class Mission(msgspec.Struct, frozen=True):
         """Return the path of each vehicle of a step."""
         return {vehicle: self.paths[file] for vehicle, file in step.paths.items()}
 
-    def lights_of(self, step: FollowPathStep) -> dict[str, tuple[Light, ...]]:
+    def lights_of(self, step: FollowPathStep) -> dict[str, tuple[TimedColour, ...]]:
         """Return the colours of each vehicle of a step that has some."""
         folder = FilePath(self.path).parent
         return {vehicle: load_lights(folder / file) for vehicle, file in step.lights.items()}

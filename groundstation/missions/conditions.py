@@ -19,7 +19,7 @@ ARRIVED_M = 0.15
 _AT_ONCE_S = 0.7  # between the last telemetry of vehicles that fell silent for the same reason
 
 
-class Moment(NamedTuple):
+class FleetMoment(NamedTuple):
     """The fleet at one time, as a condition sees it."""
 
     state: FleetState
@@ -31,11 +31,11 @@ class WaitCondition(NamedTuple):
     """A predicate of the fleet, in words for people as well."""
 
     words: str
-    holds: Callable[[Moment], bool]
+    holds: Callable[[FleetMoment], bool]
     # what it is now, for the sentence about a wait that was too short
-    value: Callable[[Moment], str]
+    value: Callable[[FleetMoment], str]
     # vehicles that are lost when it holds, each with the reason
-    lost: Callable[[Moment], Mapping[str, str]] = lambda _: {}
+    lost: Callable[[FleetMoment], Mapping[str, str]] = lambda _: {}
 
 
 class ConditionTimeout(TimeoutError):
@@ -50,7 +50,7 @@ def reached(goals: Mapping[str, Vec3], within_m: float = ARRIVED_M) -> WaitCondi
         within_m: distance that counts as there [m].
     """
 
-    def distances_m(moment: Moment) -> dict[str, float]:
+    def distances_m(moment: FleetMoment) -> dict[str, float]:
         """Return the distance of each vehicle; infinite where its position is not known."""
         distances = {}
         for name, goal in goals.items():
@@ -61,10 +61,10 @@ def reached(goals: Mapping[str, Vec3], within_m: float = ARRIVED_M) -> WaitCondi
                 distances[name] = math.dist(position_enu_m, goal)
         return distances
 
-    def holds(moment: Moment) -> bool:
+    def holds(moment: FleetMoment) -> bool:
         return all(distance_m <= within_m for distance_m in distances_m(moment).values())
 
-    def value(moment: Moment) -> str:
+    def value(moment: FleetMoment) -> str:
         return ", ".join(
             f"{name} {distance_m:.2f} m away" for name, distance_m in distances_m(moment).items()
         )
@@ -106,7 +106,7 @@ def battery_below(percent: float, vehicles: Sequence[str] | str | None = None) -
         vehicles: names, or one; None: anybody.
     """
 
-    def least_pct(moment: Moment) -> float:
+    def least_pct(moment: FleetMoment) -> float:
         """Return the least charge; a full battery while nobody reports."""
         least_frac = 1.0
         for view in _views(moment, vehicles).values():
@@ -128,7 +128,7 @@ def landed(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
         vehicles: names, or one; None: all.
     """
 
-    def is_landed(moment: Moment, name: str) -> bool:
+    def is_landed(moment: FleetMoment, name: str) -> bool:
         return moment.state.is_landed(name)
 
     return _each(vehicles, is_landed, words="landed", otherwise="not")
@@ -141,7 +141,7 @@ def flying(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
         vehicles: names, or one; None: all.
     """
 
-    def is_flying(moment: Moment, name: str) -> bool:
+    def is_flying(moment: FleetMoment, name: str) -> bool:
         return moment.state.vehicles[name].is_airborne
 
     return _each(vehicles, is_flying, words="in the air", otherwise="on the ground:")
@@ -156,7 +156,7 @@ def fails(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
         vehicles: names, or one; None: anybody.
     """
 
-    def failed(moment: Moment) -> dict[str, str]:
+    def failed(moment: FleetMoment) -> dict[str, str]:
         """Return who is lost, with the reason."""
         return {
             name: _failure_words(view, moment)
@@ -186,7 +186,7 @@ def event(code: str, vehicles: Sequence[str] | str | None = None) -> WaitConditi
             return False
         return vehicles is None or logged.event.vehicle in _names(vehicles)
 
-    def has_come(moment: Moment) -> bool:
+    def has_come(moment: FleetMoment) -> bool:
         return any(
             logged.received_ns >= moment.begin_ns and is_meant(logged)
             for logged in moment.state.events
@@ -210,7 +210,7 @@ def any_of(*conditions: WaitCondition) -> WaitCondition:
 def all_of(*conditions: WaitCondition) -> WaitCondition:
     """All of these conditions hold at once."""
 
-    def value(moment: Moment) -> str:
+    def value(moment: FleetMoment) -> str:
         missing = [condition for condition in conditions if not condition.holds(moment)]
         return "; ".join(condition.value(moment) for condition in missing)
 
@@ -224,14 +224,14 @@ def all_of(*conditions: WaitCondition) -> WaitCondition:
 
 def _each(
     vehicles: Sequence[str] | str | None,
-    holds: Callable[[Moment, str], bool],
+    holds: Callable[[FleetMoment, str], bool],
     *,
     words: str,
     otherwise: str,
 ) -> WaitCondition:
     """Return the condition that something holds for each of these vehicles."""
 
-    def others(moment: Moment) -> list[str]:
+    def others(moment: FleetMoment) -> list[str]:
         return [name for name in _views(moment, vehicles) if not holds(moment, name)]
 
     return WaitCondition(
@@ -241,7 +241,7 @@ def _each(
     )
 
 
-def _closest_m(moment: Moment) -> float:
+def _closest_m(moment: FleetMoment) -> float:
     """Return the smallest separation of two vehicles of which one flies; infinite without two."""
     spots = []
     for view in moment.state.vehicles.values():
@@ -257,11 +257,11 @@ def _closest_m(moment: Moment) -> float:
     return closest_m
 
 
-def _closest_words(moment: Moment) -> str:
+def _closest_words(moment: FleetMoment) -> str:
     return f"the closest pair is {_closest_m(moment):.2f} m apart"
 
 
-def _has_failed(view: VehicleView, moment: Moment) -> bool:
+def _has_failed(view: VehicleView, moment: FleetMoment) -> bool:
     """Whether a vehicle is lost: failed, silent in flight, or landing without an order."""
     telemetry = view.telemetry
     if telemetry is None:
@@ -273,7 +273,7 @@ def _has_failed(view: VehicleView, moment: Moment) -> bool:
     return telemetry.state == "landing" and not telemetry.order_id
 
 
-def _failure_words(view: VehicleView, moment: Moment) -> str:
+def _failure_words(view: VehicleView, moment: FleetMoment) -> str:
     """Return why a vehicle counts as lost."""
     telemetry = view.telemetry
     if telemetry is None:
@@ -284,7 +284,7 @@ def _failure_words(view: VehicleView, moment: Moment) -> str:
     return f"{telemetry.state}, {telemetry.reason}".rstrip(" ,.")
 
 
-def _all_lost(conditions: Sequence[WaitCondition], moment: Moment) -> dict[str, str]:
+def _all_lost(conditions: Sequence[WaitCondition], moment: FleetMoment) -> dict[str, str]:
     """Return who is lost by any of these conditions."""
     lost: dict[str, str] = {}
     for condition in conditions:
@@ -292,7 +292,7 @@ def _all_lost(conditions: Sequence[WaitCondition], moment: Moment) -> dict[str, 
     return lost
 
 
-def _is_own_silence(silent: VehicleView, moment: Moment) -> bool:
+def _is_own_silence(silent: VehicleView, moment: FleetMoment) -> bool:
     """Whether this ground hears nobody who flies, or was late itself.
 
     The telemetry of several vehicles never ends at the same moment, so the others count as heard
@@ -308,7 +308,7 @@ def _is_own_silence(silent: VehicleView, moment: Moment) -> bool:
     return (max(heard_ns) - silent.received_ns) * 1e-9 < _AT_ONCE_S
 
 
-def _views(moment: Moment, vehicles: Sequence[str] | str | None) -> dict[str, VehicleView]:
+def _views(moment: FleetMoment, vehicles: Sequence[str] | str | None) -> dict[str, VehicleView]:
     """Return the vehicles that a condition is about; those that take part when it names none."""
     state = moment.state
     if vehicles is None:

@@ -24,7 +24,7 @@ from groundstation.mission_files.world_time import (
     local_now,
     world_time,
 )
-from groundstation.missions.conditions import ConditionTimeout, Moment, WaitCondition
+from groundstation.missions.conditions import ConditionTimeout, FleetMoment, WaitCondition
 from groundstation.missions.follow_pause import FollowPause
 from groundstation.missions.following import follow, present_offsets
 from groundstation.missions.ground import MissionGround
@@ -66,7 +66,7 @@ from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig
 
 Vehicles = str | Sequence[str]  # "all", names or indices: "mav0,mav2", "0-1", or a list of names
-Goals = Vec3 | Mapping[str, Vec3]
+GoalOrGoals = Vec3 | Mapping[str, Vec3]
 
 _EVER_S = 1e9  # a wait that ends only with its condition
 
@@ -250,7 +250,7 @@ class Group:
 
     async def go_to(
         self,
-        goals: Goals,
+        goals: GoalOrGoals,
         *,
         yaw_deg: float | None = None,
         duration_s: float = 0.0,
@@ -666,8 +666,8 @@ class Group:
         client = self.client
         begin_ns = client.now_ns()
 
-        def moment(state: FleetState) -> Moment:
-            return Moment(state, client.now_ns(), begin_ns)
+        def moment(state: FleetState) -> FleetMoment:
+            return FleetMoment(state, client.now_ns(), begin_ns)
 
         def holds(state: FleetState) -> bool:
             return condition.holds(moment(state))
@@ -698,7 +698,7 @@ class Group:
 
         lost: Mapping[str, str] = {}
 
-        def holds(moment: Moment) -> bool:
+        def holds(moment: FleetMoment) -> bool:
             nonlocal lost
             if not condition.holds(moment):
                 return False

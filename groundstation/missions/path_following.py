@@ -23,7 +23,7 @@ from groundstation.missions.pause_watch import PauseWatch
 from groundstation.orders.intents import FollowPath, Goto, Hold, Intent
 from groundstation.orders.path_orders import OnLag, parts_of, starts_of
 from groundstation.orders.result import OrderFailed, OrderResult, Results
-from groundstation.paths.lights import Colour, Light, colour_at
+from groundstation.paths.lights import Colour, TimedColour, colour_at
 from groundstation.verdict.observations import StepResult
 from onboard.bus.schema import Light as LightMessage
 from onboard.bus.schema import Order
@@ -41,7 +41,7 @@ _LIGHT_S = 0.2  # between two looks at the colours
 _SPARE_S = 0.3  # before the last moment of an order
 
 Paths = Mapping[str, Path]  # by vehicle
-Lights = Mapping[str, Sequence[Light]]  # by vehicle
+Lights = Mapping[str, Sequence[TimedColour]]  # by vehicle
 
 
 class PathGround(Protocol):

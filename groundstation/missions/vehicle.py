@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from groundstation.fleet.state import FleetState, VehicleView
-from groundstation.missions.conditions import ARRIVED_M, Moment, reached
+from groundstation.missions.conditions import ARRIVED_M, FleetMoment, reached
 from groundstation.missions.group import Group
 from onboard.bus.schema import Telemetry, Vec3
 
@@ -112,6 +112,6 @@ class MissionVehicle(Group):
         condition = reached({self.name: position_enu_m}, within_m)
 
         def is_there(state: FleetState) -> bool:
-            return condition.holds(Moment(state, client.now_ns(), begin_ns=0))
+            return condition.holds(FleetMoment(state, client.now_ns(), begin_ns=0))
 
         return await client.wait_for(is_there, timeout_s)

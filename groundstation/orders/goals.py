@@ -45,7 +45,7 @@ _PEAK_OF_MEAN = 1.9  # speed of a quintic: its peak over its mean
 _LEAST_WAY_S = 3.0  # of a way home
 
 
-class Situation(NamedTuple):
+class GoalFacts(NamedTuple):
     """What the goals of an order follow from, besides the order."""
 
     fleet: FleetConfig
@@ -70,27 +70,27 @@ class Goals(NamedTuple):
     refusals: Mapping[str, str] = {}  # vehicle -> sentence
 
 
-def goals_of(intent: Intent, situation: Situation) -> Goals:
+def goals_of(intent: Intent, facts: GoalFacts) -> Goals:
     """Return the goals of an order, or the reasons why it has none.
 
     Args:
         intent: of a verb that has goals.
-        situation: the fleet, and the vehicles that may be ordered.
+        facts: the fleet, and the vehicles that may be ordered.
 
     Raises:
         ConfigError: a formation cannot be made.
     """
     goals_of_kind = _GOALS_BY_KIND[INTENTS[intent.verb]]
-    return goals_of_kind(intent, situation)
+    return goals_of_kind(intent, facts)
 
 
 # -- each vehicle has a goal of its own ------------------------------------------------------------
 
 
-def _goto(intent: Goto, situation: Situation) -> Goals:
+def _goto(intent: Goto, facts: GoalFacts) -> Goals:
     goals = {}
     refusals = {}
-    for name in situation.names:
+    for name in facts.names:
         if name in intent.goals:
             goals[name] = intent.goals[name]
         else:
@@ -98,76 +98,76 @@ def _goto(intent: Goto, situation: Situation) -> Goals:
     return Goals(intent, goals, refusals)
 
 
-def _yaw(intent: Yaw, situation: Situation) -> Goals:
+def _yaw(intent: Yaw, facts: GoalFacts) -> Goals:
     """Return the spots where the vehicles are or go to: they turn there."""
-    if situation.state is None:
+    if facts.state is None:
         return Goals(intent)
 
-    spots = known_spots(situation.names, situation.state)
-    if len(spots) < len(situation.names):
-        return Goals(intent, {}, _no_position(situation.names, spots))
+    spots = known_spots(facts.names, facts.state)
+    if len(spots) < len(facts.names):
+        return Goals(intent, {}, _no_position(facts.names, spots))
     return Goals(intent, spots)
 
 
-def _home(intent: Home, situation: Situation) -> Goals:
+def _home(intent: Home, facts: GoalFacts) -> Goals:
     """Return points above the take-off spots, at the ordered height or at each vehicle's own."""
-    if situation.state is None:
-        spots = dict.fromkeys(situation.names, (0.0, 0.0, DEFAULT_HEIGHT_M))
+    if facts.state is None:
+        spots = dict.fromkeys(facts.names, (0.0, 0.0, DEFAULT_HEIGHT_M))
     else:
-        spots = known_spots(situation.names, situation.state)
-    if len(spots) < len(situation.names):
-        return Goals(intent, {}, _no_position(situation.names, spots))
+        spots = known_spots(facts.names, facts.state)
+    if len(spots) < len(facts.names):
+        return Goals(intent, {}, _no_position(facts.names, spots))
 
     goals = {}
-    for name in situation.names:
-        vehicle = situation.fleet.vehicles[name]
-        x, y, _ = situation.spot_enu_m(name)
+    for name in facts.names:
+        vehicle = facts.fleet.vehicles[name]
+        x, y, _ = facts.spot_enu_m(name)
         height_m = intent.height_m
         if height_m is None:
             # who stands or is about to is refused by its agent, for a reason of its own
-            lowest_m = floor_m(situation.fleet) + least_height_m(vehicle)
+            lowest_m = floor_m(facts.fleet) + least_height_m(vehicle)
             height_m = max(spots[name][2], lowest_m)
         goals[name] = (x, y, height_m)
     return Goals(intent, goals)
 
 
-def _bring_home(intent: BringHome, situation: Situation) -> Goals:
+def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
     """Return points above take-off spots, dealt out from where the vehicles are now.
 
     Each flies at its own height, or at the ordered one.
     """
     spots = {}
-    for name in situation.names:
-        here = situation.spot_enu_m(name)
-        if situation.state is not None:
-            view = situation.state.vehicles.get(name)
+    for name in facts.names:
+        here = facts.spot_enu_m(name)
+        if facts.state is not None:
+            view = facts.state.vehicles.get(name)
             telemetry = None if view is None else view.telemetry
             if telemetry is None or not telemetry.is_position_valid:
                 continue
             here = telemetry.position_enu_m
         spots[name] = here
-    if len(spots) < len(situation.names):
-        return Goals(intent, {}, _no_position(situation.names, spots))
+    if len(spots) < len(facts.names):
+        return Goals(intent, {}, _no_position(facts.names, spots))
 
     takes = intent.takes
     if takes is None:
-        homes = {name: situation.spot_enu_m(name) for name in situation.names}
+        homes = {name: facts.spot_enu_m(name) for name in facts.names}
         takes = spots_without_crossing(homes, spots)
         intent = replace(intent, takes=takes)
 
     goals = {}
-    for name in situation.names:
-        x, y, _ = situation.spot_enu_m(takes.get(name, name))
+    for name in facts.names:
+        x, y, _ = facts.spot_enu_m(takes.get(name, name))
         height_m = intent.height_m
         if height_m is None:
-            lowest_m = floor_m(situation.fleet) + least_height_m(situation.fleet.vehicles[name])
+            lowest_m = floor_m(facts.fleet) + least_height_m(facts.fleet.vehicles[name])
             height_m = max(spots[name][2], lowest_m)
         goals[name] = (x, y, height_m)
 
     if not intent.duration_s:
         # ways do not cross where all take the same time for them
         longest_s = max(
-            _way_s(spots[name], goal, situation.fleet.vehicles[name].max_speed_m_s)
+            _way_s(spots[name], goal, facts.fleet.vehicles[name].max_speed_m_s)
             for name, goal in goals.items()
         )
         intent = replace(intent, duration_s=round(max(_LEAST_WAY_S, longest_s), 1))
@@ -182,58 +182,58 @@ def _way_s(begin_enu_m: Vec3, end_enu_m: Vec3, max_speed_m_s: float) -> float:
 # -- the formation's position, and a slot for each vehicle -----------------------------------------
 
 
-def _move(intent: Move, situation: Situation) -> Goals:
+def _move(intent: Move, facts: GoalFacts) -> Goals:
     """Return the position itself for one vehicle, slots of the formation that holds for several."""
-    names = situation.names
+    names = facts.names
     if len(names) == 1:
         return Goals(intent, {names[0]: intent.position_enu_m})
 
-    held = situation.held
-    slots = situation.slots(held)
-    return _slot_goals(intent, situation, held, intent.position_enu_m, slots)
+    held = facts.held
+    slots = facts.slots(held)
+    return _slot_goals(intent, facts, held, intent.position_enu_m, slots)
 
 
-def _formation(intent: Formation, situation: Situation) -> Goals:
-    held = held_after(intent, situation.held)
-    slots = situation.slots(held)
+def _formation(intent: Formation, facts: GoalFacts) -> Goals:
+    held = held_after(intent, facts.held)
+    slots = facts.slots(held)
 
     position_enu_m = intent.position_enu_m
-    if position_enu_m is None and situation.state is not None:
-        position_enu_m = formation_position(slots, situation.state, situation.names)
+    if position_enu_m is None and facts.state is not None:
+        position_enu_m = formation_position(slots, facts.state, facts.names)
     if position_enu_m is None:
-        return _no_formation_position(intent, situation)
+        return _no_formation_position(intent, facts)
     intent = replace(intent, position_enu_m=position_enu_m)
 
     if intent.assign == "nearest" and intent.takes is None:
-        spots = _spots_or_starts(situation)
-        slots_dealt = {name: slots[name] for name in situation.names if name in slots}
+        spots = _spots_or_starts(facts)
+        slots_dealt = {name: slots[name] for name in facts.names if name in slots}
         takes = nearest_slots(slots_dealt, spots, position_enu_m)
         intent = replace(intent, takes=takes)
         slots = {name: slots[taken] for name, taken in takes.items()}
 
-    return _slot_goals(intent, situation, held, position_enu_m, slots)
+    return _slot_goals(intent, facts, held, position_enu_m, slots)
 
 
-def _rotate(intent: Rotate, situation: Situation) -> Goals:
+def _rotate(intent: Rotate, facts: GoalFacts) -> Goals:
     """Return the slots of the formation that holds, turned further about its present position."""
     center_enu_m = intent.center_enu_m
     if center_enu_m is None:
-        if situation.state is None:
+        if facts.state is None:
             return Goals(intent)
-        slots_before = situation.slots(situation.held)
-        center_enu_m = formation_position(slots_before, situation.state, situation.names)
+        slots_before = facts.slots(facts.held)
+        center_enu_m = formation_position(slots_before, facts.state, facts.names)
     if center_enu_m is None:
-        return _no_formation_position(intent, situation)
+        return _no_formation_position(intent, facts)
     intent = replace(intent, center_enu_m=center_enu_m)
 
-    held = held_after(intent, situation.held)
-    slots = situation.slots(held)
-    return _slot_goals(intent, situation, held, center_enu_m, slots)
+    held = held_after(intent, facts.held)
+    slots = facts.slots(held)
+    return _slot_goals(intent, facts, held, center_enu_m, slots)
 
 
 def _slot_goals(
     intent: Intent,
-    situation: Situation,
+    facts: GoalFacts,
     held: HeldFormation,
     position_enu_m: Vec3,
     slots: Mapping[str, Vec3],
@@ -244,11 +244,11 @@ def _slot_goals(
             "this fleet file has no formation, so give each vehicle its own goal: "
             f"{INTENTS['goto'].usage}"
         )
-        return Goals(intent, {}, dict.fromkeys(situation.names, reason))
+        return Goals(intent, {}, dict.fromkeys(facts.names, reason))
 
     goals = {}
     refusals = {}
-    for name in situation.names:
+    for name in facts.names:
         if name not in slots:
             known = ", ".join(slots) or "none"
             refusals[name] = f"{name} has no slot in formation '{held.name}' (slots: {known})."
@@ -263,12 +263,12 @@ def _slot_goals(
     return Goals(intent, goals, refusals)
 
 
-def _no_formation_position(intent: Intent, situation: Situation) -> Goals:
+def _no_formation_position(intent: Intent, facts: GoalFacts) -> Goals:
     reason = (
         "the formation's position is not known, because no vehicle reports one. "
         f"Write it: {INTENTS['formation'].usage}"
     )
-    return Goals(intent, {}, dict.fromkeys(situation.names, reason))
+    return Goals(intent, {}, dict.fromkeys(facts.names, reason))
 
 
 # -- where vehicles are ----------------------------------------------------------------------------
@@ -284,11 +284,11 @@ def known_spots(names: list[str], state: FleetState) -> dict[str, Vec3]:
     return spots
 
 
-def _spots_or_starts(situation: Situation) -> dict[str, Vec3]:
+def _spots_or_starts(facts: GoalFacts) -> dict[str, Vec3]:
     """Return the known spots; without a state the take-off spots of the fleet file."""
-    if situation.state is not None:
-        return known_spots(situation.names, situation.state)
-    return {name: situation.spot_enu_m(name) for name in situation.names}
+    if facts.state is not None:
+        return known_spots(facts.names, facts.state)
+    return {name: facts.spot_enu_m(name) for name in facts.names}
 
 
 def _spot(view: VehicleView | None) -> Vec3 | None:
@@ -307,7 +307,7 @@ def _no_position(names: list[str], spots: Mapping[str, Vec3]) -> dict[str, str]:
     return {name: f"{name} does not report where it is." for name in names if name not in spots}
 
 
-_GOALS_BY_KIND: dict[type[Intent], Callable[[Any, Situation], Goals]] = {
+_GOALS_BY_KIND: dict[type[Intent], Callable[[Any, GoalFacts], Goals]] = {
     Goto: _goto,
     Yaw: _yaw,
     Home: _home,

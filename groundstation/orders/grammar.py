@@ -31,7 +31,7 @@ from __future__ import annotations
 import math
 
 from groundstation.formations.slots import formation_names, formation_slots
-from groundstation.orders.intents import INTENTS, Intent, OrderLine
+from groundstation.orders.intents import INTENTS, Intent, LineWords
 from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig
 
@@ -84,7 +84,7 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
 
     if kind.verb == "goto":
         goals = _take_goals(words, fleet)
-        return kind.from_line(OrderLine(vehicles=tuple(goals), options=options, goals=goals))
+        return kind.from_line(LineWords(vehicles=tuple(goals), options=options, goals=goals))
 
     if kind.verb == "swap":
         return kind(vehicles=_take_swapped(words, fleet))
@@ -96,7 +96,7 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
         names = _with_slots(names, fleet, formation)
 
     return kind.from_line(
-        OrderLine(
+        LineWords(
             vehicles=names,
             numbers=numbers,
             options=options,

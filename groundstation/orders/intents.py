@@ -61,7 +61,7 @@ Verb = Literal[
 PathVerb = Literal["load_path", "follow_path"]  # of programs and missions; nobody types a path
 
 
-class OrderLine(NamedTuple):
+class LineWords(NamedTuple):
     """The words of a line behind its verb, as `groundstation/orders/grammar.py` has read them."""
 
     vehicles: tuple[str, ...]
@@ -124,7 +124,7 @@ class Intent(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     timeout_s: float = 40.0  # the step fails when it is not done within
 
     @classmethod
-    def from_line(cls, line: OrderLine) -> Self:
+    def from_line(cls, line: LineWords) -> Self:
         """Return the intent of a line of the console."""
         return cls(vehicles=line.vehicles)
 
@@ -203,7 +203,7 @@ class Takeoff(Intent, frozen=True, kw_only=True):
     every_s: float = DEFAULT_EVERY_S  # from the arrival of a wave to the start of the next
 
     @classmethod
-    def from_line(cls, line: OrderLine) -> Self:
+    def from_line(cls, line: LineWords) -> Self:
         """Return the order that a line of the console says."""
         return cls(
             vehicles=line.vehicles,
@@ -269,7 +269,7 @@ class Move(GoalIntent, frozen=True, kw_only=True):
     position_enu_m: Vec3  # east, north, up in the fleet frame
 
     @classmethod
-    def from_line(cls, line: OrderLine) -> Self:
+    def from_line(cls, line: LineWords) -> Self:
         """Return the order that a line of the console says."""
         x, y, z = line.numbers
         return cls(
@@ -296,7 +296,7 @@ class Goto(GoalIntent, frozen=True, kw_only=True):
     goals: Mapping[str, Vec3]  # vehicle -> east, north, up in the fleet frame
 
     @classmethod
-    def from_line(cls, line: OrderLine) -> Self:
+    def from_line(cls, line: LineWords) -> Self:
         """Return the order that a line of the console says."""
         return cls(
             vehicles=line.vehicles,
@@ -333,7 +333,7 @@ class Formation(GoalIntent, frozen=True, kw_only=True):
     takes: Mapping[str, str] | None = None  # for each vehicle the one whose slot it takes
 
     @classmethod
-    def from_line(cls, line: OrderLine) -> Self:
+    def from_line(cls, line: LineWords) -> Self:
         """Return the order that a line of the console says."""
         numbers = list(line.numbers)
 
@@ -393,7 +393,7 @@ class Rotate(Intent, frozen=True, kw_only=True):
     center_enu_m: Vec3 | None = None  # the formation's position, about which it turns
 
     @classmethod
-    def from_line(cls, line: OrderLine) -> Self:
+    def from_line(cls, line: LineWords) -> Self:
         """Return the order that a line of the console says."""
         return cls(
             vehicles=line.vehicles,
@@ -430,7 +430,7 @@ class Yaw(Intent, frozen=True, kw_only=True):
     timeout_s: float = 15.0
 
     @classmethod
-    def from_line(cls, line: OrderLine) -> Self:
+    def from_line(cls, line: LineWords) -> Self:
         """Return the order that a line of the console says."""
         return cls(vehicles=line.vehicles, yaw_deg=line.numbers[0])
 
@@ -472,7 +472,7 @@ class Home(Intent, frozen=True, kw_only=True):
     timeout_s: float = 90.0
 
     @classmethod
-    def from_line(cls, line: OrderLine) -> Self:
+    def from_line(cls, line: LineWords) -> Self:
         """Return the order that a line of the console says."""
         height_m = None
         if line.numbers:
@@ -553,7 +553,7 @@ class Land(Intent, frozen=True, kw_only=True):
     is_everybody: bool = False
 
     @classmethod
-    def from_line(cls, line: OrderLine) -> Self:
+    def from_line(cls, line: LineWords) -> Self:
         """Return the order that a line of the console says."""
         return cls(vehicles=line.vehicles, is_everybody=line.is_everybody)
 

@@ -15,7 +15,7 @@ import msgspec
 
 from groundstation.fleet.places import out_of_service
 from groundstation.fleet.state import FleetState
-from groundstation.orders.goals import Situation, goals_of
+from groundstation.orders.goals import GoalFacts, goals_of
 from groundstation.orders.held_formation import HeldFormation, held_after
 from groundstation.orders.intents import Formation, Goto, Intent, Swap, Takeoff
 from groundstation.orders.swap import names_that_hear, swap_refusals, with_place
@@ -101,7 +101,7 @@ def plan_order(
     goals_enu_m: Mapping[str, Vec3] = {}
     if not refusals and intent.has_goals:
         try:
-            planned = goals_of(intent, Situation(fleet, state, held, names))
+            planned = goals_of(intent, GoalFacts(fleet, state, held, names))
         except ConfigError as error:  # a formation that cannot be made
             refusals = dict.fromkeys(names, str(error))
         else:

@@ -10,12 +10,12 @@ from groundstation.paths.files import read_columns
 from onboard.config.fleet import ConfigError
 
 # time [s], red, green, blue up to 255; between two the colour changes evenly
-Light = tuple[float, int, int, int]
+TimedColour = tuple[float, int, int, int]
 Colour = tuple[int, int, int]
 _COLUMNS = "t", "red", "green", "blue"
 
 
-def load_lights(file: str | os.PathLike[str]) -> tuple[Light, ...]:
+def load_lights(file: str | os.PathLike[str]) -> tuple[TimedColour, ...]:
     """Read the colours of one vehicle.
 
     Args:
@@ -44,7 +44,7 @@ def load_lights(file: str | os.PathLike[str]) -> tuple[Light, ...]:
     return tuple((float(t), int(red), int(green), int(blue)) for t, red, green, blue in numbers)
 
 
-def colour_at(lights: Sequence[Light], time_s: float) -> Colour:
+def colour_at(lights: Sequence[TimedColour], time_s: float) -> Colour:
     """Return the colour at a time: before the first one the first, after the last one the last."""
     after = bisect_right(lights, time_s, key=lambda light: light[0])
     before_s, *before = lights[max(after - 1, 0)]

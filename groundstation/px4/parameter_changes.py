@@ -29,7 +29,7 @@ class Outcome(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class ParameterChange:
     """One parameter that was to be set."""
 
     name: str
@@ -53,7 +53,7 @@ class ParameterLink(Protocol):
 
 def write_all(
     link: ParameterLink, required: Iterable[RequiredParam], before: Mapping[str, Value | None]
-) -> tuple[list[Change], str]:
+) -> tuple[list[ParameterChange], str]:
     """Set parameters one after the other, and have PX4 store them.
 
     Args:
@@ -64,7 +64,7 @@ def write_all(
     Returns:
         A change for each, and a sentence on what went wrong; empty when nothing did.
     """
-    changes: list[Change] = []
+    changes: list[ParameterChange] = []
     is_silent = False
     for demand in required:
         old_value = before.get(demand.name)
@@ -74,7 +74,7 @@ def write_all(
             after, outcome = _write(link, demand)
             is_silent = outcome is Outcome.LOST
         changes.append(
-            Change(
+            ParameterChange(
                 name=demand.name,
                 before=old_value,
                 required=demand.value,
@@ -104,7 +104,7 @@ def _write(link: ParameterLink, demand: RequiredParam) -> tuple[Value | None, Ou
     return after, Outcome.REFUSED
 
 
-def _trouble(changes: Sequence[Change], *, is_silent: bool, is_stored: bool) -> str:
+def _trouble(changes: Sequence[ParameterChange], *, is_silent: bool, is_stored: bool) -> str:
     """Return what went wrong, in sentences."""
     names: dict[Outcome, list[str]] = {outcome: [] for outcome in Outcome}
     for change in changes:

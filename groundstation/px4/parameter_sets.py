@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from groundstation.px4.parameter_changes import Change, Outcome, write_all
+from groundstation.px4.parameter_changes import Outcome, ParameterChange, write_all
 from groundstation.px4.parameter_file import OWN, STATISTICS, is_one_of, read_file
 from groundstation.px4.vehicle_links import VehicleLink, for_each
 from groundstation.px4.vehicle_parameters import ARMED, read_whole, save, status_of
@@ -250,7 +250,7 @@ def _restore(link: VehicleLink, values: Mapping[str, Value]) -> VehicleReport:
     return VehicleReport(name, not trouble, headline.strip(), rows)
 
 
-def _row(change: Change) -> str:
+def _row(change: ParameterChange) -> str:
     before = _shown(change.before, "unknown")
     after = _shown(change.after, "unknown")
     outcome = change.outcome.value

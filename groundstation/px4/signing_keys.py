@@ -22,7 +22,7 @@ _LISTEN_S = 0.5
 _AUTOPILOT_VERSION = 148  # a message that PX4 sends when it is asked
 _ATTEMPTS = 3
 _SINCE = ".".join(str(number) for number in SIGNING_SINCE)
-Action = Literal["look", "set", "remove"]
+KeyAction = Literal["look", "set", "remove"]
 
 
 class Signs(Enum):
@@ -59,7 +59,10 @@ def keys_of(
 
 
 def run(
-    links: Sequence[VehicleLink], keys: Mapping[str, bytes], action: Action, old_key: bytes | None
+    links: Sequence[VehicleLink],
+    keys: Mapping[str, bytes],
+    action: KeyAction,
+    old_key: bytes | None,
 ) -> list[VehicleReport]:
     """Look at several PX4s, and set or remove their keys.
 
@@ -77,7 +80,7 @@ def run(
 
 
 def _run_one(
-    link: VehicleLink, key: bytes | None, action: Action, old_key: bytes | None
+    link: VehicleLink, key: bytes | None, action: KeyAction, old_key: bytes | None
 ) -> VehicleReport:
     name = link.vehicle.name
     if link.link is None:
@@ -115,7 +118,7 @@ def _run_one(
     return _set(link, found)
 
 
-def _refusal(link: VehicleLink, found: Signs, action: Action, old_key: bytes | None) -> str:
+def _refusal(link: VehicleLink, found: Signs, action: KeyAction, old_key: bytes | None) -> str:
     """Return why nothing can be changed; empty when it can."""
     assert link.link is not None
     if not link.link.is_own:

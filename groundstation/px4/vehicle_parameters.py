@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from groundstation.client.autopilot_link import LinkSilentError
-from groundstation.px4.parameter_changes import Change, Outcome, write_all
+from groundstation.px4.parameter_changes import Outcome, ParameterChange, write_all
 from groundstation.px4.parameter_file import write_file
 from groundstation.px4.vehicle_links import VehicleLink, for_each
 from onboard.config.fleet import FleetConfig
@@ -29,7 +29,7 @@ class ParameterState:
 
     demand: RequiredParam
     value: Value | None  # None: PX4 did not send it
-    change: Change | None = None  # it was to be set
+    change: ParameterChange | None = None  # it was to be set
 
     @property
     def is_met(self) -> bool:

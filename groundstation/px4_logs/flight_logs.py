@@ -20,7 +20,7 @@ from groundstation.px4_logs.alignment import (
     flu_of_frd,
     up_in_body,
 )
-from groundstation.px4_logs.px4_log import LoggedText, Px4Log, Rows, read_log
+from groundstation.px4_logs.px4_log import LoggedText, LogRows, Px4Log, read_log
 from groundstation.recording.flight import Flight, VehicleFlight, between_times
 from groundstation.recording.flight_reading import read_flight
 from onboard.arrays import Array
@@ -58,7 +58,7 @@ class FlightLog(NamedTuple):
         """Return a time of the log on the record's clock."""
         return float(self.alignment.on_record(np.array(time_s)))
 
-    def on_record(self, rows: Rows) -> Rows:
+    def on_record(self, rows: LogRows) -> LogRows:
         """Return samples with times on the record's clock."""
         return rows._replace(time_s=self.alignment.on_record(rows.time_s))
 
@@ -68,16 +68,16 @@ class FlightLog(NamedTuple):
         return [text._replace(time_s=self.on_record_s(text.time_s)) for text in self.log.texts]
 
     @property
-    def position_enu_m(self) -> Rows:
+    def position_enu_m(self) -> LogRows:
         """PX4's position in the fleet's frame, on the record's clock."""
         return self._in_fleet(self.log.position)
 
     @property
-    def position_setpoint_enu_m(self) -> Rows:
+    def position_setpoint_enu_m(self) -> LogRows:
         """PX4's own setpoint of it."""
         return self._in_fleet(self.log.position_setpoint)
 
-    def _in_fleet(self, rows: Rows) -> Rows:
+    def _in_fleet(self, rows: LogRows) -> LogRows:
         moved = self.on_record(rows)
         return moved._replace(values=enu_of_ned(moved.values) + self.shift_enu_m)
 

@@ -58,7 +58,7 @@ _BROKEN = (
 )
 
 
-class Rows(NamedTuple):
+class LogRows(NamedTuple):
     """Samples of one topic."""
 
     time_s: Array  # (n,), rising
@@ -87,12 +87,12 @@ class Px4Log(NamedTuple):
     end_s: float
     about: dict[str, str]  # version, board and the like, for people
     parameter_count: int
-    attitude: Rows  # quaternion NED <- FRD, wxyz
-    attitude_setpoint: Rows  # the same, that PX4 flies
-    position: Rows  # x, y, z [m] and vx, vy, vz [m/s], NED, in PX4's local frame
-    position_setpoint: Rows  # x, y, z [m]
-    battery: Rows  # voltage [V], remaining [0..1]
-    status: Rows  # arming_state, nav_state, failsafe
+    attitude: LogRows  # quaternion NED <- FRD, wxyz
+    attitude_setpoint: LogRows  # the same, that PX4 flies
+    position: LogRows  # x, y, z [m] and vx, vy, vz [m/s], NED, in PX4's local frame
+    position_setpoint: LogRows  # x, y, z [m]
+    battery: LogRows  # voltage [V], remaining [0..1]
+    status: LogRows  # arming_state, nav_state, failsafe
     texts: tuple[LoggedText, ...]
     dropout_s: float  # in all, for which nothing was written
     note: str = ""  # what is wrong with the file
@@ -212,9 +212,9 @@ def _check_formats(log: ULog, path: Path) -> None:
             raise ConfigError(f"{path}: a topic of this log has more than {_MOST_FIELDS} fields.")
 
 
-def _rows(topics: Mapping[str, Mapping[str, Any]], name: str, fields: list[str]) -> Rows:
+def _rows(topics: Mapping[str, Mapping[str, Any]], name: str, fields: list[str]) -> LogRows:
     """Return samples of a topic; none where it, or one of its fields, is missing."""
-    nothing = Rows(np.zeros(0), np.zeros((0, len(fields))))
+    nothing = LogRows(np.zeros(0), np.zeros((0, len(fields))))
     topic = topics.get(name)
     if topic is None or any(field not in topic for field in ("timestamp", *fields)):
         return nothing
@@ -228,7 +228,7 @@ def _rows(topics: Mapping[str, Mapping[str, Any]], name: str, fields: list[str])
     is_plain = np.isfinite(time_s) & (time_s < LARGEST)
     time_s, values = time_s[is_plain], values[is_plain]
     rises = time_s > np.concatenate(([-math.inf], np.maximum.accumulate(time_s)[:-1]))
-    return Rows(time_s[rises], values[rises])
+    return LogRows(time_s[rises], values[rises])
 
 
 def _texts(log: ULog) -> tuple[LoggedText, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from groundstation.px4_logs.alignment import flu_of_frd, up_in_body
 from groundstation.px4_logs.flight_logs import FlightLog, FoundLogs
-from groundstation.px4_logs.px4_log import LoggedText, Px4Log, Rows
+from groundstation.px4_logs.px4_log import LoggedText, LogRows, Px4Log
 
 _MB = 1e6
 _MOST_LINES = 30  # of what PX4 said
@@ -185,7 +185,7 @@ def _story(logs: Iterable[FlightLog]) -> list[str]:
     return found
 
 
-def modes(status: Rows) -> list[tuple[float, str]]:
+def modes(status: LogRows) -> list[tuple[float, str]]:
     """Return when PX4 flew another mode than before, and which."""
     changes: list[tuple[float, str]] = []
     for time_s, state in zip(status.time_s.tolist(), status.values[:, 1].tolist(), strict=True):

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from groundstation.px4_logs.flight_logs import FlightLog, FoundLogs
-from groundstation.px4_logs.px4_log import Rows
+from groundstation.px4_logs.px4_log import LogRows
 from groundstation.px4_logs.summary import modes
 from groundstation.recording.flight import VehicleFlight, at_times
 from groundstation.report.columns import Column, packed
@@ -47,7 +47,7 @@ def px4_columns(
         yield from _columns(number, prefix, _ANGLES, angles_deg, _ANGLE_DEG)
     if vehicle.ticks.size:
         ticks = vehicle.ticks
-        own = Rows(ticks.time_s, ticks.attitude_quaternion_enu_flu_wxyz)
+        own = LogRows(ticks.time_s, ticks.attitude_quaternion_enu_flu_wxyz)
         yield from _columns(number, "own_", _ANGLES, _angles_of_enu_deg(own, grid_s), _ANGLE_DEG)
 
     for prefix, rows in (
@@ -102,14 +102,14 @@ def _columns(
         yield packed(f"{number}/{prefix}{name}", values[:, column], resolution)
 
 
-def _shown(rows: Rows, grid_s: Array, gap_s: float) -> Array:
+def _shown(rows: LogRows, grid_s: Array, gap_s: float) -> Array:
     """Return samples at the report's times; NaN where there are none."""
     if not rows.size:
         return np.full((grid_s.size, rows.values.shape[-1]), np.nan)
     return at_times(rows.time_s, rows.values, grid_s, gap_s)
 
 
-def _angles_of_ned_deg(rows: Rows, grid_s: Array) -> Array:
+def _angles_of_ned_deg(rows: LogRows, grid_s: Array) -> Array:
     """Return roll, pitch and heading (n, 3) of quaternions NED <- FRD."""
     w, x, y, z = _shown(rows, grid_s, _ATTITUDE_GAP_S).T
     roll_rad = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
@@ -120,7 +120,7 @@ def _angles_of_ned_deg(rows: Rows, grid_s: Array) -> Array:
     return angles_deg
 
 
-def _angles_of_enu_deg(rows: Rows, grid_s: Array) -> Array:
+def _angles_of_enu_deg(rows: LogRows, grid_s: Array) -> Array:
     """Return the same of quaternions ENU <- FLU: left and north change signs and places."""
     angles_deg = _angles_of_ned_deg(rows, grid_s)
     roll_deg, pitch_deg, turn_deg = angles_deg.T

@@ -16,7 +16,7 @@ _IDENTITY = frozenset(("name", "index", "system_id", "agent", "autopilot", "dire
 _PLACES = frozenset(("folder", "keys", "routers", "simulator"))
 
 
-class Setting(NamedTuple):
+class ShownSetting(NamedTuple):
     """One value of a fleet file."""
 
     table: str  # as the fleet file names it: law, types or vehicles
@@ -27,7 +27,7 @@ class Setting(NamedTuple):
     vehicles: str  # that have it; empty for all
 
 
-def settings(fleet: FleetConfig) -> list[Setting]:
+def settings(fleet: FleetConfig) -> list[ShownSetting]:
     """List the values that a fleet flies with.
 
     Args:
@@ -43,9 +43,9 @@ def settings(fleet: FleetConfig) -> list[Setting]:
     return found + _of_vehicles(fleet)
 
 
-def _of_vehicles(fleet: FleetConfig) -> list[Setting]:
+def _of_vehicles(fleet: FleetConfig) -> list[ShownSetting]:
     """Return the vehicles' values; a value that several have names them together."""
-    having: dict[Setting, list[str]] = {}
+    having: dict[ShownSetting, list[str]] = {}
     for name, vehicle in fleet.vehicles.items():
         for setting in _of("vehicles", vehicle):
             if setting.key not in _IDENTITY:
@@ -59,7 +59,7 @@ def _of_vehicles(fleet: FleetConfig) -> list[Setting]:
     return found
 
 
-def _of(table: str, values: msgspec.Struct, prefix: str = "") -> Iterator[Setting]:
+def _of(table: str, values: msgspec.Struct, prefix: str = "") -> Iterator[ShownSetting]:
     for field in msgspec.structs.fields(values):
         if field.name in _PLACES:
             continue
@@ -73,7 +73,7 @@ def _of(table: str, values: msgspec.Struct, prefix: str = "") -> Iterator[Settin
         if default is msgspec.NODEFAULT and field.default_factory is not msgspec.NODEFAULT:
             default = field.default_factory()
         has_default = default is not msgspec.NODEFAULT
-        yield Setting(
+        yield ShownSetting(
             table=table,
             key=key,
             value=_words(value),

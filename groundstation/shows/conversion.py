@@ -26,7 +26,7 @@ from groundstation.paths.checks import (
     pair_words,
     sample,
 )
-from groundstation.paths.lights import Light
+from groundstation.paths.lights import TimedColour
 from groundstation.paths.pieces import cut, quintic, resting, slowed
 from groundstation.shows.show import Drone, Show
 from onboard.arrays import Array
@@ -60,7 +60,7 @@ class Converted:
     takeoff_m: float
     homes: dict[str, Vec3]
     paths: dict[str, Path]
-    lights: dict[str, tuple[Light, ...]]
+    lights: dict[str, tuple[TimedColour, ...]]
     begin_s: float = 0.0  # of the flight along the paths, on the show's own clock
     slowing: float = 1.0  # times as long as in the show
     notes: list[str] = field(default_factory=list)  # for all

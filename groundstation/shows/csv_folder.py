@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path as FilePath
 
 from groundstation.paths.files import load_path, read_columns
-from groundstation.paths.lights import Light
+from groundstation.paths.lights import TimedColour
 from groundstation.shows.geographic import Places, origin_of, path_of_places, read_places
 from groundstation.shows.show import MOST_DRONES, Drone, Show, check_light_count
 from groundstation.shows.zip_members import unpack
@@ -127,7 +127,7 @@ def _drone(file: FilePath, path: Path) -> Drone:
     )
 
 
-def _lights(file: FilePath) -> tuple[Light, ...]:
+def _lights(file: FilePath) -> tuple[TimedColour, ...]:
     """Return the colours of a CSV that has them, without those that only repeat the one before."""
     try:
         columns, numbers = read_columns(str(file))
@@ -139,7 +139,7 @@ def _lights(file: FilePath) -> tuple[Light, ...]:
     times_s = numbers[:, 0] - numbers[0, 0]
     colours = numbers[:, [columns.index(colour) for colour in _COLOURS]].astype(int)
 
-    lights: list[Light] = []
+    lights: list[TimedColour] = []
     last = len(numbers) - 1
     for k, (red, green, blue) in enumerate(colours.tolist()):
         is_repeated = k > 0 and (colours[k] == colours[k - 1]).all()

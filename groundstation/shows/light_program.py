@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from groundstation.paths.lights import Light
+from groundstation.paths.lights import TimedColour
 
 _FRAME_S = 0.02  # durations are frames of 50 a second
 _MOST = 20_000  # commands, with those of loops: ten a second for half an hour
@@ -21,7 +21,7 @@ _LOOP_END = 13
 _PYRO = (20, 21)
 
 
-def colours(data: bytes) -> tuple[Light, ...]:
+def colours(data: bytes) -> tuple[TimedColour, ...]:
     """Return the colours of a program; between two of them the colour changes evenly.
 
     Args:
@@ -31,7 +31,7 @@ def colours(data: bytes) -> tuple[Light, ...]:
         ValueError: a command is not known, the bytes end within one, or loops do not end.
     """
     reader = _Reader(data)
-    out: list[Light] = [(0.0, 0, 0, 0)]
+    out: list[TimedColour] = [(0.0, 0, 0, 0)]
     loops: list[_Loop] = []
     now_s = 0.0
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from groundstation.paths.checks import bound_m, limits_of, sample
 from groundstation.paths.files import write_path
-from groundstation.paths.lights import Light
+from groundstation.paths.lights import TimedColour
 from groundstation.processes.free_ports import in_another_folder, toml_text
 from groundstation.shows.conversion import Converted, converted
 from groundstation.shows.show import Show
@@ -142,7 +142,7 @@ def _write(file: FilePath, text: str) -> None:
     file.write_text(text, encoding="utf-8")
 
 
-def _lights_text(lights: Sequence[Light]) -> str:
+def _lights_text(lights: Sequence[TimedColour]) -> str:
     lines = ["t,red,green,blue"]
     for time_s, red, green, blue in lights:
         lines.append(f"{time_s:.2f},{red},{green},{blue}")

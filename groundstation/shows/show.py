@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from groundstation.paths.lights import Light
+from groundstation.paths.lights import TimedColour
 from groundstation.paths.pieces import fitted
 from onboard.config.fleet import ConfigError, Origin, Vec3
 from onboard.control.path import NUMBERS, Path, path_of, sampled
@@ -29,7 +29,7 @@ class Drone:
     home_enu_m: Vec3
     path: Path
     begin_s: float = 0.0  # of the path, on the show's clock
-    lights: tuple[Light, ...] = ()
+    lights: tuple[TimedColour, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

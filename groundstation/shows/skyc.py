@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from groundstation.paths.lights import Light
+from groundstation.paths.lights import TimedColour
 from groundstation.shows.light_program import colours
 from groundstation.shows.show import (
     MOST_DRONES,
@@ -337,7 +337,7 @@ def _with_yaw(where: str, path: Path, begin_s: float, control: dict[str, Any]) -
     return path_of(pieces.tolist())
 
 
-def _lights(where: str, program: dict[str, Any]) -> tuple[Light, ...]:
+def _lights(where: str, program: dict[str, Any]) -> tuple[TimedColour, ...]:
     if program.get("version") != 1 or not isinstance(program.get("data"), str):
         return ()
     try:

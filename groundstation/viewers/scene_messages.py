@@ -72,7 +72,7 @@ _LEVELS = {
 }
 
 
-class Motion:
+class FleetMotion:
     """Positions and attitudes of all vehicles at some times; NaN where they are not known.
 
     Args:
@@ -116,7 +116,7 @@ def _attitudes(vehicle: VehicleFlight, times_s: Array) -> Array:
 # -- frames ----------------------------------------------------------------------------------------
 
 
-def frame_transforms(motion: Motion, index: int, stamp_ns: int) -> FrameTransforms:
+def frame_transforms(motion: FleetMotion, index: int, stamp_ns: int) -> FrameTransforms:
     """Return where every vehicle's frame is at one time of a flight."""
     poses = {}
     for name in motion.positions_enu_m:
@@ -327,7 +327,7 @@ class VehicleScenes:
         motion: at the times of the scenes.
     """
 
-    def __init__(self, flight: Flight, motion: Motion) -> None:
+    def __init__(self, flight: Flight, motion: FleetMotion) -> None:
         self._motion = motion
         self._names = tuple(flight.vehicles)
         self._ring_m = 0.0
@@ -397,7 +397,7 @@ class LawScenes:
         motion: at the times of the scenes.
     """
 
-    def __init__(self, flight: Flight, motion: Motion) -> None:
+    def __init__(self, flight: Flight, motion: FleetMotion) -> None:
         self._motion = motion
         self._vehicles = flight.vehicles
         self._law = RecordedLaw(flight)
@@ -484,7 +484,7 @@ def _entity(name: str, stamp_ns: int) -> SceneEntity:
 # -- positions, log, fixes -------------------------------------------------------------------------
 
 
-def positions(motion: Motion, index: int, stamp_ns: int) -> PointCloud:
+def positions(motion: FleetMotion, index: int, stamp_ns: int) -> PointCloud:
     """Return all vehicles of a flight as points at one time."""
     known = [
         (number, motion.position(name, index)) for number, name in enumerate(motion.positions_enu_m)

@@ -24,7 +24,7 @@ from groundstation.recording.flight import Flight
 from groundstation.recording.flight_reading import read_flight
 from groundstation.recording.timeline import Timeline
 from groundstation.viewers import scene_messages
-from groundstation.viewers.scene_messages import LawScenes, Motion, VehicleScenes
+from groundstation.viewers.scene_messages import FleetMotion, LawScenes, VehicleScenes
 from onboard.config.file_reading import FLEET_FILE, MISSION_FILE, RESULTS_FILE, FileKind, read_bytes
 from onboard.config.fleet import ConfigError
 
@@ -194,9 +194,9 @@ def _log(flight: Flight) -> Iterator[_Message]:
         yield _Message(stamp_ns, "/log", line)
 
 
-def _motion(flight: Flight, step_s: float) -> Motion:
-    return Motion(flight, np.arange(flight.begin_s, flight.length_s + step_s / 2.0, step_s))
+def _motion(flight: Flight, step_s: float) -> FleetMotion:
+    return FleetMotion(flight, np.arange(flight.begin_s, flight.length_s + step_s / 2.0, step_s))
 
 
-def _stamps_ns(flight: Flight, motion: Motion) -> list[int]:
+def _stamps_ns(flight: Flight, motion: FleetMotion) -> list[int]:
     return [flight.begin_ns + round(time_s * 1e9) for time_s in motion.times_s.tolist()]

@@ -21,7 +21,7 @@ from groundstation.fleet.state import LoggedEvent
 from groundstation.orders.forecast_process import Forecaster
 from groundstation.scene.ground_tiles import GroundTiles
 from groundstation.web.live_messages import event_message, fleet_message, state_message
-from groundstation.web.order_cards import CHECK_S, Message, OrderCards
+from groundstation.web.order_cards import CHECK_S, OrderCards, PageMessage
 from onboard.bus.schema import Event
 from onboard.config.fleet import FleetConfig
 
@@ -204,7 +204,7 @@ class LiveFeed:
         self._events.append(text)
         self._tell_text(text)
 
-    def _tell(self, message: Message) -> None:
+    def _tell(self, message: PageMessage) -> None:
         self._tell_text(_text(message))
 
     def _tell_text(self, text: str) -> None:
@@ -212,5 +212,5 @@ class LiveFeed:
             page.tell(text)
 
 
-def _text(message: Message) -> str:
+def _text(message: PageMessage) -> str:
     return _encode(message).decode()

@@ -24,12 +24,12 @@ AHEAD_S = 10.0  # for which ways are predicted
 _MOST_TEXT = 300
 _STILL_M_S = 0.05
 
-Message = dict[str, Any]
+PageMessage = dict[str, Any]
 
 
 def fleet_message(
     fleet: FleetConfig, *, can_order: bool, ground: GroundTiles | None = None
-) -> Message:
+) -> PageMessage:
     """Return what does not change while a page is open.
 
     Args:
@@ -72,7 +72,7 @@ def state_message(
     alarms: Sequence[AlarmLine],
     control: Control | None,
     now_ns: int,
-) -> Message:
+) -> PageMessage:
     """Return the fleet as it is now.
 
     Args:
@@ -94,7 +94,7 @@ def state_message(
     }
 
 
-def event_message(logged: LoggedEvent) -> Message:
+def event_message(logged: LoggedEvent) -> PageMessage:
     """Return an event of the fleet or of the ground."""
     event = logged.event
     return {
@@ -106,9 +106,9 @@ def event_message(logged: LoggedEvent) -> Message:
     }
 
 
-def _vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> Message:
+def _vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> PageMessage:
     telemetry = view.telemetry
-    message: Message = {
+    message: PageMessage = {
         "name": view.name,
         "is_fresh": view.is_fresh(now_ns),
         "age_s": _known(view.age_s(now_ns)),
@@ -188,7 +188,7 @@ def _way(
     return [position_enu_m, end]
 
 
-def _separation(separation: Separation | None) -> Message | None:
+def _separation(separation: Separation | None) -> PageMessage | None:
     if separation is None:
         return None
     return {
@@ -199,7 +199,7 @@ def _separation(separation: Separation | None) -> Message | None:
     }
 
 
-def _alarm(line: AlarmLine, now_ns: int) -> Message:
+def _alarm(line: AlarmLine, now_ns: int) -> PageMessage:
     alarm = line.alarm
     return {
         "kind": alarm.kind.value,

@@ -36,7 +36,7 @@ _URGENT = ("land", "hold")
 _PAGE = "page"  # of the kill latch: pages are one key
 _MOST_TEXT = 300
 
-Message = dict[str, Any]
+PageMessage = dict[str, Any]
 
 
 class OrderCard:
@@ -52,9 +52,9 @@ class OrderCard:
         self.computing: asyncio.Task[None] | None = None
         self.begun_s = 0.0
 
-    def message(self) -> Message:
+    def message(self) -> PageMessage:
         """Return what a page shows of it."""
-        message: Message = {
+        message: PageMessage = {
             "kind": "card",
             "number": self.number,
             "text": plain_line(self.text),
@@ -94,7 +94,7 @@ class OrderCards:
     """
 
     def __init__(
-        self, client: FleetClient, forecaster: Forecaster, tell: Callable[[Message], None]
+        self, client: FleetClient, forecaster: Forecaster, tell: Callable[[PageMessage], None]
     ) -> None:
         self._client = client
         self._forecaster = forecaster
@@ -103,7 +103,7 @@ class OrderCards:
         self._latch = KillLatch()
         self._count = 0
 
-    def messages(self) -> list[Message]:
+    def messages(self) -> list[PageMessage]:
         """Return all cards, the oldest first, for a page that has just been opened."""
         return [card.message() for card in self._cards]
 

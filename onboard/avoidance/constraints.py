@@ -26,9 +26,9 @@ from onboard.avoidance.params import (
     ROTATION_AHEAD,
     ROTATION_ALWAYS,
     ROTATION_NEVER,
-    Fence,
     Gains,
     LawParams,
+    Walls,
 )
 from onboard.vectors import ZERO_2, Vec2, cross_2, dot_2, length_2
 
@@ -389,7 +389,7 @@ def obstacle_rotation_row(
     return orthoradial(e, sign, bound, d)
 
 
-def fence_rows(position_m: Vec2, velocity_m_s: Vec2, fence: Fence, gains: Gains) -> list[HalfPlane]:
+def fence_rows(position_m: Vec2, velocity_m_s: Vec2, fence: Walls, gains: Gains) -> list[HalfPlane]:
     """Return the half-planes of the four walls: (17) for the distance from a line. DEVIATION D13.
 
     With the distance h and the inward normal n: ``n . u >= -(k_1 + k_2) n . v - k_1 k_2 h``. The

@@ -13,7 +13,7 @@ from onboard.avoidance.half_planes import into_disc
 from onboard.avoidance.interface import NOBODY, Baseline, horizontal_limit, own_at
 from onboard.avoidance.oist import LawMemory
 from onboard.avoidance.pairs import nearest_pairs
-from onboard.avoidance.params import Capsule, Fence, LawParams
+from onboard.avoidance.params import Capsule, LawParams, Walls
 from onboard.avoidance.prediction import Motion, remembered
 from onboard.types import GRAVITY_M_S2, LawOutput, LawStatus, Neighbour, State, Thrust
 from onboard.vectors import Vec2, Vec3
@@ -49,7 +49,7 @@ class LawInputs(NamedTuple):
     neighbours: tuple[LawNeighbour, ...]  # the nearest within range, nearest first
     received: tuple[Neighbour, ...]  # all neighbours as they were heard
     obstacles: tuple[Capsule, ...]  # what stands still
-    fence: Fence  # walls
+    fence: Walls  # walls
 
     # horizontal thrust, with its compensation, at the baseline's vertical thrust
     largest_m_s2: float

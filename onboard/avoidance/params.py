@@ -142,7 +142,7 @@ class Gains(NamedTuple):
     rotation_fade_m_s2: float  # violation from which a rotation row has its full strength
 
 
-class Fence(NamedTuple):
+class Walls(NamedTuple):
     """Walls in fleet ENU, moved inwards by the margin; infinite where there is none."""
 
     low_x_m: float
@@ -165,7 +165,7 @@ class LawParams(NamedTuple):
     top_speed_m_s: float  # while avoiding
     max_tilt_rad: float
     max_thrust_m_s2: float  # collective thrust per mass at full throttle
-    fence: Fence
+    fence: Walls
     paper: PaperParams
 
 
@@ -354,11 +354,11 @@ def _policies(config: LawConfig) -> Policies:
     )
 
 
-def _fence(config: LawConfig, limits: VehicleLimits) -> Fence:
+def _fence(config: LawConfig, limits: VehicleLimits) -> Walls:
     """Return the walls, moved inwards by the margin."""
     low_x_m, high_x_m, low_y_m, high_y_m = limits.fence_enu_m
     margin_m = config.fence_margin_m
-    return Fence(
+    return Walls(
         low_x_m=float(low_x_m + margin_m),
         high_x_m=float(high_x_m - margin_m),
         low_y_m=float(low_y_m + margin_m),

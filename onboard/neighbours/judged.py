@@ -31,7 +31,12 @@ from typing import NamedTuple
 from onboard.bus.schema import Vec3
 from onboard.neighbours.mocap_tracker import POSITION_STD_M, VELOCITY_STD_M_S, BodyTracker
 from onboard.neighbours.plausibility import Claim, Seen
-from onboard.neighbours.state_arrays import COLUMNS, COLUMNS_1, STATE_WIDTH, NeighbourArrays
+from onboard.neighbours.state_arrays import (
+    SCALAR_COLUMN,
+    STATE_WIDTH,
+    VECTOR_COLUMNS,
+    NeighbourArrays,
+)
 
 _SEEN_FOR_S = 0.25  # a tracked motion that is older does not count any more
 
@@ -93,8 +98,8 @@ class JudgedNeighbours:
             velocity_enu_m_s=_vector(numbers, "velocity_enu_m_s"),
             predicted_position_enu_m=_vector(numbers, "predicted_position_enu_m"),
             predicted_velocity_enu_m_s=_vector(numbers, "predicted_velocity_enu_m_s"),
-            lead_time_s=numbers[COLUMNS_1["lead_time_s"]],
-            position_std_m=numbers[COLUMNS_1["position_std_m"]],
+            lead_time_s=numbers[SCALAR_COLUMN["lead_time_s"]],
+            position_std_m=numbers[SCALAR_COLUMN["position_std_m"]],
         )
 
     def place(
@@ -152,7 +157,7 @@ def tracked_numbers(tracker: BodyTracker) -> tuple[float, ...]:
     lead_time_s = 0.0
     crowd_count = 0.0
 
-    # in the order of the columns: see state_arrays.COLUMNS
+    # in the order of the columns: see state_arrays.VECTOR_COLUMNS
     return (
         *position_enu_m,
         *velocity_enu_m_s,
@@ -178,5 +183,5 @@ def _newest_message(arrays: NeighbourArrays, index: int) -> _Row | None:
 
 
 def _vector(numbers: tuple[float, ...], name: str) -> Vec3:
-    x, y, z = numbers[COLUMNS[name]]
+    x, y, z = numbers[VECTOR_COLUMNS[name]]
     return x, y, z

@@ -1,13 +1,14 @@
 """Newest states of all neighbours as arrays, so that one call serves all of them.
 
-A state is a row of numbers: the fields of :class:`onboard.types.Neighbour` in their order, first
-its vectors one behind the other, then its scalars, as COLUMNS and COLUMNS_1 say. The row of a
-neighbour that is silent, or contradicted, may come from the motion capture instead of its own
-message.
+Each neighbour has a row of numbers: the fields of :class:`onboard.types.Neighbour` in their order.
+Its vectors come first, three numbers each (VECTOR_COLUMNS), then its scalars (SCALAR_COLUMN).
 
-The last fields of a row are no part of a state: how old it is, whether the neighbour cooperates.
-They are written when a snapshot is taken. A snapshot is the rows of one tick; the law reads them as
-Neighbours, and the compiled pass takes them as they are.
+Two parts of a row differ by where they come from. The first STATE_WIDTH numbers are the state that
+the neighbour has published, or, while it is silent or contradicted, that the motion capture sees.
+The numbers behind it are ours: whether it cooperates, and which neighbour it is.
+
+A snapshot is the rows of one tick, with the age of each state. The law reads them as Neighbours;
+the compiled pass takes the rows as they are.
 """
 
 from __future__ import annotations
@@ -28,16 +29,18 @@ from onboard.vectors import Vec3
 
 _VECTORS = Neighbour._fields[:7]
 _SCALARS = Neighbour._fields[7:]
-COLUMNS = {name: slice(3 * index, 3 * index + 3) for index, name in enumerate(_VECTORS)}
-COLUMNS_1 = {name: 3 * len(_VECTORS) + index for index, name in enumerate(_SCALARS)}
+
+# field -> its columns in a row
+VECTOR_COLUMNS = {name: slice(3 * index, 3 * index + 3) for index, name in enumerate(_VECTORS)}
+SCALAR_COLUMN = {name: 3 * len(_VECTORS) + index for index, name in enumerate(_SCALARS)}
 _WIDTH = 3 * len(_VECTORS) + len(_SCALARS)
 
-# A state is the first numbers of a row, up to its crowd_count.
-STATE_WIDTH = COLUMNS_1["crowd_count"] + 1
-_AGE = COLUMNS_1["age_s"]
-_COOPERATES = COLUMNS_1["is_cooperative"]
-_PAPER_OBSTACLE = COLUMNS_1["is_paper_obstacle"]
-_TABLE_INDEX = COLUMNS_1["table_index"]
+# the first numbers of a row, up to crowd_count: a state
+STATE_WIDTH = SCALAR_COLUMN["crowd_count"] + 1
+_AGE = SCALAR_COLUMN["age_s"]
+_COOPERATES = SCALAR_COLUMN["is_cooperative"]
+_PAPER_OBSTACLE = SCALAR_COLUMN["is_paper_obstacle"]
+_TABLE_INDEX = SCALAR_COLUMN["table_index"]
 
 # rows of NeighbourArrays.flags
 KNOWN = 0  # anything is known
@@ -45,15 +48,15 @@ AIRBORNE = 1
 COOPERATIVE = 2  # counts as cooperative
 ANNOUNCED = 3  # announces that it cooperates
 
-_LARGEST = 1e4
-_LARGEST_INT = 1 << 62
+_LARGEST_NUMBER = 1e4  # of a message: metres, metres per second and so on
+_LARGEST_STAMP_NS = 1 << 62
 
 
 @dataclass(slots=True)
 class NeighbourArrays:
     """Newest valid state of each of K neighbours; times are on our clock."""
 
-    numbers: Array  # (K, fields of a Neighbour), see COLUMNS
+    numbers: Array  # (K, fields of a Neighbour), see VECTOR_COLUMNS and SCALAR_COLUMN
     stamp_ns: IntArray  # (K,) of the numbers
     heard_ns: IntArray  # (K,) stamp of the newest valid message; 0 never
     newest_ns: IntArray  # (K,) stamp of the newest message, valid or not; -1 never
@@ -103,21 +106,21 @@ def empty(is_successor: BoolArray, silent_after_s: float) -> NeighbourArrays:
 
 
 class NeighbourRow(NamedTuple):
-    """State of one neighbour."""
+    """Newest state of one neighbour, for whoever looks at one alone."""
 
     name: str
     age_s: float
     stamp_ns: int
     is_cooperative: bool  # by its own announcement
-    numbers: list[float]
+    numbers: list[float]  # its row
 
     def value(self, name: str) -> float:
         """Return a scalar of its message."""
-        return self.numbers[COLUMNS_1[name]]
+        return self.numbers[SCALAR_COLUMN[name]]
 
     def vector(self, name: str) -> list[float]:
         """Return a vector of its message."""
-        return self.numbers[COLUMNS[name]]
+        return self.numbers[VECTOR_COLUMNS[name]]
 
 
 _vectors_of = attrgetter(*_VECTORS)
@@ -149,17 +152,19 @@ def _bounded(std: float, largest: float) -> float:
 
 def is_usable(message: StateMessage, numbers: tuple[float, ...]) -> bool:
     """Return whether all numbers of a message are finite and small enough for the arrays."""
-    if not 0 <= message.stamp_ns < _LARGEST_INT:
+    if not 0 <= message.stamp_ns < _LARGEST_STAMP_NS:
         return False
-    return math.isfinite(sum(numbers)) and min(numbers) > -_LARGEST and max(numbers) < _LARGEST
+    if not math.isfinite(sum(numbers)):
+        return False
+    return min(numbers) > -_LARGEST_NUMBER and max(numbers) < _LARGEST_NUMBER
 
 
 def is_plausible(*vectors: Vec3 | tuple[float, ...]) -> bool:
     """Return whether all numbers are finite and small enough to calculate with."""
-    return all(abs(value) < _LARGEST for vector in vectors for value in vector)
+    return all(abs(value) < _LARGEST_NUMBER for vector in vectors for value in vector)
 
 
-class Snapshot(Sequence[Neighbour]):
+class NeighbourSnapshot(Sequence[Neighbour]):
     """The neighbours that are known at one tick, as the law takes them.
 
     Attributes:
@@ -190,7 +195,7 @@ class Snapshot(Sequence[Neighbour]):
         return self._neighbours
 
 
-def snapshot(arrays: NeighbourArrays, ages_s: list[float]) -> Snapshot:
+def snapshot(arrays: NeighbourArrays, ages_s: list[float]) -> NeighbourSnapshot:
     """Return all neighbours that are known. A silent one does not cooperate.
 
     Args:
@@ -204,22 +209,28 @@ def snapshot(arrays: NeighbourArrays, ages_s: list[float]) -> Snapshot:
     is_known = arrays.flags[KNOWN]
     if not is_known.all():
         rows = rows[is_known]
-    return Snapshot(rows)
+    return NeighbourSnapshot(rows)
 
 
 def _neighbour(numbers: list[float]) -> Neighbour:
     """Return the neighbour of a row."""
-    position, velocity, acceleration, predicted, flown, command, intent = (
-        Vec3(*numbers[columns]) for columns in COLUMNS.values()
-    )
+    (
+        position,
+        velocity,
+        acceleration,
+        predicted_position,
+        predicted_velocity,
+        commanded_acceleration,
+        intent,
+    ) = (Vec3(*numbers[columns]) for columns in VECTOR_COLUMNS.values())
     age_s, lead_time_s, position_std_m, velocity_std_m_s, crowd_count = numbers[_AGE:STATE_WIDTH]
     return Neighbour(
         position_enu_m=position,
         velocity_enu_m_s=velocity,
         acceleration_enu_m_s2=acceleration,
-        predicted_position_enu_m=predicted,
-        predicted_velocity_enu_m_s=flown,
-        commanded_acceleration_enu_m_s2=command,
+        predicted_position_enu_m=predicted_position,
+        predicted_velocity_enu_m_s=predicted_velocity,
+        commanded_acceleration_enu_m_s2=commanded_acceleration,
         intent_enu_m_s=intent,
         age_s=age_s,
         lead_time_s=lead_time_s,

@@ -33,11 +33,11 @@ from onboard.neighbours.plausibility import Claim, Seen
 from onboard.neighbours.state_arrays import (
     AIRBORNE,
     ANNOUNCED,
-    COLUMNS,
     KNOWN,
+    VECTOR_COLUMNS,
     NeighbourArrays,
     NeighbourRow,
-    Snapshot,
+    NeighbourSnapshot,
     empty,
     is_plausible,
     is_usable,
@@ -246,7 +246,7 @@ class NeighbourTable:
         tracker = self._trackers.setdefault(index, BodyTracker())
         silence_s = (received_ns - int(arrays.heard_ns[index])) * 1e-9
         if not tracker.stamp_ns and silence_s < _VELOCITY_KNOWN_S:
-            vx, vy, vz = arrays.numbers[index, COLUMNS["velocity_enu_m_s"]].tolist()
+            vx, vy, vz = arrays.numbers[index, VECTOR_COLUMNS["velocity_enu_m_s"]].tolist()
             tracker.velocity_enu_m_s = (vx, vy, vz)
         if not tracker.hear(pose, received_ns):
             return False
@@ -406,7 +406,7 @@ class NeighbourTable:
 
     # -- what is known at one time -----------------------------------------------------------------
 
-    def snapshot(self, now_ns: int) -> Snapshot:
+    def snapshot(self, now_ns: int) -> NeighbourSnapshot:
         """Return the values for the law of all neighbours that were ever heard, as of one tick."""
         return snapshot(self.arrays, self.ages_s(now_ns))
 

@@ -17,7 +17,7 @@ SKIP = "skip"
 
 # OK, SKIP or the key of a fault; and the numbers for its sentence
 Judgement = tuple[str, Mapping[str, object]]
-Judge = Callable[[PreflightFacts, FleetConfig, Vehicle], Judgement]
+PreflightJudge = Callable[[PreflightFacts, FleetConfig, Vehicle], Judgement]
 
 FINE: Judgement = (OK, {})
 NO_PX4: Judgement = (SKIP, {"reason": "while PX4 is silent"})
@@ -52,7 +52,7 @@ class PreflightRule:
     demand: str  # what must be true, for docs/preflight.md
     passes: str  # sentence when it is true, as a template
     faults: Mapping[str, RuleFault]  # by the keys of the judgement
-    judge: Judge
+    judge: PreflightJudge
 
     def check(self, facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> PreflightCheck:
         """Return the rule's answer: its judgement of the facts, in words.
@@ -92,7 +92,7 @@ def coordinates(position: Vec3) -> str:
     return "(" + ", ".join(f"{value:.2f}" for value in position) + ") m"
 
 
-def rules(judges: Mapping[str, Judge], **constants: float) -> tuple[PreflightRule, ...]:
+def rules(judges: Mapping[str, PreflightJudge], **constants: float) -> tuple[PreflightRule, ...]:
     """Return rules with their words of preflight.toml.
 
     Args:

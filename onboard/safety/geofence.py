@@ -31,7 +31,7 @@ class FenceStatus(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Fence:
+class FenceBox:
     """A box, and how a vehicle brakes before its walls."""
 
     low_enu_m: Vec3  # west, south and floor
@@ -149,7 +149,7 @@ def _is_left(area: Area, position_enu_m: Vec3, stop_enu_m: Vec3) -> bool:
     return not area.keeps_in and not areas.is_allowed(area, stop_enu_m)
 
 
-def fence_of(box: Geofence, vehicle: Vehicle) -> Fence:
+def fence_of(box: Geofence, vehicle: Vehicle) -> FenceBox:
     """Return the fence of a fleet as one vehicle brakes before it.
 
     Args:
@@ -158,7 +158,7 @@ def fence_of(box: Geofence, vehicle: Vehicle) -> Fence:
     """
     tilt_rad = math.radians(vehicle.max_tilt_deg)
     brake_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(tilt_rad)
-    return Fence(
+    return FenceBox(
         low_enu_m=(box.x[0], box.y[0], box.z[0]),
         high_enu_m=(box.x[1], box.y[1], box.z[1]),
         brake_m_s2=(brake_m_s2, brake_m_s2, 0.5 * GRAVITY_M_S2),

@@ -40,7 +40,7 @@ class Expected(NamedTuple):
     mode: str = ""  # "" for any, on the ground
 
 
-class Kind(NamedTuple):
+class ReportKind(NamedTuple):
     """One kind of report: fields of the snapshot that arrive together."""
 
     name: str
@@ -113,7 +113,7 @@ def _is_near(a: float, b: float, limit: float) -> bool:
 
 
 KINDS = (
-    Kind(
+    ReportKind(
         name="heartbeat",
         fields=("heartbeat_ns", "is_armed", "mode", "is_failsafe"),
         stamp="heartbeat_ns",
@@ -122,7 +122,7 @@ KINDS = (
         surprises=_heartbeat_surprises,
         agrees=_heartbeat_agrees,
     ),
-    Kind(
+    ReportKind(
         name="attitude",
         fields=("quaternion_enu_flu_wxyz", "attitude_ns", "px4_boot_ms"),
         stamp="attitude_ns",
@@ -131,7 +131,7 @@ KINDS = (
         surprises=_attitude_surprises,
         agrees=_attitude_agrees,
     ),
-    Kind(
+    ReportKind(
         name="battery",
         fields=("battery_frac", "battery_voltage_v", "battery_ns"),
         stamp="battery_ns",
@@ -240,7 +240,7 @@ class ReportConfirmation:
         return max(1e-9, (self._contradicted_ns - self._run_begin_ns) * 1e-9)
 
     def _is_withheld(
-        self, kind: Kind, waiting: _Waiting, new: Snapshot, expected: Expected
+        self, kind: ReportKind, waiting: _Waiting, new: Snapshot, expected: Expected
     ) -> bool:
         """Return whether the values before count, instead of the new report of this kind."""
         stamp_ns = getattr(new, kind.stamp)

@@ -75,7 +75,7 @@ class Accident(NamedTuple):
 
 
 @dataclass(slots=True)
-class Flown:
+class FlownAccident:
     """The outcome of one flight."""
 
     name: str
@@ -123,7 +123,7 @@ def fly(
     is_defended: bool,
     seed: int,
     folder: Path | None = None,
-) -> Flown:
+) -> FlownAccident:
     """Fly an accident once.
 
     Args:
@@ -143,7 +143,7 @@ def fly(
         around = accident.without()
     gusts = Environment(WindSettings(gust_std_m_s=_GUST_M_S))
     with around, Lockstep(fleet, seed=seed, folder=folder, environment=gusts) as flight:
-        flown = Flown(accident.name, is_defended, seed)
+        flown = FlownAccident(accident.name, is_defended, seed)
         flown.promised_m = fleet.fleet.safety_distance_m
         accident.happens(flight, is_defended)
         look_at(flight, flown, accident.room_turn_deg)
@@ -173,7 +173,7 @@ def fly_both(mission: Mission, *, seed: int) -> int:
     return EXIT_FAILED
 
 
-def look_at(flight: Lockstep, flown: Flown, room_turn_deg: float) -> None:
+def look_at(flight: Lockstep, flown: FlownAccident, room_turn_deg: float) -> None:
     """Follow by the truth who leaves the ground, and how far outside the fence.
 
     Args:

@@ -19,7 +19,7 @@ import numpy as np
 from onboard.avoidance.params import Capsule
 from onboard.control import pipeline
 from onboard.control.pipeline import PipelineMemory, PipelineParams
-from onboard.neighbours.state_arrays import Snapshot
+from onboard.neighbours.state_arrays import NeighbourSnapshot
 from onboard.rollout import batch
 from onboard.rollout.rows import Rows
 from onboard.types import Goal, Neighbour, State, Tick
@@ -113,7 +113,7 @@ class CompiledPipeline:
 
 
 def _neighbour_rows(neighbours: Sequence[Neighbour]) -> Rows:
-    if isinstance(neighbours, Snapshot):
+    if isinstance(neighbours, NeighbourSnapshot):
         rows: Rows = neighbours.rows.view(batch.NEIGHBOUR.dtype)[:, 0]
         return rows
     return batch.NEIGHBOUR.packed(neighbours)

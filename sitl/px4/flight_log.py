@@ -52,7 +52,7 @@ _NAV_STATES: dict[Mode, int] = {
 }
 
 
-class Topic(NamedTuple):
+class LogTopic(NamedTuple):
     """One logged topic."""
 
     name: str
@@ -60,24 +60,24 @@ class Topic(NamedTuple):
     packer: struct.Struct  # of the same
 
 
-ATTITUDE = Topic("vehicle_attitude", "uint64_t timestamp;float[4] q;", struct.Struct("<Q4f"))
-ATTITUDE_SETPOINT = Topic(
+ATTITUDE = LogTopic("vehicle_attitude", "uint64_t timestamp;float[4] q;", struct.Struct("<Q4f"))
+ATTITUDE_SETPOINT = LogTopic(
     "vehicle_attitude_setpoint",
     "uint64_t timestamp;float[4] q_d;float[3] thrust_body;",
     struct.Struct("<Q4f3f"),
 )
-LOCAL_POSITION = Topic(
+LOCAL_POSITION = LogTopic(
     "vehicle_local_position",
     "uint64_t timestamp;float x;float y;float z;float vx;float vy;float vz;float heading;"
     "bool xy_valid;bool z_valid;",
     struct.Struct("<Q7f2?"),
 )
-BATTERY = Topic(
+BATTERY = LogTopic(
     "battery_status",
     "uint64_t timestamp;float voltage_v;float remaining;uint8_t cell_count;bool connected;",
     struct.Struct("<Q2fB?"),
 )
-STATUS = Topic(
+STATUS = LogTopic(
     "vehicle_status",
     "uint64_t timestamp;uint8_t arming_state;uint8_t nav_state;bool failsafe;",
     struct.Struct("<Q2B?"),
@@ -132,7 +132,7 @@ class LogWriter:
         """Whether nothing more is written."""
         return len(self.content) >= _MOST_BYTES
 
-    def sample(self, topic: Topic, time_us: int, *values: float) -> None:
+    def sample(self, topic: LogTopic, time_us: int, *values: float) -> None:
         """Append a sample of a topic.
 
         Args:

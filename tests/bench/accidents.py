@@ -20,25 +20,25 @@ from groundstation.figures.style import LIMIT, colour, new_figure, styled
 from groundstation.mission_files.loading import load_mission
 from groundstation.shows.gallery import sentence_of
 from onboard.config.fleet_config import Geofence
-from sitl.lockstep.accidents import ACCIDENTS, Flown, fly
+from sitl.lockstep.accidents import ACCIDENTS, FlownAccident, fly
 
 ROOT = Path(__file__).parents[2]
 
 
-def flown_once(name: str, *, is_defended: bool, seed: int) -> Flown:
+def flown_once(name: str, *, is_defended: bool, seed: int) -> FlownAccident:
     """Fly one accident once."""
     mission = load_mission(ROOT / f"configs/missions/{name}.toml")
     return fly(ACCIDENTS[name], mission, is_defended=is_defended, seed=seed)
 
 
-def is_as_promised(flown: Flown) -> bool:
+def is_as_promised(flown: FlownAccident) -> bool:
     """Return whether the accident happened without its defence, or did not happen with it."""
     if flown.is_defended:
         return not flown.harm and flown.min_separation_m >= flown.promised_m
     return bool(flown.harm)
 
 
-def draw(without: Flown, defended: Flown, fence: Geofence, path: Path) -> None:
+def draw(without: FlownAccident, defended: FlownAccident, fence: Geofence, path: Path) -> None:
     """Draw the ways from above: without the defence, and with it."""
     title = sentence_of(without.name).partition(":")[0]
     figure = new_figure(11.0, 5.4, title)

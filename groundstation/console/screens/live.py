@@ -19,10 +19,10 @@ from groundstation.console.widgets.fleet_glance import FleetGlance
 from groundstation.console.widgets.fleet_table import FleetTable
 from groundstation.fleet.state import FleetState
 
-Answer = TypeVar("Answer")
+AnswerT = TypeVar("AnswerT")
 
 
-class Dialog(ModalScreen[Answer]):
+class Dialog(ModalScreen[AnswerT]):
     """A box below the fleet, which goes on being drawn.
 
     The console behind is not drawn: shading it costs as much as drawing it, and an emergency key

@@ -8,7 +8,7 @@ from rich.style import Style
 from textual.strip import Strip
 from textual.widget import Widget
 
-from groundstation.alarms.alarm_table import Severity
+from groundstation.alarms.alarm_table import AlarmSeverity
 from groundstation.alarms.alarms import AlarmLine, Alarms
 from groundstation.console import theme
 from groundstation.console.panel_sizes import NARROW
@@ -23,9 +23,9 @@ KEYS = (
 URGENT_KEYS = ("ctrl+l LAND ALL   ctrl+o HOLD ALL", "^l LAND ALL", "^l LAND ALL")  # of a question
 VIEW_KEYS = ("? help   q quit", "? help", "? help")  # where nothing can be ordered
 SEVERITY = {
-    Severity.CRITICAL: ("✖", BAD),
-    Severity.WARNING: ("▲", WARN),
-    Severity.NOTE: ("…", CALM),
+    AlarmSeverity.CRITICAL: ("✖", BAD),
+    AlarmSeverity.WARNING: ("▲", WARN),
+    AlarmSeverity.NOTE: ("…", CALM),
 }
 
 
@@ -167,4 +167,4 @@ def _alarm_style(worst: AlarmLine | None) -> Style:
     if worst.is_acknowledged:
         return theme.style(FAINT)
     _, colour = SEVERITY[worst.alarm.severity]
-    return theme.style(colour, bold=worst.alarm.severity > Severity.NOTE)
+    return theme.style(colour, bold=worst.alarm.severity > AlarmSeverity.NOTE)

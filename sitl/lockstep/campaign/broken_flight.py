@@ -41,7 +41,7 @@ class Breaking(NamedTuple):
     gap_s: float = 0.0  # from the first to the second
 
 
-class Flown(NamedTuple):
+class BrokenFlight(NamedTuple):
     """The outcome of one flight."""
 
     wrong: list[str]
@@ -90,7 +90,7 @@ def fly_broken(
     folder: Path | None = None,
     action_of: ActionOf = action_of_table,
     watch: Callable[[Lockstep], None] = lambda flight: None,
-) -> Flown:
+) -> BrokenFlight:
     """Fly a mission in which something breaks, and judge it.
 
     Args:
@@ -156,7 +156,7 @@ def fly_broken(
             wrong.append(f"{promised_m:g} m is promised: {free_m:.2f} m")
         if silenced_m < flight.config.fleet.body_diameter_m and not injection.is_falling:
             wrong.append(f"bodies touch: {silenced_m:.2f} m")
-    return Flown(
+    return BrokenFlight(
         wrong=wrong, seen=seen, smallest_m=(free_m, silenced_m, unflown_m), verdict=verdict
     )
 

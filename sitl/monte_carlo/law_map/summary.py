@@ -17,7 +17,7 @@ from sitl.monte_carlo.law_map.flights import MapRow
 from sitl.monte_carlo.results import upper_bound
 from sitl.monte_carlo.settings import setup_for
 
-Verdict = Literal["holds", "failed", "screened", "-"]
+CellVerdict = Literal["holds", "failed", "screened", "-"]
 COLUMNS = (
     "cell",
     "verdict",
@@ -58,7 +58,7 @@ def stages(cell: Cell, rows: MapRows) -> list[MapRow]:
     return [rows[cell.key, stage] for stage in range(len(STAGES)) if (cell.key, stage) in rows]
 
 
-def verdict(cell: MapCell) -> Verdict:
+def verdict(cell: MapCell) -> CellVerdict:
     """Return whether a cell holds, has failed, or was only screened."""
     if not cell.flights:
         return "-"

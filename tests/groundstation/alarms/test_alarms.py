@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from groundstation.alarms.alarm_table import TABLE, GroundCondition, Severity
+from groundstation.alarms.alarm_table import TABLE, AlarmSeverity, GroundCondition
 from groundstation.alarms.alarms import LINGER_S, MAX_OVER, Alarms, conditions, lasting
 from groundstation.fleet import state as fleet_state
 from groundstation.fleet.state import FleetState
@@ -62,7 +62,7 @@ def test_every_failsafe_condition_has_an_alarm_with_a_sentence_and_advice(
 ) -> None:
     assert TABLE[condition].sentence
     assert TABLE[condition].advice
-    assert TABLE[condition].in_flight > Severity.NOTE
+    assert TABLE[condition].in_flight > AlarmSeverity.NOTE
     ground.all_hear()
     ground.hear("mav1", conditions=(condition.value,))
     alarms = conditions(ground.state, ground.fleet, ground.now_ns)
@@ -122,9 +122,9 @@ def test_silence_is_critical_in_the_air_and_a_warning_on_the_ground(ground: Grou
         for alarm in conditions(ground.state, ground.fleet, ground.now_ns)
     }
     assert alarms == {
-        "mav0": Severity.CRITICAL,
-        "mav1": Severity.WARNING,
-        "mav2": Severity.CRITICAL,
+        "mav0": AlarmSeverity.CRITICAL,
+        "mav1": AlarmSeverity.WARNING,
+        "mav2": AlarmSeverity.CRITICAL,
     }
 
 
@@ -282,7 +282,10 @@ def test_a_kill_in_the_air_is_an_alarm_until_it_is_acknowledged(ground: Ground3)
     ground.all_hear(is_airborne=False)
     ground.update()
     (line,) = ground.alarms.lines
-    assert (line.alarm.kind, line.alarm.severity) == (GroundCondition.KILLED, Severity.CRITICAL)
+    assert (line.alarm.kind, line.alarm.severity) == (
+        GroundCondition.KILLED,
+        AlarmSeverity.CRITICAL,
+    )
     assert line.alarm.sentence == "mav1: Killed in the air by order of ann (from ground-1)"
 
 

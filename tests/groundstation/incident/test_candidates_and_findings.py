@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from groundstation.flights.changes import Change, Origin, changed
+from groundstation.flights.changes import Change, FlightOrigin, changed
 from groundstation.flights.simulation_settings import SimulationSettings
 from groundstation.incident.candidates import Candidate, candidates_of
 from groundstation.incident.findings import Trial, findings_of, sentences
@@ -14,15 +14,15 @@ PAPER = Path("configs/fleets/paper.toml").read_text()
 MISSION = Path("configs/missions/paper.toml").read_text()
 
 
-def origin(fleet: str = PAPER, mission: str = MISSION, **settings: object) -> Origin:
-    return Origin(
+def origin(fleet: str = PAPER, mission: str = MISSION, **settings: object) -> FlightOrigin:
+    return FlightOrigin(
         fleet_text=fleet,
         mission_text=mission,
         settings=SimulationSettings(mission_path="paper.toml", **settings),  # type: ignore[arg-type]
     )
 
 
-def causes(of: Origin) -> list[str]:
+def causes(of: FlightOrigin) -> list[str]:
     return [one.what for one in candidates_of(of) if one.kind == "cause"]
 
 

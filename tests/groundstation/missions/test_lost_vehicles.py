@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from groundstation.missions.conditions import Moment, any_of, battery_below, fails
+from groundstation.missions.conditions import FleetMoment, any_of, battery_below, fails
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.group import Group
 from onboard.config.fleet import FleetConfig
@@ -53,7 +53,7 @@ async def test_a_reaction_says_who_fails_and_all_means_the_others_until_it_flies
 async def test_several_conditions_name_those_who_fail(group: Group, bus: Any) -> None:
     bus.tell("mav2", state="failed", reason="PX4 has left OFFBOARD.")
     await asyncio.sleep(0.1)
-    moment = Moment(group.state, group.client.now_ns(), 0)
+    moment = FleetMoment(group.state, group.client.now_ns(), 0)
     both = any_of(battery_below(5.0), fails())
     assert both.lost(moment) == {"mav2": "failed, PX4 has left OFFBOARD"}
 

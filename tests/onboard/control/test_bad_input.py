@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from onboard.avoidance import interface, oist
-from onboard.avoidance.params import Fence
+from onboard.avoidance.params import Walls
 from onboard.avoidance.prediction import LARGEST
 from onboard.config.fleet import load_fleet
 from onboard.control import pipeline
@@ -157,7 +157,7 @@ def test_garbage_anywhere_is_bounded(seed):
         law = pipeline.pipeline_params(
             FLEET, "mav0", str(rng.choice(["covey", "covey", "paper", "off"]))
         ).law
-        params = law._replace(fence=Fence(-2.0, 2.0, -2.0, 2.0))
+        params = law._replace(fence=Walls(-2.0, 2.0, -2.0, 2.0))
         theirs = Litter(rng, rng.choice([0.0, 0.1, 1.0]))
         own = Litter(rng, rng.choice([0.0, 0.1, 0.5]))
         neighbours = [theirs.neighbour(index) for index in range(int(rng.integers(0, 6)))]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from onboard.avoidance.params import OPEN_FENCE, Fence
+from onboard.avoidance.params import OPEN_FENCE, Walls
 from onboard.config.fleet import load_fleet
 from onboard.control import pipeline
 from onboard.control.control_mode import ControlMode
@@ -16,7 +16,7 @@ from onboard.vectors import ZERO_3, Vec3
 
 FLEET = load_fleet("configs/fleets/paper.toml")
 FENCED = pipeline.pipeline_params(FLEET, "mav0")
-PARAMS = FENCED._replace(law=FENCED.law._replace(fence=Fence(*OPEN_FENCE)))
+PARAMS = FENCED._replace(law=FENCED.law._replace(fence=Walls(*OPEN_FENCE)))
 
 
 def vec(values):

@@ -8,10 +8,10 @@ import pytest
 
 from onboard.config.areas import Area
 from onboard.config.fleet import Geofence
-from onboard.safety.geofence import Fence, FenceStatus, fence_of
+from onboard.safety.geofence import FenceBox, FenceStatus, fence_of
 from tests.onboard.agent.rig import fleet
 
-ROOM = Fence((-4.0, -4.0, 0.0), (4.0, 4.0, 3.0), (2.0, 2.0, 4.0), reaction_s=0.2)
+ROOM = FenceBox((-4.0, -4.0, 0.0), (4.0, 4.0, 3.0), (2.0, 2.0, 4.0), reaction_s=0.2)
 INSIDE = FenceStatus(False, False, False)
 NEAR = FenceStatus(True, False, False)
 OUTSIDE = FenceStatus(False, True, False)

@@ -11,7 +11,7 @@ from multiprocessing import get_context
 
 import pytest
 
-from groundstation.missions.conditions import Moment, fails
+from groundstation.missions.conditions import FleetMoment, fails
 from sitl.lockstep.flight import GROUND
 from tests.sitl.lockstep.grounds import (
     GROUND_FAULTS,
@@ -91,11 +91,11 @@ def test_what_a_cut_ground_cannot_hear_fails_nobody(lockstep) -> None:
 
     for _ in range(100):
         flight.run(0.05)
-        moment = Moment(flight.state, flight.client.now_ns(), begin_ns)
+        moment = FleetMoment(flight.state, flight.client.now_ns(), begin_ns)
         assert not fails().holds(moment), fails().value(moment)
 
     flight.bus.heal()
     flight.run(8.0)
     flight.agents["mav1"].kill()
     flight.run(3.0)
-    assert fails().value(Moment(flight.state, flight.client.now_ns(), begin_ns)) == "mav1"
+    assert fails().value(FleetMoment(flight.state, flight.client.now_ns(), begin_ns)) == "mav1"
