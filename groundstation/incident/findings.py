@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from groundstation.incident.candidates import Candidate
+from groundstation.incident.candidates import Candidate, CandidateKind
 
 
 class Trial(NamedTuple):
@@ -25,23 +25,25 @@ class Trial(NamedTuple):
 class Findings(NamedTuple):
     """The changed flights, sorted by their outcome."""
 
-    causes: tuple[Trial, ...]  # without each of them the promise would have been kept; best first
-    defences: tuple[Trial, ...]  # with each of them it would have been kept all the same
-    others: tuple[Trial, ...]  # that would not have helped
+    causes: tuple[Trial, ...]  # things of the flight: without any one, the promise is kept
+    defences: tuple[Trial, ...]  # things that it lacked: with any one, the promise is kept
+    others: tuple[Trial, ...]  # the promise is not kept
 
 
 def findings_of(trials: Sequence[Trial], promise_m: float) -> Findings:
     """Sort trials by what they say.
 
-    Those that keep the promise come with the largest distance first. Of equal ones the likelier
-    comes first, which is the order of the candidates.
+    The trials that keep the promise are sorted by their smallest distance, the largest first.
+    Distances that differ by less than a decimetre count as equal; then the likelier change comes
+    first.
 
     Args:
-        trials: in the order of the candidates.
+        trials: of the candidates, the likeliest change first.
         promise_m: smallest distance that was promised.
     """
     keeping = [trial for trial in trials if trial.keeps(promise_m)]
     others = [trial for trial in trials if not trial.keeps(promise_m)]
+
     return Findings(
         causes=tuple(_best_first(keeping, "cause")),
         defences=tuple(_best_first(keeping, "defence")),
@@ -49,7 +51,7 @@ def findings_of(trials: Sequence[Trial], promise_m: float) -> Findings:
     )
 
 
-def _best_first(trials: Sequence[Trial], kind: str) -> list[Trial]:
+def _best_first(trials: Sequence[Trial], kind: CandidateKind) -> list[Trial]:
     of_kind = [trial for trial in trials if trial.candidate.kind == kind]
     return sorted(of_kind, key=lambda trial: -round(trial.min_separation_m, 1))
 
@@ -57,6 +59,7 @@ def _best_first(trials: Sequence[Trial], kind: str) -> list[Trial]:
 def sentences(findings: Findings) -> list[str]:
     """Return what follows from the findings, most important first."""
     lines = []
+
     for number, trial in enumerate(findings.causes, start=1):
         lines.append(
             f"{number}. The promise would have been kept {trial.candidate.what}:"

@@ -6,10 +6,12 @@ that the vehicle should have by now. The measured attitude is regressed on that 
 
     measured = gain (response - late rate) + bias        for x and y, with one gain and one late,
 
-where ``rate`` is the derivative of the response and ``late`` the time by which the vehicle is
-slower than configured. The unknowns theta = (gain, gain late, bias_x, bias_y) come from recursive
-least squares with a memory of half a minute. Ten samples a second are enough. ``covey identify``
-measures the same more accurately.
+where ``response`` is the model's acceleration, ``rate`` its derivative and ``late`` the time by
+which the vehicle is slower than configured. The equation is linear in the unknowns theta = (gain,
+gain late, bias_x, bias_y), so these come from least squares over the last half minute. Ten samples
+a second are enough. ``covey identify`` measures the same more accurately.
+
+In the code a is the response, r the rate and s what was measured, each along x and y.
 """
 
 from __future__ import annotations
@@ -27,13 +29,23 @@ from onboard.vectors import Vec3
 
 _FORGET_S = 30.0  # time constant of the memory
 _LEAST_S = 8.0  # of flight, before anything is said
-_ATTITUDE_AGE_S = 0.012  # PX4's attitude at 50-100 Hz over a link, when it is used
-_HOVER_SHARE = 0.12
-_SURE_S = 0.008  # largest standard deviation of the lag's error with which it is believed
+_ATTITUDE_AGE_S = 0.012  # of PX4's attitude when it is used: it comes at 50-100 Hz over a link
+_HOVER_SHARE = 0.12  # by which the hover throttle may differ from the file's
+_SURE_S = 0.008  # largest standard deviation with which a difference of the lag counts
 _CORRELATED_S = 0.5  # correlation time of the residuals
 _LEAST_GAIN = 0.3  # below it the commands do not explain the motion
-_LEAST_UP = 0.3  # of the body's up along the vertical
+_LEAST_UP = 0.3  # vertical part of the body's up, below which a sample is left out
 _LARGEST_CONDITION_NUMBER = 1e6
+
+
+class LagDifference(NamedTuple):
+    """By how much a vehicle responds more slowly than its file says."""
+
+    slower_s: float  # negative: it is quicker
+    std_s: float  # standard deviation of that; infinite while it is not known
+
+
+_UNKNOWN = LagDifference(0.0, math.inf)
 
 
 class ResponseMemory(NamedTuple):
@@ -73,14 +85,16 @@ def update(
     r_x, r_y, _ = rate_enu_m_s3
     up = body_up(quaternion_wxyz)
     is_finite = math.isfinite(a_x + a_y) and math.isfinite(r_x + r_y)
-    if not (is_finite and up.z > _LEAST_UP):
+    is_upright = up.z > _LEAST_UP
+    if not (is_finite and is_upright):
         return memory
 
-    # horizontal acceleration of a thrust along the body's up that carries the weight
+    # measured: horizontal acceleration of a thrust along the body's up that carries the weight
     s_x = GRAVITY_M_S2 * up.x / up.z
     s_y = GRAVITY_M_S2 * up.y / up.z
 
-    # sum of both axes' rows (a, -r, 1, 0) and (a, -r, 0, 1), times themselves and the measurement
+    # Each axis is a row of the regression: (a_x, -r_x, 1, 0) theta = s_x, and likewise for y. Both
+    # rows are added to the normal equations: their products with themselves, and with s.
     mixed = -(a_x * r_x + a_y * r_y)
     normal = np.array(
         (
@@ -101,39 +115,42 @@ def update(
     )
 
 
-def late_s(memory: ResponseMemory) -> tuple[float, float]:
+def lag_difference(memory: ResponseMemory) -> LagDifference:
     """Return by how much the vehicle is slower than configured, and how sure that is.
 
     Args:
         memory: of the flight so far.
     Returns:
-        the difference of the lag [s] and its standard deviation [s]; (0, inf) while there are too
-        few samples.
+        the difference of the lag; not known while there are too few samples, or commands too poor.
     """
     if memory.time_s < _LEAST_S:
-        return 0.0, math.inf
+        return _UNKNOWN
 
     # scaled to a unit diagonal, so that the condition number says whether the commands were rich
     scale = np.sqrt(np.maximum(np.diag(memory.normal), 1e-9))
     scales = np.outer(scale, scale)
     normal = memory.normal / scales
     if np.linalg.cond(normal) > _LARGEST_CONDITION_NUMBER:
-        return 0.0, math.inf
+        return _UNKNOWN
 
     inverse = np.linalg.inv(normal) / scales
     theta = inverse @ memory.right
     gain = theta[0]
     gain_late = theta[1]
     if gain < _LEAST_GAIN:
-        return 0.0, math.inf
+        return _UNKNOWN
 
     # each sample has two measurements: normal[2, 2] and normal[3, 3] both count the samples
-    count = memory.normal[2, 2] + memory.normal[3, 3]
-    variance = max(memory.energy - float(theta @ memory.right), 1e-9) / count
+    sample_count = memory.normal[2, 2]
+    measurement_count = sample_count + memory.normal[3, 3]
+    variance = max(memory.energy - float(theta @ memory.right), 1e-9) / measurement_count
+
     # samples within the correlation time say the same: so many of them count as one
-    alike = max(1.0, _CORRELATED_S * memory.normal[2, 2] / memory.time_s)
-    std_s = math.sqrt(alike * variance * inverse[1, 1]) / gain
-    return float(gain_late / gain) - _ATTITUDE_AGE_S, std_s
+    alike_count = max(1.0, _CORRELATED_S * sample_count / memory.time_s)
+    return LagDifference(
+        slower_s=float(gain_late / gain) - _ATTITUDE_AGE_S,
+        std_s=math.sqrt(alike_count * variance * inverse[1, 1]) / gain,
+    )
 
 
 def differences(
@@ -151,7 +168,7 @@ def differences(
     """
     sentences: dict[str, str] = {}
 
-    slower_s, std_s = late_s(memory)
+    slower_s, std_s = lag_difference(memory)
     if std_s < _SURE_S and abs(slower_s) - 2.0 * std_s > LAG_ERROR_S:
         direction = "later" if slower_s > 0.0 else "earlier"
         sentences["lag-differs"] = (

@@ -6,12 +6,15 @@ from sitl.mavlink.codec import Decoder, Encoder, MavlinkMessage
 from sitl.px4.commander import EmulatedPx4
 from sitl.px4.signing import KeyStore, LinkSigning
 
+_FLAGS_BYTE = 2  # of a frame of MAVLink 2: its incompat_flags
+_FLAG_SIGNED = 0x01  # MAVLINK_IFLAG_SIGNED
+
 
 class LinkKey:
     """Signing of one link.
 
     Args:
-        store: the vehicle's key, which may come by any of its links.
+        store: the vehicle's key, common to all of its links.
         link_id: number of the link.
         encoder: signs while there is a key.
         decoder: checks while there is a key.
@@ -25,7 +28,7 @@ class LinkKey:
         self.follow()
 
     def follow(self) -> None:
-        """Sign and check from now on if there is a key."""
+        """Sign and check from now on if there is a key; neither if there is none."""
         if self._store.key:
             self._encoder.is_signed = True
             self._decoder.takes = self._takes
@@ -34,14 +37,14 @@ class LinkKey:
             self._decoder.takes = None
 
     def signed(self, frames: list[bytes]) -> list[bytes]:
-        """Return frames as they leave, in this order."""
+        """Return frames as they leave the link: signed where there is a key."""
         if not self._store.key:
             return frames
 
         leaving: list[bytes] = []
         for frame in frames:
             # The flag of a frame says whether there was a key when it was made.
-            needs_signature = bool(frame[2] & 1)
+            needs_signature = bool(frame[_FLAGS_BYTE] & _FLAG_SIGNED)
             if needs_signature:
                 leaving.append(self._signing.sign(frame))
             else:
@@ -49,7 +52,7 @@ class LinkKey:
         return leaving
 
     def set_up(self, px4: EmulatedPx4, now_s: float, message: MavlinkMessage) -> None:
-        """Take a key, or none, as SETUP_SIGNING says."""
+        """Take the key of a SETUP_SIGNING; a blank one with timestamp 0 removes it."""
         if not px4.version.knows_signing:
             return
         if px4.is_armed:

@@ -54,7 +54,9 @@ def flown(
 def test_the_lateness_of_a_vehicle_is_measured_whatever_its_gain_and_bias(
     late_s: float, gain: float, lean_deg: float, dt_s: float
 ) -> None:
-    found, std = model_mismatch.late_s(flown(late_s, gain=gain, lean_deg=lean_deg, dt_s=dt_s))
+    found, std = model_mismatch.lag_difference(
+        flown(late_s, gain=gain, lean_deg=lean_deg, dt_s=dt_s)
+    )
     assert found == pytest.approx(late_s, abs=0.012)
     assert std < 0.008
 
@@ -69,12 +71,12 @@ def test_a_vehicle_as_its_file_says_gives_no_sentence_and_a_slow_one_says_what_t
 
 
 def test_nothing_is_said_before_there_was_anything_to_see() -> None:
-    assert model_mismatch.late_s(model_mismatch.initial()) == (0.0, math.inf)
+    assert model_mismatch.lag_difference(model_mismatch.initial()) == (0.0, math.inf)
     assert model_mismatch.differences(flown(0.2, seconds=4.0), 0.15, 0.7, 0.5) == {}
     still = model_mismatch.initial()
     for _ in range(1000):
         still = model_mismatch.update(still, ZERO_3, ZERO_3, (1.0, 0.0, 0.0, 0.0), DT_S)
-    assert model_mismatch.late_s(still)[1] == math.inf
+    assert model_mismatch.lag_difference(still)[1] == math.inf
 
 
 def test_bad_input_changes_nothing() -> None:
