@@ -67,14 +67,19 @@ from onboard.avoidance.projection import INACTIVE, RELAXED, Projection, project,
 from onboard.types import LawOutput, Neighbour, State
 from onboard.vectors import dot_2, length_2
 
-HELD_S = 3.0  # held so long, a vehicle calls for a roundabout
-ROUNDABOUT_S = 5.0  # for so long
+HELD_S = 3.0  # for which the law holds a vehicle back before it calls for a roundabout
+ROUNDABOUT_S = 5.0  # for which it calls for one
 
-# held: intends to go, and gets on with less than this share of it
+# A vehicle is held back when it intends to go faster than 0.2 m/s, and gets on with less than this
+# share of the intended speed.
 _HELD_INTENT_2_M2_S2 = 0.04
 _HELD_FRAC = 0.2
 
 _STANDING_M_S = 1e-6
+
+# the share of relaxed ticks is averaged: each tick of 20 ms counts for 0.07 of it
+_RELAXED_KEPT = 0.93
+_RELAXED_TICK_S = 0.02
 
 
 class LawMemory(NamedTuple):
@@ -82,7 +87,8 @@ class LawMemory(NamedTuple):
 
     commands: list[PastCommand]  # own past commands, newest first
     relaxed_share: float  # low-passed share of ticks whose hard rows had to be relaxed
-    # time for which the law has held the vehicle back; negative while it calls for a roundabout
+    # Time for which the law has held the vehicle back. While the vehicle calls for a roundabout it
+    # is negative: minus the time for which it goes on calling.
     held_s: float
     climb_share: float  # how fast a climb or descent may go on, from 0 to 1
     sink_limit_m_s: float  # how fast it may sink without poses; infinite without a bound
@@ -183,8 +189,8 @@ def step(
     is_held_by_neighbour = output.active_neighbour >= 0
     after = LawMemory(
         commands=remembered(memory.commands, output.commanded_acceleration_enu_m_s2, dt_s),
-        relaxed_share=relaxed_share(memory.relaxed_share, output.status, dt_s),
-        held_s=held(memory.held_s, own, is_held_by_neighbour, dt_s),
+        relaxed_share=next_relaxed_share(memory.relaxed_share, output.status, dt_s),
+        held_s=next_held_s(memory.held_s, own, is_held_by_neighbour, dt_s),
         climb_share=climb,
         sink_limit_m_s=sink_m_s,
     )
@@ -301,7 +307,9 @@ def nearest_thrust(
 
 
 def is_fleeing(own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane]) -> bool:
-    """Whether a neighbour that does not cooperate is near enough to matter: no speed is too high.
+    """Whether a neighbour that does not cooperate is near enough to matter.
+
+    Then the top speed does not count: the vehicle gets away as fast as it can.
 
     Args:
         own: this vehicle at t + L.
@@ -314,13 +322,13 @@ def is_fleeing(own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane]) -> b
     return False
 
 
-def held(held_s: float, own: Own, is_active: bool, dt_s: float) -> float:
+def next_held_s(held_s: float, own: Own, is_active: bool, dt_s: float) -> float:
     """Return the next ``LawMemory.held_s``.
 
-    It counts while the law keeps a vehicle that intends to go from getting on. Two parked
-    neighbours with a gap too narrow between them hold a vehicle for ever: each row asks for a turn
-    that the other forbids. Held for HELD_S it calls for a roundabout, which leads around both, for
-    ROUNDABOUT_S. DEVIATION D4.
+    It counts the time for which a vehicle intends to go and the law keeps it from getting on. Two
+    parked neighbours with a gap too narrow between them would hold a vehicle for ever: each row
+    asks for a turn that the other forbids. So after HELD_S the vehicle calls for a roundabout,
+    which leads around both, for ROUNDABOUT_S. DEVIATION D4.
 
     Args:
         held_s: of the last tick.
@@ -339,10 +347,12 @@ def held(held_s: float, own: Own, is_active: bool, dt_s: float) -> float:
         return 0.0
 
     count_s = held_s + dt_s
-    return -ROUNDABOUT_S if count_s >= HELD_S else count_s
+    if count_s >= HELD_S:
+        return -ROUNDABOUT_S
+    return count_s
 
 
-def relaxed_share(share: float, status: int, dt_s: float) -> float:
+def next_relaxed_share(share: float, status: int, dt_s: float) -> float:
     """Return the next ``LawMemory.relaxed_share`` (line G).
 
     Args:
@@ -350,6 +360,6 @@ def relaxed_share(share: float, status: int, dt_s: float) -> float:
         status: of the law at this tick.
         dt_s: length of the tick.
     """
-    blend = 1.0 - math.pow(0.93, dt_s / 0.02)  # 0.07 in 20 ms
+    blend = 1.0 - math.pow(_RELAXED_KEPT, dt_s / _RELAXED_TICK_S)
     relaxed = 1.0 if status == RELAXED else 0.0
     return share + blend * (relaxed - share)

@@ -27,7 +27,8 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     folder: str = "."
     # true: your own law may fly vehicles that are not emulated
     allow_own_law_on_real_vehicles: bool = False
-    # policies, each chosen by name; real vehicles take off only with all six at their defaults
+
+    # -- six policies, each chosen by name; real vehicles take off only with their defaults --
 
     # what share of a correction a vehicle takes
     responsibility: Literal["shortfall", "half", "full"] = "shortfall"
@@ -39,10 +40,12 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rotation: Literal["ahead", "violated", "never", "always"] = "ahead"
     direction: Literal["intent", "crowd", "pair", "fixed"] = "intent"  # to which side they turn
     jam: Literal["slow", "ignore"] = "slow"  # "slow": who stands in a jam gives way after a while
-    # neighbours
+
+    # -- neighbours --
+
     design_margin_m: float = 0.10  # kept beyond the safety distance
     lag_margin_m_s: float = 0.4  # more margin for each second of a vehicle's lag beyond QUICK_LAG_S
-    uncooperative_margin_m: float = 0.05  # more of it beside a vehicle that does not avoid
+    uncooperative_margin_m: float = 0.05  # more margin beside a vehicle that does not avoid
     accuracy_time_s: float = 3.0  # over which the errors of positions are averaged
     kappa_1_1_s: float = 4.0  # how late a vehicle may brake: distance rows, first gain
     kappa_2_1_s: float = 8.0  # distance rows, second gain
@@ -58,12 +61,17 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rotation_fade_m_s2: float = 2.0
     max_neighbours: int = 12  # the nearest of them are avoided
     range_m: float = 8.0  # neighbours farther away are not looked at
-    # obstacles, geofence and speed
+
+    # -- obstacles, geofence and speed --
+
     obstacle_margin_m: float = 0.20  # kept from obstacles beside half a body
     fence_margin_m: float = 0.05  # kept from the fence
-    # of its top speed may a vehicle fly while it avoids, unless the promise is at stake
+    # share of its top speed that a vehicle may fly while it avoids; where the safety distance is at
+    # stake it may fly faster
     avoid_speed_frac: float = 1.25
-    # the paper's law, (5)-(22)
+
+    # -- the paper's law, (5)-(22) --
+
     paper_kappa_1_1_s: float = 2.0  # of (5) to (9)
     paper_kappa_2_1_s: float = 2.0  # of (5) to (9)
     paper_kappa_3_1_s: float = 1.5  # of (5) to (9)
@@ -82,7 +90,8 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def built_in(self) -> BuiltInLaw:
         """Covey's law of that name.
 
-        Beside a law of somebody's own, Covey's is computed, and takes over from it.
+        Beside a law of somebody's own it is ``covey``, which is computed as well: it takes over
+        where that law fails.
         """
         for name in BUILT_IN:
             if name == self.name:

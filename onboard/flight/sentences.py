@@ -29,7 +29,9 @@ NO_LIFTOFF = (
 
 def killed(flight: FlightContext, view: FlightView) -> str:
     """Return the reason of a killed vehicle's state."""
-    author = "" if flight.order is None else flight.order.author
+    author = ""
+    if flight.order is not None:
+        author = flight.order.author
     return f"Killed by order of {author}."
 
 
@@ -43,8 +45,10 @@ def killed_in_the_air(flight: FlightContext, view: FlightView) -> str:
 
 
 def ordered_or_killed(flight: FlightContext, view: FlightView) -> str:
-    """Return the reason of a landing by order: after a kill, the kill goes on being it."""
-    return flight.reason if flight.was_killed else "ordered"
+    """Return the reason of a landing by order; a kill before it stays the reason."""
+    if flight.was_killed:
+        return flight.reason
+    return "ordered"
 
 
 def falls_by_kill(flight: FlightContext, view: FlightView) -> str:
@@ -87,19 +91,23 @@ def has_stand_in(name: str, other: str) -> str:
 
 def not_rebooted(flight: FlightContext, view: FlightView) -> str:
     """Return the reason why an order to reboot has not been confirmed, with PX4's own words."""
-    has_spoken = view.snapshot.status_text_ns > flight.step_ns
-    words = view.snapshot.status_text if has_spoken else ""
     sentence = f"PX4's clock has not begun anew within {REBOOT_TIMEOUT_S:.0f} s."
     if view.snapshot.heartbeat_ns <= flight.step_ns:
         sentence = f"PX4 has not been heard again within {REBOOT_TIMEOUT_S:.0f} s."
-    return f"{sentence} {words}".strip()
+    return f"{sentence} {_px4_words(flight, view)}".strip()
 
 
 def not_armed(flight: FlightContext, view: FlightView) -> str:
     """Return the reason why PX4 did not arm, with its own words if it has said any since."""
-    has_spoken = view.snapshot.status_text_ns > flight.step_ns
-    px4_words = view.snapshot.status_text if has_spoken else ""
-    return f"PX4 did not arm within {CONFIRM_TIMEOUT_S:.0f} s. {px4_words}".strip()
+    sentence = f"PX4 did not arm within {CONFIRM_TIMEOUT_S:.0f} s."
+    return f"{sentence} {_px4_words(flight, view)}".strip()
+
+
+def _px4_words(flight: FlightContext, view: FlightView) -> str:
+    """Return PX4's newest own words; empty where it has said nothing since the step began."""
+    if view.snapshot.status_text_ns > flight.step_ns:
+        return view.snapshot.status_text
+    return ""
 
 
 def at_height(flight: FlightContext, view: FlightView) -> str:

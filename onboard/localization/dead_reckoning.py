@@ -1,13 +1,16 @@
 """Dead reckoning of the own motion while no pose comes.
 
-It goes on by attitude and throttle. Its height and vertical speed follow PX4's, which measures them
-by accelerometers and a barometer: the throttle that hovers may not be learned yet, as in a climb,
-and without PX4's speed a throttle wrong by 4 % makes a descent slower by 0.3 m/s. PX4's horizontal
-estimate is worth less: real ones were wrong by 1 to 2.3 m three to four seconds after their last
-pose, this one by 0.09 m after two seconds and by 0.35 m after three (medians).
+Horizontally the estimate goes on by attitude and throttle alone. PX4's own horizontal estimate is
+worth less: real ones were wrong by 1 to 2.3 m three to four seconds after their last pose, this one
+by 0.09 m after two seconds and by 0.35 m after three (medians).
 
-What attitude and throttle do not explain (the bias) is taken as its mean over the last seconds. Its
-newest value, which noise takes up to 1.3 m/s^2, cost 1.5 m/s after two seconds.
+Height and vertical speed follow PX4's, which measures them by accelerometers and a barometer. The
+throttle does not suffice for them: the throttle that hovers may not be learned yet, as in a climb,
+and 4 % of error in it make a descent slower by 0.3 m/s.
+
+The acceleration that attitude and throttle do not explain (the bias) is taken to be its mean over
+the last seconds. Its newest value would not do: noise takes it up to 1.3 m/s^2, which cost 1.5 m/s
+after two seconds.
 """
 
 from __future__ import annotations
@@ -21,16 +24,16 @@ from onboard.safety.limits import POSITION_STALE_S
 from onboard.vectors import ZERO_3, Vec3, add_scaled, bounded, subtract
 
 _MEAN_TIME_S = 2.0  # time constant of the mean bias
-# so much of what differs from the mean counts for it: a jump of the poses is no wind
+# largest difference that counts for the mean: what is larger comes from a jump of the poses
 _LARGEST_MISS_M_S2 = 0.8
 _HEIGHT_RAD_S = 3.0  # bandwidth of following PX4's height
 _CLIMB_RAD_S = 6.0  # and its vertical speed
 
-# By how much the published accuracy of the position grows: without a step, up to what was flown
-# with real PX4s and did no harm.
+# By how much the published standard deviation of the position grows: steadily, up to a bound that
+# was flown with real PX4s and did no harm.
 _STD_M_S = 0.05
-_LARGEST_STD_M = 0.04
-_LARGEST_STD_M_S = 0.03
+_LARGEST_STD_M = 0.04  # the bound at the last sample
+_LARGEST_STD_M_S = 0.03  # and by how much it grows
 
 
 class VerticalMotion(NamedTuple):
@@ -46,10 +49,10 @@ class DeadReckoning:
 
     is_on: bool = False  # no sample for so long that the estimate rests on dead reckoning
 
-    # Standard deviations of position [m] and velocity [m/s]: those of the last sample, and the
-    # position's grows steadily from there. Without growth vehicles that lost their poses at 2.5 m
-    # came nearer to each other. As fast as the error really grows it made the law command 10 m/s^2,
-    # which did more harm than the error.
+    # Standard deviations of position [m] and velocity [m/s] for the others. They are those of the
+    # last sample; from there the position's grows steadily. Without growth, vehicles that lost
+    # their poses at 2.5 m came nearer to each other. With a growth as fast as the error's, the law
+    # commanded 10 m/s^2, which did more harm than the error.
     std: tuple[float, float] = (0.0, 0.0)
 
     _mean_bias_m_s2: Vec3 = ZERO_3
@@ -62,7 +65,7 @@ class DeadReckoning:
         dt_s: float,
         is_on_ground: bool,
     ) -> KalmanMemory:
-        """Return the filter's memory; without samples for long as dead reckoning has it.
+        """Return the filter's memory, corrected where there have been no samples for long.
 
         Args:
             memory: driven to now.
@@ -88,14 +91,15 @@ class DeadReckoning:
         position = memory.position_enu_m
         velocity = memory.velocity_enu_m_s
 
-        # At first, as if the mean had acted in place of the newest bias since the last sample.
+        # At the begin: as if the mean had acted since the last sample, in place of the newest bias.
         if not self.is_on:
             self.is_on = True
             change = subtract(mean_bias, memory.bias_enu_m_s2)
             position = add_scaled(position, 0.5 * age_s * age_s, change)
             velocity = add_scaled(velocity, age_s, change)
 
-        # Twice the gain in position: by the height alone it would be a critically damped filter.
+        # The gains of the height alone, twice the bandwidth and its square, are those of a
+        # critically damped filter; the vertical speed comes on top.
         if vertical is not None:
             lift_m = _HEIGHT_RAD_S * dt_s * (vertical.height_m - position.z)
             faster_m_s = _CLIMB_RAD_S * dt_s * (vertical.climbing_m_s - velocity.z)

@@ -24,7 +24,8 @@ from onboard.frames import enu_from_ned
 from onboard.localization.dead_reckoning import VerticalMotion
 from onboard.safety.limits import LOCAL_POSITION_FRESH_S
 
-# A jump is what is farther from the expected motion than this, and than an acceleration explains.
+# A position farther from the expected motion than this much, and what an acceleration adds, has
+# jumped.
 _JUMP_M = 0.3
 _JUMP_M_S2 = 3.0
 
@@ -63,18 +64,20 @@ class LocalFrame:
         last = self._last
         self._last = local
 
-        self._has_flown = self._has_flown or snapshot.is_armed
+        if snapshot.is_armed:
+            self._has_flown = True
         is_parked = not snapshot.is_armed and snapshot.landed is Landed.ON_GROUND
 
         anchored_m = self._anchored_offset_m(local.position_m, snapshot)
         if anchored_m is None:
             return None
 
-        is_horizontal_known = self.origin is not None or not self._has_flown
-        if self._offset_enu_m is None or (is_parked and is_horizontal_known):
+        # without an origin on Earth the spot is known until the first flight ends elsewhere
+        is_spot_known = self.origin is not None or not self._has_flown
+        if self._offset_enu_m is None or (is_parked and is_spot_known):
             self._offset_enu_m = anchored_m
         elif is_parked:
-            # landed elsewhere than it started: only the height of the ground is known
+            # only the height of the ground is known
             self._offset_enu_m = (self._offset_enu_m[0], self._offset_enu_m[1], anchored_m[2])
         elif last is not None:
             self._offset_enu_m = self._absorbed_m(self._offset_enu_m, last, local, anchored_m)
@@ -130,7 +133,7 @@ class LocalFrame:
             local: the newest one.
             anchored_m: the offset by the origins on Earth, horizontally.
         """
-        x, y, z = offset_m
+        x, y, z = offset_m  # the offset that is returned, step by step
         dt_s = (local.stamp_ns - last.stamp_ns) * 1e-9
 
         jump_m = tuple(
@@ -147,6 +150,7 @@ class LocalFrame:
             y = y - jump_m[1]
             z = z - jump_m[2]
 
+        # go back to the right offset, slowly
         if self.origin is not None:
             miss_m = math.hypot(anchored_m[0] - x, anchored_m[1] - y)
             share = 0.0

@@ -3,12 +3,12 @@
 Three signs, each of its own: the wind that is estimated, the disturbance observer at its bound, and
 gusts that push a vehicle about. The first needs a drag; the other two do not.
 
-The limit is one of the mean wind. The estimate is a mean over two seconds, which gusts move: it is
-above the limit only where gusts that belong to the limit do not explain it.
+The limit is a limit of the mean wind. The estimate is a mean over two seconds, and gusts move it.
+So the wind counts as above its limit only where the estimate is higher than such gusts explain.
 
-A wind that rises is three seconds ahead of its mean, a landing takes three more, and the rise
-itself is seen late. So it counts as if it went on for eight seconds: where it would take nearly all
-of the tilt, the wind is above.
+A rising wind is judged by what it will be. The estimate is three seconds behind it, a landing takes
+three more, and the rise itself is seen late. So the wind is taken to rise on for eight seconds.
+Where it would then need nearly all of the tilt, it counts as above its limit now.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from onboard.safety.gust_margin import gust_margin_m
 from onboard.supervision.tick_context import TickContext
 
 _LOOK_S = 0.1  # from one look to the next
-_RISE_S = 6.0  # over which a rise of the mean is taken
-_GOES_ON_S = 8.0
-_SPENT_SHARE = 0.9  # of the wind that takes all of the tilt
+_RISE_S = 6.0  # over which a rise of the mean is measured
+_GOES_ON_S = 8.0  # for which a rise is taken to go on
+_SPENT_SHARE = 0.9  # of the wind that takes all of the tilt: so much is too much
 _SCATTER_TIME_S = 2.0  # over which the square of the scatter is averaged
 _AT_BOUND_SHARE = 0.99  # of the observer's bound
 
@@ -48,8 +48,8 @@ class WindFacts:
     limit_m_s: float = math.nan  # NaN: not known
     is_near: bool = False
     is_above: bool = False
-    is_rising: bool = False  # so that it takes all of the tilt soon
-    is_at_bound: bool = False  # the disturbance observer
+    is_rising: bool = False  # so fast that it soon takes all of the tilt
+    is_at_bound: bool = False  # the disturbance observer has reached its bound
     gust_m_s2: float = 0.0  # standard deviation of the gusts, per axis
     scatter_m: float = 0.0  # of the position about its setpoint in hover
     is_pushed_about: bool = False
@@ -57,10 +57,10 @@ class WindFacts:
     @property
     def words(self) -> str:
         """Wind and limit, for people."""
-        rising = ""
+        rising_words = ""
         if self.is_rising:
-            rising = " and rising fast"
-        return f"{self.speed_m_s:.1f} m/s{rising}, its limit is {self.limit_m_s:.1f} m/s"
+            rising_words = " and rising fast"
+        return f"{self.speed_m_s:.1f} m/s{rising_words}, its limit is {self.limit_m_s:.1f} m/s"
 
     @property
     def gust_words(self) -> str:
@@ -69,7 +69,10 @@ class WindFacts:
 
 
 class WindMonitor:
-    """Memory of one vehicle; call :meth:`update` at every tick, and :meth:`reset` on the ground.
+    """Memory of one vehicle.
+
+    Call :meth:`update` at every tick of a hover, :meth:`look` ten times a second, and :meth:`reset`
+    on the ground.
 
     Args:
         fleet: the fleet file.
@@ -82,18 +85,19 @@ class WindMonitor:
         self._law = fleet.law
         self._lag_s = vehicle.lag_s
         self._largest_gust_m_s2 = _GUST_SHARE * tilt_acceleration_m_s2(vehicle)
-        self._square_m2 = 0.0  # mean of the squared distance from the setpoint
 
-        self._too_much_m_s = math.inf  # the wind that nearly all of the tilt stands
+        self._too_much_m_s = math.inf  # the wind that takes nearly all of the tilt
         if vehicle.drag_1_s > 0.0:
-            by_tilt_m_s = tilt_acceleration_m_s2(vehicle) / vehicle.drag_1_s
-            self._too_much_m_s = _SPENT_SHARE * by_tilt_m_s
-        self._earlier_enu_m_s = (0.0, 0.0)  # the mean wind, later by the time of a rise
-        self._looks = 0  # at a wind that is known
+            full_tilt_wind_m_s = tilt_acceleration_m_s2(vehicle) / vehicle.drag_1_s
+            self._too_much_m_s = _SPENT_SHARE * full_tilt_wind_m_s
+
+        self._mean_square_m2 = 0.0  # of the distance from the setpoint in hover
+        self._earlier_enu_m_s = (0.0, 0.0)  # the wind as it was about _RISE_S ago
+        self._looks = 0  # on end, at a wind that is known
 
     def reset(self) -> None:
         """Forget the hover."""
-        self._square_m2 = 0.0
+        self._mean_square_m2 = 0.0
 
     def update(self, context: TickContext, dt_s: float) -> None:
         """Take one tick of a hover."""
@@ -101,16 +105,20 @@ class WindMonitor:
         if context.is_law_active or not math.isfinite(square_m2):
             return
         blend = min(1.0, dt_s / _SCATTER_TIME_S)
-        self._square_m2 += blend * (square_m2 - self._square_m2)
+        self._mean_square_m2 += blend * (square_m2 - self._mean_square_m2)
 
     def look(self, own: OwnState, context: TickContext) -> WindFacts:
         """Return the facts of now."""
         speed_m_s = math.hypot(*own.wind_enu_m_s)
+        self._remember(own.wind_enu_m_s)
         is_rising = self._soon_m_s(own.wind_enu_m_s) > self._too_much_m_s
-        scatter_m = math.sqrt(self._square_m2)
-        push = context.disturbance_enu_m_s2
+
         gust_m_s2 = own.gust_m_s2
+        scatter_m = math.sqrt(self._mean_square_m2)
         is_scattered = gust_m_s2 > COVERED_M_S2 and scatter_m > self._margin_m(gust_m_s2)
+
+        push_east_m_s2, push_north_m_s2, _ = context.disturbance_enu_m_s2
+        largest_push_axis_m_s2 = max(abs(push_east_m_s2), abs(push_north_m_s2))
 
         # comparisons with what is not known are false
         return WindFacts(
@@ -119,18 +127,18 @@ class WindMonitor:
             is_near=speed_m_s > self._limit_m_s,
             is_above=is_rising or speed_m_s > GUSTY * self._limit_m_s,
             is_rising=is_rising,
-            is_at_bound=max(abs(push[0]), abs(push[1])) > self._bound_m_s2,
+            is_at_bound=largest_push_axis_m_s2 > self._bound_m_s2,
             gust_m_s2=gust_m_s2,
             scatter_m=scatter_m,
             is_pushed_about=is_scattered or gust_m_s2 > self._largest_gust_m_s2,
         )
 
-    def _soon_m_s(self, wind_enu_m_s: tuple[float, float]) -> float:
-        """Return the wind if it goes on rising as it did; NaN while it is not known."""
+    def _remember(self, wind_enu_m_s: tuple[float, float]) -> None:
+        """Let the earlier wind follow the wind of now; forget it where the wind is not known."""
         east_m_s, north_m_s = wind_enu_m_s
         if not math.isfinite(east_m_s + north_m_s):
             self._looks = 0
-            return math.nan
+            return
 
         # a plain mean at first
         self._looks += 1
@@ -139,6 +147,14 @@ class WindMonitor:
         east_before_m_s += blend * (east_m_s - east_before_m_s)
         north_before_m_s += blend * (north_m_s - north_before_m_s)
         self._earlier_enu_m_s = (east_before_m_s, north_before_m_s)
+
+    def _soon_m_s(self, wind_enu_m_s: tuple[float, float]) -> float:
+        """Return the wind if it goes on rising as it did; NaN while it is not known."""
+        if self._looks == 0:
+            return math.nan
+
+        east_m_s, north_m_s = wind_enu_m_s
+        east_before_m_s, north_before_m_s = self._earlier_enu_m_s
 
         share = _GOES_ON_S / _RISE_S
         east_soon_m_s = east_m_s + share * (east_m_s - east_before_m_s)
