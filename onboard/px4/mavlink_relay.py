@@ -1,8 +1,8 @@
 """The relay between an agent and its PX4.
 
-It signs what leaves, and lets in what this PX4 has sent and nobody else. A thread receives; it
-stands in the agent's process and ends with it. Nothing is kept to be sent later or once more: a
-packet leaves in the call that made it, or never.
+It signs the packets that leave, and lets in only packets that this PX4 has sent. A thread receives
+them; it belongs to the agent's process and ends with it. No packet is kept to be sent later or once
+more: it leaves in the call that made it, or never.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from onboard.px4.transport import Address, Transport, open_transport
 from onboard.security.mavlink_key import signing_time
 
 _HEARTBEAT = 0
-_ANOTHER_NS = 3_000_000_000  # PX4's address is another one only after so long a silence
-_GREET_NS = 900_000_000  # at least, between two greetings
+_ANOTHER_NS = 3_000_000_000  # of silence, after which PX4 may send from another address
+_GREET_NS = 900_000_000  # from one greeting to the next, at least
 _GREETING = bytes((0, 0, 0, 0, 18, 8, 0, 4, 3))  # HEARTBEAT of an onboard controller
 
 # what is counted for a signature that is not right: a field of ``Refused``
@@ -143,20 +143,24 @@ class MavlinkRelay:
         self._rest = b""
 
         while whole:
-            left = 0  # bytes at the end that are no whole packet; negative if they never become one
+            left_bytes = 0  # at the end, as :func:`cut` counts them
             for packet in cut(whole):
                 if isinstance(packet, Packet):
                     self._judge(packet, address)
                 else:
-                    left = packet
+                    left_bytes = packet
+            begins_a_packet = left_bytes > 0
+            is_junk = left_bytes < 0
 
-            if left > 0 and is_cable:
-                self._rest = whole[-left:]
-            elif left != 0:
+            # the rest of a packet comes over a cable later, in a datagram never
+            if begins_a_packet and is_cable:
+                self._rest = whole[-left_bytes:]
+            elif begins_a_packet or is_junk:
                 self._refuse("malformed", address)
 
-            if left < 0 and is_cable:
-                whole = _from_next_magic(whole[left:])
+            # behind junk on a cable more packets may follow
+            if is_junk and is_cable:
+                whole = _from_next_magic(whole[left_bytes:])
             else:
                 whole = b""
 
@@ -165,6 +169,7 @@ class MavlinkRelay:
         if not is_read(packet.number):
             return
 
+        # of another vehicle, or of another component of this one
         if packet.component_id != AUTOPILOT_COMPONENT or packet.system_id != self._ids.system:
             if packet.number == _HEARTBEAT and packet.component_id == AUTOPILOT_COMPONENT:
                 self.other_system_id = packet.system_id
@@ -186,7 +191,10 @@ class MavlinkRelay:
             self._on_packet(packet)
 
     def _is_fresh(self, packet: Packet, address: Address | None) -> bool:
-        """Whether the signature is right, where packets are signed; counts a wrong one."""
+        """Whether a packet may be taken: where packets are signed, whether its signature is right.
+
+        A wrong one is counted.
+        """
         if self._signer is None:
             return True
 
@@ -197,7 +205,7 @@ class MavlinkRelay:
             return True
 
         self._refuse(_BY_VERDICT[verdict], address)
-        # after its start PX4's timestamps are old until it has heard somebody's
+        # After a start PX4's timestamps are old until it has heard those of another system.
         if verdict is SignatureVerdict.OLD:
             self._greet(address)
         return False
@@ -221,7 +229,7 @@ class MavlinkRelay:
 
 
 def _from_next_magic(data: bytes) -> bytes:
-    """Return what may begin with a packet, of bytes that do not."""
+    """Return the bytes from the next one at which a packet may begin; empty where there is none."""
     indices = (data.find(b"\xfd", 1), data.find(b"\xfe", 1))
     begins = [index for index in indices if index > 0]
     if not begins:

@@ -1,8 +1,8 @@
 """``covey corrections``: one process that reads the source and publishes its frames on the bus.
 
-Each frame crosses each link once. What is no frame, or has a wrong checksum, is counted and goes
-nowhere. A source that ends is opened again, later each time; one that has refused is asked once a
-minute only, since casters shut out who asks too often.
+Each frame crosses each link once. Bytes that are no frame, and frames with a wrong checksum, are
+counted and dropped. A source that ends is opened again, after a pause that grows each time. A
+source that has refused is opened once a minute only, since casters shut out who asks too often.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ from onboard.security.node_roles import NodeRole
 NODE = NodeRole.CORRECTIONS.value
 NAME = "base"  # under which frames are published
 
-MOST_BYTES_S = 6000.0  # of frames that are passed on; a base sends a kilobyte
-_FIRST_PAUSE_S = 1.0  # before a source is opened again
-_LONGEST_PAUSE_S = 30.0
-_REFUSED_PAUSE_S = 60.0
+MOST_BYTES_S = 6000.0  # of frames that are passed on; a base sends a kilobyte each second
+_FIRST_PAUSE_S = 1.0  # before a source that has ended is opened again
+_LONGEST_PAUSE_S = 30.0  # to which that pause grows
+_REFUSED_PAUSE_S = 60.0  # before a source that has refused is opened again
 _TELEMETRY_S = 3.0  # age up to which a vehicle's fix is shown
 
 OpenSource = Callable[[], AsyncIterator[bytes]]
@@ -82,14 +82,16 @@ class CorrectionsRelay:
 
         self.publisher = FramePublisher(self._bus)
         self._watch = BaseWatch(corrections)
-        self._numbers: Counter[int] = Counter()  # messages since the last report
         self._cutter = FrameCutter()
-        self._reported = (0, 0, 0)  # bad checksums, skipped bytes and dropped frames told of
-        self._too_long = 0  # bytes of the newest frame that no PX4 can be given
-        self._observed_s = -math.inf  # when the newest observations came
+        self._problem = ""  # of the source, as it was said last
         self._has_frame = False
-        self._problem = ""  # of the source, as told last
-        # vehicle -> telemetry and arrival
+        self._observed_s = -math.inf  # when the newest observations came
+
+        # what the next report says
+        self._counts: Counter[int] = Counter()  # number of a message -> how many since the last one
+        self._reported = (0, 0, 0)  # bad checksums, skipped bytes, dropped frames at the last one
+        self._too_long_bytes = 0  # of the newest frame that no PX4 can be given; 0: none
+        # vehicle -> its newest telemetry, and when it came
         self._vehicles: dict[str, tuple[Telemetry, float]] = {}
 
     async def run(self, *, seconds: float | None, every_s: float, stopped: asyncio.Event) -> int:
@@ -103,6 +105,7 @@ class CorrectionsRelay:
             self._bus.start()
         reading = asyncio.create_task(self._read())
         beating = asyncio.create_task(self._beat())
+
         try:
             self._say(
                 f"corrections: {words_of(self._corrections)} -> bus "
@@ -144,12 +147,14 @@ class CorrectionsRelay:
                 self._tell_problem(str(error))
                 if error.is_refusal:
                     pause_s = _REFUSED_PAUSE_S
+
             self._cutter = self._fresh_cutter()
             await asyncio.sleep(pause_s)
-            pause_s = min(2.0 * pause_s, max(_LONGEST_PAUSE_S, pause_s))
+            if pause_s < _LONGEST_PAUSE_S:
+                pause_s = min(2.0 * pause_s, _LONGEST_PAUSE_S)
 
     def _fresh_cutter(self) -> FrameCutter:
-        """Return a cutter for the next connection, whose counts go on."""
+        """Return a cutter for the next connection, which goes on counting where this one ends."""
         cutter = FrameCutter()
         cutter.bad_checksums = self._cutter.bad_checksums
         cutter.skipped_bytes = self._cutter.skipped_bytes
@@ -165,22 +170,24 @@ class CorrectionsRelay:
         now_ns = time.monotonic_ns()
         frames = self._cutter.feed(data)
         for frame in frames:
-            self._note(frame, now_ns)
+            self._note_frame(frame, now_ns)
             self.publisher.publish(frame, now_ns)
         return bool(frames)
 
-    def _note(self, frame: bytes, now_ns: int) -> None:
+    def _note_frame(self, frame: bytes, now_ns: int) -> None:
         """Keep what the report says of a frame."""
         self._has_frame = True
         number = rtcm.number_of(frame)
-        self._numbers[number] += 1
+        self._counts[number] += 1
+
         if rtcm.is_observation(number):
             self._observed_s = now_ns * 1e-9
         if rtcm.is_for_receivers(number) and len(frame) > MOST_BYTES:
-            self._too_long = len(frame)
+            self._too_long_bytes = len(frame)
+
         position = rtcm.base_of(frame)
         if position is not None:
-            # The node flies nothing: a base may move, and the report says where it is.
+            # As for a vehicle on the ground: the report says where the base is, also after a move.
             self._watch.hear(position, now_ns, is_on_ground=True)
 
     async def _beat(self) -> None:
@@ -188,6 +195,7 @@ class CorrectionsRelay:
         if self._bus is None:
             return
         self._bus.collect(Topic.SLOW_TELEMETRY, "*", self._telemetry_received)
+
         clock = ClockNode(self._bus)
         clock.start()
         while True:
@@ -216,19 +224,22 @@ class CorrectionsRelay:
         """
         began_s = time.monotonic()
         while True:
-            left_s = every_s
+            wait_s = every_s
             if seconds is not None:
-                left_s = min(every_s, began_s + seconds - time.monotonic())
-            waiting = asyncio.create_task(stopped.wait())
+                wait_s = min(every_s, began_s + seconds - time.monotonic())
+
+            stopping = asyncio.create_task(stopped.wait())
             done, _ = await asyncio.wait(
-                (waiting, reading),
-                timeout=max(0.0, left_s),
+                (stopping, reading),
+                timeout=max(0.0, wait_s),
                 return_when=asyncio.FIRST_COMPLETED,
             )
-            waiting.cancel()
+            stopping.cancel()
+
+            # the reading ends by an error only, which is raised here
             if reading in done:
                 reading.result()
-            if waiting in done:
+            if stopping in done:
                 return
 
             for line in self.report(every_s):
@@ -242,9 +253,9 @@ class CorrectionsRelay:
         Args:
             period_s: since the last one.
         """
-        count = sum(self._numbers.values())
-        kinds = " ".join(str(number) for number in sorted(self._numbers))
-        self._numbers.clear()
+        count = sum(self._counts.values())
+        kinds = " ".join(str(number) for number in sorted(self._counts))
+        self._counts.clear()
         lines = [
             f"{time.strftime('%H:%M:%S')} {self._base_words()}; {count / period_s:.1f} messages/s "
             f"({kinds or 'none'})"
@@ -255,13 +266,13 @@ class CorrectionsRelay:
             lines.append(
                 f"  ! The base {judgement.words}: no vehicle gives its corrections to PX4."
             )
-        if self._too_long:
+        if self._too_long_bytes:
             lines.append(
-                f"  ! A message has {self._too_long} bytes, and {MOST_BYTES} fit into four "
+                f"  ! A message has {self._too_long_bytes} bytes, and {MOST_BYTES} fit into four "
                 "fragments of MAVLink: no vehicle gives it to PX4. Let the base send MSM4 instead "
                 "of MSM7, or fewer systems."
             )
-            self._too_long = 0
+            self._too_long_bytes = 0
         lines += self._damage_words()
 
         now_s = time.monotonic()
@@ -320,8 +331,8 @@ class FramePublisher:
         self._bus = bus
         self._boot_id = secrets.randbits(31)
         self._sequence = 0
-        self._room_bytes = MOST_BYTES_S  # that may be sent now
-        self._last_ns: int | None = None
+        self._room_bytes = MOST_BYTES_S  # that may be sent now; it grows back to this
+        self._last_ns: int | None = None  # when a frame came last
 
     def publish(self, frame: bytes, now_ns: int) -> None:
         """Publish a frame, unless too much has been published lately; never blocks.
@@ -330,9 +341,12 @@ class FramePublisher:
             frame: a whole one, its checksum right.
             now_ns: this computer's monotonic clock.
         """
-        since_ns = 0 if self._last_ns is None else now_ns - self._last_ns
+        since_s = 0.0
+        if self._last_ns is not None:
+            since_s = (now_ns - self._last_ns) * 1e-9
         self._last_ns = now_ns
-        self._room_bytes = min(MOST_BYTES_S, self._room_bytes + MOST_BYTES_S * since_ns * 1e-9)
+
+        self._room_bytes = min(MOST_BYTES_S, self._room_bytes + MOST_BYTES_S * since_s)
         if len(frame) > self._room_bytes:
             self.dropped += 1
             return
