@@ -11,7 +11,7 @@ from onboard.config.fleet import ConfigError
 from onboard.safety.failsafe_table import Condition
 
 CONNECT_S = 3.0  # until the vehicles are heard
-# with which a position is worth nothing
+# the position of a vehicle for which one of these holds is not good enough
 _POOR = (
     Condition.POSITION_STALE,
     Condition.POSITION_LOST,
@@ -47,6 +47,7 @@ async def standing_positions(
             if telemetry is None or newest.get(name) == telemetry.sequence:
                 continue
             newest[name] = telemetry.sequence
+
             refusal = _refusal(telemetry)
             if refusal:
                 refusals.append(refusal)
@@ -79,8 +80,12 @@ def _are_heard(state: FleetState, names: Sequence[str]) -> bool:
 def _refusal(telemetry: Telemetry) -> str:
     """Return why a vehicle's position is no spot; empty where it is one."""
     name = telemetry.vehicle
-    if telemetry.is_airborne or telemetry.is_armed:
-        does = "flies" if telemetry.is_airborne else "is armed"
+    does = ""
+    if telemetry.is_airborne:
+        does = "flies"
+    elif telemetry.is_armed:
+        does = "is armed"
+    if does:
         return f"{name} {does}: spots are surveyed while all stand disarmed. Land it first."
 
     poor = [one.value for one in _POOR if one.value in telemetry.conditions]

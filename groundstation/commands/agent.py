@@ -23,12 +23,17 @@ from onboard.agent.main import main
 from onboard.agent.main import parser as agent_parser
 from onboard.process import deploy, service
 
-# A drone's computer has the base libraries only, so the words are read by argparse there. These
-# commands are made of the same parsers: for the page of help and for what a shell completes.
+# A drone's computer has the base libraries only, and argparse reads the words there. The commands
+# here are made from the same parsers, so that each option stands once. They give these options to
+# the page of help and to the completion of a shell, and hand the words on.
 
 
 def _command(parser: argparse.ArgumentParser, *verb: str) -> Callable[..., int]:
-    """Return a function with the options of a parser, which hands the words to the agent."""
+    """Return a function that has the options of a parser, and hands the words to the agent.
+
+    Cyclopts reads the options of a command from its signature, so the function gets one that is
+    made from the parser.
+    """
 
     def command(**values: object) -> int:
         words = list(verb)
@@ -61,25 +66,18 @@ def _parameters(parser: argparse.ArgumentParser) -> Iterator[inspect.Parameter]:
             continue
         option = action.option_strings[-1]
 
-        kind: Any = str
+        kind = _kind_of(action)
         default: object = action.default
-        if action.nargs == 0:
-            kind = bool
-        elif action.choices is not None:
-            kind = Literal[tuple(action.choices)]
-        elif action.metavar == "FILE":
-            kind = FILE_OR_TEXT
-        elif action.dest == "law":
-            kind = LAW_OR_TEXT
-        elif action.type is not None:
-            kind = action.type
-        if isinstance(action.default, list):
-            kind = tuple[kind, ...]
-            default = ()
-        elif action.default is None and not action.required:
-            kind = kind | None
         if action.required:
             default = inspect.Parameter.empty
+        elif isinstance(action.default, list):
+            default = ()
+
+        # an option that may be given several times, or may be left out
+        if isinstance(action.default, list):
+            kind = tuple[kind, ...]
+        elif action.default is None and not action.required:
+            kind = kind | None
 
         shown = Parameter(help=action.help)
         if action.metavar:
@@ -96,6 +94,21 @@ def _parameters(parser: argparse.ArgumentParser) -> Iterator[inspect.Parameter]:
             default=default,
             annotation=Annotated[kind, shown],
         )
+
+
+def _kind_of(action: argparse.Action) -> Any:
+    """Return the type of the value that an option takes."""
+    if action.nargs == 0:
+        return bool
+    if action.choices is not None:
+        return Literal[tuple(action.choices)]
+    if action.metavar == "FILE":
+        return FILE_OR_TEXT
+    if action.dest == "law":
+        return LAW_OR_TEXT
+    if action.type is not None:
+        return action.type
+    return str
 
 
 def _service_parser(verb: str) -> argparse.ArgumentParser:

@@ -14,8 +14,9 @@ from groundstation.evidence.matrix import NOT_SHOWN, SHOWN, WRONG, FailsafeRow, 
 from groundstation.evidence.summary import Evidence
 
 PAGE_NAME = "evidence.html"
-_MOST_REASONS = 8
-_SHORT_HASH = 16
+_MOST_REASONS = 8  # of a row that are shown
+_SHORT_HASH = 16  # letters of a digest that are shown
+_GUST_FACTOR = 1.25  # wind with gusts over mean wind
 
 _WORDS = {SHOWN: "evidence for", WRONG: "against it", NOT_SHOWN: "not shown"}
 _STYLE = """\
@@ -89,8 +90,7 @@ def _introduction(evidence: Evidence) -> str:
 
 def _volumes(evidence: Evidence, picture: bytes) -> str:
     shapes = evidence.volumes
-    encoded = base64.b64encode(picture).decode("ascii")
-    gust = 1.25 * shapes.wind_m_s
+    wind_with_gusts_m_s = _GUST_FACTOR * shapes.wind_m_s
     rows = [
         (
             "Flight geography",
@@ -106,7 +106,8 @@ def _volumes(evidence: Evidence, picture: bytes) -> str:
             "Ground risk buffer",
             f"{shapes.fall_reach_m:.1f} m wider",
             f"a fall of {shapes.fall_s:.1f} s from {shapes.contingency_height_m:.1f} m, with"
-            f" {shapes.fastest_m_s:.1f} m/s over the ground and {gust:.1f} m/s of wind with gusts;"
+            f" {shapes.fastest_m_s:.1f} m/s over the ground and {wind_with_gusts_m_s:.1f} m/s of"
+            " wind with gusts;"
             f" by the rule of one to one it would be {shapes.contingency_height_m:.1f} m",
         ),
     ]
@@ -114,12 +115,17 @@ def _volumes(evidence: Evidence, picture: bytes) -> str:
         f"<tr><td>{_text(name)}</td><td>{_text(size)}</td><td>{_text(why)}</td></tr>"
         for name, size, why in rows
     )
+
+    # none of n came farther: with 95 % confidence their share is below the one that n such flights
+    # would show with a chance of 5 %
+    largest_share = 1.0 - 0.05 ** (1.0 / max(evidence.flights, 1))
+    encoded = base64.b64encode(picture).decode("ascii")
     return (
         f"<img alt='the three volumes from above' src='data:image/png;base64,{encoded}'>"
         f"<table><tr><th>volume</th><th>size</th><th>from</th></tr>{cells}</table>"
         "<p>Their corners are in <code>geography.geojson</code>. Of these"
         f" {evidence.flights} flights none came farther: with 95 % confidence fewer than"
-        f" {100.0 * (1.0 - 0.05 ** (1.0 / max(evidence.flights, 1))):.2g} % of such flights do.</p>"
+        f" {100.0 * largest_share:.2g} % of such flights do.</p>"
     )
 
 
@@ -150,6 +156,7 @@ def _matrix_row(row: MatrixRow) -> str:
             f"{row.wrong_flights} of {row.flights}: below {100.0 * row.upper_bound:.2g} %"
             f" (interval {100.0 * row.low:.2g} to {100.0 * row.high:.2g} %)"
         )
+
     nearest = ""
     if row.smallest_m is not None:
         nearest = f"<br>nearest two {row.smallest_m:.2f} m"
@@ -159,6 +166,7 @@ def _matrix_row(row: MatrixRow) -> str:
             f"{row.flights}, seeds {row.seeds[0]} to {row.seeds[1]}{nearest}"
             f"<br><code>{row.digest[:_SHORT_HASH]}</code>"
         )
+
     return (
         f"<tr class='{status}'><td>{_text(row.question)}</td>"
         f"<td>{'<br>'.join(map(_text, row.asked_by))}</td>"

@@ -1,7 +1,8 @@
 """The attempts of an attack: each is one way into a fleet, and says whether it got in.
 
-An attempt runs twice: against a copy of the fleet with keys, and against one without any, where it
-has to get in. Otherwise it would prove nothing about the keys that it was stopped.
+An attempt runs twice: against a copy of the fleet with keys, and against a copy without keys. On
+the copy without keys it has to get in. An attempt that fails there as well is stopped by something
+else than keys, and proves nothing about them.
 
 Some attempts publish or order, and look at what arrives. What arrives is counted at a spare vehicle
 (:func:`spare_vehicle`), which nobody flies. Other attempts only disturb: floods, junk, lies. They
@@ -54,7 +55,7 @@ from onboard.security.node_roles import NodeRole
 
 OUTSIDERS = (NOBODY, FOREIGN, EXPIRED)  # they have no key of this fleet that is good
 
-_UNKNOWN_NODE = "stranger"  # name of a node that no fleet file has
+_UNKNOWN_NODE = "unknown-node"  # no fleet file has a node of this name
 _AUTHOR = "intruder"  # of the orders of an attempt
 
 # Topics that are published; the others are asked.
@@ -107,7 +108,8 @@ class AttackContext:
     ) -> Iterator[BusSession]:
         """Open a node of an intruder, connected to some vehicles.
 
-        Outsiders of a fleet with keys go on without a connection: they only try.
+        Where the fleet has keys, a node of an outsider may have no connection: the attempt goes on,
+        and should fail.
 
         Args:
             identity: one of OUTSIDERS, a role, or a vehicle whose key was taken.

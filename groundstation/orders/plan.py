@@ -2,6 +2,10 @@
 
 An order is planned once. Before it is sent, :func:`check_again` checks the planned goals against
 the fleet as it is then; the goals themselves stay as they were shown.
+
+The checks come in this order: who may be ordered and whether the numbers are sound, then where the
+vehicles would go, then what the verb itself demands. Once one of them has refused a vehicle, the
+later ones are not asked.
 """
 
 from __future__ import annotations
@@ -86,6 +90,7 @@ def plan_order(
     intent = _without_disabled(intent, fleet, state)
     if isinstance(intent, Swap) and state is not None:
         intent = with_place(intent, state)
+
     refusals: dict[str, str] = {}
     names = []
     for name in intent.names:
@@ -120,8 +125,11 @@ def plan_order(
         refusals = _refuse_jointly(refusals, names)
 
     values = intent.message_values()
-    orders = {
-        name: Order(
+    orders = {}
+    for name in names:
+        if name in refusals:
+            continue
+        orders[name] = Order(
             order_id=new_id(),
             author=author,
             kind=intent.kind_for(name),
@@ -136,9 +144,6 @@ def plan_order(
             reason=values.reason,
             stands_in_for=_place_for(name, intent),
         )
-        for name in names
-        if name not in refusals
-    }
 
     if orders:
         held = held_after(intent, held)
@@ -157,7 +162,8 @@ def _place_for(name: str, intent: Intent) -> str:
 def _without_disabled(intent: Intent, fleet: FleetConfig, state: FleetState | None) -> Intent:
     """Return an order to all without the vehicles that are out of service, or swapped.
 
-    Orders that bring vehicles down mean them too, and so does one that names them.
+    Two kinds of orders reach these vehicles as well: orders that bring vehicles down, and orders
+    that do not go to all.
     """
     is_to_all = set(intent.names) == set(fleet.enabled_names)
     if state is None or not is_to_all or intent.brings_down or isinstance(intent, Goto):
@@ -332,28 +338,10 @@ def _goal_refusals(
 ) -> dict[str, str]:
     """Return a refusal for each goal outside the fence, or too near to another vehicle's."""
     refusals: dict[str, str] = {}
-
-    fence = fleet.fleet.geofence_m
-    space = flight_space_of(fleet)
     for name, goal in goals_enu_m.items():
-        goal_text = f"({goal[0]:.2f}, {goal[1]:.2f}, {goal[2]:.2f})"
-        ground = floor_m(fleet)
-        least_m = least_height_m(fleet.vehicles[name])
-        if not fence.contains(goal):
-            refusals[name] = (
-                f"{name}: the goal {goal_text} lies outside the "
-                f"fence x {list(fence.x)}, y {list(fence.y)}, z {list(fence.z)} m. "
-                "Choose one inside, above the ground."
-            )
-        elif space.refusal(goal):
-            refusals[name] = (
-                f"{name}: the goal {goal_text} lies {space.refusal(goal)}. Choose another one."
-            )
-        elif goal[2] < ground + least_m:
-            refusals[name] = (
-                f"{name}: the goal {goal_text} is less than {least_m:g} m above the ground at "
-                f"{ground:g} m. Choose a higher goal, or order land."
-            )
+        refusal = _space_refusal(name, goal, fleet)
+        if refusal is not None:
+            refusals[name] = refusal
 
     parking_m = parking_distance_m(fleet)
     for name, goal in goals_enu_m.items():
@@ -362,6 +350,31 @@ def _goal_refusals(
                 sentence = _too_near(name, goal, f"{other}'s {noun}", position, fleet)
                 refusals.setdefault(name, sentence)
     return refusals
+
+
+def _space_refusal(name: str, goal: Vec3, fleet: FleetConfig) -> str | None:
+    """Return why a vehicle must not be at a goal, whoever else flies; None where it may."""
+    fence = fleet.fleet.geofence_m
+    goal_text = f"({goal[0]:.2f}, {goal[1]:.2f}, {goal[2]:.2f})"
+    if not fence.contains(goal):
+        return (
+            f"{name}: the goal {goal_text} lies outside the "
+            f"fence x {list(fence.x)}, y {list(fence.y)}, z {list(fence.z)} m. "
+            "Choose one inside, above the ground."
+        )
+
+    area_words = flight_space_of(fleet).refusal(goal)
+    if area_words:
+        return f"{name}: the goal {goal_text} lies {area_words}. Choose another one."
+
+    ground_m = floor_m(fleet)
+    least_m = least_height_m(fleet.vehicles[name])
+    if goal[2] < ground_m + least_m:
+        return (
+            f"{name}: the goal {goal_text} is less than {least_m:g} m above the ground at "
+            f"{ground_m:g} m. Choose a higher goal, or order land."
+        )
+    return None
 
 
 def _too_near(name: str, goal: Vec3, other: str, position: Vec3, fleet: FleetConfig) -> str:

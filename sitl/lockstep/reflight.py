@@ -1,12 +1,12 @@
-"""A recorded flight, flown again: as it was, or with something otherwise.
+"""A recorded flight, flown again: as it was, or with changes.
 
-A flight in lockstep is repeatable, so nothing of its state has to be kept: it is flown from its
-start once more, from the files in its folder. Every two seconds a digest of all state is compared
-with the one that was written then. As long as they are equal the flight is the one of the record;
-they differ where Covey, Python's libraries or the processor are others.
+A flight in lockstep is repeatable, so its record holds none of its state: the flight is flown once
+more from its start, from the files in its folder. Every two seconds a digest of all state is
+compared with the digest that was written then. As long as the two are equal, the flight is the
+recorded one. They differ where Covey, Python's libraries or the processor are others.
 
 Changes count from the start, or from a second on. Up to that second the flight must be the recorded
-one, or it is ended: an answer about another flight would be none.
+one. If it is another one it ends there, because it would answer a question about another flight.
 """
 
 from __future__ import annotations
@@ -60,14 +60,14 @@ class _Comparison:
         self._flight = flight
         self._digests = digests
         self._folder = folder
-        self.equal_until_s = 0.0
-        self.differs_from_s = math.inf
-        self._plan(DIGEST_EVERY_S)
+        self.equal_until_s = 0.0  # second of the last digest before any that differs
+        self.differs_from_s = math.inf  # second of the first digest that differs
+        self._compare_later(DIGEST_EVERY_S)
 
-    def _plan(self, at_s: float) -> None:
-        self._flight.at(at_s, lambda: self._take(at_s))
+    def _compare_later(self, at_s: float) -> None:
+        self._flight.at(at_s, lambda: self._compare(at_s))
 
-    def _take(self, at_s: float) -> None:
+    def _compare(self, at_s: float) -> None:
         own = digest(self._flight.simulation)
         if self._folder is not None:
             write_digest(self._folder, at_s, own)
@@ -77,7 +77,8 @@ class _Comparison:
             self.equal_until_s = at_s
         elif recorded is not None:
             self.differs_from_s = min(self.differs_from_s, at_s)
-        self._plan(at_s + DIGEST_EVERY_S)
+
+        self._compare_later(at_s + DIGEST_EVERY_S)
 
 
 def record_digests(flight: Lockstep, folder: Path) -> None:
@@ -110,7 +111,8 @@ def fly_again(
     fleet = fleet_of(origin.fleet_text, fleet_path)
     fleet.import_law()
     mission = mission_of(flown, origin, fleet)
-    refuse_unflyable(mission, True)
+    refuse_unflyable(mission, is_simulated=True)
+
     if folder is not None:
         suffix = Path(mission.path).suffix
         write_files(folder, {"fleet.toml": origin.fleet_text, f"mission{suffix}": mission.text})

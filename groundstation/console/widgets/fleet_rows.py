@@ -27,6 +27,10 @@ _WIDE = 150  # cells of a terminal that has room for long names
 _LONG_NAME = 24
 _SHORT_NAME = 16
 _FEW_COLUMNS = 10
+
+# Values of Column.cover: when a column gives its room to the reason not to fly.
+_COVERED_ALWAYS = 2
+_COVERED_AMONG_FEW = 1  # where there are few columns
 _NEVER_COVERED = 3  # above the ``cover`` of every column
 
 
@@ -127,8 +131,8 @@ def _least_cover(layout: RowLayout, row: VehicleRow) -> int:
     if layout.left >= WIDE_REASON_WIDTH:
         return _NEVER_COVERED
     if len(layout.columns) < _FEW_COLUMNS:
-        return 1
-    return 2
+        return _COVERED_AMONG_FEW
+    return _COVERED_ALWAYS
 
 
 def _silent(layout: RowLayout, row: VehicleRow, has_nodes: bool) -> list[Segment]:
