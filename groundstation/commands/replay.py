@@ -78,7 +78,8 @@ def replay(
         print("\n".join(str(path) for path in write_csvs(flight, Path(csv))))
         return EXIT_OK
 
-    slowest, fastest = SPEEDS[0], SPEEDS[-1]
+    slowest = SPEEDS[0]
+    fastest = SPEEDS[-1]
     if not slowest <= speed <= fastest:
         raise ConfigError(f"--speed is {speed:g}; it must lie between {slowest:g} and {fastest:g}.")
     if not 0.0 <= at < _LATEST_S:

@@ -176,9 +176,11 @@ def _known_values(tree: ast.Module) -> dict[str, ast.expr]:
             given[node.arg] += 1
 
         if isinstance(node, ast.Assign):
-            target, value = node.targets[0], node.value
+            target = node.targets[0]
+            value = node.value
         elif isinstance(node, ast.For | ast.comprehension):
-            target, value = node.target, node.iter
+            target = node.target
+            value = node.iter
         else:
             continue
         if isinstance(target, ast.Name):

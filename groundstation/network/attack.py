@@ -110,8 +110,8 @@ def attack_copies(fleet: FleetConfig, *, is_long: bool, only: str = "", say: Say
             f"{fleet.path}: an attack needs two vehicles, one of which loses its key."
             " Enable another."
         )
-    tries = [one for one in attempts(fleet.enabled_names) if only in one.name]
-    if not tries:
+    selected = [one for one in attempts(fleet.enabled_names) if only in one.name]
+    if not selected:
         names = "\n  ".join(one.name for one in attempts(fleet.enabled_names))
         raise ConfigError(f"No try has '{only}' in its name. There are:\n  {names}")
 

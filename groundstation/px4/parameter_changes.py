@@ -69,7 +69,8 @@ def write_all(
     for demand in required:
         old_value = before.get(demand.name)
         if is_silent:
-            after, outcome = old_value, Outcome.UNTOUCHED
+            after = old_value
+            outcome = Outcome.UNTOUCHED
         else:
             after, outcome = _write(link, demand)
             is_silent = outcome is Outcome.LOST

@@ -50,13 +50,12 @@ _TELEMETRY_GAP_S = 3.0
 _UP_M = 0.05  # above where it stood: it has lifted off
 _HEAD = struct.Struct("<I")
 
-# resolutions
+# resolutions of the columns
 _METRE = 0.001
 _ANGLE = 1.0 / 32_000.0  # of a quaternion's part
 _ACCELERATION = 0.005
 _SECOND = 0.001
 _FRACTION = 0.0005
-
 
 # MAVLink's GPS_FIX_TYPE by the words of telemetry
 FIX_NUMBERS = {
@@ -128,7 +127,7 @@ def _step_s(flight: Flight) -> float:
 def _columns(
     number: int, vehicle: VehicleFlight, names: tuple[str, ...], grid_s: Array, step_s: float
 ) -> Iterator[Column]:
-    """Yield the curves of one vehicle; what the record does not have is left out."""
+    """Yield the curves of one vehicle, as far as the record has them."""
     yield from _path_columns(number, vehicle, grid_s)
     if vehicle.ticks.size:
         yield from _tick_columns(number, vehicle, names, grid_s, step_s)
@@ -194,42 +193,51 @@ def _fix_numbers(fixes: Sequence[str]) -> Array:
 def _telemetry_columns(
     number: int, vehicle: VehicleFlight, grid_s: Array, step_s: float
 ) -> Iterator[Column]:
-    told = vehicle.telemetry
+    telemetry = vehicle.telemetry
     gap_s = max(_TELEMETRY_GAP_S, 2.0 * step_s)
 
     def shown(values: Array) -> Array:
-        return at_times(told.time_s, values, grid_s, gap_s)
+        return at_times(telemetry.time_s, values, grid_s, gap_s)
 
-    wind_enu_m_s = told.wind_enu_m_s
-    yield packed(f"{number}/battery", shown(told.battery_frac), _FRACTION)
-    yield packed(f"{number}/voltage", shown(told.battery_voltage_v), 0.01)
+    # battery and wind
+    wind_enu_m_s = telemetry.wind_enu_m_s
+    yield packed(f"{number}/battery", shown(telemetry.battery_frac), _FRACTION)
+    yield packed(f"{number}/voltage", shown(telemetry.battery_voltage_v), 0.01)
     yield packed(f"{number}/wind_x", shown(wind_enu_m_s[:, 0]), 0.01)
     yield packed(f"{number}/wind_y", shown(wind_enu_m_s[:, 1]), 0.01)
-    yield packed(f"{number}/gust", shown(told.gust_m_s), 0.01)
-    yield packed(f"{number}/max_wind", shown(told.max_wind_m_s), 0.01)
-    if any(told.fixes):
-        yield packed(f"{number}/fix", shown(_fix_numbers(told.fixes)), 1.0)
-        yield packed(f"{number}/corrections_age", shown(told.corrections_age_s), 0.01)
-    yield packed(f"{number}/state_age", shown(told.state_age_s), _SECOND)
-    yield packed(f"{number}/autopilot_age", shown(told.autopilot_age_s), _SECOND)
-    yield packed(f"{number}/neighbour_age", shown(told.neighbour_age_s), _SECOND)
-    yield packed(f"{number}/lateness", shown(told.loop_lateness_p99_ms), 0.05)
-    yield packed(f"{number}/mocap_delay", shown(told.mocap_delay_s), _SECOND)
-    yield packed(f"{number}/hover", shown(told.hover_thrust_frac), _FRACTION)
+    yield packed(f"{number}/gust", shown(telemetry.gust_m_s), 0.01)
+    yield packed(f"{number}/max_wind", shown(telemetry.max_wind_m_s), 0.01)
+
+    # satellites
+    if any(telemetry.fixes):
+        yield packed(f"{number}/fix", shown(_fix_numbers(telemetry.fixes)), 1.0)
+        yield packed(f"{number}/corrections_age", shown(telemetry.corrections_age_s), 0.01)
+
+    # ages and lateness
+    yield packed(f"{number}/state_age", shown(telemetry.state_age_s), _SECOND)
+    yield packed(f"{number}/autopilot_age", shown(telemetry.autopilot_age_s), _SECOND)
+    yield packed(f"{number}/neighbour_age", shown(telemetry.neighbour_age_s), _SECOND)
+    yield packed(f"{number}/lateness", shown(telemetry.loop_lateness_p99_ms), 0.05)
+    yield packed(f"{number}/mocap_delay", shown(telemetry.mocap_delay_s), _SECOND)
+    yield packed(f"{number}/hover", shown(telemetry.hover_thrust_frac), _FRACTION)
+
+    # what has gone wrong so far
     for name in ("late_ticks", "missed_ticks"):
-        yield packed(f"{number}/{name}", shown(getattr(told, name)), 1.0)
+        yield packed(f"{number}/{name}", shown(getattr(telemetry, name)), 1.0)
     lost = np.nansum(
         [
-            told.malformed_messages,
-            told.refused_messages,
-            told.dropped_messages,
-            told.late_messages,
+            telemetry.malformed_messages,
+            telemetry.refused_messages,
+            telemetry.dropped_messages,
+            telemetry.late_messages,
         ],
         axis=0,
     )
     yield packed(f"{number}/lost_messages", shown(lost), 1.0)
+
     for axis, name in enumerate("xyz"):
-        yield packed(f"{number}/goal_{name}", shown(told.goal_position_enu_m[:, axis]), _METRE)
+        goal_m = shown(telemetry.goal_position_enu_m[:, axis])
+        yield packed(f"{number}/goal_{name}", goal_m, _METRE)
 
 
 def _axes(number: int, prefix: str, values: Array, resolution: float) -> Iterator[Column]:
@@ -238,7 +246,7 @@ def _axes(number: int, prefix: str, values: Array, resolution: float) -> Iterato
 
 
 def _ghost_columns(flight: Flight, ghost: Flight, grid_s: Array) -> Iterator[Column]:
-    """Yield the paths of another flight, moved so that both lift off at the same time."""
+    """Yield the paths of another flight, shifted in time so that both lift off together."""
     shift_s = _lift_off_s(flight) - _lift_off_s(ghost)
     for number, name in enumerate(flight.vehicles):
         other = ghost.vehicles.get(name)
@@ -258,6 +266,7 @@ def _lift_off_s(flight: Flight) -> float:
         known_m = height_m[np.isfinite(height_m)]
         if not known_m.size:
             continue
+
         up = np.flatnonzero(height_m > known_m[0] + _UP_M)
         if up.size:
             lifted_s.append(float(times_s[up[0]]))
@@ -338,13 +347,13 @@ def _fleet(flight: Flight) -> dict[str, Any] | None:
 
 
 def _vehicle(vehicle: VehicleFlight) -> dict[str, Any]:
-    told = vehicle.telemetry
+    telemetry = vehicle.telemetry
     return {
         "name": _text(vehicle.name),
         "has_truth": vehicle.has_truth,
-        "law": _text(told.law),
-        "states": _changes(told.time_s, told.states),
-        "modes": _changes(told.time_s, told.modes),
+        "law": _text(telemetry.law),
+        "states": _changes(telemetry.time_s, telemetry.states),
+        "modes": _changes(telemetry.time_s, telemetry.modes),
         "is_collided": bool(np.nanmax(vehicle.truth.is_collided, initial=0.0)),
     }
 
@@ -374,6 +383,7 @@ def _pairs(flight: Flight) -> list[list[Any]]:
         is_known = np.isfinite(positions_enu_m).all(-1)
         if is_known.sum() < 2:
             continue
+
         positions_enu_m = positions_enu_m[is_known]
         is_down = positions_enu_m[:, 2] < positions_enu_m[0, 2] + _UP_M
         if vehicle.has_truth:
@@ -403,18 +413,22 @@ def _pairs(flight: Flight) -> list[list[Any]]:
 def _versions(flight: Flight) -> list[list[str]]:
     """Return what flew, as [what, version] for people."""
     rows: list[list[str]] = [[_text(what), _text(version)] for what, version in flight.made.items()]
-    px4: dict[str, list[str]] = {}
-    hashes: dict[str, list[str]] = {}
+
+    px4: dict[str, list[str]] = {}  # version -> vehicles
+    hashes: dict[str, list[str]] = {}  # hash -> vehicles
     for name, vehicle in flight.vehicles.items():
         if vehicle.preflight is not None and vehicle.preflight.px4_version is not None:
             major, minor = vehicle.preflight.px4_version
             px4.setdefault(f"{major}.{minor}", []).append(name)
         if vehicle.telemetry.config_hash:
             hashes.setdefault(vehicle.telemetry.config_hash, []).append(name)
+
     for what, versions in (("PX4", px4), ("hash of fleet file and law", hashes)):
         for version, names in versions.items():
-            who = "" if len(names) == len(flight.vehicles) else f" ({', '.join(names)})"
-            rows.append([what, _text(version + who)])
+            vehicles = ""
+            if len(names) < len(flight.vehicles):
+                vehicles = f" ({', '.join(names)})"
+            rows.append([what, _text(version + vehicles)])
     return rows
 
 
@@ -433,8 +447,12 @@ def _cleaned(value: Any) -> Any:
 
 def _text(text: str, most: int = MAX_TEXT) -> str:
     line = plain_line(text)
-    return line if len(line) <= most else f"{line[: most - 1]}…"
+    if len(line) <= most:
+        return line
+    return f"{line[: most - 1]}…"
 
 
 def _number(value: float) -> float | None:
-    return round(value, 4) if math.isfinite(value) else None
+    if math.isfinite(value):
+        return round(value, 4)
+    return None

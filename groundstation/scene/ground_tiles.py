@@ -142,8 +142,10 @@ def _covering(zoom: int, fleet: FleetConfig, origin: Origin) -> Iterator[_Addres
     # by the shorter way around the Earth, also across the date line
     columns = [x_middle + _wrapped(x - x_middle, count) for x, _ in columns_rows]
     rows = [y for _, y in columns_rows]
-    first_x, last_x = math.floor(min(columns)), math.floor(max(columns))
-    first_y, last_y = max(0, math.floor(min(rows))), min(count - 1, math.floor(max(rows)))
+    first_x = math.floor(min(columns))
+    last_x = math.floor(max(columns))
+    first_y = max(0, math.floor(min(rows)))
+    last_y = min(count - 1, math.floor(max(rows)))
 
     found = 0
     for x in range(first_x, last_x + 1):

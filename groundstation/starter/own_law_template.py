@@ -24,10 +24,14 @@ def law(memory: int | None, inputs: LawInputs) -> tuple[int, Thrust]:
         room_m = REACH * near.d_m - distance_m
         if room_m <= 0.0:
             continue
-        away_x, away_y = near.e_m.x / distance_m, near.e_m.y / distance_m
+
+        # away from the neighbour, as a vector of length 1
+        away_x = near.e_m.x / distance_m
+        away_y = near.e_m.y / distance_m
         closing_m_s = -(away_x * near.w_m_s.x + away_y * near.w_m_s.y)
         push = PUSH_1_S2 * room_m + DAMPING_1_S * max(0.0, closing_m_s)
         turn = TURN_FRAC * PUSH_1_S2 * room_m
         x += push * away_x - turn * away_y
         y += push * away_y + turn * away_x
+
     return (memory or 0) + 1, inputs.limited(x, y)

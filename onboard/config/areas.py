@@ -140,9 +140,15 @@ def _folds_back(one: tuple[Point, Point], two: tuple[Point, Point]) -> bool:
     (shared,) = set(one) & set(two) or {one[1]}
     from_one = one[0] if one[1] == shared else one[1]
     from_two = two[1] if two[0] == shared else two[0]
-    x1, y1 = from_one[0] - shared[0], from_one[1] - shared[1]
-    x2, y2 = from_two[0] - shared[0], from_two[1] - shared[1]
-    return x1 * y2 - x2 * y1 == 0.0 and x1 * x2 + y1 * y2 > 0.0
+
+    # both edges as vectors away from the corner that they share
+    x1 = from_one[0] - shared[0]
+    y1 = from_one[1] - shared[1]
+    x2 = from_two[0] - shared[0]
+    y2 = from_two[1] - shared[1]
+    are_parallel = x1 * y2 - x2 * y1 == 0.0
+    go_the_same_way = x1 * x2 + y1 * y2 > 0.0
+    return are_parallel and go_the_same_way
 
 
 def nearest(area: Area, x: float, y: float) -> Nearest:

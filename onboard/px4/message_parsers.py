@@ -14,8 +14,8 @@ from onboard.autopilot import Landed
 from onboard.frames import enu_flu_from_ned_frd
 from onboard.px4 import modes
 
-# AUTOPILOT_VERSION.uid of a PX4 that was built for simulation: this number, counted up by the
-# system id less one from SIMULATIONID0000, BOARD_OVERRIDE_UUID of PX4's board px4_sitl.
+# AUTOPILOT_VERSION.uid of a PX4 that was built for simulation is this number (the letters
+# SIMULATIONID0000, BOARD_OVERRIDE_UUID of PX4's board px4_sitl) plus the system id less one.
 _SIMULATION_UID = 0x4954414C44494E4F
 _MOST_SYSTEM_IDS = 255
 _FIX_3D = 3  # GPS_FIX_TYPE; more is better
@@ -134,13 +134,18 @@ def _sys_status(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
 
 
 def _version(fields: dict[str, Any], _: int) -> dict[str, Any]:
+    # a byte each, from the highest: major, minor, patch, kind of release
     number = int(fields["flight_sw_version"])
     version: tuple[int, int] | None = None
     if number != 0:
-        version = (number >> 24 & 0xFF, number >> 16 & 0xFF)
+        major = number >> 24 & 0xFF
+        minor = number >> 16 & 0xFF
+        version = (major, minor)
+
+    system_index = int(fields["uid"]) - _SIMULATION_UID
     return {
         "px4_version": version,
-        "is_simulated": 0 <= int(fields["uid"]) - _SIMULATION_UID < _MOST_SYSTEM_IDS,
+        "is_simulated": 0 <= system_index < _MOST_SYSTEM_IDS,
     }
 
 

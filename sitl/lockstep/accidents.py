@@ -1,10 +1,10 @@
 """Four accidents of fleets that happened, each flown with its defence and without.
 
-A mission of the gallery flies each (``configs/missions``); here stands what went wrong then, the
-defence that Covey has against it, and what counts as the accident. A defence is taken out by values
-of the fleet file, by flying without the law, or by rows of the failsafe table that then say go on.
-The truth of the emulator judges: vehicles that touch, that leave the fence, or that do not come
-down.
+A mission of the gallery flies each (``configs/missions``). Here stands what went wrong then, and
+the defence that Covey has against it. A defence is taken out by values of the fleet file, by flying
+without the law, or by rows of the failsafe table that then say "go on". Whether the accident has
+happened again is judged by the truth of the emulator: vehicles that touch, that leave the fence, or
+that do not come down.
 
 The accidents, and what of each is flown here:
 
@@ -48,7 +48,7 @@ TURN_DEG = 7.0
 WIND_TIMES_LIMIT = 2.0
 WIND_RAMP_S = 20.0
 _GUST_M_S = 0.05
-_OF_WIND = (
+_WIND_CONDITIONS = (
     Condition.WIND_ABOVE,
     Condition.WIND_NEAR,
     Condition.PUSHED_ABOUT,
@@ -64,12 +64,15 @@ class Accident(NamedTuple):
 
     name: str  # of the mission
     defence: str  # in words
-    stage: Callable[[FleetConfig], FleetConfig]  # the fleet as it was then
-    undefended: Callable[[FleetConfig], FleetConfig]  # the same without the defence
-    # lets go wrong what went wrong, before the first step; whether the defence is there
+    # makes the mission's fleet the fleet of then
+    fleet_of_then: Callable[[FleetConfig], FleetConfig]
+    # takes the defence out of that fleet
+    undefended: Callable[[FleetConfig], FleetConfig]
+    # plans what goes wrong, before the first step: called with the flight, and with whether the
+    # defence is there
     happens: Callable[[Lockstep, bool], None]
-    # around a flight without the defence
-    without: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext
+    # a context in which the defence is out, for what no fleet file says
+    without_defence: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext
     room_turn_deg: float = 0.0  # of the true fence against the fleet's frame, clockwise
     ground_ends_in: str = ""  # the step in which the ground dies
 
@@ -85,33 +88,35 @@ class FlownAccident:
     min_separation_m: float = math.inf  # by ground truth, while one of two flew
     collisions: int = 0
     outside_m: float = 0.0  # the farthest that a vehicle came outside the true fence, in the air
-    down: bool = False  # all, at the end
-    reason: str = ""  # the mission's own words
-    promised_m: float = 0.0
-    # of the room, in the frame of its true fence: of each vehicle, where it was at each look
+    down: bool = False  # whether all vehicles are down at the end
+    reason: str = ""  # why the mission did not come true, in its own words
+    promised_m: float = 0.0  # the safety distance
+    # at each look: x and y of each vehicle, in the frame of the true fence
     places_m: list[list[tuple[float, float]]] = field(default_factory=list)
 
     @property
     def harm(self) -> str:
         """What happened, in words; empty where nobody was harmed."""
-        found = []
+        harms = []
         if self.collisions == 1:
-            found.append("a collision")
+            harms.append("a collision")
         elif self.collisions:
-            found.append(f"{self.collisions} collisions")
+            harms.append(f"{self.collisions} collisions")
         if self.outside_m > 0.0:
-            found.append(f"{self.outside_m:.2f} m outside the fence")
+            harms.append(f"{self.outside_m:.2f} m outside the fence")
         if not self.down:
-            found.append("not all came down")
-        return ", ".join(found)
+            harms.append("not all came down")
+        return ", ".join(harms)
 
     @property
     def line(self) -> str:
         """The flight in a line."""
         which = "with" if self.is_defended else "without"
+
         nearest = "nobody flew"
         if self.took_off:
             nearest = f"closest {self.min_separation_m:.2f} m"
+
         harm = self.harm or "no harm"
         return f"{self.name}, {which} its defence, seed {self.seed}: {harm}; {nearest}"
 
@@ -133,18 +138,18 @@ def fly(
         seed: of everything random.
         folder: of the record; none without.
     """
-    fleet = accident.stage(mission.fleet)
+    fleet = accident.fleet_of_then(mission.fleet)
+    around_flight: contextlib.AbstractContextManager[None] = contextlib.nullcontext()
     if not is_defended:
         fleet = accident.undefended(fleet)
+        around_flight = accident.without_defence()
     mission = replace(mission, fleet=fleet)
 
-    around: contextlib.AbstractContextManager[None] = contextlib.nullcontext()
-    if not is_defended:
-        around = accident.without()
     gusts = Environment(WindSettings(gust_std_m_s=_GUST_M_S))
-    with around, Lockstep(fleet, seed=seed, folder=folder, environment=gusts) as flight:
+    with around_flight, Lockstep(fleet, seed=seed, folder=folder, environment=gusts) as flight:
         flown = FlownAccident(accident.name, is_defended, seed)
         flown.promised_m = fleet.fleet.safety_distance_m
+
         accident.happens(flight, is_defended)
         look_at(flight, flown, accident.room_turn_deg)
         flown.reason = flight.wait_for(_mission(flight, mission, accident.ground_ends_in))
@@ -161,13 +166,16 @@ def fly_both(mission: Mission, *, seed: int) -> int:
     accident = ACCIDENTS[Path(mission.path).stem]
     print(f"The defence: {accident.defence}.", flush=True)
 
+    # with its defence nobody is harmed, and without it somebody is
     is_right = True
     for is_defended in (False, True):
         flown = fly(accident, mission, is_defended=is_defended, seed=seed)
         print(flown.line, flush=True)
         if flown.reason and is_defended:
             print(f"  {flown.reason}", flush=True)
-        is_right = is_right and bool(flown.harm) is not is_defended
+        is_harmed = bool(flown.harm)
+        is_right = is_right and is_harmed is not is_defended
+
     if is_right:
         return EXIT_OK
     return EXIT_FAILED
@@ -187,6 +195,7 @@ def look_at(flight: Lockstep, flown: FlownAccident, room_turn_deg: float) -> Non
     fence = flight.config.fleet.geofence_m
     position, _, _ = simulation.emulator.world.truth_enu()
     on_ground = simulation.emulator.world.vehicles.states.on_ground.tolist()
+
     here_m = []
     for (east_m, north_m, _), is_on_ground in zip(position.tolist(), on_ground, strict=True):
         x = cos * east_m - sin * north_m
@@ -194,10 +203,12 @@ def look_at(flight: Lockstep, flown: FlownAccident, room_turn_deg: float) -> Non
         here_m.append((x, y))
         if is_on_ground:
             continue
+
         flown.took_off = True
         beyond_m = max(fence.x[0] - x, x - fence.x[1], fence.y[0] - y, y - fence.y[1])
         flown.outside_m = max(flown.outside_m, beyond_m)
     flown.places_m.append(here_m)
+
     simulation.at(simulation.time_s + _LOOK_S, lambda: look_at(flight, flown, room_turn_deg))
 
 
@@ -220,6 +231,7 @@ async def _mission(flight: Lockstep, mission: Mission, ground_ends_in: str) -> s
     gone.cancel()
     if not task.done():
         return "the ground is gone"
+
     verdict = task.result()
     if verdict.passed:
         return ""
@@ -240,7 +252,7 @@ def _near_fence(fleet: FleetConfig) -> FleetConfig:
 
 
 def _anywhere(fleet: FleetConfig) -> FleetConfig:
-    """Return a fleet that is put down anyhow: its spots tell nothing of the frame."""
+    """Return a fleet whose vehicles may stand far from their spots: nobody compares them."""
     return replace(fleet, fleet=replace(fleet.fleet, placing_m=1.0))
 
 
@@ -274,7 +286,7 @@ def _let_wind_rise(flight: Lockstep, _is_defended: bool) -> None:
 @contextlib.contextmanager
 def _any_wind() -> Iterator[None]:
     """Have vehicles fly on in any wind, however they are pushed about, while the block runs."""
-    changed = {(Situation.FLYING, condition): Action.GO_ON for condition in _OF_WIND}
+    changed = {(Situation.FLYING, condition): Action.GO_ON for condition in _WIND_CONDITIONS}
     before = {row: TABLE[row] for row in changed}
     TABLE.update(changed)
     try:
@@ -292,7 +304,7 @@ def _without_law(fleet: FleetConfig) -> FleetConfig:
 
 
 def _without_law_or_landing(fleet: FleetConfig) -> FleetConfig:
-    """Return the same, of which nobody lands by itself when the ground is lost."""
+    """Return the same fleet, whose vehicles do not land by themselves when the ground is lost."""
     alone = replace(fleet, fleet=replace(fleet.fleet, ground_lost_land_s=3600.0))
     return _without_law(alone)
 
@@ -307,7 +319,7 @@ def _nothing_else(_flight: Lockstep, _is_defended: bool) -> None:
 def _start_late(flight: Lockstep, is_defended: bool) -> None:
     """Let some follow their paths later than the rest.
 
-    Without its defence nobody compares the show's clock with the others' either.
+    Without the defence the vehicles do not compare their clocks of the show either.
     """
     for name in LATE:
         flight.agents[name].path_delay_s = LATE_S
@@ -325,7 +337,7 @@ ACCIDENTS = {
         Accident(
             name="orlando",
             defence="preflight compares the spots of all vehicles with where they are seen",
-            stage=_near_fence,
+            fleet_of_then=_near_fence,
             undefended=_anywhere,
             happens=lambda flight, _: turn_places(flight),
             room_turn_deg=TURN_DEG,
@@ -333,15 +345,15 @@ ACCIDENTS = {
         Accident(
             name="docklands",
             defence="each vehicle estimates the wind and lands above its limit",
-            stage=_as_it_is,
+            fleet_of_then=_as_it_is,
             undefended=_as_it_is,
-            without=_any_wind,
+            without_defence=_any_wind,
             happens=_let_wind_rise,
         ),
         Accident(
             name="aaib-29203",
             defence="vehicles keep their distance and land by themselves, without a ground",
-            stage=_as_it_is,
+            fleet_of_then=_as_it_is,
             undefended=_without_law_or_landing,
             happens=_nothing_else,
             ground_ends_in="home",
@@ -349,7 +361,7 @@ ACCIDENTS = {
         Accident(
             name="london",
             defence="vehicles compare the show's clock, and the law keeps distances",
-            stage=_as_it_is,
+            fleet_of_then=_as_it_is,
             undefended=_without_law,
             happens=_start_late,
         ),

@@ -225,7 +225,7 @@ class FlightMetrics:
 
         nearest = distance.min(-1, initial=np.inf)
         self._nearest = np.minimum(self._nearest, nearest)
-        self._sums["violation"] += TICK_S * (nearest < self._limit_m)
+        self._sums["violation"] += np.where(nearest < self._limit_m, TICK_S, 0.0)
 
     def _measure_law(self, law: Rows) -> None:
         """Note what the law did to the vehicles' commands."""

@@ -23,10 +23,10 @@ from sitl.lockstep.campaign.judge import ActionOf, Judge, action_of_table
 from sitl.lockstep.flight import Lockstep
 from sitl.physics.wind import WindSettings
 
-# of the safety distance: what vehicles keep that all have lost their poses
+# of the safety distance: so much is kept by vehicles that have all lost their poses
 BLIND_SHARE = 0.7 / 0.8
 
-_DOWN_TIMEOUT_S = 60.0
+_DOWN_TIMEOUT_S = 60.0  # for the landing at the end, besides the descent
 _SLOWEST_DESCENT_M_S = 0.4
 
 
@@ -45,8 +45,9 @@ class BrokenFlight(NamedTuple):
     """The outcome of one flight."""
 
     wrong: list[str]
-    seen: dict[str, int]  # ticks of all vehicles in which a condition held, by its words
-    smallest_m: tuple[float, float, float]  # by how many of a pair are silenced
+    seen: dict[str, int]  # words of a condition -> ticks of all vehicles in which it held
+    # smallest distance of pairs of which none is silenced, one is, both are
+    smallest_m: tuple[float, float, float]
     verdict: Verdict
 
 
@@ -65,7 +66,10 @@ def injection_of(name: str) -> Injection:
 
 
 def both_of(first: Injection, second: Injection) -> Injection:
-    """Return what may follow when both break; which of them is noticed is not judged."""
+    """Return what is allowed when both break: whatever is allowed for one of them.
+
+    Which conditions vehicles notice is not judged then.
+    """
     return replace(
         first,
         own=frozenset(),
@@ -146,18 +150,23 @@ def fly_broken(
             for condition, ticks in counts.items():
                 seen[condition.value] = seen.get(condition.value, 0) + ticks
 
-        wrong = judge.wrong
-        free_m, silenced_m, unflown_m = judge.smallest
+        free_m, one_silenced_m, both_silenced_m = judge.smallest
         has_lost_poses = Condition.POSITION_LOST.value in seen
         promised_m = _promised_m(
             injection, flight.config, height_m=height_m, has_lost_poses=has_lost_poses
         )
+
+        wrong = judge.wrong
         if free_m < promised_m:
             wrong.append(f"{promised_m:g} m is promised: {free_m:.2f} m")
-        if silenced_m < flight.config.fleet.body_diameter_m and not injection.is_falling:
-            wrong.append(f"bodies touch: {silenced_m:.2f} m")
+        if one_silenced_m < flight.config.fleet.body_diameter_m and not injection.is_falling:
+            wrong.append(f"bodies touch: {one_silenced_m:.2f} m")
+
     return BrokenFlight(
-        wrong=wrong, seen=seen, smallest_m=(free_m, silenced_m, unflown_m), verdict=verdict
+        wrong=wrong,
+        seen=seen,
+        smallest_m=(free_m, one_silenced_m, both_silenced_m),
+        verdict=verdict,
     )
 
 
@@ -186,10 +195,10 @@ def _bring_down(flight: Lockstep, judge: Judge, height_m: float) -> None:
 def _promised_m(
     injection: Injection, fleet: FleetConfig, *, height_m: float, has_lost_poses: bool
 ) -> float:
-    """Return what two vehicles that the law flies keep at least.
+    """Return the distance that two vehicles keep at least while the law flies both.
 
-    A descent without poses that takes too long is none that ``covey check`` allows: there bodies
-    apart are all that is promised.
+    Where ``covey check`` would refuse the descent without poses, because it takes too long, no more
+    is promised than that bodies do not touch.
     """
     body_m = fleet.fleet.body_diameter_m
     if injection.is_astray:

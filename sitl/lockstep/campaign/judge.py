@@ -97,7 +97,7 @@ class Judge:
 
         self._strongest: dict[str, Action] = {}
         self._order_of: dict[str, str] = {}
-        self._asked: dict[str, Action] = {}
+        self._demanded: dict[str, Action] = {}
 
         node = flight.bus.node("judge")
         node.start()
@@ -155,8 +155,8 @@ class Judge:
 
     def _measure_distances(self) -> None:
         truths = list(self.truths.values())
-        for place, one in enumerate(truths):
-            for other in truths[place + 1 :]:
+        for index, one in enumerate(truths):
+            for other in truths[index + 1 :]:
                 if one.is_on_ground and other.is_on_ground:
                     continue
                 far_m = separation_m(one.position_enu_m, other.position_enu_m, self.height_share)
@@ -194,20 +194,26 @@ class Judge:
         conditions = core.failsafes.conditions
         self.seen[name].update(conditions)
 
-        order = flight.order.order_id if flight.order is not None else ""
-        if order and order != self._order_of.get(name):
-            self._order_of[name] = order
+        # a new order begins anew
+        order_id = ""
+        if flight.order is not None:
+            order_id = flight.order.order_id
+        if order_id and order_id != self._order_of.get(name):
+            self._order_of[name] = order_id
             self._strongest[name] = Action.GO_ON
+
         situation = flight.situation
         if situation is Situation.GROUND:
             self._strongest[name] = Action.GO_ON
             return
 
-        # what a tick found while it still was in another situation is obeyed by the next one
-        asked = self.action_of(situation, conditions)
-        before = self._asked.get(name, Action.GO_ON)
-        self._asked[name] = asked
-        strongest = max(self._strongest.get(name, Action.GO_ON), min(before, asked))
+        # A tick that still was in another situation leaves its demand to the next one to obey.
+        demanded = self.action_of(situation, conditions)
+        demanded_before = self._demanded.get(name, Action.GO_ON)
+        self._demanded[name] = demanded
+
+        obeyed_by_now = min(demanded_before, demanded)
+        strongest = max(self._strongest.get(name, Action.GO_ON), obeyed_by_now)
         self._strongest[name] = strongest
 
         done = _done(core)
