@@ -66,7 +66,7 @@ def _parameters(parser: argparse.ArgumentParser) -> Iterator[inspect.Parameter]:
             continue
         option = action.option_strings[-1]
 
-        kind = _kind_of(action)
+        kind: Any = _kind_of(action)
         default: object = action.default
         if action.required:
             default = inspect.Parameter.empty

@@ -27,10 +27,17 @@ def _words(docstring: str, section: str = "") -> str:
         else dict(zip(parts[1::2], parts[2::2], strict=True)).get(section, "")
     )
     lines = [line.strip() for line in text.strip().splitlines() if line.strip()]
+
     joined = ""
     for line in lines:
         starts_anew = section and re.match(r"\w+: ", line)
-        joined += (" · " if joined and starts_anew else " " if joined else "") + line
+        if not joined:
+            joined = line
+        elif starts_anew:
+            joined += f" · {line}"
+        else:
+            joined += f" {line}"
+
     return re.sub(r":\w+:`~?(?:[\w.]*\.)?(\w+)`", r"`\1`", joined).replace("``", "`")
 
 

@@ -106,27 +106,26 @@ def _table(
         if name in leave:
             continue
         assert meaning, f"{struct.__name__}.{name} has no comment beside it that says its meaning"
+
+        ends: Ends | None = None
         is_number = re.search(r"\b(float|int)\b", kind) is not None and "dict" not in kind
-        ends = (
-            bounds(name)
-            if callable(bounds) and is_number
-            else None
-            if callable(bounds)
-            else bounds.get(name)
-        )
+        if not callable(bounds):
+            ends = bounds.get(name)
+        elif is_number:
+            ends = bounds(name)
+        limits = ""
+        if ends is not None:
+            limits = " to ".join(f"`{e}`" if isinstance(e, str) else f"{e:g}" for e in ends)
+
+        # a default that is made by a class is not shown
         shown = {"True": "true", "False": "false", "None": "", "{}": ""}.get(default, default)
-        shown = (
-            f"`{shown}`"
-            if shown and not shown[0].isupper()
-            else "**required**"
-            if not default
-            else ""
-        )
-        limits = (
-            ""
-            if ends is None
-            else " to ".join(f"`{e}`" if isinstance(e, str) else f"{e:g}" for e in ends)
-        )
+        if shown and not shown[0].isupper():
+            shown = f"`{shown}`"
+        elif not default:
+            shown = "**required**"
+        else:
+            shown = ""
+
         words = _kind(_LITERALS.get(kind, kind))
         lines.append(
             f"| `{name}` | {words} | {unit(name)} | {shown} | {limits} | "

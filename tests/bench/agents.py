@@ -202,13 +202,13 @@ async def _measure(
         )
     ticks = wall_s * 1e3 / PERIOD_MS
     return Result(
-        tuple(agents),
-        wall_s,
-        cpu_pct[EMULATOR],
-        cpu_pct["ground"],
-        counter.messages / wall_s,
-        float(np.mean([10.0 * one.cpu_pct * wall_s / ticks for one in agents])),
-        sum(first),
+        agents=tuple(agents),
+        seconds=wall_s,
+        emulator_cpu_pct=cpu_pct[EMULATOR],
+        ground_cpu_pct=cpu_pct["ground"],
+        messages_per_s=counter.messages / wall_s,
+        tick_cpu_ms=float(np.mean([10.0 * one.cpu_pct * wall_s / ticks for one in agents])),
+        with_precedence=sum(first),
     )
 
 

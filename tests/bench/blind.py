@@ -299,7 +299,15 @@ def cases(options: argparse.Namespace) -> Iterator[Case]:
             for height_m, back_s, is_of_all in itertools.product(heights, backs, wholes):
                 for leg in LEGS[name] if options.leg is None else (options.leg,):
                     moment_s = round(options.span * share, 2)
-                    yield Case(name, height_m, leg, moment_s, back_s, is_of_all, options.seed)
+                    yield Case(
+                        fleet=name,
+                        height_m=height_m,
+                        leg=leg,
+                        moment_s=moment_s,
+                        back_s=back_s,
+                        is_of_all=is_of_all,
+                        seed=options.seed,
+                    )
 
 
 def sweep(flights: Iterable[Case], path: Path, say: Callable[[str], None]) -> list[dict[str, Any]]:

@@ -200,11 +200,14 @@ def main() -> int:
     parser.add_argument("--ascii", action="store_true", help="in ASCII without colour")
     options = parser.parse_args()
     environ: dict[str, Any] = {}
+    kind = ""
     if options.light:
         environ = {"COVEY_THEME": "light"}
+        kind = "_light"
     elif options.ascii:
         environ = {"COVEY_ASCII": "1", "NO_COLOR": "1"}
-    kind = "_light" if options.light else "_ascii" if options.ascii else ""
+        kind = "_ascii"
+
     for size in options.sizes.split(","):
         width, height = map(int, size.split("x"))
         fly_demo(

@@ -91,13 +91,13 @@ def measure(count: int, folder: Path, *, span_s: float, spans: int) -> Speed:
         flight.run(2.0 * span_s)
         profile.disable()
     return Speed(
-        count,
-        max(cpu),
-        statistics.median(cpu),
-        max(wall),
-        start_s,
-        shares(pstats.Stats(profile)),
-        _is_repeated(fleet, folder),
+        count=count,
+        factor_cpu=max(cpu),
+        factor_median=statistics.median(cpu),
+        factor_wall=max(wall),
+        start_s=start_s,
+        parts=shares(pstats.Stats(profile)),
+        is_repeated=_is_repeated(fleet, folder),
     )
 
 

@@ -41,10 +41,10 @@ class Case(NamedTuple):
 
 
 CASES = (
-    Case(6, 65.0, 50, 6, 0.04),
-    Case(12, 65.0, 25, 6, 0.1),
-    Case(20, 390.0, 25, 6, 0.1),
-    Case(30, 390.0, 25, 6, 0.1),
+    Case(vehicles=6, rate_mbit_s=65.0, states_hz=50, most_near=6, expected_delay_s=0.04),
+    Case(vehicles=12, rate_mbit_s=65.0, states_hz=25, most_near=6, expected_delay_s=0.1),
+    Case(vehicles=20, rate_mbit_s=390.0, states_hz=25, most_near=6, expected_delay_s=0.1),
+    Case(vehicles=30, rate_mbit_s=390.0, states_hz=25, most_near=6, expected_delay_s=0.1),
 )
 
 
@@ -140,7 +140,14 @@ def fly(case: Case, seed: int = 1) -> Flown:
     check_pct = airtime_finding(fleet, fleet.radio, most_near(fleet, starts)).value
     p50_s, p99_s = np.percentile(ages_s or [0.0], [50.0, 99.0])
     return Flown(
-        case, check_pct, busy_pct, dropped, separation_m, 1e3 * p50_s, 1e3 * p99_s, failure
+        case=case,
+        check_pct=check_pct,
+        busy_pct=busy_pct,
+        dropped=dropped,
+        min_separation_m=separation_m,
+        age_p50_ms=1e3 * p50_s,
+        age_p99_ms=1e3 * p99_s,
+        failure=failure,
     )
 
 

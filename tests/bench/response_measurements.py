@@ -84,7 +84,9 @@ def closed_loop(
     Returns:
         commanded and true acceleration (k, 2) northward and upward, one row per physics step.
     """
-    spec = VehicleSpec("sih", 1, SIH, (0.0, 0.0, 0.0), VERSIONS["1.16"])
+    spec = VehicleSpec(
+        name="sih", system_id=1, profile=SIH, start_enu_m=(0.0, 0.0, 0.0), px4=VERSIONS["1.16"]
+    )
     emulator = Emulator([spec], environment=Environment(error_scale=0.0), seed=0)
     rng = np.random.default_rng(3)
     pilot = emulator.autopilots[0]
@@ -214,4 +216,10 @@ def estimate_errors(
     )
     below = int(np.argmax(alike < math.exp(-1.0)))
     found_s = float(np.interp(-math.exp(-1.0), -alike[: below + 1], lags[: below + 1])) * PERIOD_S
-    return ErrorFigures(p.std(axis=(0, 1)), v.std(axis=(0, 1)), found_s, lags * PERIOD_S, alike)
+    return ErrorFigures(
+        position_m=p.std(axis=(0, 1)),
+        velocity_m_s=v.std(axis=(0, 1)),
+        correlation_s=found_s,
+        lags_s=lags * PERIOD_S,
+        correlation=alike,
+    )

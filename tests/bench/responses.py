@@ -109,22 +109,22 @@ def step_rows() -> Iterator[Row]:
                 first_s(times, shares, level),
             )
         yield Row(
-            f"roll and pitch {size:g} deg, overshoot",
-            "%",
-            9.0,
-            10.0,
-            100.0 * (float(shares.max()) - 1.0),
+            what=f"roll and pitch {size:g} deg, overshoot",
+            unit="%",
+            low=9.0,
+            high=10.0,
+            emulated=100.0 * (float(shares.max()) - 1.0),
         )
         yield _time_row(
             f"roll and pitch {size:g} deg, its time", 370, 385, float(times[shares.argmax()])
         )
         rate = float(np.gradient(shares, STEP_S).max())
         yield Row(
-            f"roll and pitch {size:g} deg, peak rate over size",
-            "1/s",
-            min(_TILT_RATE_1_S),
-            max(_TILT_RATE_1_S),
-            rate,
+            what=f"roll and pitch {size:g} deg, peak rate over size",
+            unit="1/s",
+            low=min(_TILT_RATE_1_S),
+            high=max(_TILT_RATE_1_S),
+            emulated=rate,
         )
     for size in _YAW_DEG:
         times, shares = step_response(2, size)
@@ -134,11 +134,11 @@ def step_rows() -> Iterator[Row]:
             )
         overshoot = _YAW_OVERSHOOT_PCT[size]
         yield Row(
-            f"yaw {size:g} deg, overshoot",
-            "%",
-            overshoot,
-            overshoot,
-            100.0 * (float(shares.max()) - 1.0),
+            what=f"yaw {size:g} deg, overshoot",
+            unit="%",
+            low=overshoot,
+            high=overshoot,
+            emulated=100.0 * (float(shares.max()) - 1.0),
         )
         if size <= 30.0:
             yield _time_row(
@@ -146,48 +146,69 @@ def step_rows() -> Iterator[Row]:
             )
         if size == 170.0:
             yield Row(
-                "yaw 170 deg, peak rate",
-                "deg/s",
-                167.0,
-                167.0,
-                float(np.gradient(shares, STEP_S).max()) * size,
+                what="yaw 170 deg, peak rate",
+                unit="deg/s",
+                low=167.0,
+                high=167.0,
+                emulated=float(np.gradient(shares, STEP_S).max()) * size,
             )
 
 
 def _time_row(what: str, low_ms: float, high_ms: float, emulated_s: float) -> Row:
-    return Row(what, "ms", low_ms, high_ms, 1e3 * emulated_s, slack=1e3 * _TIME_S)
+    return Row(
+        what=what,
+        unit="ms",
+        low=low_ms,
+        high=high_ms,
+        emulated=1e3 * emulated_s,
+        slack=1e3 * _TIME_S,
+    )
 
 
 def thrust_rows() -> Iterator[Row]:
     """Thrust and body rates."""
     _, speeds = climb()
-    yield Row("thrust for hovering", "-", 0.487, 0.49, SIH.hover_thrust_frac)
     yield Row(
-        "thrust + 0.1, climb speed after 0.6 s",
-        "m/s",
-        0.88,
-        0.88,
-        float(speeds[round(0.6 / STEP_S) - 1]),
+        what="thrust for hovering", unit="-", low=0.487, high=0.49, emulated=SIH.hover_thrust_frac
+    )
+    yield Row(
+        what="thrust + 0.1, climb speed after 0.6 s",
+        unit="m/s",
+        low=0.88,
+        high=0.88,
+        emulated=float(speeds[round(0.6 / STEP_S) - 1]),
     )
     lagged = float(np.gradient(speeds, STEP_S)[round(0.1 / STEP_S) - 1])
-    yield Row("thrust + 0.1, acceleration after 0.1 s", "m/s^2", 1.5, 1.5, lagged)
+    yield Row(
+        what="thrust + 0.1, acceleration after 0.1 s",
+        unit="m/s^2",
+        low=1.5,
+        high=1.5,
+        emulated=lagged,
+    )
     vehicles, commands = hovering(SIH)
     commands.is_rate[:] = True
     commands.rate_rad_s[0, 0] = math.radians(25.0)
     for _ in range(round(0.4 / STEP_S)):
         vehicles.step(commands)
     rate = math.degrees(float(vehicles.states.tilt_rate_rad_s[0, 0]))
-    yield Row("body rate of 25 deg/s asked for, after 0.4 s", "deg/s", 25.0, 25.0, rate)
+    yield Row(
+        what="body rate of 25 deg/s asked for, after 0.4 s",
+        unit="deg/s",
+        low=25.0,
+        high=25.0,
+        emulated=rate,
+    )
     vehicles, commands = hovering(SIH)
     commands.thrust_frac[:] = 0.0
     for _ in range(round(0.6 / STEP_S)):
         vehicles.step(commands)
     yield Row(
-        "thrust NaN, falling after 0.6 s",
-        "m/s",
-        4.0,
-        4.0,
-        float(vehicles.states.velocity_ned_m_s[0, 2]),
+        what="thrust NaN, falling after 0.6 s",
+        unit="m/s",
+        low=4.0,
+        high=4.0,
+        emulated=float(vehicles.states.velocity_ned_m_s[0, 2]),
     )
 
 
@@ -197,8 +218,8 @@ def loop_rows() -> Iterator[Row]:
     _, vertical = closed_loop(sideways_m_s2=0.0, upward_m_s2=2.0)
     delay, wn, zeta = fit(horizontal[:, 0], horizontal[:, 1])
     yield _time_row("commanded to true horizontal acceleration, dead time", 47, 59, delay)
-    yield Row("the same, natural frequency", "rad/s", 11.0, 12.0, wn)
-    yield Row("the same, damping", "-", 0.57, 0.62, zeta)
+    yield Row(what="the same, natural frequency", unit="rad/s", low=11.0, high=12.0, emulated=wn)
+    yield Row(what="the same, damping", unit="-", low=0.57, high=0.62, emulated=zeta)
     yield _time_row(
         "the same, peak of the correlation", 175, 175, delay_by_correlation_s(*horizontal.T)
     )
@@ -215,29 +236,29 @@ def error_rows() -> Iterator[Row]:
             p = 100.0 * level.position_m[axis]
             v = 100.0 * level.velocity_m_s[axis]
             yield Row(
-                f"{name}: position error {which}",
-                "cm",
-                p,
-                p,
-                100.0 * float(found.position_m[axis]),
-                0.2 * p,
+                what=f"{name}: position error {which}",
+                unit="cm",
+                low=p,
+                high=p,
+                emulated=100.0 * float(found.position_m[axis]),
+                slack=0.2 * p,
             )
             yield Row(
-                f"{name}: velocity error {which}",
-                "cm/s",
-                v,
-                v,
-                100.0 * float(found.velocity_m_s[axis]),
-                0.2 * v,
+                what=f"{name}: velocity error {which}",
+                unit="cm/s",
+                low=v,
+                high=v,
+                emulated=100.0 * float(found.velocity_m_s[axis]),
+                slack=0.2 * v,
             )
         tau = level.correlation_s
         yield Row(
-            f"{name}: correlation time of the velocity error",
-            "s",
-            tau,
-            tau,
-            found.correlation_s,
-            0.25 * tau,
+            what=f"{name}: correlation time of the velocity error",
+            unit="s",
+            low=tau,
+            high=tau,
+            emulated=found.correlation_s,
+            slack=0.25 * tau,
         )
 
 

@@ -146,13 +146,15 @@ async def soak(minutes: float, folder: Path, *, settle_minutes: float) -> Soak:
         if not await bench_fleet.fleet.land_all():
             missed.append("land all: not everybody is down")
     return Soak(
-        minutes,
-        samples.time_s,
-        samples.memory_mib,
-        {name: samples.growth_mib(name, settle_minutes * 60.0) for name in samples.memory_mib},
-        orders,
-        missed,
-        watcher.explained(),
+        minutes=minutes,
+        time_s=samples.time_s,
+        memory_mib=samples.memory_mib,
+        growth_mib={
+            name: samples.growth_mib(name, settle_minutes * 60.0) for name in samples.memory_mib
+        },
+        orders=orders,
+        missed=missed,
+        late=watcher.explained(),
     )
 
 

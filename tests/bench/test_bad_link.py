@@ -116,7 +116,7 @@ def _flown() -> Flight:
         log = silent + lost + heard
         told |= dict.fromkeys(half, conditions(log))
     done = dict.fromkeys((*first, *second), "")
-    return Flight(3.0, 0.9, done, done, True, told)
+    return Flight(at_s=3.0, nearest_m=0.9, ends=done, returns=done, has_landed=True, told=told)
 
 
 def test_the_verdict_of_a_partition_knows_what_is_wrong() -> None:

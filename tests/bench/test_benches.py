@@ -39,7 +39,15 @@ AGENT = AgentCost(
 
 
 def result(*agents: AgentCost) -> Result:
-    return Result(agents, 30.0, 20.0, 10.0, 500.0, 2.0, len(agents))
+    return Result(
+        agents=agents,
+        seconds=30.0,
+        emulator_cpu_pct=20.0,
+        ground_cpu_pct=10.0,
+        messages_per_s=500.0,
+        tick_cpu_ms=2.0,
+        with_precedence=len(agents),
+    )
 
 
 @pytest.mark.parametrize(
@@ -108,7 +116,15 @@ def test_a_staged_fleet_is_valid_whatever_its_size_and_knows_its_neighbours() ->
 
 
 def soak(**changes: object) -> Soak:
-    found = Soak(1.0, [0.0, 5.0], {"mav0": [30.0, 30.1]}, {"mav0": 0.1, "ground": 3.0}, 10, [], [])
+    found = Soak(
+        minutes=1.0,
+        time_s=[0.0, 5.0],
+        memory_mib={"mav0": [30.0, 30.1]},
+        growth_mib={"mav0": 0.1, "ground": 3.0},
+        orders=10,
+        missed=[],
+        late=[],
+    )
     return replace(found, **changes)  # type: ignore[arg-type]
 
 

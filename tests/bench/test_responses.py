@@ -41,9 +41,12 @@ def test_the_page_in_the_docs_is_what_the_command_writes(table: list[Row]) -> No
 
 
 def test_a_figure_that_is_off_is_said_to_be_off() -> None:
-    assert Row("x", "ms", 100.0, 110.0, 120.0, slack=10.0).agrees
-    assert not Row("x", "ms", 100.0, 110.0, 123.0, slack=10.0).agrees
-    assert not Row("x", "%", 9.0, 10.0, 7.9).agrees
+    assert Row(what="x", unit="ms", low=100.0, high=110.0, emulated=120.0, slack=10.0).agrees
+    assert not Row(what="x", unit="ms", low=100.0, high=110.0, emulated=123.0, slack=10.0).agrees
+    assert not Row(what="x", unit="%", low=9.0, high=10.0, emulated=7.9).agrees
     assert "1 of 2 do not: b" in responses.page(
-        [Row("a", "-", 1.0, 1.0, 1.0), Row("b", "-", 1.0, 1.0, 3.0)]
+        [
+            Row(what="a", unit="-", low=1.0, high=1.0, emulated=1.0),
+            Row(what="b", unit="-", low=1.0, high=1.0, emulated=3.0),
+        ]
     )

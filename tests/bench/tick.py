@@ -35,7 +35,23 @@ def neighbours(count: int, seed: int = 2) -> list[Neighbour]:
         v = Vec3(rng.gauss(0.0, 0.3), rng.gauss(0.0, 0.3), 0.0)
         u = Vec3(rng.gauss(0.0, 0.5), rng.gauss(0.0, 0.5), 0.0)
         out.append(
-            Neighbour(p, v, ZERO_3, p, v, u, v, 0.04, 0.15, 0.003, 0.02, 1.0, True, False, index)
+            Neighbour(
+                position_enu_m=p,
+                velocity_enu_m_s=v,
+                acceleration_enu_m_s2=ZERO_3,
+                predicted_position_enu_m=p,
+                predicted_velocity_enu_m_s=v,
+                commanded_acceleration_enu_m_s2=u,
+                intent_enu_m_s=v,
+                age_s=0.04,
+                lead_time_s=0.15,
+                position_std_m=0.003,
+                velocity_std_m_s=0.02,
+                crowd_count=1.0,
+                is_cooperative=True,
+                is_paper_obstacle=False,
+                table_index=index,
+            )
         )
     return out
 

@@ -79,7 +79,15 @@ def fly_ramp(fleet: str, times_the_limit: float, seed: int) -> WindyFlight:
         flight.takeoff(HEIGHT_M)
         begin_s = flight.time_s
         values = {"speed_m_s": times_the_limit * limit_m_s, "from_deg": from_deg, "over_s": RAMP_S}
-        flight.inject(Fault("wind_ramp", config.enabled_names[0], flight.time_s, 0.0, values))
+        flight.inject(
+            Fault(
+                name="wind_ramp",
+                vehicle=config.enabled_names[0],
+                at_s=flight.time_s,
+                duration_s=0.0,
+                parameters=values,
+            )
+        )
 
         is_down = flight.until(
             lambda state: all(state.is_landed(name) for name in config.enabled_names), 2.0 * RAMP_S

@@ -98,7 +98,9 @@ def running_emulator(folder: Path, *options: str) -> Iterator[Running]:
         assert process.stderr is not None
         try:
             assert process.stdout.readline().startswith("ready: solo"), process.stderr.read()
-            yield Running(process, fleet, companion, ground, station)
+            yield Running(
+                process=process, fleet=fleet, companion=companion, ground=ground, station=station
+            )
         finally:
             process.terminate()
             status = process.wait(10)

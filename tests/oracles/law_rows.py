@@ -204,10 +204,12 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
     parts = []
     turn_parts = []
     indices = []
-    stranger = []
+    is_uncooperative = []
     crowd = least_crowd(p, is_roundabout)
     if neighbours:
-        rows, turns, indexes, crowd, stranger = neighbour_rows(own, neighbours, p, is_roundabout)
+        rows, turns, indexes, crowd, is_uncooperative = neighbour_rows(
+            own, neighbours, p, is_roundabout
+        )
         parts.append(rows)
         turn_parts.append((*turns, True))
         indices.extend(indexes)
@@ -228,14 +230,17 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
     for turn_normals, turn_bounds, ahead, has_fade in turn_parts:
         for k, normal in enumerate(turn_normals):
             bound = turn_bounds[k] + normal @ own["compensation"]
-            lack = missing[start + k]
+            shortfall = missing[start + k]
             given = normal @ u
             if rotation == numbers.ROTATION_ALWAYS:
                 soft.append((normal, bound))
                 continue
-            strength = (lack > 1e-10) * (
-                min(1.0, lack / p.gains.rotation_fade_m_s2) if has_fade else 1.0
-            )
+
+            strength = 0.0
+            if shortfall > 1e-10 and has_fade:
+                strength = min(1.0, shortfall / p.gains.rotation_fade_m_s2)
+            elif shortfall > 1e-10:
+                strength = 1.0
             if rotation == numbers.ROTATION_AHEAD:
                 strength = max(strength, ahead[k])
             if rotation != numbers.ROTATION_NEVER and strength > 0.0:
@@ -257,9 +262,9 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
     ]
     yielding = binding(normals[:count], bounds[:count], own["radius"])
     speed = np.hypot(*own["velocity"])
-    strangers = np.array(stranger, bool)[:count]
+    uncooperative = np.array(is_uncooperative, bool)[:count]
     is_free = (
-        bool((bounds[:count] > -own["radius"] * np.hypot(*normals[:count].T))[strangers].any())
+        bool((bounds[:count] > -own["radius"] * np.hypot(*normals[:count].T))[uncooperative].any())
         if count
         else False
     )

@@ -39,7 +39,10 @@ def emulator(
     """Vehicles at `starts` (fleet ENU), system ids from 1; one at the origin when none is given."""
     places = starts or ((0.0, 0.0, 0.0),)
     version = VERSIONS[px4]
-    specs = [VehicleSpec(f"v{i}", i + 1, profile, place, version) for i, place in enumerate(places)]
+    specs = [
+        VehicleSpec(name=f"v{i}", system_id=i + 1, profile=profile, start_enu_m=place, px4=version)
+        for i, place in enumerate(places)
+    ]
     return Emulator(specs, seed=seed)
 
 

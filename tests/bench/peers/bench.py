@@ -91,7 +91,13 @@ def _late(cell: Cell) -> tuple[str, ...]:
     """Return what a fleet with such messages sets: the delay, and margin and range as ``covey
     check`` demands them.
     """
-    place = MapCell(cell.errors, arena.size(cell.scenario), 1.0, round(1e3 * cell.delay_s, 6), 0.0)
+    place = MapCell(
+        errors=cell.errors,
+        vehicles=arena.size(cell.scenario),
+        speed_m_s=1.0,
+        delay_ms=round(1e3 * cell.delay_s, 6),
+        loss_pct=0.0,
+    )
     return f"delay_s={cell.delay_s}", *(
         change for change in changes(place) if change.startswith("law.")
     )
@@ -178,14 +184,21 @@ def gathered(
 
 def compare(options: argparse.Namespace, group: str, contestants: Mapping[str, Contestant]) -> int:
     """The comparison or the ablation: table, figures, page."""
-    scenarios: Sequence[str] = (
-        QUICK if options.quick else ABLATION if group == "ablation" else COMPARISON
-    )
-    scenarios = arena.MIX if options.mix else scenarios
-    usual = QUICK_SEEDS if options.quick else ABLATION_SEEDS if group == "ablation" else SEEDS
-    seeds = options.seeds or usual
+    scenarios: Sequence[str] = COMPARISON
+    seeds = SEEDS
+    if options.quick:
+        scenarios = QUICK
+        seeds = QUICK_SEEDS
+    elif group == "ablation":
+        scenarios = ABLATION
+        seeds = ABLATION_SEEDS
+    if options.mix:
+        scenarios = arena.MIX
+    if options.seeds:
+        seeds = options.seeds
+
     cells = [
-        Cell(group, key, (), scenario, part, options.errors)
+        Cell(group=group, key=key, values=(), scenario=scenario, seeds=part, errors=options.errors)
         for key in contestants
         for scenario in scenarios
         for part in _parts(seeds)
@@ -194,6 +207,7 @@ def compare(options: argparse.Namespace, group: str, contestants: Mapping[str, C
     outcomes = {contestants[key].title: flights for (key, _), (flights, _) in rows.items()}
     summaries = {contestants[key].title: figures for (key, _), (_, figures) in rows.items()}
     print(table(summaries, "law" if group == "ablation" else "method"))
+
     if options.out is None:
         return 0
     folder = Path(options.out)
@@ -240,7 +254,15 @@ def by_delay(options: argparse.Namespace, contestants: Mapping[str, Contestant])
     scenarios = QUICK if options.quick else COMPARISON
     seeds = options.seeds or (QUICK_SEEDS if options.quick else DELAY_SEEDS)
     cells = [
-        Cell("peers", key, (), scenario, part, options.errors, delay_s)
+        Cell(
+            group="peers",
+            key=key,
+            values=(),
+            scenario=scenario,
+            seeds=part,
+            errors=options.errors,
+            delay_s=delay_s,
+        )
         for delay_s in options.delays
         for key in contestants
         for scenario in scenarios
@@ -281,7 +303,14 @@ def tune(options: argparse.Namespace) -> int:
     seeds = options.seeds or (QUICK_SEEDS if options.quick else TUNING_SEEDS)
     grids = {name: method.grid for name, method in METHODS.items()} | {"ring": RING_GRID}
     cells = [
-        Cell("tune", name, tuple(values.items()), scenario, seeds, options.errors)
+        Cell(
+            group="tune",
+            key=name,
+            values=tuple(values.items()),
+            scenario=scenario,
+            seeds=seeds,
+            errors=options.errors,
+        )
         for name, grid in grids.items()
         for values in combinations(grid)
         for scenario in scenarios

@@ -56,7 +56,22 @@ def half_planes(path: Path) -> None:
     gaps = (Vec2(-1.15, -0.50), Vec2(-0.15, 1.10))  # own minus neighbour's
     closing = (Vec2(0.50, 0.25), Vec2(0.20, -0.30))
     rows = [
-        distance_row(NeighbourPair(e, w, ZERO_2, w, d, 0.0, 0.0, True, True, 0), d, params)
+        distance_row(
+            NeighbourPair(
+                e=e,
+                w=w,
+                command_m_s2=ZERO_2,
+                intent_m_s=w,
+                d_m=d,
+                distance_2_m2=0.0,
+                crowd_count=0.0,
+                is_near=True,
+                is_cooperative=True,
+                table_index=0,
+            ),
+            d,
+            params,
+        )
         for e, w in zip(gaps, closing, strict=True)
     ]
     radius = 4.5

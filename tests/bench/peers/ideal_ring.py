@@ -17,7 +17,15 @@ from onboard.vectors import Vec2, Vec3
 from tests.bench.peers.encounter import Array, length
 
 RING = np.array([1, 2, 0])  # the one that each avoids
-PRINTED = PaperParams(2.0, 2.0, 1.5, 1.5, 0.1, 0.8, 1.0)
+PRINTED = PaperParams(
+    kappa_1_1_s=2.0,
+    kappa_2_1_s=2.0,
+    kappa_3_1_s=1.5,
+    kappa_4_1_s=1.5,
+    v_perp_m_s=0.1,
+    d_inf_m=0.8,
+    turn_sign=1.0,
+)
 CENTRE_ENU_M = np.array([0.0, 1.2, 1.0])
 LEG_S = 7.0
 

@@ -200,8 +200,13 @@ def half_planes(
             line = unit * bound / size - unit * 0.08 * radius
             ends = (line + along * 0.6 * radius, line - along * 0.6 * radius)
             spot = max(ends, key=lambda end: float(np.hypot(*(end - wanted))))
+
+            # along the line, and never upside down
             turn = math.degrees(math.atan2(unit[0], -unit[1]))
-            turn = turn - 180.0 if turn > 90.0 else turn + 180.0 if turn < -90.0 else turn
+            if turn > 90.0:
+                turn -= 180.0
+            elif turn < -90.0:
+                turn += 180.0
             axis.text(
                 *spot, name, color=colour(k), rotation=turn, ha="center", va="center", fontsize=9
             )

@@ -107,16 +107,16 @@ def test_a_peer_has_a_name_that_a_fleet_file_can_give(name):
 def outcome(separation_m, ratio=1.2):
     is_there = math.isfinite(ratio)
     return Outcome(
-        "swap4",
-        0,
-        is_there,
-        separation_m,
-        0.1 * (separation_m < 0.8),
-        separation_m < 0.5,
-        ratio,
-        0,
-        9,
-        1,
+        scenario="swap4",
+        seed=0,
+        success=is_there,
+        min_separation_m=separation_m,
+        violation_s=0.1 if separation_m < 0.8 else 0.0,
+        collision=separation_m < 0.5,
+        ratio=ratio,
+        relaxed_share=0,
+        slew_m_s3=9,
+        max_speed_m_s=1,
     )
 
 

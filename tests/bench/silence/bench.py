@@ -62,21 +62,65 @@ class Case:
 
 
 CASES = (
-    Case("stopped", "SIGSTOP, SIGCONT after 2 s", "nothing", signal.SIGSTOP, 2.0),
-    Case("stopped-briefly", "SIGSTOP, SIGCONT after 0.5 s", "nothing", signal.SIGSTOP, 0.5),
-    Case("killed", "SIGKILL", "nothing", signal.SIGKILL, 0.0),
-    Case("loop", "event loop blocked for 2 s", "loop", signal.SIGUSR1, 2.0),
-    Case("loop-briefly", "event loop blocked for 0.5 s", "loop", signal.SIGUSR1, 0.5),
-    Case("interpreter", "a thread keeps Python's lock for 2 s", "interpreter", signal.SIGUSR1, 2.0),
-    Case("autopilot", "MAVSDK's thread blocked for 2 s", "autopilot", signal.SIGUSR1, 2.0),
-    Case("bus", "the bus's thread blocked for 3 s", "bus", signal.SIGUSR1, 3.0, None, lands=True),
     Case(
-        "executors",
-        "threads for blocking calls blocked for 3 s",
-        "executors",
-        signal.SIGUSR1,
-        3.0,
-        None,
+        name="stopped",
+        words="SIGSTOP, SIGCONT after 2 s",
+        part="nothing",
+        number=signal.SIGSTOP,
+        hang_s=2.0,
+    ),
+    Case(
+        name="stopped-briefly",
+        words="SIGSTOP, SIGCONT after 0.5 s",
+        part="nothing",
+        number=signal.SIGSTOP,
+        hang_s=0.5,
+    ),
+    Case(name="killed", words="SIGKILL", part="nothing", number=signal.SIGKILL, hang_s=0.0),
+    Case(
+        name="loop",
+        words="event loop blocked for 2 s",
+        part="loop",
+        number=signal.SIGUSR1,
+        hang_s=2.0,
+    ),
+    Case(
+        name="loop-briefly",
+        words="event loop blocked for 0.5 s",
+        part="loop",
+        number=signal.SIGUSR1,
+        hang_s=0.5,
+    ),
+    Case(
+        name="interpreter",
+        words="a thread keeps Python's lock for 2 s",
+        part="interpreter",
+        number=signal.SIGUSR1,
+        hang_s=2.0,
+    ),
+    Case(
+        name="autopilot",
+        words="MAVSDK's thread blocked for 2 s",
+        part="autopilot",
+        number=signal.SIGUSR1,
+        hang_s=2.0,
+    ),
+    Case(
+        name="bus",
+        words="the bus's thread blocked for 3 s",
+        part="bus",
+        number=signal.SIGUSR1,
+        hang_s=3.0,
+        limit_s=None,
+        lands=True,
+    ),
+    Case(
+        name="executors",
+        words="threads for blocking calls blocked for 3 s",
+        part="executors",
+        number=signal.SIGUSR1,
+        hang_s=3.0,
+        limit_s=None,
     ),
 )
 
@@ -127,14 +171,14 @@ def judge(case: Case, passed: Sequence[wire.Passed], fault_ns: int, end_ns: int)
         is_right = silent_after_s <= case.limit_s and resumed == 0 and has_landed
     limit_ms = None if case.limit_s is None else 1e3 * case.limit_s
     return Observation(
-        case.name,
-        case.words,
-        1e3 * silent_after_s,
-        limit_ms,
-        1e3 * gap_s,
-        resumed,
-        has_landed,
-        is_right,
+        name=case.name,
+        words=case.words,
+        silent_after_ms=1e3 * silent_after_s,
+        limit_ms=limit_ms,
+        longest_gap_ms=1e3 * gap_s,
+        resumed=resumed,
+        has_landed=has_landed,
+        is_right=is_right,
     )
 
 

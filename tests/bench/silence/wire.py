@@ -59,7 +59,13 @@ def read(log: Path) -> list[Passed]:
         if line.endswith("\n"):
             stamp, vehicle, is_setpoint, is_armed, mode = line.split()
             found.append(
-                Passed(int(stamp), vehicle, is_setpoint == "1", is_armed == "1", int(mode))
+                Passed(
+                    stamp_ns=int(stamp),
+                    vehicle=vehicle,
+                    is_setpoint=is_setpoint == "1",
+                    is_armed=is_armed == "1",
+                    custom_mode=int(mode),
+                )
             )
     return sorted(found, key=lambda one: one.stamp_ns)
 
@@ -116,7 +122,15 @@ def main(argv: list[str]) -> None:
                     log.write(Passed(stamp_ns, name, True).line)
                 elif not is_from_agent and message_id == HEARTBEAT:
                     mode, *_, base_mode, _ = struct.unpack("<IBBBB", payload.ljust(9, b"\0")[:8])
-                    log.write(Passed(stamp_ns, name, False, bool(base_mode & 128), mode).line)
+                    log.write(
+                        Passed(
+                            stamp_ns=stamp_ns,
+                            vehicle=name,
+                            is_setpoint=False,
+                            is_armed=bool(base_mode & 128),
+                            custom_mode=mode,
+                        ).line
+                    )
             try:
                 out.sendto(data, address)
             except OSError:

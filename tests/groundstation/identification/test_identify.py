@@ -124,13 +124,13 @@ def logs(truth: Truth, seeds: range, duration_s: float = 32.0, tilt_deg: float =
         stamps: Array = time + truth.attitude_age_s
         found.append(
             Log(
-                time,
-                quaternion(asked[:, number]),
-                thrust[:, number],
-                stamps,
-                quaternion(seen_tilt),
-                time,
-                seen,
+                command_time_s=time,
+                command_quaternion_wxyz=quaternion(asked[:, number]),
+                thrust_frac=thrust[:, number],
+                attitude_time_s=stamps,
+                attitude_quaternion_wxyz=quaternion(seen_tilt),
+                position_time_s=time,
+                position_enu_m=seen,
             )
         )
     return found

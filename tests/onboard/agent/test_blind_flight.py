@@ -79,7 +79,14 @@ def test_what_asks_for_a_hold_meanwhile_ends_the_order() -> None:
     rig = lost()
     rig.run(0.3)
     x, y, z = rig.position.tolist()
-    view = FlightView(rig.now_ns, (x, y, z), (0.0, 0.0, 0.0), True, rig.snapshot, is_blind=True)
+    view = FlightView(
+        now_ns=rig.now_ns,
+        position_enu_m=(x, y, z),
+        velocity_enu_m_s=(0.0, 0.0, 0.0),
+        has_position=True,
+        snapshot=rig.snapshot,
+        is_blind=True,
+    )
     begin_failsafe(rig.core.flight, view, Action.HOLD, "Bus lost: holding.")
     rig.run(0.2)
     rig.has_mocap = True

@@ -61,11 +61,11 @@ async def events_until(link: MuteLink, reads: int) -> list[agent_inputs.AgentInp
     told = asyncio.Queue[agent_inputs.AgentInput]()
     flight = FlightContext(CONFIG, vehicle)
     upkeep = LinkUpkeep(
-        CONFIG,
-        vehicle,
-        link,  # type: ignore[arg-type]
-        flight,
-        told.put_nowait,
+        fleet=CONFIG,
+        vehicle=vehicle,
+        link=link,  # type: ignore[arg-type]
+        flight=flight,
+        notify=told.put_nowait,
         applies_params=False,
     )
     events: list[agent_inputs.AgentInput] = []

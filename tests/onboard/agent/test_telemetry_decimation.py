@@ -91,7 +91,12 @@ def test_an_agent_hears_whom_it_follows_often_and_only_the_others_slowly() -> No
     bus = cast(Any, Bus())
     inbox = Inbox(fleet.vehicles["mav1"], 1, bus, fleet.mocap)
     executor = CommandExecutor(
-        "mav1", ["mav0", "mav2", "mav3"], cast(Any, None), bus, inbox, lambda: None
+        name="mav1",
+        others=["mav0", "mav2", "mav3"],
+        link=cast(Any, None),
+        bus=bus,
+        inbox=inbox,
+        on_exit=lambda: None,
     )
     executor.execute([agent_commands.Follow(frozenset({"mav0", "mav2"}))])
     executor.stop()

@@ -45,7 +45,16 @@ def law_of(limits=None, **config):
 
 
 def state_of(position, velocity, std=(0.0, 0.0)):
-    return State(vec(position), vec(velocity), ZERO_3, 0.0, 0.0, *map(float, std))
+    position_std_m, velocity_std_m_s = std
+    return State(
+        position_enu_m=vec(position),
+        velocity_enu_m_s=vec(velocity),
+        acceleration_enu_m_s2=ZERO_3,
+        yaw_rad=0.0,
+        age_s=0.0,
+        position_std_m=float(position_std_m),
+        velocity_std_m_s=float(velocity_std_m_s),
+    )
 
 
 def neighbour_of(position, velocity=ZERO_3, command=ZERO_3, **changes):
@@ -54,7 +63,23 @@ def neighbour_of(position, velocity=ZERO_3, command=ZERO_3, **changes):
     v = vec(velocity)
     u = vec(command)
     unknown = Vec3(math.nan, math.nan, math.nan)
-    made = Neighbour(p, v, u, p, v, u, unknown, 0.0, math.nan, 0.0, 0.0, 0.0, True, True, 0)
+    made = Neighbour(
+        position_enu_m=p,
+        velocity_enu_m_s=v,
+        acceleration_enu_m_s2=u,
+        predicted_position_enu_m=p,
+        predicted_velocity_enu_m_s=v,
+        commanded_acceleration_enu_m_s2=u,
+        intent_enu_m_s=unknown,
+        age_s=0.0,
+        lead_time_s=math.nan,
+        position_std_m=0.0,
+        velocity_std_m_s=0.0,
+        crowd_count=0.0,
+        is_cooperative=True,
+        is_paper_obstacle=True,
+        table_index=0,
+    )
     return made._replace(**changes)
 
 
@@ -115,21 +140,23 @@ def random_neighbour(rng, index, spread):
     position = rng.normal(size=3) * spread
     velocity = rng.normal(size=3) * 0.5
     return Neighbour(
-        vec(position),
-        vec(velocity),
-        vec(rng.normal(size=3)),
-        vec(position + 0.15 * velocity),
-        vec(velocity + 0.1 * rng.normal(size=3)),
-        vec(rng.normal(size=3)),
-        vec(rng.normal(size=3) * 0.4) if rng.random() < 0.8 else Vec3(math.nan, math.nan, math.nan),
-        abs(rng.normal()) * 0.1,
-        abs(rng.normal()) * 0.2 if rng.random() < 0.9 else math.nan,
-        abs(rng.normal()) * 0.02,
-        abs(rng.normal()) * 0.05,
-        float(rng.integers(0, 6)),
-        bool(rng.random() < 0.8),
-        bool(rng.random() < 0.5),
-        index,
+        position_enu_m=vec(position),
+        velocity_enu_m_s=vec(velocity),
+        acceleration_enu_m_s2=vec(rng.normal(size=3)),
+        predicted_position_enu_m=vec(position + 0.15 * velocity),
+        predicted_velocity_enu_m_s=vec(velocity + 0.1 * rng.normal(size=3)),
+        commanded_acceleration_enu_m_s2=vec(rng.normal(size=3)),
+        intent_enu_m_s=vec(rng.normal(size=3) * 0.4)
+        if rng.random() < 0.8
+        else Vec3(math.nan, math.nan, math.nan),
+        age_s=abs(rng.normal()) * 0.1,
+        lead_time_s=abs(rng.normal()) * 0.2 if rng.random() < 0.9 else math.nan,
+        position_std_m=abs(rng.normal()) * 0.02,
+        velocity_std_m_s=abs(rng.normal()) * 0.05,
+        crowd_count=float(rng.integers(0, 6)),
+        is_cooperative=bool(rng.random() < 0.8),
+        is_paper_obstacle=bool(rng.random() < 0.5),
+        table_index=index,
     )
 
 

@@ -26,7 +26,9 @@ from onboard.safety.area_room import rooms_m
 from onboard.types import GRAVITY_M_S2, State, Thrust
 from onboard.vectors import ZERO_3, Vec3
 
-CALM = Perturbation(0.05, 0.02, 0.05, 0.0, 0.0, start_m=0.0)
+CALM = Perturbation(
+    lag_share=0.05, gain_share=0.02, drag_share=0.05, hover_share=0.0, gust_m_s2=0.0, start_m=0.0
+)
 SQUARE: list[list[float]] = [[-3, -3], [3, -3], [3, 3], [-3, 3]]
 ELL: list[list[float]] = [[-3, -3], [6, -3], [6, 0], [0.6, 0], [0.6, 6], [-3, 6]]
 

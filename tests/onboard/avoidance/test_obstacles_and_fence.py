@@ -15,7 +15,9 @@ from onboard.rollout.vehicle_model import Perturbation
 from onboard.types import LawStatus
 from tests.onboard.avoidance.law_cases import FENCE, law_of, neighbour_of, run
 
-CALM = Perturbation(0.05, 0.02, 0.05, 0.0, 0.0, start_m=0.0)
+CALM = Perturbation(
+    lag_share=0.05, gain_share=0.02, drag_share=0.05, hover_share=0.0, gust_m_s2=0.0, start_m=0.0
+)
 PILLAR = {"name": "pillar", "circle": {"center_enu_m": [0.0, 0.0], "radius_m": 0.4}}
 BOX = {"name": "box", "polygon_enu_m": [[-0.5, -0.6], [0.5, -0.6], [0.5, 0.6], [-0.5, 0.6]]}
 

@@ -13,7 +13,15 @@ from onboard.vectors import ZERO_2, Vec2
 from tests.onboard.avoidance.law_cases import nearest_thrust
 from tests.oracles.paper_law import saturated_thrust
 
-PARAMS = PaperParams(2.0, 1.7, 1.5, 1.3, 0.2, 0.8, 1.0)
+PARAMS = PaperParams(
+    kappa_1_1_s=2.0,
+    kappa_2_1_s=1.7,
+    kappa_3_1_s=1.5,
+    kappa_4_1_s=1.3,
+    v_perp_m_s=0.2,
+    d_inf_m=0.8,
+    turn_sign=1.0,
+)
 NUMBER = st.floats(-3, 3)
 POINT = st.builds(lambda x, y: np.array([x, y]), NUMBER, NUMBER)
 
@@ -43,10 +51,21 @@ def test_law_equals_the_plain_transcription_of_the_equations():
         for p, v, f, q, w, a in cases(500):
             result = saturated(p, v, f, q, w, a, k)
             arguments = (
-                *p, *v, *q, *w, *a, *(mass * f), mass,
-                k.kappa_1_1_s, k.kappa_2_1_s, k.kappa_3_1_s, k.kappa_4_1_s, k.v_perp_m_s,
-                k.d_inf_m, direction,
-            )  # fmt: skip
+                *p,
+                *v,
+                *q,
+                *w,
+                *a,
+                *(mass * f),
+                mass,
+                k.kappa_1_1_s,
+                k.kappa_2_1_s,
+                k.kappa_3_1_s,
+                k.kappa_4_1_s,
+                k.v_perp_m_s,
+                k.d_inf_m,
+                direction,
+            )
             oracle = saturated_thrust(*arguments)
             np.testing.assert_allclose(result.thrust_m_s2, oracle / mass, rtol=1e-9, atol=1e-9)
             changed += result.is_changed
@@ -109,9 +128,14 @@ def test_homogeneous(p, v, f, q, w, a, length, time):
     speed = length / time
     push = length / time**2
     scaled = PaperParams(
-        k.kappa_1_1_s / time, k.kappa_2_1_s / time, k.kappa_3_1_s / time, k.kappa_4_1_s / time,
-        k.v_perp_m_s * speed, k.d_inf_m * length, k.turn_sign,
-    )  # fmt: skip
+        kappa_1_1_s=k.kappa_1_1_s / time,
+        kappa_2_1_s=k.kappa_2_1_s / time,
+        kappa_3_1_s=k.kappa_3_1_s / time,
+        kappa_4_1_s=k.kappa_4_1_s / time,
+        v_perp_m_s=k.v_perp_m_s * speed,
+        d_inf_m=k.d_inf_m * length,
+        turn_sign=k.turn_sign,
+    )
     plain = saturated(p, v, f, q, w, a)
     big = saturated(p * length, v * speed, f * push, q * length, w * speed, a * push, scaled)
     np.testing.assert_allclose(

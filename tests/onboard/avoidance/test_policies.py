@@ -129,7 +129,16 @@ def test_whole_numbers_in_a_fleet_file_make_no_other_kind_of_numbers():
 
 def pair_of(e, w, command=ZERO_2, d=0.9, **changes):
     made = NeighbourPair(
-        Vec2(*e), Vec2(*w), Vec2(*command), Vec2(*w), d, e[0] ** 2 + e[1] ** 2, 0.0, True, True, 0
+        e=Vec2(*e),
+        w=Vec2(*w),
+        command_m_s2=Vec2(*command),
+        intent_m_s=Vec2(*w),
+        d_m=d,
+        distance_2_m2=e[0] ** 2 + e[1] ** 2,
+        crowd_count=0.0,
+        is_near=True,
+        is_cooperative=True,
+        table_index=0,
     )
     return made._replace(**changes)
 

@@ -73,9 +73,14 @@ class Fleet:
             session.start()
         self.hearer.collect(Topic.STATE, "*", self._hear)
         self.hearer.subscribe(Topic.EVENT, "*", self._hear)
-        self.talker.watch_alive(
-            lambda node, is_there: (self.alive.add if is_there else self.alive.discard)(node)
-        )
+
+        def note_alive(node: str, is_there: bool) -> None:
+            if is_there:
+                self.alive.add(node)
+            else:
+                self.alive.discard(node)
+
+        self.talker.watch_alive(note_alive)
         self.script = subprocess.Popen([sys.executable, "-c", _SCRIPT, way, str(lease_ms), *theirs])
 
     def stop(self) -> None:

@@ -31,12 +31,24 @@ def test_a_name_is_there_while_one_node_has_it() -> None:
 def test_any_sequence_ends_with_the_names_that_somebody_has() -> None:
     draw = random.Random(1)
     there: set[str] = set()
-    presence = Presence(lambda name, is_alive: (there.add if is_alive else there.remove)(name))
+
+    def note(name: str, is_alive: bool) -> None:
+        if is_alive:
+            there.add(name)
+        else:
+            there.remove(name)
+
+    presence = Presence(note)
     tokens: set[str] = set()
+
     for _ in range(2000):
         token = f"{draw.choice('abc')}/{draw.choice('123')}"
         is_alive = draw.random() < 0.5
-        (tokens.add if is_alive else tokens.discard)(token)
+        if is_alive:
+            tokens.add(token)
+        else:
+            tokens.discard(token)
+
         presence.see(token, is_alive)
         assert there == {token[0] for token in tokens}
 

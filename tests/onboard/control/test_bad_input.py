@@ -26,12 +26,24 @@ NUMBERS = [name for name, kind in Neighbour.__annotations__.items() if "float" i
 def neighbours_at(*spots, **changes):
     return [
         Neighbour(
-            Vec3(*map(float, p)), ZERO_3, ZERO_3, Vec3(*map(float, p)), ZERO_3, ZERO_3, ZERO_3,
-            0.04, 0.2, 0.0, 0.0,
-            0.0, True, True, index,
+            position_enu_m=Vec3(*map(float, p)),
+            velocity_enu_m_s=ZERO_3,
+            acceleration_enu_m_s2=ZERO_3,
+            predicted_position_enu_m=Vec3(*map(float, p)),
+            predicted_velocity_enu_m_s=ZERO_3,
+            commanded_acceleration_enu_m_s2=ZERO_3,
+            intent_enu_m_s=ZERO_3,
+            age_s=0.04,
+            lead_time_s=0.2,
+            position_std_m=0.0,
+            velocity_std_m_s=0.0,
+            crowd_count=0.0,
+            is_cooperative=True,
+            is_paper_obstacle=True,
+            table_index=index,
         )._replace(**changes)
         for index, p in enumerate(spots)
-    ]  # fmt: skip
+    ]
 
 
 def only(value, *names):
@@ -53,8 +65,10 @@ TABLE = {
     "two on top of us": (neighbours_at([0, 0, 1.0], [0, 0, 1.0]), {LawStatus.INFEASIBLE}),
     "on top of each other": (neighbours_at([0.7, 0, 1.0], [0.7, 0, 1.0]), SANE),
     "at a hair's breadth": (neighbours_at([1e-9, 0, 1.0]), {LawStatus.INFEASIBLE}),
-    "inside the safety distance at start": (neighbours_at([0.5, 0, 1.0]), {LawStatus.SATURATED,
-    LawStatus.RELAXED}),
+    "inside the safety distance at start": (
+        neighbours_at([0.5, 0, 1.0]),
+        {LawStatus.SATURATED, LawStatus.RELAXED},
+    ),
     "all rows parallel": (neighbours_at([0.7, 0, 1], [0.8, 0, 1], [0.9, 0, 1]), SANE),
     "all rows contradictory": (
         neighbours_at([0.6, 0, 1], [-0.6, 0, 1], [0, 0.6, 1], [0, -0.6, 1]),
@@ -67,16 +81,28 @@ TABLE = {
     "racing towards us": (only(-1e4, "predicted_velocity_enu_m_s"), SANE),
     **{
         f"{name} = {value}": (only(value, name), ANY)
-        for name in (*NUMBERS, "intent_enu_m_s", "acceleration_enu_m_s2",
-        "commanded_acceleration_enu_m_s2",
-                     "predicted_velocity_enu_m_s")
+        for name in (
+            *NUMBERS,
+            "intent_enu_m_s",
+            "acceleration_enu_m_s2",
+            "commanded_acceleration_enu_m_s2",
+            "predicted_velocity_enu_m_s",
+        )
         for value in (math.nan, math.inf, -math.inf, 1e300, -1.0)
     },
-}  # fmt: skip
+}
 
 
 def fly(neighbours, position=(0.0, 0.0, 1.0), velocity=(0.0, 0.0, 0.0)):
-    state = State(Vec3(*position), Vec3(*velocity), ZERO_3, 0.0, 0.0, 0.0, 0.0)
+    state = State(
+        position_enu_m=Vec3(*position),
+        velocity_enu_m_s=Vec3(*velocity),
+        acceleration_enu_m_s2=ZERO_3,
+        yaw_rad=0.0,
+        age_s=0.0,
+        position_std_m=0.0,
+        velocity_std_m_s=0.0,
+    )
     goal = Goal(Vec3(1.0, 0.5, 1.0), 0.0, 1)
     memory = pipeline.initial(PARAMS, Vec3(0.0, 0.0, 1.0))
     ticks = []

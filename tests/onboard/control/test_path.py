@@ -76,7 +76,14 @@ def test_a_leg_after_a_path_continues_its_motion() -> None:
     params = trajectory.TrajectoryParams(2.0, 3.0, 0.15)
     point = point_at(wave(), 3.0)
     goal = Goal(
-        *point[:1], 0.0, 5, True, point.velocity_enu_m_s, point.acceleration_enu_m_s2, 0.0, 1.0
+        position_enu_m=point.position_enu_m,
+        duration_s=0.0,
+        sequence=5,
+        is_on_path=True,
+        velocity_enu_m_s=point.velocity_enu_m_s,
+        acceleration_enu_m_s2=point.acceleration_enu_m_s2,
+        yaw_rad=0.0,
+        clock_rate_frac=1.0,
     )
     memory, on_path = trajectory.step(
         trajectory.initial(Vec3(9.0, 9.0, 9.0)), goal, params, 0.02, 1.0

@@ -24,7 +24,15 @@ def vec(values):
 
 
 def state_of(position, velocity=(0.0, 0.0, 0.0)):
-    return State(vec(position), vec(velocity), ZERO_3, 0.0, 0.0, 0.0, 0.0)
+    return State(
+        position_enu_m=vec(position),
+        velocity_enu_m_s=vec(velocity),
+        acceleration_enu_m_s2=ZERO_3,
+        yaw_rad=0.0,
+        age_s=0.0,
+        position_std_m=0.0,
+        velocity_std_m_s=0.0,
+    )
 
 
 def goal_of(position, sequence=1, duration=0.0):

@@ -116,5 +116,11 @@ def test_above_another_it_sinks_only_as_far_as_it_can_stop(
         table_index=0,
     )
     height_m = 1.0 + gap_m
-    own = Climb(height_m, height_m, 0.0, -2.0, 0.0)
+    own = Climb(
+        height_m=height_m,
+        ahead_m=height_m,
+        velocity_m_s=0.0,
+        intended_climb_m=-2.0,
+        position_std_m=0.0,
+    )
     assert sink_limit_m_s(own, other, 0.0, spacing) == pytest.approx(limit_m_s, abs=1e-6)

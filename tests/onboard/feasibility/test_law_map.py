@@ -22,12 +22,27 @@ def cell(
     below=0,
     margin=0.12,
 ):
-    return MapCell(errors, vehicles, speed, delay, loss, margin, flights, below, flights, 0.86)
+    return MapCell(
+        errors=errors,
+        vehicles=vehicles,
+        speed_m_s=speed,
+        delay_s=delay,
+        loss_frac=loss,
+        margin_m=margin,
+        flights=flights,
+        below=below,
+        arrived=flights,
+        worst_m=0.86,
+    )
 
 
 def found(*cells, changes=None, accuracy=MOCAP, law=None):
     fleet = fleet_with(changes)
-    return map_finding(fleet, accuracy, LawMap("a", 0.8, 0.15, law or {}, cells))
+    return map_finding(
+        fleet,
+        accuracy,
+        LawMap(version="a", safety_distance_m=0.8, lag_s=0.15, law=law or {}, cells=cells),
+    )
 
 
 def test_a_fleet_within_a_cell_that_holds_is_promised_that():
@@ -96,7 +111,7 @@ def test_another_law_or_a_slower_vehicle_is_named_as_the_reason():
     slow = map_finding(
         load_fleet("paper").with_law("covey"),
         MOCAP,
-        LawMap("a", 0.8, 0.15, {}, (cell(margin=0.1),)),
+        LawMap(version="a", safety_distance_m=0.8, lag_s=0.15, law={}, cells=(cell(margin=0.1),)),
     )
     assert "a command 0.15 s later" in slow.sentence
 
@@ -105,7 +120,13 @@ def test_a_harder_cell_that_holds_is_named_before_an_easier_one_that_is_nearer()
     slow = map_finding(
         load_fleet("sih").with_law("covey"),
         MOCAP,
-        LawMap("a", 0.8, 0.0, {}, (cell(3, delay=0.02), cell(16, margin=0.1))),
+        LawMap(
+            version="a",
+            safety_distance_m=0.8,
+            lag_s=0.0,
+            law={},
+            cells=(cell(3, delay=0.02), cell(16, margin=0.1)),
+        ),
     )
     assert slow.status == "note"
     assert "Nearest cell that holds: 16 vehicles" in slow.remedy

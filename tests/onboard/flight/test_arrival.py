@@ -29,7 +29,14 @@ def _arrives_after_s(miss_m: float, gust_m_s2: float, *, near_after_s: float = 9
     )
     snapshot = Snapshot(is_armed=True, mode="OFFBOARD", landed=Landed.IN_AIR)
     still = (0.0, 0.0, 0.0)
-    view = FlightView(_START_NS, still, still, True, snapshot, gust_m_s2=gust_m_s2)
+    view = FlightView(
+        now_ns=_START_NS,
+        position_enu_m=still,
+        velocity_enu_m_s=still,
+        has_position=True,
+        snapshot=snapshot,
+        gust_m_s2=gust_m_s2,
+    )
     effects.lift_off(flight, view)
 
     for tick in range(1, 300):

@@ -38,7 +38,11 @@ class Machine:
         self.flight = FlightContext(config, config.vehicles["mav0"], step=step)
         self.flight.path.path = path_of([[1.0, *[0.0] * 32]])
         self.view = FlightView(
-            10**9, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), True, Snapshot(landed=Landed.ON_GROUND)
+            now_ns=10**9,
+            position_enu_m=(0.0, 0.0, 0.0),
+            velocity_enu_m_s=(0.0, 0.0, 0.0),
+            has_position=True,
+            snapshot=Snapshot(landed=Landed.ON_GROUND),
         )
         self.begun: list[str] = []
         self.ends: Counter[str] = Counter()
@@ -73,7 +77,13 @@ class Machine:
         for _ in range(count):
             now_ns = self.view.now_ns + 20_000_000
             snapshot = Snapshot(heartbeat_ns=now_ns, is_armed=armed, mode=mode, landed=landed)
-            self.view = FlightView(now_ns, (0.0, 0.0, height_m), (0.0, 0.0, 0.0), True, snapshot)
+            self.view = FlightView(
+                now_ns=now_ns,
+                position_enu_m=(0.0, 0.0, height_m),
+                velocity_enu_m_s=(0.0, 0.0, 0.0),
+                has_position=True,
+                snapshot=snapshot,
+            )
             state_machine.advance(self.flight, self.view)
             self.check()
 

@@ -47,7 +47,13 @@ def _view(now_ns: int, height_m: float, *, x_m: float = 0.0, sinks_m_s: float = 
     snapshot = Snapshot(
         heartbeat_ns=now_ns, is_armed=True, mode="LAND", landed=Landed.IN_AIR, landed_ns=now_ns
     )
-    return FlightView(now_ns, (x_m, 0.0, height_m), (0.0, 0.0, -sinks_m_s), True, snapshot)
+    return FlightView(
+        now_ns=now_ns,
+        position_enu_m=(x_m, 0.0, height_m),
+        velocity_enu_m_s=(0.0, 0.0, -sinks_m_s),
+        has_position=True,
+        snapshot=snapshot,
+    )
 
 
 # 30 m are planned for 62 s

@@ -25,7 +25,13 @@ from onboard.neighbours.table import NeighbourTable
 _FLEETS = Path(__file__).parents[3] / "configs/fleets"
 MS = 1_000_000
 _CLAIM = Claim(
-    1_000 * MS, (1.0, 2.0, 1.0), (1.0, 0.0, 0.0), (1.3, 2.0, 1.0), (1.0, 0.0, 0.0), 0.3, 0.01
+    stamp_ns=1_000 * MS,
+    position_enu_m=(1.0, 2.0, 1.0),
+    velocity_enu_m_s=(1.0, 0.0, 0.0),
+    predicted_position_enu_m=(1.3, 2.0, 1.0),
+    predicted_velocity_enu_m_s=(1.0, 0.0, 0.0),
+    lead_time_s=0.3,
+    position_std_m=0.01,
 )
 _metres = st.floats(-20.0, 20.0)
 
@@ -72,15 +78,26 @@ def test_whoever_accelerates_as_hard_as_a_vehicle_can_contradicts_nothing(
     x: float, y: float, speed: float, acceleration: float, dt_s: float
 ) -> None:
     before = Claim(
-        MS, (x, y, 1.0), (speed, 0.0, 0.0), (x + 0.3 * speed, y, 1.0), (speed, 0.0, 0.0), 0.3, 0.01
+        stamp_ns=MS,
+        position_enu_m=(x, y, 1.0),
+        velocity_enu_m_s=(speed, 0.0, 0.0),
+        predicted_position_enu_m=(x + 0.3 * speed, y, 1.0),
+        predicted_velocity_enu_m_s=(speed, 0.0, 0.0),
+        lead_time_s=0.3,
+        position_std_m=0.01,
     )
     after_m_s = speed + acceleration * dt_s
     after_m = x + speed * dt_s + 0.5 * acceleration * dt_s**2
     predicted = after_m + 0.3 * after_m_s + 0.5 * acceleration * 0.3**2
     after = Claim(
-        MS + round(dt_s * 1e9), (after_m, y, 1.0), (after_m_s, 0.0, 0.0), (predicted, y, 1.0),
-        (after_m_s + 0.3 * acceleration, 0.0, 0.0), 0.3, 0.01,
-    )  # fmt: skip
+        stamp_ns=MS + round(dt_s * 1e9),
+        position_enu_m=(after_m, y, 1.0),
+        velocity_enu_m_s=(after_m_s, 0.0, 0.0),
+        predicted_position_enu_m=(predicted, y, 1.0),
+        predicted_velocity_enu_m_s=(after_m_s + 0.3 * acceleration, 0.0, 0.0),
+        lead_time_s=0.3,
+        position_std_m=0.01,
+    )
     assert physical_contradiction(before, after, 15.0) == ""
     assert mocap_contradiction(before, Seen(after.stamp_ns, after.position_enu_m)) == ""
 

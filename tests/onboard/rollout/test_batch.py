@@ -69,18 +69,22 @@ def random_flight() -> tuple[
     ]
     flight = []
     for tick in range(TICKS):
-        mode = (
-            ControlMode.GROUND
-            if tick < 2
-            else ControlMode.LIFTOFF
-            if tick < 6
-            else ControlMode.FLYING
-        )
+        mode = ControlMode.FLYING
+        if tick < 2:
+            mode = ControlMode.GROUND
+        elif tick < 6:
+            mode = ControlMode.LIFTOFF
         flight.append(
             [
                 (
                     State(
-                        vector(rng, 1.0), vector(rng, 0.5), vector(rng, 0.5), 0.0, 0.01, 0.01, 0.02
+                        position_enu_m=vector(rng, 1.0),
+                        velocity_enu_m_s=vector(rng, 0.5),
+                        acceleration_enu_m_s2=vector(rng, 0.5),
+                        yaw_rad=0.0,
+                        age_s=0.01,
+                        position_std_m=0.01,
+                        velocity_std_m_s=0.02,
                     ),
                     Goal(vector(rng, 3.0), 0.0, tick // 15),
                     random_neighbours(rng),

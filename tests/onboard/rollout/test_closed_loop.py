@@ -15,7 +15,9 @@ from onboard.types import TICK_S
 
 STARTS = np.array([[-1.5, -1.5, 1.0], [0.0, -1.5, 1.0], [1.5, -1.5, 1.0]])
 PERMUTATIONS = [list(order) for order in itertools.permutations(range(3))]
-STILL = Perturbation(0, 0, 0, 0, 0, message_loss=0, start_m=0)
+STILL = Perturbation(
+    lag_share=0, gain_share=0, drag_share=0, hover_share=0, gust_m_s2=0, message_loss=0, start_m=0
+)
 
 
 def paper_mission(fleet, count):

@@ -38,7 +38,13 @@ class Wires:
     def __init__(
         self, seed: int = 1, profile: VehicleProfile | None = None, px4: str = "1.16"
     ) -> None:
-        spec = VehicleSpec("v0", 1, profile or VehicleProfile(), (0.0, 0.0, 0.0), VERSIONS[px4])
+        spec = VehicleSpec(
+            name="v0",
+            system_id=1,
+            profile=profile or VehicleProfile(),
+            start_enu_m=(0.0, 0.0, 0.0),
+            px4=VERSIONS[px4],
+        )
         self.emulator = Emulator([spec], seed=seed)
         self.inboxes: dict[Address, deque[bytes]] = {}
         self.incoming: Change = _unchanged

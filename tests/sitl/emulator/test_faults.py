@@ -70,7 +70,13 @@ def test_nonsense_is_refused_in_words(line: str, words: str) -> None:
 
 def test_a_line_of_text_describes_a_whole_fault() -> None:
     fault = check(parse("v1 motor_weak at=20 duration=5 motor=2 effectiveness=0.6"), NAMES)
-    assert fault == Fault("motor_weak", "v1", 20.0, 5.0, {"motor": 2.0, "effectiveness": 0.6})
+    assert fault == Fault(
+        name="motor_weak",
+        vehicle="v1",
+        at_s=20.0,
+        duration_s=5.0,
+        parameters={"motor": 2.0, "effectiveness": 0.6},
+    )
     assert fault.sentence == "v1: motor 2 gives only 0.6 of its thrust"
     assert fault.end_s == 25.0
     assert check(parse("v0 gps_loss"), NAMES).end_s == math.inf
@@ -85,7 +91,15 @@ def test_every_fault_of_the_table_has_a_sentence_and_can_begin_and_end() -> None
                 emu.inject(Fault(name, "v0", 0.1))
         emu.outside = lambda fault, is_on: None
         values = {p.name: needed[p.name] for p in kind.parameters if p.default is None}
-        fault = emu.inject(Fault(name, "v0", 0.1, 0.0 if kind.is_instant else 0.1, values))
+        fault = emu.inject(
+            Fault(
+                name=name,
+                vehicle="v0",
+                at_s=0.1,
+                duration_s=0.0 if kind.is_instant else 0.1,
+                parameters=values,
+            )
+        )
         assert "{" not in fault.sentence
         run_for(emu, 0.4)
         notices = emu.disturbances.take_notices()

@@ -59,7 +59,7 @@ def test_reordering_lets_some_be_overtaken() -> None:
 
 
 def test_equal_seeds_give_equal_chance() -> None:
-    faults = ChannelFaults(0.1, 0.02, 0.01, 0.1, 0.1)
+    faults = ChannelFaults(loss=0.1, delay_s=0.02, jitter_s=0.01, duplicate=0.1, reorder=0.1)
     assert through(faults) == through(faults)
     assert through(faults) != through(faults, seed=2)
 

@@ -152,7 +152,12 @@ def _crossing(flight: Lockstep, back: bool) -> Callable[[], Any]:
         goals = []
         for name in names:
             x, y, _ = flight.config.vehicles[name].start_enu_m
-            goals.append((x, y, 1.0) if back else (x + (1.3 if y < 0 else -1.3), -y, 1.0))
+            if back:
+                goals.append((x, y, 1.0))
+                continue
+            aside_m = 1.3 if y < 0 else -1.3
+            goals.append((x + aside_m, -y, 1.0))
+
         moves = (
             flight.fleet[name].move(goal, timeout_s=40.0)
             for name, goal in zip(names, goals, strict=True)

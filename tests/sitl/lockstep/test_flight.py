@@ -7,6 +7,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import json
+import math
 import tomllib
 import zlib
 from pathlib import Path
@@ -54,11 +55,11 @@ def _flat(value: Any) -> list:
         return [leaf for key in value for leaf in _flat(value[key])]
     if isinstance(value, list):
         return [leaf for item in value for leaf in _flat(item)]
-    return (
-        [float(zlib.crc32(value.encode()))]
-        if isinstance(value, str)
-        else [float("nan" if value is None else value)]
-    )
+    if isinstance(value, str):
+        return [float(zlib.crc32(value.encode()))]
+    if value is None:
+        return [math.nan]
+    return [float(value)]
 
 
 @pytest.fixture(scope="module")

@@ -38,7 +38,15 @@ def test_each_fault_on_the_ground_shows_in_its_line_and_refuses_the_take_off(loc
     for faults in ROUNDS:
         assert not any(_refusals(flight, name) for name in paper.enabled_names)
         for name, (kind, parameters, _, _) in zip(paper.enabled_names, faults, strict=True):
-            flight.inject(Fault(kind, name, flight.time_s, 5.0, parameters))
+            flight.inject(
+                Fault(
+                    name=kind,
+                    vehicle=name,
+                    at_s=flight.time_s,
+                    duration_s=5.0,
+                    parameters=parameters,
+                )
+            )
         flight.run(4.5)
         results = flight.order("takeoff all 1.0")
         for name, (_, _, line, words) in zip(paper.enabled_names, faults, strict=True):

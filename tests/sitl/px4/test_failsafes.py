@@ -26,7 +26,13 @@ from sitl.px4.parameters import DEFAULTS, Parameters
 from tests.sitl.px4.test_commander import offboard_at_height
 from tests.sitl.sitl_flying import EAST_WXYZ, emulator, height_m, run_for, streamer, until
 
-CALM = FailsafeInputs(True, ChargeState.OK, False, (0.0, 0.0), 0.0)
+CALM = FailsafeInputs(
+    has_offboard_signal=True,
+    battery=ChargeState.OK,
+    attitude_failed=False,
+    from_home_m=(0.0, 0.0),
+    ground_silent_s=0.0,
+)
 
 
 def decided(facts: FailsafeInputs, **values: float) -> FailsafeAction:
