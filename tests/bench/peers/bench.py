@@ -218,11 +218,6 @@ def compare(options: argparse.Namespace, group: str, contestants: Mapping[str, C
             summaries, folder / "figures/law_ablation.png", "Covey's law without one of its ideas"
         )
         page = pages.ablation(run, summaries, contestants)
-        pages.insert(
-            folder / "law.md",
-            "ablation",
-            f"{run.sentence()}\n\n{pages.worth(summaries, contestants)}",
-        )
         section = "ablation"
     else:
         pictures.comparison(
@@ -242,7 +237,6 @@ def compare(options: argparse.Namespace, group: str, contestants: Mapping[str, C
             f"{arena.size(figure_of)} vehicles change places across a circle",
         )
         page = pages.comparison(run, summaries, outcomes)
-        pages.insert(folder / "law.md", "comparison", f"{run.sentence()}\n\n{table(summaries)}")
         section = "methods"
     pages.write_section(folder / pages.MEASURED, section, page)
     print(f"written: {folder / pages.MEASURED}, {section}")
