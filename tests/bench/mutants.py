@@ -31,7 +31,10 @@ from tests.bench.mutant_runs import ROOT, Mutant, RoomFails, verdicts
 ROOMS = ("safety", "flight", "avoidance", "supervision")
 _PROGRESS_EVERY = 50  # mutants
 # Beside its own folder: what a room does is shown by the agent's core.
-_TESTS_ELSEWHERE = {"supervision": ("tests/onboard/agent",)}
+_TESTS_ELSEWHERE = {
+    "flight": ("tests/onboard/agent",),
+    "supervision": ("tests/onboard/agent",),
+}
 
 # Mutants that no test can notice, by file, line of code and change, and why not.
 REASONS = (
