@@ -15,6 +15,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from importlib.util import find_spec
@@ -223,7 +224,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         words.remove("--ascii")
         os.environ["COVEY_ASCII"] = "1"
 
-    with redirect_stdout(PlainStream(sys.stdout)), redirect_stderr(PlainStream(sys.stderr)):
+    with (
+        redirect_stdout(PlainStream(sys.stdout)),
+        redirect_stderr(PlainStream(sys.stderr)),
+        warnings.catch_warnings(),
+    ):
+        # of numpy, about numbers of a file that overflow: they are refused in a sentence
+        warnings.simplefilter("ignore", RuntimeWarning)
         return _run_in_sentences(words)
 
 

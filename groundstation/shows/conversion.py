@@ -31,7 +31,7 @@ from groundstation.paths.pieces import cut, quintic, resting, slowed
 from groundstation.shows.show import Drone, Show
 from onboard.arrays import Array
 from onboard.config.fleet import ConfigError, Vec3
-from onboard.control.path import Path, path_of, point_at, sampled
+from onboard.control.path import LONGEST_S, Path, path_of, point_at, sampled
 
 _TAKEOFF_M = 1.0
 _LOWEST_TAKEOFF_M = 0.5
@@ -128,7 +128,7 @@ def converted(
         if waiting_s > 1e-3:
             pieces = np.concatenate([[resting(waiting_s, pieces[0][1::8])], pieces])
         vehicle = names[drone.name]
-        made.paths[vehicle] = path_of(pieces.tolist())
+        made.paths[vehicle] = _path(drone.name, pieces.tolist())
         made.lights[vehicle] = tuple(
             (max(t - zero_s, 0.0), red, green, blue) for t, red, green, blue in drone.lights
         )
@@ -199,6 +199,28 @@ def _flown(drone: Drone, takeoff_m: float) -> tuple[float, Array]:
     return starts_s, np.concatenate([*parts, cut(drone.path, begin_s, end_s), *last_part])
 
 
+def _path(name: str, pieces: Sequence[Sequence[float]]) -> Path:
+    """Return the path of a drone or a vehicle with what was added to it."""
+    try:
+        return path_of(pieces)
+    except ConfigError as error:
+        raise ConfigError(
+            f"'{name}': with its wait, and with its begin and its end at rest, no vehicle can hold "
+            f"its path. {error} Design it shorter, or with fewer points."
+        ) from None
+
+
+def _slowed(paths: Mapping[str, Path], factor: float) -> dict[str, Path]:
+    """Return paths that take ``factor`` times as long."""
+    try:
+        return {name: slowed(path, factor) for name, path in paths.items()}
+    except ConfigError:
+        raise ConfigError(
+            f"The show has to take {factor:.2f} times as long, and then lasts longer than "
+            f"{LONGEST_S:.0f} s, which is the most. Cut it in two."
+        ) from None
+
+
 def _check_homes(homes: Mapping[str, Vec3], spacing_m: float) -> None:
     """Refuse homes that stand nearer than a distance."""
     names = list(homes)
@@ -216,8 +238,8 @@ def _check_homes(homes: Mapping[str, Vec3], spacing_m: float) -> None:
     ]
     if words:
         raise ConfigError(
-            f"The homes of {listed_words(words)} stand nearer than {spacing_m:.2f} m, which the "
-            "law needs."
+            f"Homes stand too near to each other: {listed_words(words)}. "
+            f"The law needs {spacing_m:.2f} m."
         )
 
 
@@ -256,7 +278,7 @@ def _slow_down(made: Converted, limits: FlightLimits) -> None:
     while needed > 1.0 and factor <= _SLOWEST:
         # a slower path is sampled at more of its points, and may show a larger acceleration
         factor *= needed * _ROOM
-        slower = {name: slowed(path, factor) for name, path in made.paths.items()}
+        slower = _slowed(made.paths, factor)
         needed, _ = needed_slowing(sample(slower), limits)
 
     if factor > _SLOWEST:
@@ -291,7 +313,7 @@ def _spread_starts(made: Converted, spacing_m: float, height_share: float) -> No
             break
 
         waiting = resting(delays_s[late], np.array(made.paths[late].pieces[0][1::8]))
-        paths[late] = path_of([waiting.tolist(), *made.paths[late].pieces])
+        paths[late] = _path(late, [waiting.tolist(), *made.paths[late].pieces])
         pairs = _too_near(paths, spacing_m, height_share)
         if not pairs:
             break

@@ -70,17 +70,9 @@ def path_from_pieces(name: str, pieces: list[list[float]]) -> Path:
         ConfigError: it is no path in metres with z up.
     """
     try:
-        path = path_of(pieces)
+        path = _smooth(path_of(pieces))
     except (ValueError, OverflowError) as error:
         raise ConfigError(f"{name}: its trajectory is no path: {error}") from None
-
-    # speeds a moment before and after the end of each piece but the last
-    ends_s = np.array(path.ends_s)[:-1]
-    before = sampled(path, ends_s - 1e-4)
-    after = sampled(path, ends_s + 1e-4)
-    if len(ends_s) and np.abs(after[1] - before[1]).max() > _KINK_M_S:
-        times_s = np.arange(0.0, path.duration_s, 0.05)
-        path = fitted(times_s, sampled(path, times_s)[0])
 
     values, rates, _ = sampled(path, np.linspace(0.0, path.duration_s, 200))
     farthest = np.abs(values[:, :3]).max()
@@ -98,6 +90,19 @@ def path_from_pieces(name: str, pieces: list[list[float]]) -> Path:
     return path
 
 
+def _smooth(path: Path) -> Path:
+    """Return the path without kinks between its pieces."""
+    # speeds a moment before and after the end of each piece but the last
+    ends_s = np.array(path.ends_s)[:-1]
+    before = sampled(path, ends_s - 1e-4)
+    after = sampled(path, ends_s + 1e-4)
+    if not len(ends_s) or np.abs(after[1] - before[1]).max() <= _KINK_M_S:
+        return path
+
+    times_s = np.arange(0.0, path.duration_s, 0.05)
+    return fitted(times_s, sampled(path, times_s)[0])
+
+
 def bezier_piece(duration_s: float, points: list[list[float]]) -> list[float]:
     """Return the piece of a Bezier curve of first to third degree; points are x, y, z."""
     p = np.array(points, dtype=float)
@@ -108,7 +113,10 @@ def bezier_piece(duration_s: float, points: list[list[float]]) -> list[float]:
     cubic = [[1, 0, 0, 0], [-3, 3, 0, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]
     rows = {2: linear, 3: quadratic}.get(len(p), cubic)
 
-    powers = np.array(rows, dtype=float) @ p
+    # absurdly large points overflow, and whoever reads the piece refuses what is not finite
+    with np.errstate(all="ignore"):
+        powers = np.array(rows, dtype=float) @ p
+        per_time = powers / duration_s ** np.arange(len(p))[:, None]
     coefficients = np.zeros((4, 8))
-    coefficients[:3, : len(p)] = (powers / duration_s ** np.arange(len(p))[:, None]).T
+    coefficients[:3, : len(p)] = per_time.T
     return [duration_s, *coefficients.reshape(NUMBERS - 1).tolist()]

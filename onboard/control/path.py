@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.config.config_error import ConfigError
 from onboard.vectors import ZERO_3, Vec3
 
 # of a piece: its duration, then eight coefficients, the constant one first, of x, y, z and yaw
@@ -52,13 +53,13 @@ def path_of(pieces: Sequence[Sequence[float]]) -> Path:
     """Return the path of these pieces, NUMBERS each, rounded to the precision of their bytes.
 
     Raises:
-        ValueError: there is no piece, or one is of another length, not finite, or of a duration
-            that is not positive.
+        ConfigError: there is no piece, or one is of another length, not finite, or of a duration
+            that is not positive; or they last too long.
     """
     try:
         rows = [_ROW.pack(*piece) for piece in pieces]
     except (struct.error, OverflowError):
-        raise ValueError(
+        raise ConfigError(
             f"A piece has other than {NUMBERS} numbers, or one that is too large for 32 bits."
         ) from None
     return from_bytes(b"".join(rows))
@@ -73,10 +74,15 @@ def from_bytes(data: bytes) -> Path:
     """Return the path of these bytes.
 
     Raises:
-        ValueError: they are no path; a sentence says why.
+        ConfigError: they are no path; a sentence says why.
     """
-    if not data or len(data) % _ROW.size or len(data) > MOST_BYTES:
-        raise ValueError(f"{len(data)} bytes are no path: it has 1 to {MOST_PIECES} pieces.")
+    if not data or len(data) % _ROW.size:
+        raise ConfigError(f"{len(data)} bytes are no path.")
+    if len(data) > MOST_BYTES:
+        raise ConfigError(
+            f"A path has at most {MOST_PIECES} pieces, and this one has {len(data) // _ROW.size}. "
+            "Fly it in parts."
+        )
 
     pieces = tuple(_ROW.iter_unpack(data))
     durations_s = [piece[0] for piece in pieces]
@@ -84,7 +90,7 @@ def from_bytes(data: bytes) -> Path:
 
     is_finite = np.isfinite(np.array(pieces)).all()
     if not is_finite or min(durations_s) <= 0.0 or ends_s[-1] > LONGEST_S:
-        raise ValueError(
+        raise ConfigError(
             "A piece is not finite, or lasts no time, or the path is longer than "
             f"{LONGEST_S:.0f} s."
         )

@@ -51,6 +51,13 @@ def _drone(seconds: float = 12.0, **settings: Any) -> dict[str, Any]:
     }
 
 
+def _beginning(after_s: float) -> dict[str, Any]:
+    """A second drone, whose path begins so long after the show."""
+    at = line_of(2, 12.0)["D2"]
+    moving = trajectory(at, 12.0) | {"takeoffTime": after_s}
+    return _drone(name="D2", home=[*at(0.0)[:2], 0.0], trajectory=moving)
+
+
 def show_of(*drones: Any, **whole: Any) -> Callable[[Path], Path]:
     """A show with these drones."""
 
@@ -328,6 +335,12 @@ CORPUS = {
     "a point with seven control points": HostileFile("show", changed_points(_seven_controls)),
     "control points that are no list": HostileFile("show", changed_points(_controls_no_list)),
     "a number of 400 digits": HostileFile("show", changed_points(_many_digits)),
+    "a show one of whose drones begins after 11 days": HostileFile(
+        "show", show_of(_drone(), _beginning(1e6))
+    ),
+    "a show one of whose drones has begun 30 years ago": HostileFile(
+        "show", show_of(_drone(), _beginning(-1e9))
+    ),
     "a show of 1e12 seconds": HostileFile("show", changed_points(_long_time)),
     "a position of 1e300 metres": HostileFile("show", changed_points(_huge_position)),
     "yaw setpoints that are no pairs": HostileFile(

@@ -84,13 +84,13 @@ def changed(draw: st.DrawFn, good: Any, values: st.SearchStrategy[Any]) -> Any:
 
 
 def good_show() -> dict[str, Any]:
-    """Two drones, one of them with yaw and lights."""
+    """Two drones with yaw and lights, one of which begins later."""
     drones = []
-    for name, at in line_of(2, 8.0).items():
+    for index, (name, at) in enumerate(line_of(2, 8.0).items()):
         settings = {
             "name": name,
             "home": [*at(0.0)[:2], 0.0],
-            "trajectory": trajectory(at, 8.0, step_s=2.0),
+            "trajectory": trajectory(at, 8.0, step_s=2.0) | {"takeoffTime": 0.5 * index},
             "yawControl": {"version": 1, "setpoints": [[0.0, 0.0], [4.0, 90.0]]},
             "lights": {"version": 1, "data": "BP8AAGQA"},
         }
@@ -98,7 +98,7 @@ def good_show() -> dict[str, Any]:
     return {
         "version": 1,
         "meta": {"title": "a show"},
-        "environment": {"type": "outdoor", "location": {"origin": ["47.4", "8.5", "400"]}},
+        "environment": {"type": "indoor", "location": {"origin": ["47.4", "8.5", "400"]}},
         "swarm": {"drones": drones},
     }
 
@@ -226,6 +226,11 @@ def test_a_show_with_other_values_is_read_or_refused(data: Any) -> None:
 def test_many_shows_with_other_values_are_imported_or_refused() -> None:
     def imported(data: Any) -> None:
         open_once("show", ".skyc", skyc(data))
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "good.skyc"
+        path.write_bytes(skyc(good_show()))
+        assert outcome_of("show", path).kind == "read", "what is changed has to be good"
 
     settings(MANY, max_examples=500)(given(changed(good_show(), JSON_VALUES))(imported))()
 

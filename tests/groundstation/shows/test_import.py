@@ -155,7 +155,7 @@ def test_homes_far_from_their_paths_are_dealt_out_anew_and_said_so(tmp_path: Pat
 def test_what_comes_too_near_is_refused_with_the_pairs(tmp_path: Path) -> None:
     near = write_skyc(tmp_path / "near.skyc", line_of(3, apart_m=0.7), 12.0)
     with pytest.raises(
-        ConfigError, match=r"mav0 and mav1 0\.70 m; mav1 and mav2 0\.70 m stand nearer"
+        ConfigError, match=r"each other: mav0 and mav1 0\.70 m; mav1 and mav2 0\.70 m\. The law"
     ):
         imported(near, tmp_path / "near")
     over = {
@@ -166,7 +166,7 @@ def test_what_comes_too_near_is_refused_with_the_pairs(tmp_path: Path) -> None:
     }
     with pytest.raises(ConfigError, match=r"mav0 and mav1 .* above the other"):
         imported(write_skyc(tmp_path / "over.skyc", over, 12.0), tmp_path / "over")
-    with pytest.raises(ConfigError, match=r"nearer than 1\.7"):
+    with pytest.raises(ConfigError, match=r"law needs 1\.7"):
         imported(
             write_skyc(tmp_path / "line.skyc", line_of(2), 12.0), tmp_path / "line", promise_m=1.5
         )
