@@ -13,7 +13,7 @@ from onboard.bus.schema import Order, OrderKind
 from onboard.control.path import path_of
 from onboard.control.vertical import vertical_s
 from onboard.flight import effects, state_machine
-from onboard.flight.context import KILLED, FlightContext
+from onboard.flight.context import FlightContext
 from onboard.flight.path_flight import PathFlight
 from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.failsafe_table import Situation
@@ -329,8 +329,6 @@ def test_what_it_says_of_its_step_its_order_and_its_place() -> None:
 
     assert _flight().place == "mav0"
     assert _flight(stands_in_for="mav1").place == "mav1"
-    assert _flight(reason=f"{KILLED} tester.").was_killed
-    assert not _flight(reason="Landing.").was_killed
 
 
 def test_how_long_a_step_has_lasted_and_been_steady() -> None:
