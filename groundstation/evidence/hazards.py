@@ -274,6 +274,7 @@ HAZARDS: tuple[Hazard, ...] = (
             C.NEIGHBOUR_UNSEEN: _HOLD,
             C.NEIGHBOUR_SILENT: _GO_ON,
             C.NEIGHBOUR_INVALID: _GO_ON,
+            C.NEIGHBOUR_BLIND: _SLOW,
             C.NEIGHBOUR_BACK: _GO_ON,
         },
         faults=(

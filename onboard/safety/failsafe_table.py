@@ -102,6 +102,7 @@ class Condition(Enum):
     NEIGHBOUR_UNSEEN = "neighbour silent and not seen"
     NEIGHBOUR_SILENT = "neighbour silent"
     NEIGHBOUR_INVALID = "neighbour without position"
+    NEIGHBOUR_BLIND = "neighbour flies by dead reckoning"
     NEIGHBOUR_UNCOOPERATIVE = "neighbour does not do what it says"
     NEIGHBOUR_IMPLAUSIBLE = "neighbour's word cannot be true"
     NEIGHBOUR_STALE = "neighbour's messages late"
@@ -279,6 +280,9 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     C.NEIGHBOUR_SILENT:        (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
     # It is treated like a silent one.
     C.NEIGHBOUR_INVALID:       (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
+    # It brakes and sinks, and stands still from one moment to the next when it touches the ground.
+    # Whoever follows it at full speed could not stop then, and would not let it brake before.
+    C.NEIGHBOUR_BLIND:         (REFUSE,  GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
     # The responsibility is ours as well, but its next motion cannot be predicted.
     C.NEIGHBOUR_UNCOOPERATIVE: (REFUSE,  GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
     # The same, and it is avoided where it says or where the mocap sees it, whichever is nearer.

@@ -10,6 +10,7 @@ import math
 # own position
 POSITION_STALE_S = 0.2  # from here on the vehicle flies by dead reckoning; no take-off
 POSITION_LOST_S = 0.5
+NEIGHBOUR_BLIND_S = 0.25  # the others go by it when it has lasted, for telemetry is that late
 RECKONING_S = 6.0  # from here on dead reckoning is worth no more than PX4's own landing
 RECKONING_AMONG_OTHERS_S = 12.0  # near others it is: PX4 avoids nobody, and reckons worse
 AMONG_OTHERS_M = 5.0  # nearer than this a vehicle is among others

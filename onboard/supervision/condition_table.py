@@ -67,6 +67,7 @@ PUSHED_ABOUT_S = 0.5
 DISTURBANCE_BOUND_S = 0.5
 
 INFEASIBLE_S = 0.1
+NEIGHBOUR_BLIND_OVER_S = 0.15  # when all have poses again, they hear so from each other this late
 BATTERY_UNKNOWN_S = 5.0  # and 5 s until a report counts as old
 
 LIVE_CHECKS = 5  # so many times a process that lives has seen it
@@ -367,6 +368,16 @@ ROWS: tuple[ConditionRow, ...] = (
     _row(
         _C.NEIGHBOUR_INVALID,
         Cause(_fact("slow.without_position"), is_slow=True, detail=_names("slow.without_position")),
+        names_vehicles=True,
+    ),
+    _row(
+        _C.NEIGHBOUR_BLIND,
+        Cause(
+            _fact("slow.blind"),
+            over_s=NEIGHBOUR_BLIND_OVER_S,
+            is_slow=True,
+            detail=_names("slow.blind"),
+        ),
         names_vehicles=True,
     ),
     _row(

@@ -16,6 +16,7 @@ from onboard.neighbours.plausibility import PlausibilityMonitor
 from onboard.neighbours.state_arrays import NeighbourRow
 from onboard.neighbours.table import NeighbourTable
 from onboard.safety.held import Held
+from onboard.safety.limits import NEIGHBOUR_BLIND_S
 from onboard.safety.separation_monitor import PredictionMonitor, smallest_distance_m
 from onboard.supervision.condition_table import NEIGHBOUR_CHECKS
 from onboard.types import GRAVITY_M_S2
@@ -43,6 +44,7 @@ class SlowNeighbourFacts(NamedTuple):
     """Neighbours with something wrong, as looked at ten times a second."""
 
     without_position: tuple[str, ...]
+    blind: tuple[str, ...]  # in the air by dead reckoning, while this vehicle has positions
     late: tuple[str, ...]
     other_files: tuple[str, ...]
     implausible: tuple[str, ...]  # with the reason behind each name
@@ -169,11 +171,29 @@ class NeighbourMonitor:
         endangered = self._check_distances(rows, view)
         return SlowNeighbourFacts(
             without_position=without_position,
+            blind=self._blind(rows, view),
             late=late,
             other_files=other_files,
             implausible=tuple(f"{name} {reason}" for name, reason in implausible.items()),
             uncooperative=uncooperative,
             endangered=endangered,
+        )
+
+    def _blind(self, rows: Iterable[NeighbourRow], view: FlightView) -> tuple[str, ...]:
+        """Return who is heard in the air by dead reckoning; nobody while this vehicle is as well.
+
+        Vehicles that have all lost their poses brake and sink together.
+        """
+        if view.is_blind:
+            return ()
+
+        telemetries = self._table.telemetries()
+        heard = [row.name for row in rows if row.age_s < self._table.silent_s]
+        told = [telemetries[name] for name in heard if name in telemetries]
+        return tuple(
+            telemetry.vehicle
+            for telemetry in told
+            if telemetry.is_airborne and telemetry.state_age_s > NEIGHBOUR_BLIND_S
         )
 
     def _check_plausibility(self, rows: Iterable[NeighbourRow], now_ns: int) -> dict[str, str]:

@@ -52,6 +52,7 @@ class SlowFacts(Struct, frozen=True, kw_only=True):
 
     # names of other vehicles
     without_position: tuple[str, ...] = ()  # they say so themselves
+    blind: tuple[str, ...] = ()  # in the air by dead reckoning, while this vehicle has positions
     late: tuple[str, ...] = ()  # their messages are old, and not yet silent
     other_files: tuple[str, ...] = ()  # they fly by another fleet file or law
     implausible: tuple[str, ...] = ()  # with the reason behind each name

@@ -322,6 +322,7 @@ class TickObserver:
             wind=self._wind.look(self._own, context),
             clock_jump_ns=max(self._own.validator.clock_jump_ns, context.clock_jump_ns),
             without_position=neighbours.without_position,
+            blind=neighbours.blind,
             late=neighbours.late,
             other_files=neighbours.other_files,
             implausible=neighbours.implausible,

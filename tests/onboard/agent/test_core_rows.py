@@ -65,6 +65,13 @@ class Other:
         message = replace(message, **fields)
         rig.core.handle(agent_inputs.NeighbourReceived(message, rig.now_ns), rig.now_ns)
 
+    def tells(self, **fields: object) -> None:
+        """Let it send one telemetry, otherwise like the rig's own."""
+        rig = self._rig
+        assert rig.telemetry is not None
+        message = replace(rig.telemetry, vehicle=self._name, boot_id=9, **fields)
+        rig.core.handle(agent_inputs.NeighbourReceived(message, rig.now_ns), rig.now_ns)
+
 
 def beside(rig: Rig, east_m: float) -> Vec3:
     """Return a position at the height of the rig's vehicle."""
@@ -234,6 +241,37 @@ def test_a_neighbour_that_does_not_know_where_it_is_is_named() -> None:
         "Neighbour without position (mav1): going on."
     ]
     assert rig.core.flight.state == "flying"
+
+
+@pytest.mark.failsafe("neighbour flies by dead reckoning", step="flying")
+@pytest.mark.parametrize(("age_s", "is_slow"), [(0.05, False), (0.4, True)])
+def test_a_neighbour_that_comes_down_without_poses_is_followed_slowly(
+    age_s: float, is_slow: bool
+) -> None:
+    rig = hovering_rig()
+    other = Other(rig)
+    rig.order("move", position_enu_m=(-3.0, 0.0, 1.0))
+    for _ in range(20):
+        other.says(beside(rig, 3.0))
+        other.tells(is_airborne=True, state_age_s=age_s)
+        rig.step()
+
+    assert bool(told(rig, Condition.NEIGHBOUR_BLIND)) is is_slow
+    assert rig.core.flight.is_slow is is_slow
+
+
+def test_whoever_has_lost_its_own_poses_does_not_go_by_those_of_others() -> None:
+    rig = hovering_rig()
+    other = Other(rig)
+    rig.has_mocap = False
+    for tick in range(60):
+        other.says(beside(rig, 3.0))
+        other.tells(is_airborne=True, state_age_s=0.02 * tick)
+        rig.step()
+
+    assert rig.core.flight.step is FlightStep.SINKING
+
+    assert not told(rig, Condition.NEIGHBOUR_BLIND)
 
 
 @pytest.mark.failsafe("neighbour does not do what it says", step="flying")

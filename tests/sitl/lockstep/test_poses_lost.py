@@ -5,6 +5,7 @@ as real ones do.
 from __future__ import annotations
 
 import math
+import random
 import statistics
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -13,13 +14,15 @@ from typing import Any
 
 import pytest
 
+from groundstation.mission_files.loading import load_mission
 from onboard.flight.types import FlightStep
 from sitl.faults.catalogue import Fault
+from sitl.lockstep.campaign.broken_flight import Breaking, fly_broken, injection_of, wind_of
 from sitl.lockstep.flight import Lockstep
 from sitl.physics.wind import Wind, WindSettings
 from tests.bench.blind import Case
 from tests.bench.blind import fly as fly_case
-from tests.sitl.lockstep.suite import READY_S, fleet_of, mission_of
+from tests.sitl.lockstep.suite import READY_S, ROOT, fleet_of, mission_of
 
 
 @dataclass(frozen=True)
@@ -217,3 +220,22 @@ def test_poses_lost_by_six_by_one_in_wind_and_back_at_other_moments() -> None:
     assert min(one.nearest_m for one in flights) > 0.50
     assert not any(one.by_px4 for one in flights)
     assert max(one.down_s for one in flights) < 60.0
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("seed", range(1, 13))
+def test_nobody_runs_into_one_that_comes_down_without_poses_ahead_in_wind(seed: int) -> None:
+    numbers = random.Random(seed)
+    direction_rad = numbers.uniform(0.0, 2.0 * math.pi)
+    wind_m_s = (3.0 * math.cos(direction_rad), 3.0 * math.sin(direction_rad))
+    lost = Breaking(
+        injection_of("mocap lost for good"),
+        f"mav{numbers.randrange(3)}",
+        numbers.uniform(12.0, 15.5),
+    )
+
+    mission = load_mission(ROOT / "configs" / "missions" / "paper.toml")
+    flown = fly_broken(mission, lost, seed=seed, wind=wind_of(wind_m_s), height_m=1.0)
+    assert not flown.wrong
+    assert flown.smallest_m[0] > 0.80
