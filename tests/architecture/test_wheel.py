@@ -42,8 +42,10 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
         )
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
+
     build = "from setuptools import build_meta; print(build_meta.build_wheel('.'))"
     wheel = run(source, "-c", build, path=sysconfig.get_path("purelib")).splitlines()[-1]
+
     with zipfile.ZipFile(source / wheel) as file:
         file.extractall(site)
     return site
@@ -73,6 +75,7 @@ def test_the_examples_are_found_in_an_empty_folder(
         tmp_path, "-c", "import onboard, groundstation, sitl; print(onboard.__file__)", path=path
     )
     assert where.startswith(str(installed))
+
     out = run(
         tmp_path, "-m", "groundstation", "check", "sih", "configs/missions/paper.toml", path=path
     )

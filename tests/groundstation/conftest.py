@@ -81,16 +81,19 @@ class FakeBus:
         self.fleet = fleet
         self.has_truth = has_truth
         self.misbehave: dict[str, str] = {}
+
         self.accept_only: set[str] = set()  # kinds of orders that are accepted and do not end
         self.orders: list[tuple[str, Order]] = []
         self.vehicles = {
             name: telemetry(name, position_enu_m=fleet.vehicles[name].start_enu_m)
             for name in fleet.enabled_names
         }
+
         self.truth_error_m = 0.0
         self.node = "ground-test"
         self.is_simulated = True
         self.roles = ControlTokens()
+
         self.on_message: dict[Topic, Callable[..., None]] = {}
         self._sequence = itertools.count(2)
         self._task: asyncio.Task[None] | None = None
@@ -136,11 +139,14 @@ class FakeBus:
         message = msgspec.structs.replace(
             self.vehicles[name], **changes, stamp_ns=now_ns, sequence=next(self._sequence)
         )
+
         message = msgspec.structs.replace(
             message, operator=self.roles.operator, roles=self.roles.others
         )
+
         self.vehicles[name] = message
         self.on_message[Topic.TELEMETRY](Topic.TELEMETRY, name, message)
+
         if self.has_truth:
             x, y, z = message.position_enu_m
             truth = Truth(
@@ -158,15 +164,18 @@ class FakeBus:
         self, vehicle: str, order: Order, *, timeout_s: float, on_reply: Any, on_end: Any
     ) -> None:
         self.orders.append((vehicle, order))
+
         how = self.misbehave.get(vehicle, "")
         if how == "silent":
             return
+
         reason = "Because I say so." if how == "refuse" else ""
         on_reply(
             OrderReply(
                 order_id=order.order_id, vehicle=vehicle, is_accepted=not reason, reason=reason
             )
         )
+
         if how not in ("refuse", "stuck") and order.kind not in self.accept_only:
             after_s = 0.5 if how == "late" else 0.03
             self._loop.call_later(after_s, self._end, vehicle, order, how)
@@ -198,6 +207,7 @@ class FakeBus:
                     is_armed=False,
                     position_enu_m=(x, y, 0.0),
                 )
+
         event = Event(
             vehicle=name,
             stamp_ns=time.monotonic_ns(),

@@ -54,19 +54,24 @@ def step(
     """See :func:`sitl.physics.step.step`."""
     rows = np.arange(motion.shape[0])
     depth = commanded.shape[0]
+
     now = commanded[newest]
     by_tilt = commanded[(newest - response["tilt_delay"]) % depth, rows]
     by_heading = commanded[(newest - response["yaw_delay"]) % depth, rows]
     rates = commanded[(newest - response["rate_delay"]) % depth, rows]["rate"]
     by_thrust = commanded[(newest - response["thrust_delay"]) % depth, rows]
+
     lift = _lift(
         motion, response, by_thrust["thrust"], now["motors_on"] & ~motion["motors_dead"], draws
     )
+
     tilt, tilt_rate = _tilt(motion, response, by_tilt["attitude"])
     yaw, yaw_rate, torque, integral = _heading(motion, response, by_heading["attitude"])
+
     tumbles = (motion["tumble"] != 0.0).any(axis=1)
     motion["rate_steps"] = np.where(now["is_rate"], motion["rate_steps"] + 1, 0)
     by_rate = (now["is_rate"] & (motion["rate_steps"] > response["switch_steps"])) | tumbles
+
     blend = response["rate_blend"][:, None]
     free_rate = motion["tilt_rate"] + blend * (rates[:, :2] - motion["tilt_rate"])
     limit = LARGEST_TUMBLE_RAD_S
@@ -74,14 +79,18 @@ def step(
         motion["tilt_rate"] + STEP_S * lift[:, None] * motion["tumble"], -limit, limit
     )
     free_rate = np.where(tumbles[:, None], falling_rate, free_rate)
+
     free_yaw_rate = motion["yaw_rate"] + blend[:, 0] * (rates[:, 2] - motion["yaw_rate"])
     free_yaw_rate = np.where(tumbles, motion["yaw_rate"], free_yaw_rate)
+
     q = _turn(motion["attitude"], free_rate, free_yaw_rate)
     free_yaw = heading(q)
+
     tilt = np.where(by_rate[:, None], _tilt_of(q, free_yaw), tilt)
     tilt_rate = np.where(by_rate[:, None], free_rate, tilt_rate)
     yaw = np.where(by_rate, free_yaw, yaw)
     yaw_rate = np.where(by_rate, free_yaw_rate, yaw_rate)
+
     flies = ~motion["on_ground"]
     motion["tilt"] = tilt * flies[:, None]
     motion["tilt_rate"] = tilt_rate * flies[:, None]
@@ -90,6 +99,7 @@ def step(
     motion["yaw_torque"], motion["yaw_integral"] = (
         np.where(by_rate | ~flies, 0.0, v) for v in (torque, integral)
     )
+
     motion["attitude"] = frames.from_yaw_and_tilt(motion["yaw"], motion["tilt"])
     _move(motion, response, lift, air, push)
 
@@ -101,16 +111,20 @@ def _tilt(motion: Records, response: Records, commanded: Array) -> tuple[Array, 
     ahead = cos_yaw * down[:, 0] + sin_yaw * down[:, 1]
     right = -sin_yaw * down[:, 0] + cos_yaw * down[:, 1]
     from_heading = np.stack([ahead, right, down[:, 2]], axis=-1)
+
     motion["tilt_offset"] *= response["offset_keep"][:, None]
     setpoint = response["gain"][:, None] * frames.tilt_from_down(from_heading)
     setpoint = setpoint + response["bias"] + motion["tilt_offset"]
+
     tilt = motion["tilt"]
     rate = motion["tilt_rate"]
     limit = response["max_tilt_rate"][:, None]
     error = tilt - setpoint
+
     tt, tr, rt, rr = (
         response[name] for name in ("tilt_by_tilt", "tilt_by_rate", "rate_by_tilt", "rate_by_rate")
     )
+
     moved = np.clip(setpoint + tt * error + tr * rate - tilt, -STEP_S * limit, STEP_S * limit)
     return tilt + moved, np.clip(rt * error + rr * rate, -limit, limit)
 
@@ -120,16 +134,20 @@ def _heading(
 ) -> tuple[Array, Array, Array, Array]:
     yaw = motion["yaw"]
     limit = response["max_yaw_rate"]
+
     rate_setpoint = np.clip(
         response["yaw_p"] * frames.wrap(heading(commanded) - yaw), -limit, limit
     )
+
     rate_error = rate_setpoint - motion["yaw_rate"]
     torque = response["yaw_rate_p"] * rate_error + motion["yaw_integral"]
+
     largest = response["max_yaw_torque"]
     grows = np.abs(torque) < largest
     integral = motion["yaw_integral"] + np.where(
         grows, STEP_S * response["yaw_rate_i"] * rate_error, 0.0
     )
+
     limited = np.clip(torque, -largest, largest)
     filtered = motion["yaw_torque"] + response["yaw_blend"] * (limited - motion["yaw_torque"])
     rate = motion["yaw_rate"] + STEP_S * (filtered - response["yaw_drag"] * motion["yaw_rate"])
@@ -142,18 +160,22 @@ def _lift(
     lagged = motion["thrust"] + response["motor_blend"] * (thrust_frac - motion["thrust"])
     thrust = np.where(turning, lagged, 0.0)
     motion["thrust"] = thrust
+
     blend = STEP_S / THRUST_NOISE_CORRELATION_S
     motion["thrust_noise"] = (1.0 - blend) * motion["thrust_noise"] + math.sqrt(
         2.0 * blend
     ) * draws[:, 0]
+
     curve = response["curve"]
     share = motion["lift_scale"] * ((1.0 - curve) * thrust + curve * thrust * thrust)
     share = np.minimum(share, motion["lift_cap"])
+
     lift = (
         share
         * response["full_lift"]
         * (1.0 + response["thrust_noise_std"] * motion["thrust_noise"])
     )
+
     motion["lift_share"] = lift / GRAVITY_M_S2
     return np.asarray(lift)
 
@@ -163,13 +185,17 @@ def _move(motion: Records, response: Records, lift: Array, air: Array, push: Arr
     acceleration = (
         -lift[:, None] * down + response["drag"][:, None] * (air - motion["velocity"]) + push
     )
+
     acceleration[:, 2] += GRAVITY_M_S2
     velocity = motion["velocity"] + STEP_S * acceleration
     position = motion["position"] + STEP_S * velocity
+
     contact = position[:, 2] >= 0.0
     position[:, 2] = np.where(contact, 0.0, position[:, 2])
+
     held = contact & motion["on_ground"]
     motion["motors_dead"] |= contact & ~motion["on_ground"] & (down[:, 2] < CRASH_TILT_COS)
+
     motion["position"] = np.where(held[:, None], motion["position"], position)
     motion["velocity"] = np.where(contact[:, None], 0.0, velocity)
     motion["acceleration"] = np.where(contact[:, None], 0.0, acceleration)
@@ -191,9 +217,11 @@ def _tilt_of(q: Array, yaw: Array) -> Array:
     """Rotation vectors (n, 2) [rad] of attitudes (n, 4) without their heading."""
     cos_half = np.cos(0.5 * yaw)
     sin_half = np.sin(0.5 * yaw)
+
     w = cos_half * q[:, 0] + sin_half * q[:, 3]
     x = cos_half * q[:, 1] + sin_half * q[:, 2]
     y = cos_half * q[:, 2] - sin_half * q[:, 1]
+
     sine = np.hypot(x, y)
     scale = np.where(sine > 1e-9, 2.0 * np.arctan2(sine, w) / np.maximum(sine, 1e-9), 2.0)
     return np.stack([scale * x, scale * y], axis=-1)
@@ -211,19 +239,25 @@ def meet(
     """See :func:`sitl.physics.contacts.meet`."""
     half_height_m = 0.5 * diameter_m
     on_ground = motion["on_ground"]
+
     offset = motion["position"][:, None] - motion["position"][None]
     square = offset[..., 0] ** 2 + offset[..., 1] ** 2
     is_free = ~(on_ground[:, None] & on_ground[None])
+
     meets = (square < diameter_m**2) & (np.abs(offset[..., 2]) < half_height_m) & is_free & ~touched
     meets = np.triu(meets, k=1)
+
     touched |= meets
     met = np.argwhere(meets)
     pairs[: met.shape[0]] = met[: pairs.shape[0]]
+
     gap = np.maximum(offset[..., 2], 0.0)  # of the row below the column
     radius = 0.5 * diameter_m + wash_spread * gap
     fade = np.minimum(1.0, gap / half_height_m) * (diameter_m / (diameter_m + gap)) ** 2
+
     reaches = is_free & (square <= 9.0 * radius**2)
     strength = wash_m_s2 * motion["lift_share"][None] * fade * np.exp(-square / radius**2)
+
     push[:] = 0.0
     push[:, 2] = np.where(reaches, strength, 0.0).sum(axis=1)
     return int(met.shape[0])

@@ -35,23 +35,27 @@ def carried(n, lead_s):
     """Line P3: positions, velocities and commands (K, 2) of the neighbours at the own t + L."""
     cooperative = n["is_cooperative"] > 0
     age = np.clip(n["age_s"], 0.0, np.where(cooperative, 0.8, 0.3))
+
     their_lead = np.clip(
         np.where(np.isfinite(n["lead_time_s"]), n["lead_time_s"], lead_s), 0.0, 1.0
     )
     ahead = (age + lead_s - their_lead)[:, None]
     forth = np.clip(ahead, 0.0, 0.25)
     back = np.minimum(ahead, 0.0)
+
     p = n["predicted_position_enu_m"]
     v = n["predicted_velocity_enu_m_s"]
     u = n["commanded_acceleration_enu_m_s2"]
     mean = (v - n["velocity_enu_m_s"]) / np.maximum(their_lead, 1e-3)[:, None]
     q = p + ahead * v + forth * (ahead - 0.5 * forth) * u + 0.5 * back**2 * mean
     w = v + forth * u + back * mean
+
     a = n["acceleration_enu_m_s2"]
     m = (age + lead_s)[:, None]
     a = a * np.minimum(1.0, 9.80665 / np.maximum(np.hypot(*a.T), 1e-9))[:, None]
     s = np.minimum(m, 0.25)
     plain = n["position_enu_m"] + m * n["velocity_enu_m_s"] + s * (m - 0.5 * s) * a
+
     pick = cooperative[:, None]
     return (
         np.where(pick, q, plain),
@@ -66,9 +70,11 @@ def design_distances(own, n, s):
     variance = variance + s.sigma_velocity_s**2 * (
         own["velocity_std"] ** 2 + n["velocity_std_m_s"] ** 2
     )
+
     margin = np.full(len(n["age_s"]), s.margin_m)
     if s.sigma_position > 0:
         margin = np.clip(s.margin_floor_m + np.sqrt(variance), s.margin_m, 5.0)
+
     return (
         s.safety_distance_m
         + margin
@@ -102,27 +108,34 @@ def neighbour_rows(own, neighbours, p, is_roundabout):
     n = columns(neighbours)
     g = p.gains
     policies = p.policies
+
     q, their_v, u = carried(n, p.lead_time_s)
     e = own["position"] - q
     w = own["velocity"] - their_v
     cooperative = n["is_cooperative"] > 0
+
     has_intent = (policies.direction == numbers.DIRECTION_INTENT) & cooperative
     has_intent = has_intent & np.isfinite(n["intent_enu_m_s"]).all(-1)
     intent = np.where(has_intent[:, None], own["intent"] - n["intent_enu_m_s"], w)
     if policies.direction == numbers.DIRECTION_INTENT:
         intent = np.where(cooperative[:, None], intent, own["intent"] - their_v)
     is_settled = has_intent & (np.sqrt(dot(n["intent_enu_m_s"], n["intent_enu_m_s"])) <= 0.1)
+
     d = design_distances(own, n, p.spacing)
     in_range = dot(e, e) <= p.spacing.range_m**2
+
     crowd = max(
         (in_range & ~is_settled & (dot(e, e) < 4.0 * d * d)).sum(),
         g.crowd_count if is_roundabout else 0,
     )
+
     order = np.argsort(np.where(in_range, dot(e, e), np.inf), kind="stable")[
         : min(p.spacing.max_neighbours, in_range.sum())
     ]
+
     e, w, u, d, intent, cooperative = (a[order] for a in (e, w, u, d, intent, cooperative))
     theirs = np.nan_to_num(n["crowd_count"][order])
+
     needed = need(e, w, d, g.kappa_1_1_s, g.kappa_2_1_s)
     pulled = dot(e, u)
     is_full = ~cooperative | (policies.responsibility == numbers.RESPONSIBILITY_FULL)
@@ -130,6 +143,7 @@ def neighbour_rows(own, neighbours, p, is_roundabout):
     bound = np.where(
         is_full, needed + pulled, 0.5 * needed + gamma * np.maximum(0.0, 0.5 * needed + pulled)
     )
+
     is_crowded = np.maximum(crowd, theirs) >= g.crowd_count
     sign = sides(e, intent, d, is_crowded, policies.direction)
     v_perp = np.where(
@@ -137,10 +151,12 @@ def neighbour_rows(own, neighbours, p, is_roundabout):
         g.v_perp_crowd_m_s,
         g.v_perp_m_s,
     )
+
     v = own["velocity"] if policies.responsibility == numbers.RESPONSIBILITY_FULL else w
     turning = np.where(
         is_full, turn(e, w, v, d, v_perp, sign, g), 0.5 * turn(e, w, w, d, 2.0 * v_perp, sign, g)
     )
+
     around = np.stack([-e[:, 1], e[:, 0]], -1) * sign[:, None]
     scale = d[:, None]
     rows = (e / scale, bound / d)
@@ -162,20 +178,25 @@ def obstacle_rows(own, capsules, p):
     c = np.array([(*one.begin_enu_m, *one.end_enu_m, one.radius_m) for one in capsules]).reshape(
         -1, 5
     )
+
     along = c[:, 2:4] - c[:, :2]
     offset = own["position"] - c[:, :2]
     share = dot(offset, along) / np.where(dot(along, along) > 0, dot(along, along), 1.0)
     e = offset - np.clip(share, 0.0, 1.0)[:, None] * along
+
     order = np.argsort(np.sqrt(dot(e, e)) - c[:, 4], kind="stable")[:6]
     e = e[order]
     share = share[order]
     radius = c[order, 4]
+
     v = np.broadcast_to(own["velocity"], e.shape)
     towards = (dot(e, v) / dot(e, e))[:, None] * e
     w = np.where(((share > 0) & (share < 1))[:, None], towards, v)
+
     d = radius + p.spacing.clearance_m
     g = p.gains
     bound = need(e, w, d, g.static_kappa_1_1_s, g.kappa_2_1_s)
+
     sign = sides(
         e, np.broadcast_to(own["intent"], e.shape), d, np.zeros(len(e), bool), p.policies.direction
     )
@@ -189,9 +210,11 @@ def wall_rows(own, p):
     g = p.gains
     f = p.fence
     inward = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+
     (x, y) = own["position"]
     k_1 = g.static_kappa_1_1_s
     k_2 = g.kappa_2_1_s
+
     gap = np.array([x - f.low_x_m, y - f.low_y_m, f.high_x_m - x, f.high_y_m - y])
     return inward, -(k_1 + k_2) * inward @ own["velocity"] - k_1 * k_2 * gap
 
@@ -200,11 +223,13 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
     """Thrust, status, slack, crowd count and active index; own: position, velocity, intent, thrust,
     compensation, radius, position_std, velocity_std."""
     rotation = p.policies.rotation
+
     u = own["thrust"]
     parts = []
     turn_parts = []
     indices = []
     is_uncooperative = []
+
     crowd = least_crowd(p, is_roundabout)
     if neighbours:
         rows, turns, indexes, crowd, is_uncooperative = neighbour_rows(
@@ -213,18 +238,23 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
         parts.append(rows)
         turn_parts.append((*turns, True))
         indices.extend(indexes)
+
     if capsules:
         rows, turns = obstacle_rows(own, capsules, p)
         parts.append(rows)
         turn_parts.append((*turns, False))
         indices.extend([-2] * len(rows[1]))
+
     parts.append(wall_rows(own, p))
     indices.extend([-2] * 4)
+
     normals, bounds = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
     bounds = bounds + normals @ own["compensation"]
     missing = bounds - normals @ u
+
     is_avoiding = bool((missing > 1e-10).any())
     active = int(np.array(indices)[np.argmax(missing)]) if is_avoiding else -1
+
     soft = []
     start = 0
     for turn_normals, turn_bounds, ahead, has_fade in turn_parts:
@@ -246,8 +276,10 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
             if rotation != numbers.ROTATION_NEVER and strength > 0.0:
                 soft.append((normal, given + strength * (bound - given)))
         start += len(turn_normals)
+
     if not is_avoiding and not soft:
         return u, INACTIVE, 0.0, crowd, active
+
     count = len(turn_parts[0][1]) if neighbours else 0
     promised = [np.zeros((0, 2)), np.zeros(0)]
     if neighbours:
@@ -256,10 +288,12 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
         )
         promised = list(neighbour_rows(own, neighbours, bare, is_roundabout)[0])
         promised[1] = promised[1] + promised[0] @ own["compensation"]
+
     is_fixed = np.isfinite(bounds) & (np.arange(len(bounds)) >= count)
     firm = [
         np.concatenate([a, b[is_fixed]]) for a, b in zip(promised, (normals, bounds), strict=True)
     ]
+
     yielding = binding(normals[:count], bounds[:count], own["radius"])
     speed = np.hypot(*own["velocity"])
     uncooperative = np.array(is_uncooperative, bool)[:count]
@@ -268,6 +302,7 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
         if count
         else False
     )
+
     if speed > 1e-6 and not is_free:  # the speed row gives way with the margins
         normal = -own["velocity"] / speed
         bound = -4.0 * (p.top_speed_m_s - speed) + normal @ own["compensation"]

@@ -54,6 +54,7 @@ async def test_a_dialog_leaves_the_fleet_in_sight(size: tuple[int, int], kind: t
             await pilot.press("colon", *"takeoff mav0 1", "enter")
         else:
             await pilot.press("question_mark" if kind is HelpScreen else "q")
+
         await pilot.pause()
         assert isinstance(app.screen, kind)
         await see(app, pilot)
@@ -75,6 +76,7 @@ async def test_a_verdict_shows_its_reason_and_covers_no_later_event(size: tuple[
         await pilot.pause()
         app.panels.events.add("mav2: a motor is dead.")
         await see(app, pilot)
+
         text = words_of(app)
         assert REASON in text
         assert "mav2: a motor is dead." in text
@@ -82,6 +84,7 @@ async def test_a_verdict_shows_its_reason_and_covers_no_later_event(size: tuple[
         await pilot.press("v")
         await see(app, pilot)
         assert all(sentence in words_of(app) for sentence in VERDICT.sentences)
+
         await pilot.press("v")
         await see(app, pilot)
         assert "mission failed ─" not in words_of(app)
@@ -92,6 +95,7 @@ async def test_a_low_terminal_counts_the_vehicles_that_have_no_row() -> None:
     async with app.run_test(size=(80, 20)) as pilot:
         await see(app, pilot)
         assert table_of(app).border_subtitle == "↓ +2 more"
+
         await pilot.press("end")
         await see(app, pilot)
         assert table_of(app).border_subtitle == "↑ +2"
@@ -104,8 +108,10 @@ async def test_the_list_of_alarms_is_as_wide_as_the_terminal_from_the_first_pict
         client.hear("mav0", position_enu_m=near)
         client.hear("mav1", position_enu_m=(0.5, 0.0, 1.0))
         await see(app, pilot)
+
         await pilot.press("A")
         await asyncio.sleep(0)
+
         shown = [app.screen.query_one(AlarmList).render_line(y).text.rstrip() for y in range(4)]
         assert any(line.endswith("apart, limit 0.80 m") for line in shown), shown
 

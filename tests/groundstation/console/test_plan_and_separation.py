@@ -31,23 +31,28 @@ def test_the_closest_pairs_are_those_of_a_plain_search_and_say_when_they_meet() 
             velocity_enu_m_s=tuple(rng.uniform(-1, 1, 3)),
         )
         known.append((VehicleView(heard.vehicle, heard, 0), heard.position_enu_m))
+
     pairs = closest_pairs(known, most=10)
+
     plain = sorted(
         math.dist(p[:2], q[:2])
         for (a, p), (b, q) in itertools.combinations(known, 2)
         if a.is_airborne or b.is_airborne
     )
     assert [pair.distance_m for pair in pairs] == pytest.approx(plain[:10])
+
     views = {view.name: view.telemetry for view, _ in known}
     for pair in pairs:
         one = views[pair.first]
         two = views[pair.second]
         assert one is not None
         assert two is not None
+
         gap = np.subtract(two.position_enu_m, one.position_enu_m)[:2]
         drift = np.subtract(two.velocity_enu_m_s, one.velocity_enu_m_s)[:2]
         times_s = np.linspace(0.0, 60.0, 60_001)
         distances = np.hypot(*(gap[:, None] + drift[:, None] * times_s))
+
         if math.isfinite(pair.approach_s) and pair.approach_s < 59.0:
             assert times_s[distances.argmin()] == pytest.approx(pair.approach_s, abs=2e-3)
             assert distances.min() == pytest.approx(pair.approach_m, abs=1e-3)
@@ -64,7 +69,9 @@ async def test_separation_shows_pairs_the_time_to_the_closest_approach_and_the_t
         client.clock_ns += 2_000_000_000
         client.hear("mav0", position_enu_m=(-2.0, 0.0, 1.0), velocity_enu_m_s=(1.0, 0.0, 0.0))
         client.hear("mav1", position_enu_m=(2.0, 0.5, 1.0), velocity_enu_m_s=(-1.0, 0.0, 0.0))
+
         await see(app, pilot)
+
         shown = "\n".join(lines(app, SeparationView))
         assert "4.03 m" in shown
         assert "▲ 0.50 m in 2.0 s" in shown
@@ -87,27 +94,35 @@ async def test_the_plan_is_north_up_and_zooms_pans_and_follows(fleet: FleetConfi
         client.hear("mav0", position_enu_m=(-2.0, -2.0, 1.0))
         client.hear("mav1", position_enu_m=(2.0, 2.0, 2.5))
         await see(app, pilot)
+
         assert cell_of("2.5m")[0] < cell_of("1.0m")[0]
         assert cell_of("2.5m")[1] > cell_of("1.0m")[1]
+
         before = cell_of("2.5m")
         plan_of(app).focus()
         await pilot.press("up")
         assert cell_of("2.5m")[0] > before[0]
+
         await pilot.press("right")
         assert cell_of("2.5m")[1] < before[1]
+
         await pilot.press("f")
         assert "follows mav0" in str(plan_of(app).border_title)
+
         before_zoom = cell_of("[0]")
         client.hear("mav0", position_enu_m=(1.0, 1.0, 1.0))
         client.clock_ns += 200_000_000
         await see(app, pilot)
         assert cell_of("[0]") == before_zoom
+
         await pilot.press("f")
         assert "follows the fleet" in str(plan_of(app).border_title)
+
         await pilot.press("0")
         for factor in [1.5] * 30 + [0.6] * 60:
             plan_of(app).change_zoom(factor)
             plan_of(app).action_pan(-1, 1)
+
         await see(app, pilot)
         assert app.is_running
 
@@ -125,13 +140,16 @@ async def test_the_plan_shows_silence_nearness_and_avoidance_by_signs(fleet: Fle
             avoids="mav1",
             nearest_vehicle="mav2",
         )
+
         client.hear("mav1", position_enu_m=(0.7, 0.0, 1.0))
         await see(app, pilot)
+
         plan = "\n".join(lines(app, PlanView))
         assert "2?" in plan
         assert "[0]!" in plan
         assert "1!" in plan
         assert "→" in plan
+
         client.hear(
             "mav0",
             position_enu_m=(0.0, 0.0, 1.0),
@@ -139,6 +157,7 @@ async def test_the_plan_shows_silence_nearness_and_avoidance_by_signs(fleet: Fle
             avoids="mav2",
             nearest_vehicle="mav1",
         )
+
         client.clock_ns += 200_000_000
         await see(app, pilot)
         assert "↖" in "\n".join(lines(app, PlanView))
@@ -152,10 +171,12 @@ async def test_an_obstacle_stands_in_the_plan_with_its_name() -> None:
         await see(app, pilot)
         assert "wall" in "\n".join(lines(app, PlanView))
         assert plan_of(app).size.width > 110
+
         await pilot.press("escape")
         await pilot.pause()
         assert plan_of(app).size.width < 80
         assert plan_of(app).has_focus
+
         await pilot.press("escape")
         assert table_of(app).has_focus
 
@@ -166,14 +187,18 @@ async def test_a_picture_that_has_not_changed_is_not_drawn_again(
     client = SteadyClient(crowd(30))
     fly(client, 0.0)
     app = ConsoleApp(client.fleet, client)
+
     async with app.run_test(size=(120, 40)) as pilot:
         await see(app, pilot)
+
         drawn: list[object] = []
         for kind in (FleetTable, PlanView, SeparationView):
             monkeypatch.setattr(kind, "refresh", lambda self, *regions, **_: drawn.append(regions))
+
         app.refresh_fleet()
         app.refresh_fleet()
         assert drawn == []
+
         client.hear("v003", position_enu_m=(0.0, 0.0, 2.0), boot_id=9)
         table_of(app).show(client.state, client.now_ns())
         assert len(drawn) == 1

@@ -56,6 +56,7 @@ def logs(truth: Truth, seeds: range, duration_s: float = 32.0, tilt_deg: float =
     count = len(seeds)
     ticks = round(duration_s / TICK_S)
     noise = [np.random.default_rng(seed) for seed in seeds]
+
     asked = np.zeros((ticks, count, 2))
     for number, rng in enumerate(noise):
         at = 0
@@ -72,56 +73,69 @@ def logs(truth: Truth, seeds: range, duration_s: float = 32.0, tilt_deg: float =
                 at += width
             at += int(rng.integers(0, 30))
     asked = asked[:ticks]
+
     thrust = (
         truth.hover_frac
         * (1.0 + 0.03 * np.sin(np.arange(ticks) * TICK_S * 1.7))[:, None]
         * np.ones(count)
     )
+
     tilt = np.zeros((count, 2))
     rate = np.zeros((count, 2))
     position = np.zeros((count, 3))
     velocity = np.zeros((count, 3))
     lift = np.full(count, truth.hover_frac)
     gust = np.zeros((count, 3))
+
     error = np.radians(np.array(truth.error_deg))
     flown_tilt = np.zeros((ticks, count, 2))
     places = np.zeros((ticks, count, 3))
+
     keep = math.exp(-STEP_S / 1.0)
     draw = np.stack([rng.standard_normal((ticks * 4, 3)) for rng in noise], axis=1)
+
     for k in range(ticks * 4):
         time_s = k * STEP_S
         if k % 4 == 0:
             flown_tilt[k // 4] = tilt
             places[k // 4] = position
+
         heard = (
             asked[max(0, math.floor((time_s - truth.delay_s) / TICK_S + 1e-6))]
             if time_s >= truth.delay_s
             else 0.0
         )
+
         push = (
             truth.wn_rad_s**2 * (truth.gain * heard + error - tilt)
             - 2.0 * truth.zeta * truth.wn_rad_s * rate
         )
         tilt = tilt + STEP_S * rate + 0.5 * STEP_S**2 * push
         rate = rate + STEP_S * push
+
         lift = lift + (1.0 - math.exp(-STEP_S / MOTOR_LAG_S)) * (thrust[k // 4] - lift)
         gust = keep * gust + truth.gust_m_s2 * math.sqrt(1.0 - keep**2) * draw[k] * np.array(
             [1.0, 1.0, 0.2]
         )
+
         angle = np.sqrt((tilt**2).sum(-1))
         up = np.concatenate(
             [tilt * np.sinc(angle / np.pi)[:, None], np.cos(angle)[:, None]], axis=-1
         )
         force = (GRAVITY_M_S2 * lift / truth.hover_frac)[:, None] * up
+
         acceleration = force - truth.drag_1_s * velocity + gust - np.array([0.0, 0.0, GRAVITY_M_S2])
         position = position + STEP_S * velocity + 0.5 * STEP_S**2 * acceleration
         velocity = velocity + STEP_S * acceleration
+
     time: Array = np.arange(ticks, dtype=np.float64) * TICK_S
     found = []
     for number, rng in enumerate(noise):
         seen_tilt = flown_tilt[:, number] + math.radians(0.15) * rng.standard_normal((ticks, 2))
         seen = places[:, number] + 0.003 * rng.standard_normal((ticks, 3))
+
         stamps: Array = time + truth.attitude_age_s
+
         found.append(
             Log(
                 command_time_s=time,
@@ -171,6 +185,7 @@ def test_values_are_recovered_and_intervals_cover_the_truth_about_as_often_as_th
             }
             assert abs(miss) < bound.get(name, 0.35), name
             covered.setdefault(name, []).append(is_covered)
+
     assert np.mean([share for one in covered.values() for share in one]) > 0.90
     assert all(np.mean(one) >= 0.75 for one in covered.values())
 
@@ -210,6 +225,7 @@ def test_too_short_or_too_still_is_said_in_words() -> None:
         identify(logs(Truth(), range(1), duration_s=6.0)[0])
     with pytest.raises(TooLittleFlown, match="quick moves"):
         identify(logs(Truth(), range(1), tilt_deg=0.1)[0])
+
     log = logs(Truth(), range(1), duration_s=14.0)[0]
     with pytest.raises(TooLittleFlown, match="100 samples"):
         identify(

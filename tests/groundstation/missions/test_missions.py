@@ -79,6 +79,7 @@ def test_a_wrong_mission_is_refused_with_file_and_key(
 ) -> None:
     with pytest.raises(ConfigError) as caught:
         make(fleet, steps, **tables)
+
     assert str(caught.value).startswith("test.toml")
     assert words in str(caught.value)
 
@@ -96,6 +97,7 @@ def test_python_missions_are_checked_without_being_run(tmp_path: Path, fleet: Fl
             path.write_text(text)
         with pytest.raises(ConfigError, match=words):
             load_mission(path, fleet)
+
     path = tmp_path / "ok.py"
     path.write_text(
         "EXPECT = {'all_landed': True}\nraise SystemExit\nasync def mission(fleet):\n    pass\n"
@@ -109,13 +111,16 @@ def test_the_papers_paths_cross_so_that_they_collide_without_the_law() -> None:
     """
     mission = load_mission(ROOT / "configs/missions/paper.toml")
     fleet = mission.fleet
+
     step = next(step for step in mission.steps if step.do == "formation")
     assert isinstance(step, FormationStep)
     assert step.position_enu_m is not None
     slots = fleet.formations[step.name]
     centre = np.array(step.position_enu_m)
+
     tracks = {}
     time_s = np.linspace(0.0, 12.0, 2400)[:, None]
+
     for name in fleet.enabled_names:
         vehicle = fleet.vehicles[name]
         start = np.array([*vehicle.start_enu_m[:2], 1.0])
@@ -125,12 +130,15 @@ def test_the_papers_paths_cross_so_that_they_collide_without_the_law() -> None:
             1.875 * length / vehicle.max_speed_m_s,
             np.sqrt(5.77 * length / vehicle.max_acceleration_m_s2),
         )
+
         s = np.clip(time_s / duration_s, 0.0, 1.0)
         tracks[name] = start + (10 * s**3 - 15 * s**4 + 6 * s**5) * leg
+
     closest = min(
         np.linalg.norm((tracks[one] - tracks[two])[:, :2], axis=-1).min()
         for one, two in itertools.combinations(tracks, 2)
     )
+
     assert closest < fleet.fleet.body_diameter_m
 
 
@@ -141,14 +149,17 @@ async def test_an_obedient_fleet_passes_and_every_step_is_told_per_vehicle(
     verdict = await MissionRun(
         make(fleet, [*HOP, {"do": "land"}], expect=EXPECT), client, say=lines.append
     ).run()
+
     assert verdict.exit_status == 0, verdict.sentences
     assert [step.vehicles for step in verdict.steps] == [
         dict.fromkeys(fleet.enabled_names, "done")
     ] * 3
+
     assert len(verdict.arrivals) == 3
     assert verdict.worst_arrival_m is not None
     assert verdict.worst_arrival_m < 0.15
     assert all(verdict.landed.values())
+
     assert any("takeoff" in line for line in lines)
     assert verdict.sentences[-1].startswith("PASSED")
 
@@ -158,6 +169,7 @@ async def test_arrival_is_judged_by_truth_and_not_by_what_the_vehicle_says(
 ) -> None:
     bus.truth_error_m = 0.2
     verdict = await MissionRun(make(fleet, [*HOP, {"do": "land"}], expect=EXPECT), client).run()
+
     assert verdict.exit_status == 1
     assert [one.name for one in verdict.checks if not one.has_come_true] == ["arrived_within_m"]
     assert verdict.worst_arrival_m == pytest.approx(0.2, abs=0.01)
@@ -182,6 +194,7 @@ async def test_arrival_is_judged_when_the_vehicles_own_order_is_done_and_not_whe
     push = asyncio.create_task(push_mav0_away_once_it_has_arrived())
     verdict = await MissionRun(make(fleet, [*HOP, {"do": "land"}], expect=EXPECT), client).run()
     await push
+
     assert verdict.exit_status == 0, verdict.sentences
     assert len(verdict.arrivals) == 3
     assert verdict.worst_arrival_m == pytest.approx(0.0, abs=0.01)
@@ -192,8 +205,10 @@ async def test_a_vehicle_whose_landing_order_fails_is_waited_for_and_ordered_aga
 ) -> None:
     monkeypatch.setattr("groundstation.missions.landing.LAND_AGAIN_S", 0.1)
     run = MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client)
+
     task = asyncio.create_task(run.run())
     assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+
     bus.misbehave["mav2"] = "fail"
     run.interrupt()
     assert await client.wait_for(
@@ -202,8 +217,10 @@ async def test_a_vehicle_whose_landing_order_fails_is_waited_for_and_ordered_aga
         ),
         5.0,
     )
+
     bus.misbehave.clear()
     verdict = await asyncio.wait_for(task, 5.0)
+
     assert all(verdict.landed.values())
 
 
@@ -212,8 +229,10 @@ async def test_a_vehicle_that_fails_ends_the_mission_mixed_and_everybody_lands(
 ) -> None:
     bus.misbehave["mav1"] = "fail"
     verdict = await MissionRun(make(fleet, HOP), client).run()
+
     assert verdict.exit_status == 50
     assert "The motor is weak." in verdict.summary
+
     assert [order.kind for name, order in bus.orders if name == "mav0"] == ["takeoff", "land"]
     assert verdict.landed["mav0"]
 
@@ -223,6 +242,7 @@ async def test_an_expectation_that_fails_is_exit_status_one_with_its_sentence(
 ) -> None:
     mission = make(fleet, [*HOP, {"do": "land"}], expect={"min_separation_m": 3.0})
     verdict = await MissionRun(mission, client).run()
+
     assert verdict.exit_status == 1
     assert "3.00 m" in verdict.summary
 
@@ -237,10 +257,13 @@ async def test_a_mission_that_leaves_vehicles_in_the_air_has_not_passed_unless_i
     fleet: FleetConfig, client: Any
 ) -> None:
     verdict = await MissionRun(make(fleet, HOP), client).run()
+
     assert verdict.exit_status == 1
     assert "mav0, mav1, mav2 are not down. End it with a step 'land'" in verdict.summary
+
     again = await MissionRun(make(fleet, HOP, expect={"all_landed": False}), client).run()
     assert again.exit_status == 2, "its take-off is refused while they fly"
+
     assert await MissionRun(make(fleet, HOP), client).fleet.land_all()
     declared = await MissionRun(make(fleet, HOP, expect={"all_landed": False}), client).run()
     assert declared.passed, declared.summary
@@ -250,11 +273,14 @@ async def test_the_verdict_names_the_law_that_the_agents_flew(
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:
     mission = make(fleet, [*HOP, {"do": "land"}])
+
     for name in fleet.enabled_names:
         bus.tell(name, law="off")
     verdict = await MissionRun(mission, client).run()
+
     assert verdict.law == "off"
     assert "with law 'off'" in verdict.summary
+
     bus.tell("mav1", law="covey")
     assert (await MissionRun(mission, client).run()).law == "off (mav0, mav2), covey (mav1)"
 
@@ -265,18 +291,22 @@ async def test_an_ending_from_outside_is_said_once_and_landing_again_is_not_repe
     monkeypatch.setattr("groundstation.missions.landing.LAND_AGAIN_S", 0.05)
     monkeypatch.setattr("groundstation.missions.runner.LAND_TIMEOUT_S", 1.0)
     lines: list[str] = []
+
     client.add_event_listener(
         lambda event: lines.append(event.sentence) if event.severity == "critical" else None
     )
+
     run = MissionRun(
         make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client, say=lines.append
     )
     task = asyncio.create_task(run.run())
     assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+
     bus.misbehave["mav1"] = "fail"  # as with a PX4 that is dead
     reason = "mav1 was ended by signal 9."
     client.publish_event("critical", "process_ended", reason)
     run.abort(reason)
+
     verdict = await asyncio.wait_for(task, 10.0)
     assert sum(reason in line for line in lines) == 1, lines
     assert [order.kind for name, order in bus.orders if name == "mav1"].count("land") > 2
@@ -291,10 +321,12 @@ async def test_a_recording_ground_passes_on_no_advice_to_record(
     for name in fleet.enabled_names:
         report = PreflightReport(vehicle=name, boot_id=1, sequence=1, stamp_ns=0, checks=(advice,))
         bus.on_message[Topic.PREFLIGHT](Topic.PREFLIGHT, name, report)
+
     lines: list[str] = []
     mission = make(fleet, [HOP[0], {"do": "land"}])
     await MissionRun(mission, client, say=lines.append).run()
     assert any("Nobody records" in line for line in lines)
+
     lines.clear()
     client.announce_recording(True)
     await MissionRun(mission, client, say=lines.append).run()
@@ -308,12 +340,15 @@ async def test_the_verdict_and_the_record_count_seconds_from_the_same_begin(
     writer.start()
     client.add_sink(writer.put)
     await asyncio.sleep(0.5)  # processes start, vehicles get ready
+
     run = MissionRun(make(fleet, [HOP[0], {"do": "land"}]), client)
     await run.run()
     client.publish_event("info", "mission", "This is the end.")
     writer.stop()
+
     verdict = final_verdict(run.flown(), run.mission.expect, tmp_path, writer.end)
     by_event = float((tmp_path / "events.txt").read_text().splitlines()[-1].split()[0])
+
     assert verdict.closest is not None
     assert by_event - verdict.duration_s - 0.5 < verdict.closest.time_s <= by_event
     assert verdict.closest.time_s >= 0.5
@@ -359,6 +394,7 @@ async def test_only_those_that_have_touched_each_other_are_said_to_have_collided
 ) -> None:
     run = MissionRun(make(fleet, [*HOP, {"do": "land"}], expect=EXPECT), client)
     verdict = await run.run()
+
     assert verdict.closest is not None
     near = [verdict.closest.first, verdict.closest.second]
     third = next(name for name in fleet.enabled_names if name not in near)
@@ -385,6 +421,7 @@ async def test_a_vehicle_that_hits_the_ground_in_its_landing_has_not_landed_as_o
     flown = run.flown()
     flown.state = replace(flown.state, touchdowns=(hit,))
     verdict = judge(flown, run.mission.expect)
+
     assert verdict.exit_status == 1
     assert hit.sentence(fleet.vehicles["mav1"]) in verdict.summary
 
@@ -397,6 +434,7 @@ async def test_an_expect_step_stops_the_mission_where_it_fails(
 ) -> None:
     steps = [HOP[0], {"do": "expect", "min_separation_m": 3.0}, HOP[1]]
     verdict = await MissionRun(make(fleet, steps), client).run()
+
     assert verdict.exit_status == 1
     assert "move" not in {order.kind for _, order in bus.orders}
     assert all(verdict.landed.values())
@@ -406,10 +444,13 @@ async def test_an_interruption_lands_everybody_and_says_so(
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:
     run = MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client)
+
     task = asyncio.create_task(run.run())
     assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+
     run.interrupt()
     verdict = await asyncio.wait_for(task, 5.0)
+
     assert verdict.exit_status == 130
     assert all(verdict.landed.values())
     assert [order.kind for name, order in bus.orders if name == "mav2"] == ["takeoff", "land"]
@@ -419,12 +460,15 @@ async def test_an_interruption_just_after_the_order_to_take_off_ends_when_nothin
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:
     run = MissionRun(make(fleet, HOP), client)
+
     task = asyncio.create_task(run.run())
     assert await client.wait_for(
         lambda _: any(order.kind == "takeoff" for _, order in bus.orders), 5.0
     )
+
     run.interrupt()  # no telemetry has shown the take-off yet
     verdict = await asyncio.wait_for(task, 5.0)
+
     assert verdict.exit_status == 130
     for name in fleet.enabled_names:
         assert [order.kind for ordered, order in bus.orders if ordered == name] == [
@@ -439,8 +483,10 @@ async def test_cancelling_the_run_lands_too(fleet: FleetConfig, client: Any) -> 
         MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client).run()
     )
     assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+
     task.cancel()
     verdict = await asyncio.wait_for(task, 5.0)
+
     assert verdict.exit_status == 130
     assert not client.state.airborne_names
 
@@ -450,8 +496,10 @@ async def test_nobody_answering_is_exit_status_ten_with_names(fleet: FleetConfig
 
     client = FleetClient(fleet, bus=bus)
     await client.start()
+
     verdict = await MissionRun(make(fleet, HOP), client, ready_timeout_s=0.1).run()
     await client.stop()
+
     assert verdict.exit_status == 10
     assert "mav1 does not answer" in verdict.summary
 

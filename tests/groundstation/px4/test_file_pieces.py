@@ -21,15 +21,19 @@ def test_whatever_arrives_only_what_is_whole_from_the_begin_is_written(
 ) -> None:
     pieces = Pieces(len(WHOLE), count)
     written = WHOLE[:count]
+
     for offset, size in cuts:
         written += pieces.add(offset, WHOLE[offset : offset + size])
         assert written == WHOLE[: pieces.count]
+
         begin, end = pieces.gap
         assert begin == pieces.count
         assert begin <= end <= len(WHOLE)
+
     while not pieces.is_whole:
         begin, end = pieces.gap
         written += pieces.add(begin, WHOLE[begin:end])
+
     assert written == WHOLE
 
 
@@ -43,7 +47,9 @@ def test_bytes_beyond_the_end_do_not_count() -> None:
 def test_what_waits_behind_a_hole_is_bounded() -> None:
     size = 10 * file_pieces._MOST_WAITING_BYTES
     pieces = Pieces(size)
+
     for offset in range(1, size, 1_000_000):
         pieces.add(offset, b"x" * 1_000_000)
+
     assert pieces.is_full
     assert pieces._waiting_bytes <= file_pieces._MOST_WAITING_BYTES + 1_000_000

@@ -89,6 +89,7 @@ def test_all_that_differs_is_shown_and_with_apply_set_and_read_back(
         "WRONG   MPC_Z_P          1, should be 0.8: the fleet file's px4_params require it" in shown
     )
     assert "WRONG   MPC_XY_P         0.95, should be 0.9" in shown
+
     assert main(["px4", "params", "--fleet", fleet.path, "--apply"]) == 0
     applied = capsys.readouterr().out
     assert "set     COM_OBL_RC_ACT   0 -> 4, read back" in applied
@@ -98,6 +99,7 @@ def test_all_that_differs_is_shown_and_with_apply_set_and_read_back(
         "Restart PX4: it reads EKF2_HGT_REF, EKF2_MAG_TYPE, EKF2_DELAY_MAX only when it starts."
         in applied
     )
+
     assert main(["px4", "params", "--fleet", fleet.path, "--json"]) == 0
     said = told(capsys)["solo"]
     assert said["is_fine"]
@@ -130,6 +132,7 @@ def test_parameters_count_as_stored_only_once_px4_accepts_the_next_storing() -> 
         px4 = SlowPx4(*results)
         assert store(px4, 5.0, lambda _: None), results
         assert px4.sent == commands, results
+
     assert not store(SlowPx4(*[0, *[busy] * 1_000_000]), 0.02, lambda _: None)
     assert not store(SlowPx4(*[denied] * 1_000_000), 0.02, lambda _: None)
 
@@ -166,12 +169,14 @@ def test_past_an_agent_that_holds_the_link_px4s_ground_link_is_asked_and_again_b
         first = told(capsys)["solo"]
         assert first["asked_at"] == vehicle.direct
         assert first["is_stored"]
+
         # PX4 answers only to the first address that spoke to it: another process has to be at the
         # same one
         command = [sys.executable, "-m", "groundstation", "px4", "params", "--fleet", fleet.path]
         again = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
         assert again.returncode == 0, again.stdout + again.stderr
         assert f"read at {vehicle.direct}: all" in again.stdout
+
         assert main(["px4", "info", "--fleet", fleet.path]) == 0
         assert "in use" in capsys.readouterr().out  # why the vehicle's own link was not asked
     finally:
@@ -188,24 +193,29 @@ def test_an_armed_vehicle_is_read_but_never_set(
     assert (
         main(["px4", "params", "--fleet", fleet.path, "--dump", str(tmp_path / "all.params")]) == 0
     )
+
     assert vehicle.direct is not None
     link = AutopilotLink(vehicle.direct, vehicle.system_id)
+
     end_s = time.monotonic() + 12.0
     while not link.is_armed(2.0):
         assert time.monotonic() < end_s
         link.command(400, 1.0)
     link.stop()
     capsys.readouterr()
+
     assert main(["px4", "params", "--fleet", fleet.path, "--apply", "--json"]) == 1
     answer = told(capsys)["solo"]
     assert answer["answers"]
     assert "armed" in answer["trouble"]
     assert not any(row["was_set"] for row in answer["params"].values())
+
     assert (
         main(["px4", "params", "--fleet", fleet.path, "--restore", str(tmp_path / "all.params")])
         == 1
     )
     assert "nothing was changed. It is armed" in capsys.readouterr().out
+
     assert not list(Path.cwd().glob("px4-*.params"))  # nothing was changed, nothing is to be undone
 
 
@@ -215,6 +225,7 @@ def test_without_an_answer_the_status_is_10_and_the_sentence_says_what_to_do(
     monkeypatch.setattr("groundstation.px4.vehicle_links._ANSWER_S", 0.3)
     assert main(["px4", "params", "--fleet", fleet.path]) == 10
     assert "Start PX4, or check cable and ports." in capsys.readouterr().out
+
     for words in (["params", "--dump", "none.params"], ["info"]):
         assert main(["px4", *words, "--fleet", fleet.path]) == 10
     assert not Path("none.params").exists()
@@ -228,26 +239,33 @@ def test_all_parameters_are_saved_compared_and_written_back(
     assert main([*command, "--dump", "before.params"]) == 0
     assert "parameters of PX4 v1." in capsys.readouterr().out
     assert main([*command, "--dump", "before.params"]) == 2  # never overwritten
+
     assert main([*command, "--diff", "before.params"]) == 0
     assert main([*command, "--apply", "--backup", "backup.params"]) == 0
     assert "Write them back with --restore backup.params" in capsys.readouterr().out
+
     assert (
         Path("backup.params").read_text().splitlines()[3:]
         == Path("before.params").read_text().splitlines()[3:]
     )
+
     assert main([*command, "--diff", "before.params"]) == 1
     assert "COM_OF_LOSS_T    0.3, there 1" in capsys.readouterr().out
+
     assert main([*command, "--restore", "backup.params"]) == 0
     restored = capsys.readouterr().out
     assert "set           COM_OF_LOSS_T    0.3 -> 1, now 1" in restored
     assert "PX4 has stored them" in restored
+
     assert main([*command, "--diff", "before.params"]) == 0
     own = fleet.vehicles["solo"].system_id
     other = Path("before.params").read_text().replace(f"\n{own}\t", "\n77\t")
     Path("other.params").write_text(other)
     capsys.readouterr()
+
     assert main([*command, "--restore", "other.params"]) == 2  # another vehicle's
     assert "holds vehicles 77" in capsys.readouterr().err
+
     # a fleet may be compared with one good vehicle
     assert main([*command, "--diff", "other.params"]) == 0
 
@@ -261,14 +279,17 @@ def test_each_vehicle_is_asked_for_what_its_version_needs_and_says_what_it_is(
     ]
     other = other.replace("solo", "other").replace("[0.0,", "[9.0,")
     other = other.replace("system_id = 3", 'system_id = 4\ntype = "new"')
+
     for port in re.findall(r":(\d+)\"", other):
         other = other.replace(port, str(free_port()))
+
     types = '[types.old]\nhover_thrust_frac = 0.5\npx4_version = "1.16"\n'
     types += '[types.new]\npx4_version = "1.18"\n'
     text = fleet.text.replace("[defaults]", f"{types}[defaults]").replace(
         'type = "sih"', 'type = "old"'
     )
     path.write_text(f"{text}{other}", encoding="utf-8")
+
     with subprocess.Popen(
         [sys.executable, "-m", "sitl", "--fleet", str(path), "--no-bus"],
         stdout=subprocess.PIPE,
@@ -285,11 +306,13 @@ def test_each_vehicle_is_asked_for_what_its_version_needs_and_says_what_it_is(
             infos = told(capsys)
         finally:
             process.terminate()
+
     assert "COM_RC_OVERRIDE" in params["solo"].keys() - params["other"].keys()
     assert params["other"]["MAN_OVERRIDE_SPD"]["is"] is not None
     assert "MAN_OVERRIDE_SPD" not in params["solo"]
     assert infos["solo"]["version"].startswith("PX4 v1.16.")
     assert infos["other"]["version"].startswith("PX4 v1.18.")
+
     said = infos["solo"]
     vehicle = fleet.vehicles["solo"]
     assert said["uptime"].startswith("0 h 0 min")
@@ -318,6 +341,7 @@ def test_px4_is_asked_three_times_for_its_version(lost: int, answers: bool) -> N
     heard = vehicle_info._asked_again(link, {})  # type: ignore[arg-type]
     assert ("AUTOPILOT_VERSION" in heard) is answers
     assert link.asked == min(lost + 1, 2)  # the first time is part of listening
+
     assert vehicle_info._asked_again(link, {"AUTOPILOT_VERSION": "v1.16"}) == {}  # type: ignore[arg-type]
 
 
@@ -352,14 +376,17 @@ def test_a_link_that_dies_in_the_middle_leaves_a_list_of_what_was_set_and_a_back
         )
         == 1
     )
+
     said = told(capsys)["solo"]
     outcomes = {name: row["outcome"] for name, row in said["params"].items() if row["outcome"]}
     assert list(outcomes.values())[:3] == ["set", "set", "not confirmed"]
     assert set(list(outcomes.values())[3:]) == {"not set"}
+
     assert (
         f"Set and read back: {written[0]}, {written[1]}. Sent and not confirmed: {written[2]}. "
         "Not sent: " in (said["trouble"])
     )
+
     assert not said["is_stored"]
     assert "COM_OF_LOSS_T" in Path("backup.params").read_text()
 
@@ -396,9 +423,11 @@ def test_what_became_of_each_parameter_is_said_by_name() -> None:
         Outcome.UNKNOWN,
         Outcome.SET,
     ]
+
     assert trouble == (
         "PX4 did not take READ_ONLY: read-only, or out of its range. This PX4 does not know GONE."
     )
+
     changes, trouble = write_all(
         px4, [RequiredParam(name, 2.0, "") for name in ("A", "SILENT", "LAST")], px4.values
     )
@@ -410,10 +439,12 @@ def test_the_exit_status_tells_mixed_results() -> None:
     good = VehicleParams("a", "x", ())
     bad = VehicleParams("b", "x", (), "armed")
     assert exit_status([good]) == 10  # nothing was told at all
+
     paper = load_fleet("configs/fleets/paper.toml")
     rows = tuple(_row(demand) for demand in all_params(paper, paper.vehicles["mav0"]))
     good = VehicleParams("a", "x", rows)
     bad = VehicleParams("b", "x", rows, "armed")
+
     assert exit_status([good, good]) == 0
     assert exit_status([bad, bad]) == 1
     assert exit_status([good, bad]) == 50

@@ -23,6 +23,7 @@ def test_a_curve_comes_back_within_half_a_step_and_nan_as_nan(values, resolution
     error = np.abs(found[is_known] - given_values[is_known])
     # the resolution that was asked for, or a 64,000th of the range where that is wider
     span = float(np.ptp(given_values[is_known])) if is_known.any() else 0.0
+
     assert np.all(error <= max(resolution, span / 64_000) * 0.5001 + 1e-6)
 
 

@@ -138,65 +138,68 @@ class Rig:
         """One tick of 20 ms."""
         self.now_ns += DT_NS
         self.tick_count += 1
-        now = self.now_ns
+
         if self.has_autopilot:
-            if self.sends_heartbeat and now - self._heartbeat[0] >= 1_000_000_000:
-                self._heartbeat = (now, self.is_armed, self.mode)
-            on_ground = self.position[2] <= self.floor_m + 1e-6
-            self._on_ground_ns = (self._on_ground_ns or now) if on_ground else 0
-            landed = (
-                on_ground
-                and self.sees_ground
-                and (not self.is_armed or now - self._on_ground_ns > 2_200_000_000)
-            )
-            if (
-                landed
-                and self.is_armed
-                and self.has_flown
-                and now - self._on_ground_ns > 4_200_000_000
-            ):
-                self.is_armed = False
-            self.snapshot = replace(
-                self.snapshot,
-                last_packet_ns=now,
-                attitude_ns=now,
-                position_local_ned_m=(
-                    float(self.position[1]),
-                    float(self.position[0]),
-                    float(-self.position[2]) - self.height_error_m,
-                ),
-                velocity_local_ned_m_s=(
-                    float(self.velocity[1]),
-                    float(self.velocity[0]),
-                    float(-self.velocity[2]),
-                ),
-                local_position_ns=now,
-                heartbeat_ns=self._heartbeat[0],
-                is_armed=self._heartbeat[1],
-                mode=self._heartbeat[2],
-                **self._landed(landed or not self.has_flown),
-                battery_frac=self.battery_frac,
-                battery_voltage_v=15.0,
-                has_fix=self.has_fix,
-                fix_ns=now,
-                position_accuracy_ns=now
-                if self.sends_accuracy
-                else self.snapshot.position_accuracy_ns,
-                battery_ns=now if self.sends_battery else self.snapshot.battery_ns,
-                sticks_ns=now if self.has_sticks else self.snapshot.sticks_ns,
-                sticks_before_ns=self.snapshot.sticks_ns
-                if self.has_sticks
-                else self.snapshot.sticks_before_ns,
-            )
-        self.core.handle(agent_inputs.SnapshotReceived(self.snapshot), now)
+            self._run_px4()
+        self.core.handle(agent_inputs.SnapshotReceived(self.snapshot), self.now_ns)
+
         heard_ns = self.core.neighbours.last_heard_ns
         if self.has_mocap:
             self.pose()
         if not self.has_bus:
             self.core.neighbours.last_heard_ns = heard_ns
-        self.take(self.core.tick(now))
+
+        self.take(self.core.tick(self.now_ns))
         self.move()
         self.after_move()
+
+    def _run_px4(self) -> None:
+        """PX4's part of a tick: it sees the ground, disarms after a landing, and reports."""
+        now = self.now_ns
+        if self.sends_heartbeat and now - self._heartbeat[0] >= 1_000_000_000:
+            self._heartbeat = (now, self.is_armed, self.mode)
+
+        on_ground = self.position[2] <= self.floor_m + 1e-6
+        if not on_ground:
+            self._on_ground_ns = 0
+        elif not self._on_ground_ns:
+            self._on_ground_ns = now
+
+        stood_ns = now - self._on_ground_ns
+        is_sure = not self.is_armed or stood_ns > 2_200_000_000
+        landed = on_ground and self.sees_ground and is_sure
+        if landed and self.is_armed and self.has_flown and stood_ns > 4_200_000_000:
+            self.is_armed = False
+
+        before = self.snapshot
+        self.snapshot = replace(
+            before,
+            last_packet_ns=now,
+            attitude_ns=now,
+            position_local_ned_m=(
+                float(self.position[1]),
+                float(self.position[0]),
+                float(-self.position[2]) - self.height_error_m,
+            ),
+            velocity_local_ned_m_s=(
+                float(self.velocity[1]),
+                float(self.velocity[0]),
+                float(-self.velocity[2]),
+            ),
+            local_position_ns=now,
+            heartbeat_ns=self._heartbeat[0],
+            is_armed=self._heartbeat[1],
+            mode=self._heartbeat[2],
+            **self._landed(landed or not self.has_flown),
+            battery_frac=self.battery_frac,
+            battery_voltage_v=15.0,
+            has_fix=self.has_fix,
+            fix_ns=now,
+            position_accuracy_ns=now if self.sends_accuracy else before.position_accuracy_ns,
+            battery_ns=now if self.sends_battery else before.battery_ns,
+            sticks_ns=now if self.has_sticks else before.sticks_ns,
+            sticks_before_ns=before.sticks_ns if self.has_sticks else before.sticks_before_ns,
+        )
 
     def _landed(self, is_landed: bool) -> dict[str, object]:
         if not self.has_landed_reports:
@@ -210,9 +213,11 @@ class Rig:
         while np.linalg.norm(there - self.position) > 1e-6:
             left = there - self.position
             size = float(np.linalg.norm(left))
+
             begin = self.position.copy()
             velocity = left / size * min(speed_m_s, size / 0.02)
             self.step()
+
             self.position = begin + 0.02 * velocity
             self.velocity = velocity
         self.velocity = np.zeros(3)
@@ -231,6 +236,7 @@ class Rig:
             position_enu_m=position,
             quaternion_enu_flu_wxyz=self._true(self.snapshot.quaternion_enu_flu_wxyz),
         )
+
         sample = msgspec.structs.replace(sample, **changes)
         self.take(self.core.handle(agent_inputs.PoseReceived(sample, self.now_ns), self.now_ns))
 
@@ -277,20 +283,18 @@ class Rig:
     def move(self) -> None:
         """Advance position and velocity by one tick."""
         acceleration = np.array([0.0, 0.0, -GRAVITY_M_S2])
-        if (
-            self.is_armed
-            and self.mode == "OFFBOARD"
-            and self.setpoint is not None
-            and self.has_lift
-        ):
+        is_offboard = self.is_armed and self.mode == "OFFBOARD"
+        if is_offboard and self.setpoint is not None and self.has_lift:
             believed = self._turned(self.setpoint.quaternion_wxyz)
             thrust_m_s2 = self.setpoint.thrust_frac / HOVER * GRAVITY_M_S2
             acceleration += thrust_m_s2 * np.array(body_up(self._true(believed)))
             self.snapshot = replace(self.snapshot, quaternion_enu_flu_wxyz=believed)
         elif self.is_armed and self.mode == "LAND":
             acceleration = np.array([0.0, 0.0, -0.5]) - self.velocity * 1.0
+
         self.velocity = self.velocity + 0.02 * acceleration
         self.position = self.position + 0.02 * self.velocity
+
         if self.position[2] <= self.floor_m:
             self.position[2] = self.floor_m
             self.velocity = np.zeros(3)
@@ -304,6 +308,7 @@ class Rig:
         if self.telemetry is not None:
             fields.setdefault("heard_boot_id", self.telemetry.boot_id)
             fields.setdefault("heard_ns", self.telemetry.stamp_ns)
+
         order = Order(
             order_id=str(fields.pop("order_id", f"o{next(self._ids)}")),
             author="tester",
@@ -312,8 +317,10 @@ class Rig:
             deadline_ns=int(fields.pop("deadline_ns", self.now_ns + 10**9)),  # type: ignore[call-overload]
             **fields,  # type: ignore[arg-type]
         )
+
         commands = self.core.handle(agent_inputs.OrderReceived(order), self.now_ns)
         self.take(commands)
+
         (reply,) = [
             command.reply for command in commands if isinstance(command, agent_commands.Reply)
         ]

@@ -40,15 +40,19 @@ def random_and_degenerate_rows(rng, count, height):
     """
     normals, bounds = random_rows(rng, count, height)
     kind = np.arange(count) % 6
+
     if height > 1:
         normals[kind == 1, 1] = normals[kind == 1, 0]
         bounds[kind == 1, 1] = bounds[kind == 1, 0]
+
         opposed = (kind == 2) | (kind == 3)
         normals[opposed, 1] = -normals[opposed, 0]
         bounds[opposed, 1] = -bounds[opposed, 0]
         bounds[kind == 3, 1] += rng.uniform(-1, 1, (kind == 3).sum())
+
         points = rng.normal(size=(count, 2))
         bounds[kind == 4] = np.einsum("khc,kc->kh", normals, points)[kind == 4]
+
         grid = rng.integers(-2, 3, normals.shape).astype(float)
         grid[..., 0] = np.where(np.abs(grid).max(-1) == 0, 1.0, grid[..., 0])
         normals[kind == 5] = grid[kind == 5]
@@ -85,6 +89,7 @@ def test_projection_equals_an_independent_qp_solver_on_random_and_degenerate_cas
                 assert result.status in (LawStatus.INACTIVE, LawStatus.SATURATED), (height, k)
                 error = np.abs(result.point - reference).max()
                 assert error <= 1e-9 * (1.0 + np.abs(reference).max()), (height, k)
+
     assert compared > share * 14_000
     assert infeasible > share * 2_000
 
@@ -95,11 +100,13 @@ def by_daqp_with_disc(u0, normals, bounds, radius):
     middle = by_daqp(np.zeros(2), normals, bounds)
     if point is None or np.hypot(*middle) > radius:
         return None
+
     # u0 shrinks to the middle as its share goes from 1 to 0
     low = 0.0
     high = 1.0
     if np.hypot(*point) <= radius:
         return point
+
     for _ in range(50):
         share = 0.5 * (low + high)
         point = by_daqp(share * u0, normals, bounds)
@@ -110,6 +117,7 @@ def by_daqp_with_disc(u0, normals, bounds, radius):
 def test_projection_with_the_disc_equals_the_qp_solver_with_a_multiplier():
     rng = np.random.default_rng(9)
     compared = 0
+
     for height in (1, 2, 4, 8):
         normals, bounds = random_and_degenerate_rows(rng, 300, height)
         u0 = rng.normal(size=(300, 2)) * 4
@@ -124,11 +132,13 @@ def test_projection_with_the_disc_equals_the_qp_solver_with_a_multiplier():
                 np.testing.assert_allclose(
                     result.point, reference, atol=1e-6, err_msg=f"{height} {k}"
                 )
+
     assert compared > 500
 
 
 def test_projection_with_the_disc_equals_trying_every_active_set():
     rng = np.random.default_rng(1)
+
     for height in (1, 2, 4, 7):
         normals, bounds = random_rows(rng, 300, height)
         u0 = rng.normal(size=(300, 2)) * 4
@@ -145,19 +155,23 @@ def test_projection_with_the_disc_equals_trying_every_active_set():
 
 def test_slack_of_contradicting_rows_is_the_smallest_there_is():
     rng = np.random.default_rng(2)
+
     checked = 0
     for height in (2, 3, 5):
         normals, bounds = random_rows(rng, 25, height, spread=4.0)
         radius = rng.uniform(0.5, 4.0, 25)
         u0 = rng.normal(size=(25, 2))
+
         for k in range(25):
             result = projected(u0[k], normals[k], bounds[k], radius[k])
             if result.status != LawStatus.RELAXED:
                 continue
+
             checked += 1
             assert abs(least_common_slack(normals[k], bounds[k], radius[k]) - result.slack) < 1e-7
             assert (bounds[k] - normals[k] @ result.point).max() <= result.slack + 1e-5
             assert np.hypot(*result.point) <= radius[k] * (1 + 1e-9)
+
     assert checked > 20
 
 
@@ -176,6 +190,7 @@ def test_yielding_rows_give_way_by_the_smallest_slack_that_leaves_the_firm_ones_
     firm_normals, firm_bounds = random_rows(rng, count, 2, spread=1.0)
     radius = rng.uniform(2.0, 5.0, count)
     u0 = rng.normal(size=(count, 2))
+
     firm_held = firm_relaxed = 0
     for k in range(count):
         yielding = rows_of(yielding_normals[k], yielding_bounds[k])
@@ -202,6 +217,7 @@ def test_yielding_rows_give_way_by_the_smallest_slack_that_leaves_the_firm_ones_
             assert missed_firm <= 0.001 * result.slack + 1e-6  # a thousand times stiffer
             assert missed <= least + 1e-5
             assert result.slack >= 0.98 * least - 1e-5
+
     assert firm_held > 20
     assert firm_relaxed > 4
 
@@ -210,6 +226,7 @@ def least_slack_beside(normals, bounds, firm_normals, firm_bounds, radius):
     """Return the smallest slack of the rows that leaves a point for them and the firm rows."""
     low = 0.0
     high = 100.0
+
     for _ in range(50):
         middle = 0.5 * (low + high)
         point = nearest_in_rows_and_disc(
@@ -219,6 +236,7 @@ def least_slack_beside(normals, bounds, firm_normals, firm_bounds, radius):
             radius,
             1e-12,
         )
+
         low, high = (low, middle) if point is not None else (middle, high)
     return high
 
@@ -227,20 +245,24 @@ def test_soft_rows_are_dropped_last_first_and_never_cost_a_hard_row():
     rng = np.random.default_rng(3)
     count = 300
     dropped = 0
+
     hard_normals, hard_bounds = random_rows(rng, count, 2, spread=1.0)
     soft_normals, soft_bounds = random_rows(rng, count, 3)
     u0 = rng.normal(size=(count, 2)) * 2
+
     for k in range(count):
         soft = rows_of(soft_normals[k], soft_bounds[k])
         result = projected(u0[k], hard_normals[k], hard_bounds[k], 4.0, soft)
         if result.status != LawStatus.SATURATED:
             continue
+
         for kept in (3, 2, 1, 0):
             normals = np.concatenate([hard_normals[k], soft_normals[k, :kept]])
             bounds = np.concatenate([hard_bounds[k], soft_bounds[k, :kept]])
             reference = nearest_in_rows_and_disc(u0[k], normals, bounds, 4.0)
             if reference is not None:
                 break
+
         dropped += 3 - kept
         np.testing.assert_allclose(result.point, reference, atol=1e-9, err_msg=str(k))
     assert dropped > 20

@@ -39,17 +39,22 @@ def flights(
     Returns velocity and position errors (T, count, 3) after 4 s and the memory of the last flight.
     ``told_age_s``: the age that the filter is given instead of the true one.
     """
+
     rng = np.random.default_rng(seed)
     params = KalmanParams(drag_1_s=0.3)
     sub = 10
     h = DT / 10
+
     p, v, gust = (np.zeros((count, 3)) for _ in range(3))
     tilt = 0.26 * rng.normal(size=(count, 3)) / np.sqrt(3)
+
     memories = [kalman.initial(ZERO_3, params) for _ in range(count)]
     phase = rng.uniform(0, 6.28, (count, 3))
     past = [p.copy()]
+
     velocity_errors = []
     position_errors = []
+
     for tick in range(round(seconds / DT)):
         driven = np.zeros((count, 3))
         for k in range(sub):
@@ -60,9 +65,11 @@ def flights(
             v = v + h * (0.95 * a + tilt + gust - 0.3 * v)
             p = p + h * v
             past.append(p.copy())
+
         memories = [
             kalman.predict(m, vec(a), params, DT) for m, a in zip(memories, driven, strict=True)
         ]
+
         steps = round(age_s / h)
         if rng.random() >= loss and steps < len(past):
             samples = past[-1 - steps] + 0.003 * rng.normal(size=(count, 3))
@@ -71,9 +78,11 @@ def flights(
                 kalman.correct(m, vec(s), age, params)
                 for m, s in zip(memories, samples, strict=True)
             ]
+
         if tick * DT > 4.0:
             velocity_errors.append([m.velocity_enu_m_s for m in memories] - v)
             position_errors.append([m.position_enu_m for m in memories] - p)
+
     return np.array(velocity_errors), np.array(position_errors), memories[-1]
 
 
@@ -82,6 +91,7 @@ def test_velocity_is_good_to_two_centimetres_per_second_with_the_mocap_of_the_ex
     assert velocity.std() < 0.02
     assert np.abs(velocity).max() < 0.10
     assert position.std() < 0.003
+
     stated = kalman.state(memory, 0.0, 0.0, 0.0).velocity_std_m_s
     # the accuracy that the law's margin is made from
     assert 0.5 * velocity.std() < stated < 2.5 * velocity.std()
@@ -100,6 +110,7 @@ def test_ignoring_the_age_of_samples_would_show() -> None:
     """The test above can fail: the same samples taken for fresh give a lagging estimate."""
     honest, _, _ = flights(10.0, 10, seed=2, age_s=0.04)
     fooled, lagging, _ = flights(10.0, 10, seed=2, age_s=0.04, told_age_s=0.0)
+
     assert fooled.std() > 1.5 * honest.std()
     assert lagging.std() > 0.01
 
@@ -110,16 +121,20 @@ def test_a_late_sample_has_the_effect_of_the_same_sample_on_time() -> None:
     rng = np.random.default_rng(3)
     prompt = late = kalman.initial(ZERO_3, params)
     sample = Vec3(0.02, -0.01, 0.03)
+
     for tick, driven in enumerate(rng.normal(size=(8, 3))):
         prompt = kalman.predict(prompt, vec(driven), params, DT)
         late = kalman.predict(late, vec(driven), params, DT)
         if tick == 3:
             prompt = kalman.correct(prompt, sample, 0.0, params)
+
     late = kalman.correct(late, sample, 4 * DT, params)
+
     assert np.abs(prompt.position_enu_m).max() > 0.001
     np.testing.assert_allclose(late.position_enu_m, prompt.position_enu_m, atol=1e-9)
     np.testing.assert_allclose(late.velocity_enu_m_s, prompt.velocity_enu_m_s, atol=1e-8)
     np.testing.assert_allclose(late.bias_enu_m_s2, prompt.bias_enu_m_s2, atol=1e-8)
+
     for tick in range(4):
         np.testing.assert_allclose(
             kalman.position_at(late, tick * DT), kalman.position_at(prompt, tick * DT), atol=1e-9
@@ -131,10 +146,13 @@ def test_the_order_of_two_samples_does_not_matter() -> None:
     memory = kalman.initial(ZERO_3, params)
     for _ in range(6):
         memory = kalman.predict(memory, Vec3(1.0, 0.0, 0.0), params, DT)
+
     old = (Vec3(0.01, 0.0, 0.0), 0.06)
     new = (Vec3(0.02, 0.0, 0.0), 0.02)
+
     first = kalman.correct(kalman.correct(memory, *old, params), *new, params)
     other = kalman.correct(kalman.correct(memory, *new, params), *old, params)
+
     np.testing.assert_allclose(first.velocity_enu_m_s, other.velocity_enu_m_s, atol=1e-9)
     np.testing.assert_allclose(first.covariance, other.covariance, atol=1e-12)
 
@@ -146,17 +164,21 @@ def test_it_is_a_textbook_kalman_filter(seed: int, drag_1_s: float) -> None:
     params = KalmanParams(drag_1_s=drag_1_s, jump_gate_m=1e3, max_bias_m_s2=1e3)
     memory = kalman.initial(ZERO_3, params)
     textbook = MatrixKalman(drag_1_s)
+
     for _ in range(60):
         driven = float(rng.normal())
         t = float(rng.uniform(0.01, 0.03))
         memory = kalman.predict(memory, Vec3(driven, 0.0, 0.0), params, t)
         textbook.predict(driven, t)
+
         sample = Vec3(0.02 * float(rng.normal()), 0.0, 0.0)
         age = float(rng.choice([0.0, rng.uniform(0.0, 0.1)]))
+
         innovation = sample.x - kalman.position_at(memory, age).x
         if kalman.remembers(memory, age):
             memory = kalman.correct(memory, sample, age, params)
             textbook.correct(innovation, age)
+
         p = memory.position_enu_m.x
         v = memory.velocity_enu_m_s.x
         b = memory.bias_enu_m_s2.x
@@ -174,9 +196,11 @@ def test_the_past_is_where_the_filter_was_when_nothing_corrects_it() -> None:
     for _ in range(12):
         memory = kalman.predict(memory, vec(rng.normal(size=3)), params, DT)
         positions.append(memory.position_enu_m)
+
     for tick, position in enumerate(reversed(positions)):
         assert kalman.remembers(memory, tick * DT)
         np.testing.assert_allclose(kalman.position_at(memory, tick * DT), position, atol=1e-5)
+
     between = 0.5 * (np.array(positions[-3]) + np.array(positions[-4]))
     np.testing.assert_allclose(kalman.position_at(memory, 2.5 * DT), between, atol=1e-5)
     assert not kalman.remembers(memory, 12.1 * DT)
@@ -192,6 +216,7 @@ def test_motion_to_the_east_north_or_up_is_seen_that_way(axis: int) -> None:
         memory = kalman.correct(
             kalman.predict(memory, ZERO_3, params, DT), vec(position), 0.0, params
         )
+
     assert memory.velocity_enu_m_s[axis] == pytest.approx(0.3, abs=0.03)
     assert not np.delete(memory.velocity_enu_m_s, axis).any()
 
@@ -200,8 +225,10 @@ def test_attitude_and_throttle_drive_it_east_when_tilted_east() -> None:
     params = KalmanParams()
     memory = kalman.initial(ZERO_3, params)
     tilted = (math.cos(0.1), 0.0, math.sin(0.1), 0.0)  # FLU to ENU, top leans east
+
     for _ in range(50):
         memory = kalman.drive(memory, tilted, 0.75 / math.cos(0.2), 0.75, params, DT, False)
+
     assert memory.acceleration_enu_m_s2.x == pytest.approx(G * math.tan(0.2), rel=1e-6)
     assert abs(memory.acceleration_enu_m_s2.y) < 1e-12
     assert abs(memory.acceleration_enu_m_s2.z) < 1e-6
@@ -220,6 +247,7 @@ def test_standing_on_the_ground_is_not_falling() -> None:
     for _ in range(200):
         memory = kalman.drive(memory, LEVEL, 0.1, 0.75, params, DT, True)
         memory = kalman.correct(memory, ZERO_3, 0.02, params)
+
     assert not np.any(memory.velocity_enu_m_s)
     assert not np.any(memory.bias_enu_m_s2)
 
@@ -231,6 +259,7 @@ def test_a_constant_error_of_the_model_becomes_the_bias() -> None:
         t = (tick + 1) * DT
         memory = kalman.predict(memory, ZERO_3, params, DT)
         memory = kalman.correct(memory, Vec3(0.25 * t * t / 2, 0.0, 0.0), 0.0, params)
+
     assert memory.bias_enu_m_s2.x == pytest.approx(0.25, abs=0.01)
 
 
@@ -241,6 +270,7 @@ def test_the_bias_is_bounded() -> None:
         t = (tick + 1) * DT
         memory = kalman.predict(memory, ZERO_3, params, DT)
         memory = kalman.correct(memory, Vec3(0.25 * t * t / 2, -0.25 * t * t / 2, 0.0), 0.0, params)
+
     assert memory.bias_enu_m_s2 == Vec3(0.1, -0.1, 0.0)
 
 
@@ -249,7 +279,9 @@ def test_a_jump_is_ignored_counted_and_forgotten_after_a_good_sample() -> None:
     good = kalman.initial(ZERO_3, params)
     for _ in range(50):
         good = kalman.correct(kalman.predict(good, ZERO_3, params, DT), ZERO_3, 0.02, params)
+
     jumped = good
+
     for count in range(1, 4):
         good = kalman.correct(
             kalman.predict(good, ZERO_3, params, DT), Vec3(0.001, 0.0, 0.0), 0.02, params
@@ -258,6 +290,7 @@ def test_a_jump_is_ignored_counted_and_forgotten_after_a_good_sample() -> None:
             kalman.predict(jumped, ZERO_3, params, DT), Vec3(0.9, 0.0, 0.0), 0.02, params
         )
         assert (jumped.rejected_count, good.rejected_count) == (count, 0)
+
     assert np.abs(jumped.position_enu_m).max() < 1e-9
     assert jumped.last_age_s > 0.05 > good.last_age_s
     assert kalman.correct(jumped, ZERO_3, 0.02, params).rejected_count == 0
@@ -268,7 +301,9 @@ def test_the_stated_accuracy_grows_while_no_sample_comes() -> None:
     before = kalman.state(memory, 0.0, 0.0, 0.0)
     for _ in range(50):
         memory = kalman.predict(memory, ZERO_3, KalmanParams(), DT)
+
     after = kalman.state(memory, 0.0, 0.0, 0.0)
+
     assert after.velocity_std_m_s > 3 * before.velocity_std_m_s
     assert after.position_std_m > 10 * before.position_std_m
     assert memory.last_age_s == pytest.approx(1.02)
@@ -291,6 +326,7 @@ def test_the_stated_accuracy_is_never_better_than_that_of_the_samples() -> None:
 def test_values_that_are_not_finite_change_nothing(sample: tuple[float, float, float]) -> None:
     params = KalmanParams()
     memory = kalman.predict(kalman.initial(ZERO_3, params), ZERO_3, params, DT)
+
     assert kalman.correct(memory, Vec3(*sample), 0.0, params) is memory
     assert kalman.correct(memory, ZERO_3, math.inf, params) is memory
     assert kalman.correct(memory, ZERO_3, math.nan, params) is memory

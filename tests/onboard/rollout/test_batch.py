@@ -63,10 +63,12 @@ def random_flight() -> tuple[
     rng = np.random.default_rng(4)
     fleets = [load_fleet(f"configs/fleets/{name}.toml") for name in FLEETS]
     laws = ("covey", "covey", "paper", "off")
+
     params = [
         pipeline.pipeline_params(fleets[k % 2], next(iter(fleets[k % 2].vehicles)), laws[k % 4])
         for k in range(VEHICLES)
     ]
+
     flight = []
     for tick in range(TICKS):
         mode = ControlMode.FLYING
@@ -74,6 +76,7 @@ def random_flight() -> tuple[
             mode = ControlMode.GROUND
         elif tick < 6:
             mode = ControlMode.LIFTOFF
+
         flight.append(
             [
                 (
@@ -102,13 +105,16 @@ def flown_in_rows() -> np.ndarray:
     walls = batch.OBSTACLE.packed(obstacles(load_fleet("configs/fleets/paper.toml")))
     memories = batch.MEMORY.packed([pipeline.initial(own, Vec3(0.0, 0.0, 0.0)) for own in params])
     rows = batch.PARAMS.packed(params)
+
     ticks = []
     for inputs in flight:
         neighbours = batch.NEIGHBOUR.rows((VEHICLES, 8))
         is_present = np.zeros((VEHICLES, 8), bool)
+
         for m, (_, _, near, _) in enumerate(inputs):
             neighbours[m, : len(near)] = batch.NEIGHBOUR.packed(near)
             is_present[m, : len(near)] = True
+
         passes = batch.PassRows(
             batch.STATE.packed([state for state, _, _, _ in inputs]),
             batch.GOAL.packed([goal for _, goal, _, _ in inputs]),
@@ -125,6 +131,7 @@ def flown_one_by_one() -> np.ndarray:
     params, flight = random_flight()
     walls = obstacles(load_fleet("configs/fleets/paper.toml"))
     memories = [pipeline.initial(own, Vec3(0.0, 0.0, 0.0)) for own in params]
+
     ticks = []
     for inputs in flight:
         values = []
@@ -133,13 +140,16 @@ def flown_one_by_one() -> np.ndarray:
                 memories[m], state, goal, near, walls, mode, params[m], 0.02
             )
             values.append(tick)
+
         ticks.append(floats(batch.TICK.packed(values)).copy())
     return np.array(ticks)
 
 
 def test_a_batch_gives_every_vehicle_what_it_computes_by_itself() -> None:
+
     rows = flown_in_rows()
     np.testing.assert_allclose(rows, flown_one_by_one(), rtol=1e-9, atol=1e-9)
+
     status = rows.view(batch.TICK.dtype)["law"]["status"]
     assert {LawStatus.INACTIVE, LawStatus.SATURATED, LawStatus.RELAXED} <= set(
         status.ravel().tolist()
@@ -154,10 +164,12 @@ def test_without_numba_the_same_batch_is_interpreted() -> None:
         "assert not batch.warm_up()\n"
         "import sys; sys.stdout.buffer.write(flown_in_rows().tobytes())"
     )
+
     environment = os.environ | {"COVEY_NUMBA": "0"}
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, check=True, env=environment
     )
+
     rows = flown_in_rows()
     interpreted = np.frombuffer(done.stdout).reshape(rows.shape)
     np.testing.assert_allclose(rows, interpreted, rtol=1e-9, atol=1e-9)
@@ -168,29 +180,37 @@ def test_filters_of_a_batch_give_what_one_filter_gives() -> None:
     params = [kalman.KalmanParams(drag_1_s=drag) for drag in (0.0, 0.3, 0.6)]
     start = rng.uniform(-1.0, 1.0, (2, 3, 3))
     filters = batch.FleetEstimator(params, start)
+
     memories = [
         kalman.initial(Vec3(*start[f, n]), params[n])._replace(thrust_m_s2=9.80665)
         for f in range(2)
         for n in range(3)
     ]
+
     airs = [wind.initial()] * 6
     for _ in range(50):
         attitude = rng.normal([5.0, 0.0, 0.0, 0.0], 0.3, (2, 3, 4))
         attitude /= np.linalg.norm(attitude, axis=-1, keepdims=True)
+
         throttle = rng.uniform(0.4, 0.6, (2, 3))
         yaw = rng.uniform(-1.0, 1.0, (2, 3))
+
         sample = start + rng.normal(0.0, 0.003, (2, 3, 3))
         states = filters.step(attitude, throttle, np.full((2, 3), 0.5), sample, yaw, 0.02, 0.02)
+
         for m in range(6):
             f, n = divmod(m, 3)
             q = tuple(attitude[f, n].tolist())
             memory = kalman.drive(
                 memories[m], q, float(throttle[f, n]), 0.5, params[n], 0.02, False
             )
+
             memories[m] = kalman.correct(memory, Vec3(*sample[f, n].tolist()), 0.02, params[n])
             airs[m] = wind.step(airs[m], memories[m].bias_enu_m_s2, 0.02, False)
+
             expected = kalman.state(memories[m], float(yaw[f, n]), 0.0, 0.0)
             expected = wind.widened(expected, airs[m], params[n].gust_time_s)
+
             np.testing.assert_allclose(
                 floats(states)[f, n], floats(batch.STATE.packed([expected]))[0], atol=1e-9
             )
@@ -199,8 +219,10 @@ def test_filters_of_a_batch_give_what_one_filter_gives() -> None:
 @pytest.mark.parametrize("kind", [State, Goal, Neighbour, Tick, pipeline.PipelineParams])
 def test_a_value_written_to_a_row_is_read_as_the_same_value_of_the_same_types(kind: type) -> None:
     layout = Layout(zero(kind))
+
     numbers = np.arange(1.0, layout.width + 1.0)
     value = layout.read(numbers.tolist())
+
     rows = layout.packed([value])
     assert layout.values(rows) == [value]
     assert repr(layout.values(rows)[0]) == repr(value)
@@ -209,7 +231,9 @@ def test_a_value_written_to_a_row_is_read_as_the_same_value_of_the_same_types(ki
 def test_memories_with_lists_and_long_tuples_survive_their_row_and_columns_have_names() -> None:
     params = pipeline.pipeline_params(load_fleet("configs/fleets/sih.toml"), "mav0")
     memory = pipeline.initial(params, Vec3(1.0, 2.0, 3.0))
+
     rows = batch.MEMORY.packed([memory, memory])
+
     assert batch.MEMORY.values(rows) == [memory, memory]
     assert (
         rows["hover_thrust"]["hover_thrust_frac"].tolist()
@@ -221,6 +245,7 @@ def test_memories_with_lists_and_long_tuples_survive_their_row_and_columns_have_
 def test_code_compiled_by_one_process_is_found_by_the_next(tmp_path: Path) -> None:
     """One compiles Python's own code too, and the other reads that from .pyc files."""
     program = "from onboard.rollout import batch; print(batch._digest())"
+
     told = [
         subprocess.run(
             [sys.executable, *options, "-c", program], capture_output=True, text=True, check=True

@@ -30,6 +30,7 @@ def flown(unit):
     """A row without flying, decided by the unit alone."""
     text = hashlib.sha256(repr(unit).encode()).hexdigest()[:12]
     is_bad = unit.cell.key == BAD and unit.stage == 1
+
     numbers = {
         "flights": unit.flights,
         "below": int(is_bad),
@@ -58,8 +59,10 @@ def test_the_map_has_the_cells_of_all_axes_the_screening_first_and_the_easy_ones
     all_cells = cells.cells()
     assert len(all_cells) == 5 * 3 * 3 * 3 + 5 * 3 * 3
     assert all_cells[0] == cells.Cell("mocap", 3, 1.0, 20.0, 0.0)
+
     with ResultsFile(tmp_path / "map.jsonl", "a") as file:
         units = run.missing(all_cells, 4, file)
+
     assert [unit.stage for unit in units[:180]] == [0] * 180
     assert [(unit.cell, unit.stage) for unit in units[180:183]] == [
         (all_cells[0], stage) for stage in (1, 2, 3)
@@ -90,8 +93,10 @@ def test_interrupted_at_every_unit_and_continued_it_has_the_digest_of_one_that_w
             break
         except KeyboardInterrupt:
             interruptions += 1
+
     assert interruptions > 5
     assert digest(rows) == digest(whole)
+
     lines = path.read_text().splitlines()[1:]
     assert (
         len(lines)
@@ -104,7 +109,9 @@ def test_half_a_line_of_a_killed_run_is_cut_off_and_flown_again(tmp_path, monkey
     monkeypatch.setattr(flights, "fly", flown)
     path = tmp_path / "map.jsonl"
     rows = fly_all(path, stages=1)
+
     path.write_bytes(path.read_bytes()[:-30])
+
     assert digest(fly_all(path, stages=1)) == digest(rows)
 
 
@@ -133,13 +140,16 @@ def test_a_scheduler_that_dies_is_said_in_words_and_its_flights_are_flown_again_
 ):
     monkeypatch.setattr(flights, "fly", flown)
     whole = fly_all(tmp_path / "whole.jsonl")
+
     monkeypatch.setattr(run, "_cluster", lambda _: (Dying(5), 4))
     sentences: list[str] = []
+
     with ResultsFile(tmp_path / "map.jsonl", "a") as file:
         run.run(
             cells.cells(SMALL), file, stages=4, scheduler="tcp://there:8786", tell=sentences.append
         )
         assert digest(file.rows) == digest(whole)
+
     assert any("scheduler at tcp://there:8786 is gone" in sentence for sentence in sentences)
 
 
@@ -150,6 +160,7 @@ def test_a_cluster_whose_workers_die_is_said_in_words_and_one_can_be_interrupted
     for error, goes_on in ((RuntimeError("KilledWorker"), True), (KeyboardInterrupt(), False)):
         monkeypatch.setattr(run, "_cluster", lambda _, error=error: (Dying(5, error), 4))
         sentences: list[str] = []
+
         with ResultsFile(tmp_path / f"{goes_on}.jsonl", "a") as file:
             try:
                 run.run(
@@ -162,6 +173,7 @@ def test_a_cluster_whose_workers_die_is_said_in_words_and_one_can_be_interrupted
             except KeyboardInterrupt:
                 assert not goes_on
             assert (len(file.rows) == 9) is goes_on
+
         assert (
             any("has lost its workers (RuntimeError)" in sentence for sentence in sentences)
             is goes_on
@@ -172,15 +184,19 @@ def test_a_file_of_another_version_another_kind_or_in_use_is_refused_in_words(tm
     path = tmp_path / "map.jsonl"
     with ResultsFile(path, "a"), pytest.raises(ConfigError, match="another run is writing"):
         ResultsFile(path, "a")
+
     with pytest.raises(ConfigError, match=r"another version of the law.*--anew"):
         ResultsFile(path, "b")
+
     with ResultsFile(path, "b", is_anew=True) as file:
         assert file.rows == {}
     assert path.with_name("map.jsonl.old").exists()
+
     for text in ("[1, 2]\n", "not json\n", '{"law_map": 99, "version": "b"}\n', '{"a": 1}\n'):
         path.write_text(text)
         with pytest.raises(ConfigError, match=r"map\.jsonl"):
             ResultsFile(path, "b")
+
     with pytest.raises(ConfigError, match="Name another file"):
         ResultsFile(tmp_path / "map.jsonl" / "below", "b")
 
@@ -199,6 +215,7 @@ def test_a_damaged_map_is_refused_in_words_and_what_is_no_map_is_left_as_it_is(t
     damaged = "".join(
         json.dumps(line) + "\n" for line in ({"law_map": 1, "version": "a"}, row | left)
     )
+
     path = tmp_path / "map.jsonl"
     for text in (damaged, "precious notes", "precious\nnotes"):
         path.write_text(text)
@@ -249,15 +266,19 @@ def test_one_cell_flown_by_the_command_holds_and_its_own_commands_fly_the_same_f
         "loss_pct=30",
     ]
     assert main(["simulate", "--map", "--map-file", str(path), *words, "--flights", "20"]) == 0
+
     printed = capsys.readouterr().out
     assert "screened" in printed
     assert "digest" in printed
+
     row = json.loads(path.read_text().splitlines()[1])
     assert (row["flights"], row["below"]) == (21, 0)
+
     scenario, seed = row["worst_flight"].split()
     (cell,) = cells.cells(words[1::2])
     command = next(text for text in cells.commands(cell) if f" {scenario} " in text).split()[1:]
     command[command.index("--seeds") + 1] = seed
+
     assert main([*command, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["min_separation_m"] == row["worst_m"]
 
@@ -274,6 +295,7 @@ def test_summary_is_what_check_reads(tmp_path, monkeypatch):
     import tomllib
 
     monkeypatch.setattr(flights, "fly", flown)
+
     rows = fly_all(tmp_path / "map.jsonl")
     law_map = law_map_of(tomllib.loads(summary.toml_summary(cells.cells(), rows, "a")))
     by_verdict = [summary.verdict(cell) for cell in law_map.cells]
@@ -299,6 +321,7 @@ def test_killed_by_force_with_two_processes_and_continued_it_has_the_same_digest
         for axis in ("vehicles=3", "speed_m_s=1", "delay_ms=20,100")
         for word in ("--cells", axis)
     ]
+
     killed = tmp_path / "killed.jsonl"
     whole = tmp_path / "whole.jsonl"
 
@@ -306,19 +329,24 @@ def test_killed_by_force_with_two_processes_and_continued_it_has_the_same_digest
         return len(path.read_text().splitlines()) if path.exists() else 0
 
     process = subprocess.Popen([*command, "--map-file", str(killed)], start_new_session=True)
+
     deadline = time.monotonic() + 120.0
     while lines(killed) < 4 and time.monotonic() < deadline:
         time.sleep(0.05)
+
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
+
     before = lines(killed)
     assert 4 <= before < 13
+
     digests = []
     for path in (killed, whole):
         done = subprocess.run(
             [*command, "--map-file", str(path)], capture_output=True, text=True, check=True
         )
         digests.append(done.stdout.rsplit("digest", 1)[1].strip())
+
     assert digests[0] == digests[1]
     assert lines(killed) == lines(whole) == 13
 
