@@ -148,6 +148,8 @@ class Estimator:
     ) -> None:
         n = start_ned_m.shape[0]
         self._ground_altitude_m = ground_altitude_m
+
+        # random numbers
         self._rng = np.random.default_rng([seed, 2])
         self._drift_rngs = [
             np.random.default_rng([seed, 5, 0 if is_common else i]) for i in range(n)
@@ -155,6 +157,7 @@ class Estimator:
         self._is_common = is_common
         self._scale = scale
 
+        # errors
         self._origin = np.array(start_ned_m, dtype=np.float64)
         self._errors = records(n, estimator_errors.ERRORS)
         self._draws = np.zeros((_BLOCK, n, 4))
@@ -165,14 +168,18 @@ class Estimator:
         self.yaw_error_rad = self._errors["yaw_error"]
         self.tilt_error_rad = self._errors["tilt_error"]
 
+        # when each vehicle had what
         self._vision_time_s = [-math.inf] * n  # of the newest external position
         self._height_time_s = [-math.inf] * n  # of the newest one whose height was taken
         self._lost_time_s = [-math.inf] * n  # when the last source went
         self._start_time_s = [0.0] * n
+
+        # for vision that comes late, and lies in another frame
         self._vision_frame: list[Array | None] = [None] * n  # offset to the frame of satellites
         self._history = np.zeros((_HISTORY, n, 3))
         self._history_index = 0
 
+        # satellites
         self.source = [Source.NONE] * n
         self.has_gps = [True] * n
         self.gps_blocked = [False] * n
@@ -182,13 +189,18 @@ class Estimator:
         self.gps_drift_ned_m_s = np.zeros((n, 3))
         # per vehicle, positions and velocities of the delay, oldest first
         self._late: list[deque[tuple[Array, Array]]] = [deque() for _ in range(n)]
+
+        # vision
         self.uses_vision_yaw = [True] * n
         self.vision_levels = [VISION_DEFAULT] * n
         self.vision_noise_m = [0.1] * n
+
+        # what is reported besides the estimate
         self.resets = np.tile(np.array(_RESETS_AT_START, dtype=np.int64), (n, 1))
         self.jumps: list[tuple[int, Array]] = []
         self.origin_altitude_m: list[float | None] = [None] * n
 
+        # as it was at the last look at the sources
         self._levels: list[ErrorLevel | None] = [None] * n
         self._rests = [True] * n
         self._rests_since_s = [-math.inf] * n
@@ -249,7 +261,10 @@ class Estimator:
             self._drift_by_satellites()
 
     def _delay(self, index: int, delay_s: float) -> None:
-        """Report the horizontal position and velocity of a while ago; height is the barometer's."""
+        """Replace the horizontal estimate by the one of a while ago.
+
+        Height stays as it is: it comes from the barometer.
+        """
         if self.source[index] is not Source.GPS:
             self._late[index].clear()
             return
@@ -260,6 +275,8 @@ class Estimator:
         late.append((position.copy(), velocity.copy()))
         while len(late) > 1 + round(delay_s / PERIOD_S):
             late.popleft()
+
+        # a delay that has ended
         if not delay_s:
             late.clear()
             return
@@ -329,7 +346,7 @@ class Estimator:
         *,
         is_first: bool,
     ) -> None:
-        """Correct the estimate a little, by a vision in whose frame PX4 does not believe."""
+        """Correct the estimate a little by vision, moved into the frame of the satellites."""
         x, y, z = seen_ned_m
         then_x, then_y, then_z = then_ned_m
 
@@ -359,19 +376,19 @@ class Estimator:
         *,
         is_first: bool,
     ) -> None:
-        """Correct the estimate by a vision that is the only source: a little, or by a jump."""
+        """Correct the estimate by vision, which is the only source: a little, or by a jump."""
         error_x = seen_ned_m[0] - then_ned_m[0]
         error_y = seen_ned_m[1] - then_ned_m[1]
         error_z = seen_ned_m[2] - then_ned_m[2]
         gate_m = max(_SMALLEST_GATE_M, _GATE_SIGMAS * self.vision_noise_m[index])
 
-        # Sideways PX4 follows a jump at once.
+        # PX4 follows a jump sideways at once.
         jumps_sideways = is_first or math.hypot(error_x, error_y) > gate_m
         if not jumps_sideways:
             error_x = _FUSE_GAIN * error_x
             error_y = _FUSE_GAIN * error_y
 
-        # A jump in height it refuses for a while.
+        # PX4 refuses a jump in height for a while.
         is_refused = abs(error_z) > gate_m and not is_first
         refused_for_s = time_s - self._height_time_s[index]
         jumps_in_height = is_first or (is_refused and refused_for_s >= _HEIGHT_REFUSED_S)
