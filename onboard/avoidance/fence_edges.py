@@ -90,11 +90,11 @@ def edge_constraints(own: Own, still: Sequence[Capsule], params: LawParams) -> l
     order = ascending([edge.distance_m for edge in near])
 
     constraints: list[Constraint] = []
-    for place in range(min(len(order), MAX_EDGES)):
-        nearest = nearest_of_area(near, order, place)
+    for rank in range(min(len(order), MAX_EDGES)):
+        nearest = nearest_of_area(near, order, rank)
         is_allowed = near[order[nearest]].is_allowed
-        if is_allowed or nearest == place:
-            constraints.append(edge_constraint(own, near[order[place]], is_allowed, params))
+        if is_allowed or nearest == rank:
+            constraints.append(edge_constraint(own, near[order[rank]], is_allowed, params))
     return constraints
 
 
@@ -111,19 +111,19 @@ def reach_m(own: Own, gains: Gains) -> float:
     return (most_m_s2 + rate * length_2(own.velocity_m_s)) / stiffness
 
 
-def nearest_of_area(edges: list[Edge], order: list[int], place: int) -> int:
-    """Return the place in the order of the nearest edge of the same area.
+def nearest_of_area(edges: list[Edge], order: list[int], rank: int) -> int:
+    """Return the rank of the nearest edge of the same area.
 
     Args:
         edges: that are near.
         order: their indexes, nearest first.
-        place: in the order.
+        rank: of an edge in that order.
     """
-    area = edges[order[place]].area
-    for nearer in range(place):
+    area = edges[order[rank]].area
+    for nearer in range(rank):
         if edges[order[nearer]].area == area:
             return nearer
-    return place
+    return rank
 
 
 def edge_of(capsule: Capsule, own: Own) -> Edge:

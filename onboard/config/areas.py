@@ -163,7 +163,7 @@ def nearest(area: Area, x: float, y: float) -> Nearest:
         return _nearest_of_circle(area, x, y)
 
     least_m = math.inf
-    found: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)  # point and edge
+    nearest_edge: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)  # point and edge
     for (x1, y1), (x2, y2) in edges_of(area.corners_enu_m):
         along_x = x2 - x1
         along_y = y2 - y1
@@ -175,9 +175,9 @@ def nearest(area: Area, x: float, y: float) -> Nearest:
         distance_m = math.hypot(x - nearest_x, y - nearest_y)
         if distance_m < least_m:
             least_m = distance_m
-            found = (nearest_x, nearest_y, along_x, along_y)
+            nearest_edge = (nearest_x, nearest_y, along_x, along_y)
 
-    nearest_x, nearest_y, along_x, along_y = found
+    nearest_x, nearest_y, along_x, along_y = nearest_edge
     is_allowed = is_in_polygon(area.corners_enu_m, x, y) == area.keeps_in
     sign = 1.0 if is_allowed else -1.0
     if least_m > 1e-9:
@@ -236,15 +236,15 @@ def _is_within(area: Area, x: float, y: float) -> bool:
     return math.hypot(x - center_x, y - center_y) <= area.radius_m
 
 
-def _is_polygon_crossed(corners: Sequence[Point], way: tuple[Point, Point]) -> bool:
+def _is_polygon_crossed(corners: Sequence[Point], leg: tuple[Point, Point]) -> bool:
     """Whether a way has a point in common with an edge; most edges are left out by their height."""
-    low_m = min(way[0][1], way[1][1])
-    high_m = max(way[0][1], way[1][1])
+    low_m = min(leg[0][1], leg[1][1])
+    high_m = max(leg[0][1], leg[1][1])
     begin = corners[-1]
     for end in corners:
         is_below = begin[1] < low_m and end[1] < low_m
         is_above = begin[1] > high_m and end[1] > high_m
-        if not is_below and not is_above and do_cross((begin, end), way):
+        if not is_below and not is_above and do_cross((begin, end), leg):
             return True
         begin = end
     return False
@@ -277,12 +277,12 @@ def is_crossed(area: Area, begin_enu_m: Vec3, end_enu_m: Vec3) -> bool:
         if high_m < area.low_m or low_m > area.high_m:
             return False
 
-    way = ((begin_enu_m[0], begin_enu_m[1]), (end_enu_m[0], end_enu_m[1]))
+    leg = ((begin_enu_m[0], begin_enu_m[1]), (end_enu_m[0], end_enu_m[1]))
     if area.corners_enu_m:
-        return _is_polygon_crossed(area.corners_enu_m, way)
+        return _is_polygon_crossed(area.corners_enu_m, leg)
 
     # a way crosses a circle where its nearest point is inside and an end is outside
-    (x1, y1), (x2, y2) = way
+    (x1, y1), (x2, y2) = leg
     center_x, center_y = area.center_enu_m
     length_2 = (x2 - x1) ** 2 + (y2 - y1) ** 2
     share = 0.0
@@ -290,5 +290,5 @@ def is_crossed(area: Area, begin_enu_m: Vec3, end_enu_m: Vec3) -> bool:
         share = ((center_x - x1) * (x2 - x1) + (center_y - y1) * (y2 - y1)) / length_2
         share = min(1.0, max(0.0, share))
     least_m = math.hypot(x1 + share * (x2 - x1) - center_x, y1 + share * (y2 - y1) - center_y)
-    most_m = max(math.hypot(x - center_x, y - center_y) for x, y in way)
+    most_m = max(math.hypot(x - center_x, y - center_y) for x, y in leg)
     return least_m <= area.radius_m <= most_m

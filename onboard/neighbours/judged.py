@@ -102,7 +102,7 @@ class JudgedNeighbours:
             position_std_m=numbers[SCALAR_COLUMN["position_std_m"]],
         )
 
-    def place(
+    def write_positions(
         self,
         arrays: NeighbourArrays,
         trackers: Mapping[int, BodyTracker],

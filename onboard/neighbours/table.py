@@ -278,7 +278,7 @@ class NeighbourTable:
     def place_contradicted(self, position_enu_m: Vec3, now_ns: int) -> None:
         """Put each contradicted neighbour where it says or where the mocap sees it: the nearer."""
         if self.judged.contradicted:
-            self.judged.place(
+            self.judged.write_positions(
                 self.arrays,
                 self._trackers,
                 position_enu_m,

@@ -21,9 +21,11 @@ def _corrections(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) ->
         return SKIP, {"reason": "for a vehicle that takes no corrections"}
 
     is_demanded = corrections.fix != "any"
-    told = "not told" if facts.fix_type is None else fix.words_of(facts.fix_type)
+    fix_words = "not told"
+    if facts.fix_type is not None:
+        fix_words = fix.words_of(facts.fix_type)
     words: dict[str, object] = {
-        "fix": told,
+        "fix": fix_words,
         "fleet": fleet.path,
         "age": status.age_s,
         "base": status.base_id,

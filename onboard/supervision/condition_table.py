@@ -145,10 +145,10 @@ def _accuracy(facts: TickFacts) -> str:
 
 
 def _accuracy_beside_the_covered(facts: TickFacts) -> str:
-    told = "PX4 does not say how accurate it is"
+    accuracy = "PX4 does not say how accurate it is"
     if facts.slow.px4_accuracy_m:
-        told = _accuracy(facts)
-    return f"{told}; distances cover {LARGEST_PX4_ACCURACY_M:.1f} m"
+        accuracy = _accuracy(facts)
+    return f"{accuracy}; distances cover {LARGEST_PX4_ACCURACY_M:.1f} m"
 
 
 def _px4_mode(facts: TickFacts) -> str:

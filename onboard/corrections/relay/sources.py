@@ -118,10 +118,10 @@ def _request(
     position: Callable[[], bytes] | None = None
     origin = fleet.fleet.global_origin
     if corrections.sends_position and origin is not None:
-        place = origin
+        known_origin = origin
 
         def position() -> bytes:
-            return gga(place, time.gmtime())
+            return gga(known_origin, time.gmtime())
 
     return NtripRequest(
         address=corrections.address,
@@ -133,21 +133,21 @@ def _request(
     )
 
 
-def gga(place: Origin, now: time.struct_time) -> bytes:
+def gga(position: Origin, now: time.struct_time) -> bytes:
     """Return a line of NMEA that says where the fleet is.
 
     Args:
-        place: on Earth.
+        position: on Earth.
         now: the time, UTC.
     """
-    latitude = _degrees_and_minutes(place.latitude_deg, 2)
-    longitude = _degrees_and_minutes(place.longitude_deg, 3)
-    north_south = "N" if place.latitude_deg >= 0.0 else "S"
-    east_west = "E" if place.longitude_deg >= 0.0 else "W"
+    latitude = _degrees_and_minutes(position.latitude_deg, 2)
+    longitude = _degrees_and_minutes(position.longitude_deg, 3)
+    north_south = "N" if position.latitude_deg >= 0.0 else "S"
+    east_west = "E" if position.longitude_deg >= 0.0 else "W"
     clock = time.strftime("%H%M%S.00", now)
     text = (
         f"GPGGA,{clock},{latitude},{north_south},{longitude},{east_west},1,12,1.0,"
-        f"{place.altitude_m:.1f},M,0.0,M,,"
+        f"{position.altitude_m:.1f},M,0.0,M,,"
     )
     checksum = 0
     for byte in text.encode():
