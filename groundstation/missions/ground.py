@@ -42,25 +42,30 @@ class MissionGround:
         self.say = say
         self.link = OwnLink(client)
         self.watch = FleetWatch(client)
+
         self.has_begun = False  # a vehicle has taken an order of this mission
         self.steps: list[StepResult] = []
         self.arrivals: list[Arrival] = []
+
+        self.goes_on_without = False  # a vehicle that fails is left out; the others go on
         self.left_out: set[str] = set()  # vehicles that the mission goes on without
         self.disabled: set[str] = set()  # those of them that are out of service
         self.lost: set[str] = set()  # vehicles whose failure the mission has reacted to
         # vehicles that went down though their last order left them flying, each with a sentence
         self.other_ends: dict[str, str] = {}
         self._last_orders: dict[str, LastOrder] = {}
-        self.goes_on_without = False  # a vehicle that fails is left out; the others go on
-        self.left_out_orders: list[str] = []  # by the operator, in words
+
         self.countdown: Countdown | None = None  # to a start at a time of the world's clock
         self.pause_line = ""  # a pause of paths, in a few words
         self.follow_pauses: list[FollowPause] = []  # of those who follow a vehicle now
+
+        # order by order: each waits for the operator
         self._is_stepping = False
         self._next = asyncio.Event()  # set by `go_on` and `leave_out_order`
         self._waiting: Intent | None = None  # the order that waits
-        self._may_leave_out = False  # the order that waits
-        self._is_left_out = False  # the order that has waited
+        self._may_leave_out = False  # whether the order that waits may be left out
+        self._is_left_out = False  # whether the order that has waited is left out
+        self.left_out_orders: list[str] = []  # by the operator, in words
 
     async def order(
         self,

@@ -234,6 +234,7 @@ class LogData:
         """Return the logs that PX4 has; none when it does not answer, as PX4 without logs."""
         found: dict[int, LogEntry] = {}
         count = 0  # that PX4 has; 0 until it has said so
+
         for _ in range(_ATTEMPTS):
             first = 0
             self._link.send("log_request_list", first, _ALL_LOGS)
@@ -241,6 +242,7 @@ class LogData:
                 message = self._link.next_message(("LOG_ENTRY",), _SILENT_S)
                 if message is None or message.num_logs == 0:
                     break
+
                 count = min(message.num_logs, _MOST_LOGS)
                 found[message.id] = LogEntry(message.id, message.size, message.time_utc)
                 if len(found) >= count:

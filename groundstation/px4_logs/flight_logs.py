@@ -104,6 +104,7 @@ def logs_of_flight(folder: Path, flight: Flight) -> FoundLogs:
     """
     if not folder.is_dir():
         folder = folder.parent
+
     logs: dict[str, FlightLog] = {}
     notes: list[str] = []
     files = _files(folder / FOLDER, list(flight.vehicles))

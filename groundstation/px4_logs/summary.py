@@ -95,11 +95,13 @@ def _flight_lines(log: Px4Log) -> list[str]:
             speed_m_s = np.hypot(values[:, 3], values[:, 4])
         height_m = _most(-values[:, 2])
         parts = [f"highest {height_m:.1f} m", f"fastest {_most(speed_m_s):.1f} m/s"]
+
         if log.attitude.size:
             up = up_in_body(flu_of_frd(log.attitude.values))
             tilt_deg = np.degrees(np.arccos(np.clip(up[:, 2], -1.0, 1.0)))
             parts.append(f"tilted up to {_most(tilt_deg):.0f} deg")
         found.append(f"By PX4's own estimate: {', '.join(parts)}.")
+
     if log.battery.size:
         voltage_v, frac = log.battery.values.T
         found.append(

@@ -93,6 +93,7 @@ def toml_of(fences: list[Fence]) -> str:
     blocks = []
     for fence in fences:
         lines = ["[[fences]]", f"name = {_text(fence.name)}", f'keep = "{fence.keep}"']
+
         if fence.circle is not None and fence.circle.center_deg is not None:
             center = _point(fence.circle.center_deg)
             radius_m = float(fence.circle.radius_m)
@@ -101,9 +102,11 @@ def toml_of(fences: list[Fence]) -> str:
             lines.append("polygon_deg = [")
             lines += [f"  {_point(corner)}," for corner in fence.polygon_deg or ()]
             lines.append("]")
+
         if fence.height_m is not None:
             low_m, high_m = fence.height_m
             lines.append(f"height_m = [{float(low_m)}, {float(high_m)}]")
+
         lines.append(f"buffer_m = {float(fence.buffer_m)}")
         blocks.append("\n".join(lines))
     return "\n\n".join(blocks) + "\n"

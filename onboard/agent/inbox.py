@@ -60,12 +60,11 @@ class Inbox:
         takes_corrections: bool = False,
     ) -> None:
         self.clock = ClockNode(bus)
-        # Few, and the others must push none of them out.
+        # Notices are few, and events must push none of them out. Of events the newest are kept.
         self.notices: deque[agent_inputs.AgentInput] = deque(maxlen=_MOST_EVENTS)
-        self.events: deque[agent_inputs.AgentInput] = deque(
-            maxlen=_MOST_EVENTS
-        )  # the newest matter
+        self.events: deque[agent_inputs.AgentInput] = deque(maxlen=_MOST_EVENTS)
         self._nodes: dict[str, bool] = {}  # node whose presence has changed -> whether it is there
+
         self._vehicle = vehicle
         self._boot_id = boot_id
         self._bus = bus

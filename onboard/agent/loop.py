@@ -66,35 +66,42 @@ class AgentProcess:
         self._name = name
         self._is_realtime = is_realtime
         vehicle = fleet.vehicles[name]
+
         self._core = AgentCore(
             fleet, name, boot_id=time.time_ns() & 0x7FFFFFFF, clock=time.perf_counter
         )
+
         # with a mocap PX4's own estimate is only checked
         position_hz = _CHECKED_POSITION_HZ if vehicle.mocap_required else 1e9 / PERIOD_NS
         satellites_hz = 0.0 if vehicle.mocap_required else _SATELLITES_HZ
-        key = mavlink_key(fleet, name)
         self._link = Px4Link(
             vehicle.autopilot,
             vehicle.system_id,
             position_hz=position_hz,
             satellites_hz=satellites_hz,
-            key=key,
+            key=mavlink_key(fleet, name),
         )
-        others = [other for other in fleet.vehicles if other != name]
-        agents = [fleet.vehicles[other].agent for other in fleet.enabled_names if other != name]
+
+        other_agents = [
+            fleet.vehicles[other].agent for other in fleet.enabled_names if other != name
+        ]
         self._bus = BusSession(
             namespace=fleet.namespace,
             node=name,
             listen=[vehicle.agent],
-            connect=[*agents, *fleet.pose_endpoints],
+            connect=[*other_agents, *fleet.pose_endpoints],
             credentials=credentials_of(fleet, name),
             routers=fleet.fleet.routers,
             router_timeout_s=_ROUTER_S,
         )
-        mocap = MocapConfig() if has_bus_mocap or vehicle.emulated else fleet.mocap
+
         # of the files that the links were opened with: newer ones count after the next start
         self._certificate_end = first_end(fleet, name)
         self._ends_links = False  # the process has been told to end because of its certificate
+
+        mocap = fleet.mocap
+        if has_bus_mocap or vehicle.emulated:
+            mocap = MocapConfig()
         self._inbox = Inbox(
             vehicle=vehicle,
             boot_id=self._core.boot_id,
@@ -105,7 +112,7 @@ class AgentProcess:
         )
         self._executor = CommandExecutor(
             name=name,
-            others=others,
+            others=[other for other in fleet.vehicles if other != name],
             link=self._link,
             bus=self._bus,
             inbox=self._inbox,
@@ -119,8 +126,11 @@ class AgentProcess:
             notify=self._inbox.notices.append,
             applies_params=apply_params,
         )
+
+        # the vehicles tick one after the other, spread over the period
         offset_ns = vehicle.index * PERIOD_NS // max(1, len(fleet.vehicles))
         self._ticker = Ticker(PERIOD_NS, self._tick, offset_ns=offset_ns)
+
         self._notifier = Notifier()
         self._ended: asyncio.Future[int] | None = None
         self._ticks = 0
@@ -132,17 +142,22 @@ class AgentProcess:
         """Fly until the process is to end; return the exit status."""
         loop = asyncio.get_running_loop()
         self._ended = loop.create_future()
+
         # first of all: a request to stop may come early
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, self._signalled)
+
         warm_up(self._fleet, self._name)
         self._link.start()
+
         try:
             if not await self._join_bus():
                 return EXIT_OK
+
             self._inbox.start()
             self._bus.serve_orders(self._name, self._order_on_bus_thread)
             self._core.preflight.is_warm = True
+
             realtime.settle()
             if self._is_realtime:
                 self._upkeep.start_threads()
@@ -150,6 +165,7 @@ class AgentProcess:
                 if self._fleet.own_law is not None:
                     realtime.end_when_hung()
                 log.info("%s", realtime.take_precedence())
+
             self._ticker.start(loop)
             self._upkeep.start()
             return await self._ended
@@ -192,6 +208,7 @@ class AgentProcess:
         self, message: Order | Malformed | UntrustedOrder, reply: Callable[[OrderReply], None]
     ) -> None:
         now_ns = time.monotonic_ns()
+
         if isinstance(message, Malformed):
             self._core.handle(agent_inputs.MessagesCounted(malformed=1), now_ns)
             answer = OrderReply(
@@ -202,11 +219,14 @@ class AgentProcess:
             )
             self._executor.reliable.submit(reply, answer)
             return
+
         if not isinstance(message, UntrustedOrder) or message.is_answered:
             self._executor.expect_reply(message.order_id, reply)
+
         if isinstance(message, UntrustedOrder):
             self._executor.execute(self._core.handle(agent_inputs.OrderUntrusted(message), now_ns))
             return
+
         self._core.handle(agent_inputs.SnapshotReceived(self._link.snapshot()), now_ns)
         order = self._inbox.clock.order(message, now_ns)
         self._executor.execute(self._core.handle(agent_inputs.OrderReceived(order), now_ns))

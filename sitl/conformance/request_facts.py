@@ -108,14 +108,17 @@ def _requested(client: VehicleClient, name: str) -> str:
 def _answers(client: VehicleClient, report: FactReport) -> None:
     if report.wants("request.autopilot-version"):
         report.add("request.autopilot-version", _requested(client, "AUTOPILOT_VERSION"))
+
     if report.wants("request.version"):
         version = client.reported_version()
         if version is None:
             report.add("request.version", "none")
         else:
             report.add("request.version", ".".join(map(str, version)))
+
     if report.wants("request.global-origin"):
         report.add("request.global-origin", _requested(client, "GPS_GLOBAL_ORIGIN"))
+
     if report.wants("ack.unknown-command"):
         report.add("ack.unknown-command", client.command(_UNKNOWN_COMMAND))
     if report.wants("ack.wrong-target"):

@@ -157,6 +157,7 @@ class FileServer:
         if request.operation in (_TERMINATE, _RESET):
             self._close()
             return b""
+
         if request.operation == _LIST:
             return self._listed(request)
         if request.operation == _OPEN:
@@ -169,6 +170,7 @@ class FileServer:
             first = (request.sequence + 1) & 0xFFFF
             self._burst = _Burst(first, request.offset, _BURST_PIECES, sender)
             return None
+
         raise _Refused(_UNKNOWN_COMMAND)
 
     def _listed(self, request: _Request) -> bytes:
