@@ -136,10 +136,16 @@ def _has_stand_in(flight: FlightContext, others: Mapping[str, Telemetry]) -> str
 
 
 def _disable(flight: FlightContext, view: FlightView) -> str | None:
-    """Return what speaks against taking a vehicle out of service, or None: it has to stand."""
-    if flight.step in _AT_REST and not view.snapshot.is_armed:
+    """Return what speaks against taking a vehicle out of service, or None.
+
+    It has to stand on the ground, disarmed.
+    """
+    if flight.step not in _AT_REST:
+        doing: str = flight.state
+    elif view.snapshot.is_armed:
+        doing = "armed"
+    else:
         return None
-    doing = flight.state if flight.step not in _AT_REST else "armed"
     return f"A vehicle is disabled or swapped on the ground only, disarmed: it is {doing}."
 
 
@@ -244,7 +250,8 @@ def _wrong_step(order: Order, flight: FlightContext) -> str:
 def _at_rest(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
     """Return what speaks against `land` and `home` for a vehicle that stands; None: they are done.
 
-    A vehicle that stands at its take-off spot is at home; nobody is told so of one that fell.
+    A vehicle that stands at its take-off spot is at home. One that was killed, or that fell, is
+    refused instead: somebody has to look at it.
     """
     name = flight.vehicle.name
     if flight.was_killed:
