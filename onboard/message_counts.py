@@ -14,7 +14,8 @@ class MessageCounts:
     """Messages that were not used, by the reason."""
 
     malformed: int = 0  # no message of its kind, or numbers that are not finite
-    # in another's name, of nobody of the fleet file, or not believable; orders are counted apart
+    # in another's name, of a node that the fleet file lacks, or not believable; orders are counted
+    # apart
     refused: int = 0
     # lost on the way, by the numbers that are missing, or pushed out of a full queue
     dropped: int = 0

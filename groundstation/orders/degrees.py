@@ -22,7 +22,7 @@ def goal_enu_m(
         height_m: up in the fleet frame, as of every goal.
 
     Raises:
-        ConfigError: the file has no origin, or the place is none near it.
+        ConfigError: the file has no origin, or the place is far from it.
     """
     origin = fleet.fleet.global_origin
     if origin is None:

@@ -1,4 +1,4 @@
-"""One line of text -> the intent of an order, or a reason in words why it is none. Pure.
+"""One line of text -> the intent of an order, or a reason in words why it is no order. Pure.
 
 Grammar (``WHO`` is ``all``, names or indices: ``mav0,mav2``, ``0-1``; left out it means all)::
 
@@ -142,7 +142,7 @@ def _formation_of(words: list[str], kind: type[Intent], fleet: FleetConfig) -> s
 
 
 def _names_meant(names: tuple[str, ...], kind: type[Intent], fleet: FleetConfig) -> tuple[str, ...]:
-    """Return the vehicles of a line; all where it names none and need not."""
+    """Return the vehicles of a line; all for an order that need not name any, and does not."""
     if names:
         return names
 
@@ -291,7 +291,7 @@ def _with_slots(names: tuple[str, ...], fleet: FleetConfig, formation: str) -> t
 
 
 def _number(word: str) -> float | None:
-    """Return the number that a word is; None when it is none."""
+    """Return the number that a word is; None for another word."""
     try:
         return float(word)
     except ValueError:

@@ -297,7 +297,7 @@ def _unknown(name: str, fleet: FleetConfig) -> str:
 
 
 def _bad_number(intent: Intent) -> str | None:
-    """Return a sentence about a number that no order may have; None when there is none."""
+    """Return a sentence about a number that no order may have; None where all numbers are sound."""
     if not all(math.isfinite(number) for number in _numbers(intent)):
         return (
             "A number of this order is not finite. "

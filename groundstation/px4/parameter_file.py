@@ -134,7 +134,7 @@ def read_file(path: Path) -> dict[int, dict[str, Value]]:
 
 
 def _row(line: str) -> _Row | None:
-    """Return the parameter of a line; None when the line is none."""
+    """Return the parameter of a line; None for a line without one."""
     columns = line.split("\t")
     if len(columns) != _COLUMNS:
         return None

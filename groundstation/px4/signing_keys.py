@@ -48,7 +48,7 @@ def keys_of(
         vehicle -> key.
 
     Raises:
-        ConfigError: a key is missing that is needed, or is none.
+        ConfigError: a key that is needed is missing, or is not a key.
     """
     keys = {}
     for vehicle in vehicles:

@@ -60,7 +60,7 @@ def selected_vehicles(
     """Return the vehicles that a command names.
 
     Raises:
-        ConfigError: there is none of them.
+        ConfigError: the fleet has no such vehicle.
     """
     names = fleet.select(vehicles, exclude)
     if not names:

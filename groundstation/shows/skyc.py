@@ -212,7 +212,7 @@ def _origin(location: dict[str, Any]) -> Origin | None:
         return None
     altitude_m = altitude[0] if altitude else 0.0
 
-    # a number that is none lies in no range
+    # NaN lies in no range
     is_on_earth = (
         -90.0 <= latitude_deg <= 90.0
         and -180.0 <= longitude_deg <= 180.0

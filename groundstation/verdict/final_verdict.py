@@ -40,8 +40,8 @@ def final_verdict(
         earlier: verdicts on the missions before this one in the same flight.
 
     Returns:
-        The verdict. It is none that passed when the record or the verdict could not be written, or
-        when the record cannot be read as it was written.
+        The verdict. It has not passed when the record or the verdict could not be written, or when
+        the record cannot be read as it was written.
     """
     record: FlightReport | None = None
     record_name = ""

@@ -59,7 +59,7 @@ class BusNodes:
 class NeighbourFollower:
     """Chooses from time to time the neighbours whose states are received at full rate.
 
-    In a large fleet these are none at first.
+    In a large fleet it begins without any.
     """
 
     def __init__(self, table: NeighbourTable) -> None:

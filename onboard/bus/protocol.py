@@ -213,7 +213,7 @@ class Bus(Protocol):
     def fault(
         self, order: FaultOrder, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd
     ) -> None:
-        """Send a fault order to the emulator; where there is none, nobody answers.
+        """Send a fault order to the emulator; without an emulator no reply comes.
 
         Args:
             order: the fault order.

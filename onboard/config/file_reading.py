@@ -172,7 +172,7 @@ def toml_values(text: str, name: str) -> dict[str, Any]:
         text: of a file.
         name: of the file, for the sentences.
     Raises:
-        ConfigError: it is no TOML, nested too deeply, or has a number that is none.
+        ConfigError: it is no TOML, nested too deeply, or has a number that is not finite.
     """
     long_key = _LONG_KEY.search(text)
     if long_key is not None:
@@ -199,7 +199,7 @@ def json_values(data: bytes | str, name: str) -> Any:
         name: where it stands, for the sentences.
     Raises:
         ConfigError: it is no JSON, nested too deeply, of too many values, or has a number that is
-            none.
+            not finite.
     """
     if json_size(data) > MOST_JSON_VALUES:
         raise ConfigError(f"{name} has more than {MOST_JSON_VALUES} values. Write a smaller one.")

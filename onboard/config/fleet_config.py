@@ -199,7 +199,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
     radio: RadioConfig | None = None
     # RTK; what the agents do not judge by is not in the hash
     corrections: CorrectionsConfig | None = None
-    own_law: OwnLaw | None = None  # that law.name names, if it is none of Covey's
+    own_law: OwnLaw | None = None  # that law.name names; None for Covey's laws
 
     @property
     def namespace(self) -> str:

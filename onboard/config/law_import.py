@@ -108,7 +108,7 @@ def find_own_law(name: str, folders: Sequence[str], path: str) -> OwnLaw:
     Returns:
         the law.
     Raises:
-        ConfigError: there is none of that name, or its module is not there.
+        ConfigError: no law has that name, or its module is not there.
     """
     where = f"{path}: 'law.name' is {name!r}"
     folders = [os.path.abspath(folder) for folder in folders]
@@ -146,7 +146,9 @@ def _not_found(
 
 
 def _installed_source(module_name: str, folders: Sequence[str]) -> str | None:
-    """Return the file of an installed module, empty for one without; None where there is none.
+    """Return the file of an installed module.
+
+    Empty for a module without a file; None where there is no such module.
 
     ``importlib.util.find_spec`` imports the packages around a module. This does not.
     """

@@ -105,7 +105,7 @@ def problems(
 
 
 def _shape_fault(obstacle: Obstacle, key: str) -> str | None:
-    """Return a sentence about an obstacle whose shape is none; None for a shape."""
+    """Return a sentence about an obstacle without a usable shape; None for a usable one."""
     corners = obstacle.polygon_enu_m
     if (obstacle.circle is None) == (corners is None):
         return (

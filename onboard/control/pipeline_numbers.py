@@ -54,7 +54,7 @@ def pipeline_params(
         vehicle_name: one of its vehicles.
         law: "covey", "paper" or "off"; overrides the fleet file's choice.
     Raises:
-        ValueError: ``law`` is none of these.
+        ValueError: ``law`` is another word.
     """
     vehicle = fleet.vehicles[vehicle_name]
     law_numbers = law_params(fleet, vehicle_name, law)

@@ -29,8 +29,9 @@ _AVOIDS_ABOVE_M = 0.5
 
 _CONTACT_LIMIT_S = 8.0
 
-# A landing that rises again is none. By its mocap a vehicle rises by more than giving way explains;
-# by PX4's own height by more than that height wanders, which comes back up after the touch-down.
+# A vehicle that rises again by so much does not land any more. With a mocap it is more than giving
+# way explains. By PX4's own height it is more than that height wanders: it comes back up after the
+# touch-down.
 _RISEN_M = 0.5
 _PX4_HEIGHT_RISEN_M = 1.5
 

@@ -57,7 +57,7 @@ def _estimator_status(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]
 
 
 def _accuracy_m(value: object) -> float:
-    """Return a standard deviation; infinite for what is none."""
+    """Return a standard deviation; infinite for a value that cannot be one."""
     if isinstance(value, float) and math.isfinite(value) and value >= 0.0:
         return value
     return math.inf

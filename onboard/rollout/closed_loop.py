@@ -91,7 +91,7 @@ def fleet_model(fleet: FleetConfig, names: Sequence[str], law: str | None = None
         names: of vehicles.
         law: "covey", "paper" or "off"; overrides the fleet file's choice.
     Raises:
-        ValueError: ``law`` is none of these.
+        ValueError: ``law`` is another word.
     """
     return FleetModel(
         params=[pipeline.pipeline_params(fleet, name, law) for name in names],

@@ -122,7 +122,7 @@ async def _read_answer(reader: asyncio.StreamReader) -> _Answer:
     """Read the head of an answer.
 
     Raises:
-        SourceError: it is none of a caster, or too long.
+        SourceError: it does not come from a caster, or is too long.
     """
     data = b""
     while b"\r\n" not in data:
@@ -163,7 +163,7 @@ def _refuse(request: NtripRequest, answer: _Answer) -> None:
     """Raise the sentence for an answer that is no stream.
 
     Raises:
-        SourceError: it is none.
+        SourceError: the answer is no stream.
     """
     if answer.status == 401:
         password = "another password" if request.user else "a user and a password"

@@ -245,7 +245,7 @@ def test_lies_are_survived() -> None:
     assert measured(a, "b", 16 * _S)[0] == pytest.approx(500.0, abs=0.005)
 
 
-def test_strangers_cannot_fill_the_memory() -> None:
+def test_unknown_nodes_cannot_fill_the_memory() -> None:
     a = Clocks("a", _A)
     for number in range(1000):
         a.hear(Clocks(f"x{number}", 1000 + number).message(5 * _S), 6 * _S)

@@ -151,8 +151,8 @@ def test_a_message_that_was_held_up_is_as_old_as_it_is() -> None:
     assert table.age_s("mav1", 5 * S) == pytest.approx(2.0)
 
 
-def test_strangers_are_ignored() -> None:
-    assert not _table().hear(_state(vehicle="stranger"), 5 * S)
+def test_a_vehicle_that_the_fleet_file_lacks_is_ignored() -> None:
+    assert not _table().hear(_state(vehicle="unknown"), 5 * S)
 
 
 def test_who_is_seen_only_is_silent_also_while_poses_are_late() -> None:

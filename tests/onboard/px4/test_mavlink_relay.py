@@ -108,20 +108,20 @@ def test_only_the_first_autopilot_with_the_right_ids_is_heard_and_all_else_is_co
     bench = start()
     relay = bench.relay
     px4 = bench.sender()
-    stranger = bench.sender()
+    outsider = bench.sender()
     other = bench.sender(system_id=9)
     ground = bench.sender(system_id=255, component_id=190)
     bench.command()  # nobody to send to yet
     other.beat()
     ground.beat()
-    stranger.send(b"\xfd\x09junk")
+    outsider.send(b"\xfd\x09junk")
     until(lambda: relay.refused.malformed == 1 and relay.refused.others == 2)
     assert (relay.other_system_id, relay.refused.count) == (9, 1)
     px4.beat()
     until(lambda: len(bench.let_in) == 1)
     for _ in range(3):
-        stranger.beat()  # the same ids, from another port of this computer
-    good = bytearray(stranger.beat())
+        outsider.beat()  # the same ids, from another port of this computer
+    good = bytearray(outsider.beat())
     good[12] ^= 1
     px4.send(bytes(good))
     until(lambda: relay.refused.other_address == 4 and relay.refused.malformed == 2)
@@ -130,9 +130,9 @@ def test_only_the_first_autopilot_with_the_right_ids_is_heard_and_all_else_is_co
     until(lambda: len(bench.let_in) == 2)
     bench.command()
     assert px4.receive().command == 400
-    stranger.socket.setblocking(False)
+    outsider.socket.setblocking(False)
     with pytest.raises(BlockingIOError):
-        stranger.socket.recv(100)
+        outsider.socket.recv(100)
 
 
 def test_a_relay_with_a_key_hears_what_is_freshly_signed_and_signs_what_it_sends(start) -> None:
