@@ -250,17 +250,17 @@ def test_nobody_without_a_key_of_this_authority_is_heard_or_hears(
         agent.subscribe(Topic.STATE, "*", lambda topic, name, _: heard.add((topic, name)))
         own = replace(load_fleet(foreign), vehicles=fleet.vehicles)
         with (
-            _node(own, "mav2") as third,
+            _node(own, "mav2") as foreign_node,
             _node(fleet, "ground", has_keys=False) as nobody,
         ):
-            for outsider in (third, nobody):
+            for outsider in (foreign_node, nobody):
                 outsider.subscribe(Topic.STATE, "*", lambda topic, name, _: read.add((topic, name)))
 
             def tell() -> bool:
                 for node, name in (
                     (agent, "mav0"),
                     (admitted, "mav1"),
-                    (third, "mav2"),
+                    (foreign_node, "mav2"),
                     (nobody, "mav2"),
                 ):
                     node.publish(Topic.STATE, name, state_message())
