@@ -116,11 +116,11 @@ def flown_in_rows() -> np.ndarray:
             is_present[m, : len(near)] = True
 
         passes = batch.PassRows(
-            batch.STATE.packed([state for state, _, _, _ in inputs]),
-            batch.GOAL.packed([goal for _, goal, _, _ in inputs]),
-            neighbours,
-            is_present,
-            np.array([int(mode) for _, _, _, mode in inputs]),
+            states=batch.STATE.packed([state for state, _, _, _ in inputs]),
+            goals=batch.GOAL.packed([goal for _, goal, _, _ in inputs]),
+            neighbours=neighbours,
+            is_present=is_present,
+            modes=np.array([int(mode) for _, _, _, mode in inputs]),
         )
         ticks.append(floats(batch.step(memories, passes, walls, rows, 0.02)).copy())
     return np.array(ticks)

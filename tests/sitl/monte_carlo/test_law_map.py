@@ -58,7 +58,9 @@ def fly_all(path, *, stages=4, jobs=1, tell=lambda _: None, selection=SMALL):
 def test_the_map_has_the_cells_of_all_axes_the_screening_first_and_the_easy_ones_first(tmp_path):
     all_cells = cells.cells()
     assert len(all_cells) == 5 * 3 * 3 * 3 + 5 * 3 * 3
-    assert all_cells[0] == cells.Cell("mocap", 3, 1.0, 20.0, 0.0)
+    assert all_cells[0] == cells.Cell(
+        errors="mocap", vehicles=3, speed_m_s=1.0, delay_ms=20.0, loss_pct=0.0
+    )
 
     with ResultsFile(tmp_path / "map.jsonl", "a") as file:
         units = run.missing(all_cells, 4, file)
@@ -359,7 +361,11 @@ def test_cells_that_the_shipped_map_promises_hold_in_flights_of_other_seeds():
     promised = [cell for cell in shipped().cells if cell.is_promised]
     for kept in promised[:: max(1, len(promised) // 6)]:
         cell = cells.Cell(
-            kept.errors, kept.vehicles, kept.speed_m_s, 1e3 * kept.delay_s, 1e2 * kept.loss_frac
+            errors=kept.errors,
+            vehicles=kept.vehicles,
+            speed_m_s=kept.speed_m_s,
+            delay_ms=1e3 * kept.delay_s,
+            loss_pct=1e2 * kept.loss_frac,
         )
         for name in cell.scenarios:
             for records in batch.campaign([name], range(2000, 2008), cells.setup(cell, name)):
