@@ -47,7 +47,7 @@ from groundstation.console.screens.vehicle_screen import VehicleScreen
 from groundstation.console.shutdown import Shutdown
 from groundstation.console.terminal_filters import TerminalFilters
 from groundstation.console.theme import FAINT, PHASE_SIGNS, SEVERITY_SIGNS
-from groundstation.console.widgets.event_log import LogEntry
+from groundstation.console.widgets.event_log import EventEntry
 from groundstation.console.widgets.lines import Lines
 from groundstation.console.widgets.order_line import OrderLine
 from groundstation.fleet.state import FleetState, LoggedEvent
@@ -322,7 +322,7 @@ class ConsoleApp(App[int]):
         if state.events:
             self._newest_event = state.events[-1]
 
-    def _log_entry(self, logged: LoggedEvent) -> LogEntry:
+    def _log_entry(self, logged: LoggedEvent) -> EventEntry:
         event = logged.event
 
         sign = PHASE_SIGNS.get(event.order_outcome)
@@ -334,7 +334,7 @@ class ConsoleApp(App[int]):
             vehicle = ""  # its own sentences stand without a name
         sentence = self.orders.short(event.sentence)
         stamp = self.time_text(logged.received_ns)
-        return LogEntry.of(sentence, sign, vehicle=vehicle, stamp=stamp)
+        return EventEntry.of(sentence, sign, vehicle=vehicle, stamp=stamp)
 
     def forget_events(self) -> None:
         """Empty the event log; events of the fleet's state come again."""

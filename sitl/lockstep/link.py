@@ -55,7 +55,7 @@ _NO_RATES = [0.0, 0.0, 0.0]
 Fields = dict[str, Any]
 
 # something that is done at PX4's end
-Call = Callable[[], object]
+Px4Call = Callable[[], object]
 
 # the time of an input, and the field that comes with it
 _TIMES = {
@@ -119,7 +119,7 @@ class LinkBank:
         ]
 
         # what is on its way, by the step at which it arrives: one link's call, or fields of each
-        self._calls: deque[tuple[int, int, Call]] = deque()
+        self._calls: deque[tuple[int, int, Px4Call]] = deque()
         self._rows: deque[tuple[int, list[Fields | None]]] = deque()
 
     @property
@@ -135,7 +135,7 @@ class LinkBank:
         if steps % _ATTITUDE_EVERY_STEPS == _ATTITUDE_PHASE_STEPS:
             self._sample(steps)
 
-    def send(self, index: int, call: Call) -> None:
+    def send(self, index: int, call: Px4Call) -> None:
         """Call something at PX4's end when it gets there."""
         self._calls.append((self._steps + self._delay_steps, index, call))
 
@@ -171,7 +171,7 @@ class LinkBank:
         for ends in self._ends:
             if not ends.up.is_clear:
                 for call in ends.up.pop(now_s):
-                    cast(Call, call)()
+                    cast(Px4Call, call)()
             if not ends.down.is_clear:
                 for fields in ends.down.pop(now_s):
                     ends.link.receive(cast(Fields, fields))

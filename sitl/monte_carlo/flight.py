@@ -27,7 +27,7 @@ from sitl.monte_carlo.radio import Radio
 from sitl.monte_carlo.scenarios import FlightPlan
 from sitl.monte_carlo.sensing import sensing
 from sitl.monte_carlo.settings import Setup
-from sitl.monte_carlo.vehicles import TICK_S, Physics, TrueMotion
+from sitl.monte_carlo.vehicles import TICK_S, Physics, TrueMotions
 
 MakeController = Callable[
     [Sequence[pipeline.PipelineParams], Array, Sequence[Capsule]], batch.Controller
@@ -280,7 +280,7 @@ class _Orders:
         is_lost = np.asarray(time_s >= self._lost_at)
         return is_lost & self._freezes, is_lost & self._mutes
 
-    def goals(self, is_frozen: BoolArray, truth: TrueMotion) -> Rows:
+    def goals(self, is_frozen: BoolArray, truth: TrueMotions) -> Rows:
         """Return the goals of this tick.
 
         A vehicle that has just frozen stops where it comes to rest, and stays.

@@ -21,7 +21,7 @@ from onboard.types import LawStatus
 from sitl.monte_carlo.clutter import clearances_m
 from sitl.monte_carlo.scenarios import FlightPlan
 from sitl.monte_carlo.settings import ErrorClass
-from sitl.monte_carlo.vehicles import TICK_S, TrueMotion
+from sitl.monte_carlo.vehicles import TICK_S, TrueMotions
 from sitl.physics.contacts import HEIGHT_OF_DIAMETER
 
 HOLD_S = 0.5  # everybody has arrived when all have been near their goals and slow for this long
@@ -178,7 +178,7 @@ class FlightMetrics:
         """Of all flights, in the order of the plans, when all have ended."""
         return [self._done[f] for f in sorted(self._done)]
 
-    def update(self, truth: TrueMotion, ticks: Rows, active: IntArray) -> IntArray:
+    def update(self, truth: TrueMotions, ticks: Rows, active: IntArray) -> IntArray:
         """Add one tick; return the indexes of the flights that go on.
 
         Args:

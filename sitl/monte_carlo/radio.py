@@ -11,7 +11,7 @@ from onboard.arrays import Array, BoolArray, IntArray
 from onboard.neighbours.table import SILENT_S
 from onboard.rollout import batch
 from onboard.rollout.rows import Rows
-from sitl.monte_carlo.settings import Perturbation
+from sitl.monte_carlo.settings import SimulatedErrors
 from sitl.monte_carlo.vehicles import TICK_S
 
 # poses of a silent vehicle come this long after its last message: SILENT_AFTER_S, and what it takes
@@ -28,7 +28,7 @@ class Radio:
         self,
         states: Rows,
         is_intruder: BoolArray,
-        perturbation: Perturbation,
+        perturbation: SimulatedErrors,
         lateness_s: float = 0.0,
     ) -> None:
         """Begin with a message of everybody.

@@ -15,7 +15,7 @@ from onboard.rollout import batch
 from onboard.rollout.rows import Rows
 from sitl.monte_carlo.noise import FlightNoise
 from sitl.monte_carlo.settings import ErrorClass
-from sitl.monte_carlo.vehicles import TICK_S, TrueMotion
+from sitl.monte_carlo.vehicles import TICK_S, TrueMotions
 from sitl.physics.wind import wandered
 
 _MOCAP_AGE_TICKS = 1
@@ -24,7 +24,7 @@ _MOCAP_AGE_TICKS = 1
 class MocapSensing:
     """Position samples at 50 Hz, one tick old, through the estimator that flies on the drone."""
 
-    def __init__(self, errors: ErrorClass, vehicles: list[Vehicle], truth: TrueMotion) -> None:
+    def __init__(self, errors: ErrorClass, vehicles: list[Vehicle], truth: TrueMotions) -> None:
         params = [
             kalman.KalmanParams(
                 drag_1_s=float(vehicle.drag_1_s),
@@ -45,7 +45,7 @@ class MocapSensing:
         self._tracked = (position, rest, rest)
 
     def update(
-        self, truth: TrueMotion, normals: Array, thrust_frac: Array, hover_frac: Array
+        self, truth: TrueMotions, normals: Array, thrust_frac: Array, hover_frac: Array
     ) -> Rows:
         """Return the estimate of this tick (F, N, ...).
 
@@ -108,7 +108,7 @@ class GivenErrors:
         self._velocity = errors.velocity_std_m_s * noise.normal[..., 3:6]  # error (F, N, 3)
 
     def update(
-        self, truth: TrueMotion, normals: Array, thrust_frac: Array, hover_frac: Array
+        self, truth: TrueMotions, normals: Array, thrust_frac: Array, hover_frac: Array
     ) -> Rows:
         """Return the estimate of this tick, as :meth:`MocapSensing.update`."""
         errors = self._errors
@@ -149,7 +149,7 @@ Sensing = MocapSensing | GivenErrors
 
 
 def sensing(
-    errors: ErrorClass, vehicles: list[Vehicle], truth: TrueMotion, noise: FlightNoise
+    errors: ErrorClass, vehicles: list[Vehicle], truth: TrueMotions, noise: FlightNoise
 ) -> Sensing:
     """Return the sensing of an error class, at rest at the start."""
     if errors.name == "mocap":

@@ -59,7 +59,7 @@ def _from_to(default: float, low: float, high: float) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Perturbation:
+class SimulatedErrors:
     """Errors that the control does not know, beside those of the estimate.
 
     The four mismatches and the gain are half widths of uniform relative errors, each constant per
@@ -166,7 +166,7 @@ class Setup:
     law_table: Mapping[str, Any]
     fleet_table: Mapping[str, Any]
     errors: ErrorClass
-    perturbation: Perturbation
+    perturbation: SimulatedErrors
     scale: float = 1.0  # of positions in the plane
 
     def fleet(self, count: int) -> FleetConfig:
@@ -261,7 +261,7 @@ def setup_for(
 
     law_table: dict[str, Any] = {**ERRORS[errors].law, **file_law}
     fleet_table: dict[str, Any] = dict(data.get("fleet", {}))
-    perturbation = Perturbation()
+    perturbation = SimulatedErrors()
 
     for change in changes:
         group, key, value = _parsed_change(change)
@@ -339,14 +339,14 @@ def _parsed_change(change: str) -> tuple[str, str, float | int | bool | str]:
 
 
 def _perturbed(
-    perturbation: Perturbation, change: str, key: str, value: float | int | bool | str
-) -> Perturbation:
+    perturbation: SimulatedErrors, change: str, key: str, value: float | int | bool | str
+) -> SimulatedErrors:
     """Return a perturbation with one value changed.
 
     Raises:
         ConfigError: the value is no number, or out of bounds.
     """
-    bounds = {entry.name: entry.metadata for entry in fields(Perturbation)}
+    bounds = {entry.name: entry.metadata for entry in fields(SimulatedErrors)}
     low = bounds[key]["low"]
     high = bounds[key]["high"]
     if isinstance(value, (bool, str)) or not low <= value <= high:
@@ -360,7 +360,7 @@ def keys(*, with_aliases: bool = False) -> list[str]:
     Args:
         with_aliases: the short names too.
     """
-    names = [entry.name for entry in fields(Perturbation)]
+    names = [entry.name for entry in fields(SimulatedErrors)]
     if with_aliases:
         names += _ALIASES
 

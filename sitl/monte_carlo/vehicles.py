@@ -11,7 +11,7 @@ import numpy as np
 from onboard.arrays import Array, IntArray
 from onboard.config.fleet import Vehicle
 from sitl.monte_carlo.noise import FlightNoise
-from sitl.monte_carlo.settings import Perturbation
+from sitl.monte_carlo.settings import SimulatedErrors
 from sitl.physics import frames
 from sitl.physics.contacts import Downwash, pushed_down_each
 from sitl.physics.vehicle import STEP_S, Commands, VehicleProfile, Vehicles
@@ -25,7 +25,7 @@ _EAST_RAD = 0.5 * math.pi  # heading of body x along fleet x
 
 
 @dataclass(frozen=True, slots=True)
-class TrueMotion:
+class TrueMotions:
     """True motion of the flights in the air, fleet ENU and FLU."""
 
     position_enu_m: Array  # (F, N, 3)
@@ -48,7 +48,7 @@ class Physics:
         start_enu_m: Array,
         scripted: Array,
         noise: FlightNoise,
-        perturbation: Perturbation,
+        perturbation: SimulatedErrors,
         seeds: Sequence[int],
         wash_diameter_m: float = 0.0,
     ) -> None:
@@ -101,13 +101,13 @@ class Physics:
         rows = self._is_scripted.reshape(-1)
         states.velocity_ned_m_s[rows] = frames.swap_enu_ned(scripted.reshape(-1, 3)[rows])
 
-    def truth(self) -> TrueMotion:
+    def truth(self) -> TrueMotions:
         """Return the motion of the flights that go on."""
         states = self._vehicles.states
         acceleration_ned = self._in_the_air(states.acceleration_ned_m_s2)
         acceleration_ned[..., :2] += self._gust[..., ::-1]
 
-        return TrueMotion(
+        return TrueMotions(
             position_enu_m=frames.swap_enu_ned(self._in_the_air(states.position_ned_m)),
             velocity_enu_m_s=frames.swap_enu_ned(self._in_the_air(states.velocity_ned_m_s)),
             acceleration_enu_m_s2=frames.swap_enu_ned(acceleration_ned),
@@ -192,7 +192,7 @@ class Physics:
         return np.asarray(by_flight[self._flights])
 
 
-def _wind(count: int, perturbation: Perturbation, seed: int) -> Wind:
+def _wind(count: int, perturbation: SimulatedErrors, seed: int) -> Wind:
     """Return the wind of one flight, from a direction of its own."""
     bearing_rad = float(np.random.default_rng([seed, 6]).uniform(-math.pi, math.pi))
     speed_m_s = perturbation.wind_m_s
@@ -209,7 +209,7 @@ def _wind(count: int, perturbation: Perturbation, seed: int) -> Wind:
     return wind
 
 
-def _profile(vehicle: Vehicle, perturbation: Perturbation, draws: Array) -> VehicleProfile:
+def _profile(vehicle: Vehicle, perturbation: SimulatedErrors, draws: Array) -> VehicleProfile:
     """Return the profile of one vehicle; ``draws`` (8,) are uniform in [-1, 1)."""
     lag_factor = 1.0 + perturbation.lag_mismatch * float(draws[0])  # of dead time and 1/wn alike
     gain_factor = 1.0 + perturbation.gain * float(draws[1])

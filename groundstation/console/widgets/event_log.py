@@ -29,7 +29,7 @@ _NARROW_INDENT = 3
 
 
 @dataclass(frozen=True, slots=True)
-class LogEntry:
+class EventEntry:
     """One event."""
 
     sentence: str
@@ -39,7 +39,7 @@ class LogEntry:
     @classmethod
     def of(
         cls, sentence: str, sign: tuple[str, str], *, vehicle: str = "", stamp: str = ""
-    ) -> LogEntry:
+    ) -> EventEntry:
         """Return an entry that names its vehicle, if it does not do so already."""
         text = clean(sentence)
         if vehicle and not text.startswith(vehicle):
@@ -52,7 +52,7 @@ class EventLog(RichLog, can_focus=False):
 
     def __init__(self) -> None:
         super().__init__(id="events", max_lines=MAX_LINES, min_width=0)
-        self._entries: deque[LogEntry] = deque(maxlen=MAX_ENTRIES)
+        self._entries: deque[EventEntry] = deque(maxlen=MAX_ENTRIES)
         self._width = 0
         self.border_title = "events"
 
@@ -65,9 +65,9 @@ class EventLog(RichLog, can_focus=False):
         self, sentence: str, sign: tuple[str, str] = SEVERITY_SIGNS["info"], *, vehicle: str = ""
     ) -> None:
         """Add one sentence that happened now."""
-        self.extend([LogEntry.of(sentence, sign, vehicle=vehicle)])
+        self.extend([EventEntry.of(sentence, sign, vehicle=vehicle)])
 
-    def extend(self, entries: Iterable[LogEntry]) -> None:
+    def extend(self, entries: Iterable[EventEntry]) -> None:
         """Add entries; a log that is scrolled back stays there."""
         new = list(entries)
         self._entries.extend(new)
@@ -99,7 +99,7 @@ class EventLog(RichLog, can_focus=False):
         if below > 0:
             self.border_subtitle = f"{below} lines below"
 
-    def _write(self, entries: Iterable[LogEntry], *, is_end: bool) -> None:
+    def _write(self, entries: Iterable[EventEntry], *, is_end: bool) -> None:
         """Write entries; with ``is_end`` the log goes on showing its end."""
         has_time = self._width >= _TIME_WIDTH
         indent = _NARROW_INDENT

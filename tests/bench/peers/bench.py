@@ -24,7 +24,7 @@ from sitl.monte_carlo.law_map.cells import Cell as MapCell
 from sitl.monte_carlo.law_map.cells import changes
 from sitl.monte_carlo.law_map.flights import version
 from sitl.monte_carlo.law_map.results_file import ResultsFile
-from sitl.monte_carlo.settings import Perturbation
+from sitl.monte_carlo.settings import SimulatedErrors
 from tests.bench.peers import arena, explain, pages, pictures
 from tests.bench.peers.ablation import VARIANTS
 from tests.bench.peers.contestants import (
@@ -63,7 +63,7 @@ class Cell:
     scenario: str
     seeds: tuple[int, int]
     errors: str
-    delay_s: float = Perturbation().delay_s  # age of a message when it arrives
+    delay_s: float = SimulatedErrors().delay_s  # age of a message when it arrives
 
     def contestant(self) -> Contestant:
         """Contestant of this cell."""
@@ -78,7 +78,7 @@ def fly(cell: Cell) -> tuple[Cell, arena.Flights]:
     contestant = cell.contestant()
     sets = (
         (*contestant.sets, *_late(cell))
-        if cell.delay_s != Perturbation().delay_s
+        if cell.delay_s != SimulatedErrors().delay_s
         else contestant.sets
     )
     late = replace(contestant, sets=sets)

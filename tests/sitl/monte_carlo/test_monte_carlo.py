@@ -229,7 +229,9 @@ def test_message_is_as_old_as_it_says(delay_s, ticks):
         return states
 
     nobody = np.zeros((1, 2), bool)
-    station = radio.Radio(moved(0), nobody, settings.Perturbation(delay_s=delay_s, loss_share=0.0))
+    station = radio.Radio(
+        moved(0), nobody, settings.SimulatedErrors(delay_s=delay_s, loss_share=0.0)
+    )
     vehicles = settings.setup_for().fleet(2)
     pilots = rollout_batch.FleetPipeline(
         [pipeline_params(vehicles, name) for name in vehicles.vehicles], np.zeros((1, 2, 3))
