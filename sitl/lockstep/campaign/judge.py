@@ -186,8 +186,10 @@ class Judge:
             self.note(f"{truth.vehicle} rises by more than {self.injection.rises_m} m")
 
     def _check_action(self, name: str) -> None:
-        """The asked action, and nothing else: what is done follows from what holds and from orders
-        alone.
+        """Note a vehicle that does less than its conditions demand, or more without a reason.
+
+        The strongest demand since the newest order counts: an action is not taken back while the
+        order goes on.
         """
         core = self.flight.agents[name].core
         flight = core.flight
