@@ -111,7 +111,7 @@ ORDERS = (
         effect=effects.descend, reason="ordered"),
     Row((S.COASTING,), E.LAND, to=S.SINKING, reason="ordered"),
     Row((S.SINKING, S.PX4_LANDING), E.LAND),  # what lands already, lands
-    # What these orders ask for is the case already.
+    # These orders are done at once: the vehicle stands already.
     Row((S.LANDED,), E.LAND, ends=("done", sentences.STANDS)),
     Row(_START, E.MOVE, ends=("done", sentences.STANDS_AT_HOME)),  # `home` only, and only there
     Row((S.DISARMING,), E.LAND, when=p.px4_reports_the_ground),  # it stands, and is disarmed

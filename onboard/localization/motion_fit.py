@@ -8,7 +8,7 @@ The measure is the root of the mean square of the horizontal innovations over a 
 flights by satellites with the errors of PX4's simulator it stayed below 0.13 m; with positions
 half a second late it was 0.2 m and more.
 
-What drifts slowly fits any motion, and is not noticed.
+Positions that drift slowly fit any motion, so this does not notice them.
 """
 
 from __future__ import annotations

@@ -351,7 +351,7 @@ class OwnState:
 
     @property
     def gust_m_s(self) -> float:
-        """The same as a velocity of the air; NaN while the wind is not known."""
+        """Standard deviation of the gusts as a velocity of the air; NaN while no wind is known."""
         if math.isnan(self.wind_enu_m_s[0]):
             return math.nan
         return self.gust_m_s2 / self.vehicle.drag_1_s

@@ -199,11 +199,11 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     C.CORRECTIONS_OLD:         (GO_ON,   GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
 
     # -- PX4
-    # A pilot whose sticks are heard is not overruled: the vehicle is his, and PX4's failsafes stay.
-    # Out of a landing that a person has ordered for this vehicle he takes it as out of any other.
+    # A pilot whose sticks PX4 hears is not overruled: he flies, and PX4's own failsafes stay. He may
+    # take the vehicle out of any landing, also out of one that a person has ordered for it.
     C.FLOWN_BY_HAND:           (GO_ON,   DISARM, STOP,     STOP,     STOP,     STOP,  GO_ON),
-    # Whoever took the controls flies it, also out of PX4's landing. That landing is not commanded
-    # again then.
+    # Somebody has taken the controls, and flies. If PX4 was landing, that landing is over as well:
+    # the agent does not command it again.
     C.LEFT_OFFBOARD:           (GO_ON,   DISARM, STOP,     STOP,     STOP,     STOP,  GO_ON),
     C.PX4_FAILSAFE:            (GO_ON,   DISARM, STOP,     STOP,     STOP,     GO_ON, GO_ON),
     # The kill switch was used: never arm again by itself. In a landing it is how the landing ends.
@@ -211,7 +211,7 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     # It has forgotten modes, parameters that were not saved, and where its local origin was.
     C.REBOOTED:                (REFUSE,  DISARM, STOP,     STOP,     STOP,     STOP,  GO_ON),
     C.AUTOPILOT_SILENT:        (REFUSE,  STOP,   STOP,     STOP,     STOP,     STOP,  GO_ON),
-    # Nobody can fly by such numbers. As for a silent PX4, its own failsafe is what is left.
+    # An agent cannot fly by such numbers. PX4's own failsafe is left, as for a silent PX4.
     C.AUTOPILOT_IMPOSSIBLE:    (REFUSE,  STOP,   STOP,     STOP,     STOP,     STOP,  GO_ON),
     # Setpoints sent to it now would be obeyed late, all at once.
     C.AUTOPILOT_FROZEN:        (REFUSE,  STOP,   STOP,     STOP,     STOP,     STOP,  GO_ON),
@@ -257,11 +257,11 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     # -- bus and ground
     C.BUS_LOST:                (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
     C.BUS_LOST_LONG:           (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
-    # No start is completed without anybody. In flight it is no emergency: the order is finished,
-    # and the vehicle holds.
+    # Without a ground no start is completed. In flight a lost ground is no emergency: the vehicle
+    # finishes its order, and holds.
     C.GROUND_LOST:             (GO_ON,   DISARM, LAND,     GO_ON,    GO_ON,    GO_ON, GO_ON),
-    # Nobody comes back, and PX4's failsafe for an empty battery would land all at once, without
-    # avoidance.
+    # The ground does not come back. So the vehicles land now, under the law: PX4's failsafe for an
+    # empty battery would land all of them at once, without avoidance.
     C.GROUND_LOST_LONG:        (GO_ON,   DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
     # A take-off has time limits of its own. A landing that does not come down is left to PX4.
     C.ORDER_OVERDUE:           (GO_ON,   GO_ON,  GO_ON,    HOLD,     PX4_LAND, GO_ON, GO_ON),
@@ -274,7 +274,7 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     C.SEPARATION_PREDICTED:    (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
     # No goal is pursued without avoidance.
     C.LAW_INFEASIBLE:          (GO_ON,   GO_ON,  LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
-    # Nobody knows where it is. A vehicle that holds is at least where the others expect it.
+    # The neighbour's position is not known. A vehicle that holds is at least where others expect it.
     C.NEIGHBOUR_UNSEEN:        (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
     # It is avoided where the mocap measures it, with full responsibility on our side.
     C.NEIGHBOUR_SILENT:        (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
@@ -315,7 +315,7 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     C.PUSHED_ABOUT:            (GO_ON,   GO_ON,  GO_ON,    LAND,     GO_ON,    GO_ON, GO_ON),
     # The slower it flies, the more of the tilt is left against the wind.
     C.WIND_NEAR:               (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
-    # What is not learned moves the vehicle as nobody has commanded.
+    # The observer has learned as much as it may. The rest of the push moves the vehicle.
     C.DISTURBANCE_BOUND:       (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
 }
 # fmt: on

@@ -54,7 +54,7 @@ def fault(kind: str, duration_s: float = 0.0, **parameters: float | str) -> Inje
 
 
 def of_all(inject_one: Inject) -> Inject:
-    """The same for every vehicle at once: what they have in common fails."""
+    """Return what breaks the same thing for all vehicles at once, as where they share it."""
 
     def inject(flight: Lockstep, _name: str) -> None:
         for name in flight.config.enabled_names:
@@ -306,7 +306,7 @@ def some_wrong_report(flight: Lockstep, vehicle: str) -> None:
 
 
 def repeated(inject: Inject, count: int, every_s: float) -> Inject:
-    """The same several times."""
+    """Return what breaks the same thing several times, one after the other."""
 
     def repeat(flight: Lockstep, vehicle: str) -> None:
         for number in range(count):
