@@ -199,8 +199,8 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     C.CORRECTIONS_OLD:         (GO_ON,   GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
 
     # -- PX4
-    # A pilot whose sticks PX4 hears is not overruled: he flies, and PX4's own failsafes stay. He may
-    # take the vehicle out of any landing, also out of one that a person has ordered for it.
+    # A pilot whose sticks PX4 hears is not overruled: he flies, and PX4's own failsafes stay. He
+    # may take the vehicle out of any landing, also out of one that a person has ordered for it.
     C.FLOWN_BY_HAND:           (GO_ON,   DISARM, STOP,     STOP,     STOP,     STOP,  GO_ON),
     # Somebody has taken the controls, and flies. If PX4 was landing, that landing is over as well:
     # the agent does not command it again.
@@ -274,7 +274,7 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     C.SEPARATION_PREDICTED:    (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
     # No goal is pursued without avoidance.
     C.LAW_INFEASIBLE:          (GO_ON,   GO_ON,  LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
-    # The neighbour's position is not known. A vehicle that holds is at least where others expect it.
+    # Its position is not known. A vehicle that holds is at least where the others expect it.
     C.NEIGHBOUR_UNSEEN:        (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
     # It is avoided where the mocap measures it, with full responsibility on our side.
     C.NEIGHBOUR_SILENT:        (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
