@@ -160,9 +160,9 @@ def missing_module_words(module: str, script: str = "") -> str:
     """Return what to do about a module that a script imports and that is not here.
 
     Args:
-        module: with dots, as Python misses it: of a package that is missing only its own name.
-        script: path of the Python file, which says what it imports of the package; what is no file
-            is not read.
+        module: as Python's error names it. Where a whole package is missing, that is the package.
+        script: path of the Python file that imports it. It is read for the modules of the package
+            that it imports; a path that leads to no file is left unread.
     """
     package = module.partition(".")[0]
     wanted = _imports_of(script, package) or [module]

@@ -47,7 +47,8 @@ class OrderGate:
         Args:
             order: its deadline is on this agent's clock.
             now_ns: this agent's clock.
-            is_answered: the answer to this order is known: it begins nothing.
+            is_answered: whether the answer to this order is known, so that it begins nothing: the
+                ground may then send it once more, to be answered once more.
         Returns:
             None for a new order; otherwise what is wrong.
         """
