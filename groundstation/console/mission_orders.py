@@ -86,7 +86,7 @@ class MissionOrders:
             ground.pause()
         elif words[0] == "skip":
             return ground.leave_out_order()
-        else:  # "go" and "step"
+        else:  # "continue" and "step"
             ground.go_on(is_stepping=words[0] == "step")
         return ""
 
