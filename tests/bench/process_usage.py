@@ -30,27 +30,35 @@ def usage(pid: int) -> Usage | None:
             memory = process.memory_info()
     except psutil.Error:
         return None
-    return Usage(times.user + times.system, memory.rss / _MIB, (memory.rss - memory.shared) / _MIB)
+
+    return Usage(
+        cpu_s=times.user + times.system,
+        rss_mib=memory.rss / _MIB,
+        own_mib=(memory.rss - memory.shared) / _MIB,
+    )
 
 
 def processor_times() -> tuple[float, float]:
     """Return all and idle time of all processors so far [s]."""
     times = psutil.cpu_times()
     idle_s = times.idle + times.iowait
-    return (
-        times.user + times.nice + times.system + times.irq + times.softirq + times.steal + idle_s,
-        idle_s,
-    )
+    busy_s = times.user + times.nice + times.system + times.irq + times.softirq + times.steal
+    return busy_s + idle_s, idle_s
 
 
 def busy_share(before: tuple[float, float], after: tuple[float, float]) -> float:
     """Return the share of all processors that was busy between two :func:`processor_times`."""
-    past_s = after[0] - before[0]
-    return 1.0 - (after[1] - before[1]) / past_s if past_s > 0.0 else 0.0
+    all_before_s, idle_before_s = before
+    all_after_s, idle_after_s = after
+    past_s = all_after_s - all_before_s
+    if past_s <= 0.0:
+        return 0.0
+    return 1.0 - (idle_after_s - idle_before_s) / past_s
 
 
 def has_precedence(pid: int) -> bool:
     """Whether the first thread of a process runs before those that take turns."""
     with contextlib.suppress(OSError, AttributeError):
-        return os.sched_getscheduler(pid) & ~os.SCHED_RESET_ON_FORK in (os.SCHED_FIFO, os.SCHED_RR)
+        policy = os.sched_getscheduler(pid) & ~os.SCHED_RESET_ON_FORK
+        return policy in (os.SCHED_FIFO, os.SCHED_RR)
     return False

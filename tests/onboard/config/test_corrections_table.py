@@ -20,10 +20,12 @@ NTRIP: dict[str, object] = {
 
 def fleet_with(table: dict[str, object] | None, *, by_satellites: bool = True) -> FleetConfig:
     data = tomllib.loads((CONFIGS / "fleets" / "paper.toml").read_text())
+
     for table_of_type in data["types"].values():
         table_of_type["mocap_required"] = not by_satellites
     if table is not None:
         data["corrections"] = table
+
     return fleet_from_mapping(data, path="fleet.toml")
 
 
@@ -87,6 +89,7 @@ def test_no_vehicle_is_named_as_the_node_of_corrections():
             table["corrections"] = table.pop("mav0")
     for port, vehicle in enumerate(data["vehicles"].values(), start=7460):
         vehicle["agent"] = f"quic/127.0.0.1:{port}"
+
     with pytest.raises(ConfigError, match="'corrections'"):
         fleet_from_mapping(data, path="fleet.toml")
 

@@ -46,6 +46,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("flown")
     mission = folder / "up_and_down.toml"
     mission.write_text(_MISSION)
+
     words = ["fly", str(mission), "--lockstep", "--seed", "4", "--record", str(folder / "flight")]
     assert main([*words, "--wind-m-s", "1,-1", "--gust-m-s", "0.2", "--bus-loss", "0.05"]) == 0
     return folder / "flight"
@@ -55,7 +56,9 @@ def test_flown_again_unchanged_every_message_has_the_same_topic_time_and_bytes(
     flown: Path, tmp_path: Path
 ) -> None:
     again = tmp_path / "again"
+
     assert main(["replay", str(flown), "--resume-at", "6", "--record", str(again)]) == 0
+
     assert rows(again) == rows(flown)
     assert (again / DIGESTS_NAME).read_text() == (flown / DIGESTS_NAME).read_text()
 
@@ -64,12 +67,14 @@ def test_flown_again_unchanged_every_message_has_the_same_topic_time_and_bytes(
 def test_a_change_in_flight_leaves_all_before_it_as_it_was(flown: Path, tmp_path: Path) -> None:
     again = tmp_path / "again"
     resume_s = 7.0
+
     fly_again(
         open_recorded(flown),
         folder=again,
         resume_at_s=resume_s,
         changes=[parse_change("wind=3,0")],
     )
+
     begin_ns = min(stamp_ns for _, stamp_ns, _ in rows(flown))
     change_ns = begin_ns + round((resume_s - 0.1) * 1e9)
 
@@ -86,6 +91,7 @@ def test_a_flight_that_is_another_one_before_its_change_is_ended(
 ) -> None:
     digests = (flown / DIGESTS_NAME).read_text().splitlines()
     second, _, _ = digests[1].partition(" ")
+
     falsified = tmp_path / "falsified"
     falsified.mkdir()
     for file in flown.iterdir():
