@@ -16,7 +16,7 @@ from groundstation.missions.follow_pause import FollowPause
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.taken import FleetTaken
 from groundstation.orders.intents import Goto, Hold
-from groundstation.orders.result import OrderFailed, Results
+from groundstation.orders.result import OrderFailed, OrderResult, Results
 from groundstation.paths.checks import LOWEST_M
 from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle
@@ -54,9 +54,9 @@ async def follow(
     client.fleet.select([leader])
     ground.say(f"{', '.join(offsets)} follow {leader} for {duration_s:g} s")
 
-    last_goals: dict[str, Vec3] = {}
     end_ns = client.now_ns() + int(duration_s * 1e9)
-    last_good_ns = client.now_ns()
+    last_goals: dict[str, Vec3] = {}  # that were accepted
+    last_good_ns = client.now_ns()  # when goals were accepted, or none were due
     pause = FollowPause(ground, tuple(offsets))
     ground.follow_pauses.append(pause)
     try:
@@ -66,28 +66,40 @@ async def follow(
                 end_ns += await pause.wait()
                 last_goals = {}
                 last_good_ns = client.now_ns()
+
             goals = _goals(client, leader, offsets)
-            if not _have_moved(goals, last_goals):
-                last_good_ns = client.now_ns()
-            else:
-                taken = ground.watch.look()
-                if taken is not None:
-                    raise FleetTaken(taken)
-                goto = Goto(vehicles=tuple(goals), goals=goals)
-                order = await client.submit(goto, is_by_mission=True)
+            if _have_moved(goals, last_goals):
+                order = await _order_goals(ground, goals)
                 if not order.planned.refusals:
                     last_goals = goals
                     last_good_ns = client.now_ns()
                 elif client.now_ns() - last_good_ns > _REFUSED_S * 1e9:
                     raise OrderFailed(order.intent, dict(order.results))
+            else:
+                last_good_ns = client.now_ns()
+
             await asyncio.sleep(_PERIOD_S)
     finally:
         ground.follow_pauses.remove(pause)
         results: Results = {}
-        # who has taken the fleet has ordered them already
+        # an operator who has taken the fleet has ordered the followers already
         if ground.watch.look() is None and not pause.has_brought_home:
             results = await ground.order(Hold(vehicles=tuple(offsets)), _HOLD_S)
     return results
+
+
+async def _order_goals(ground: MissionGround, goals: dict[str, Vec3]) -> OrderResult:
+    """Send the followers to their goals; the order is judged, and nobody waits for its end.
+
+    Raises:
+        FleetTaken: an operator has taken the fleet.
+    """
+    taken = ground.watch.look()
+    if taken is not None:
+        raise FleetTaken(taken)
+
+    goto = Goto(vehicles=tuple(goals), goals=goals)
+    return await ground.client.submit(goto, is_by_mission=True)
 
 
 def present_offsets(client: FleetClient, leader: str, names: Sequence[str]) -> dict[str, Vec3]:
