@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from tests.architecture import api_reference, commands, failsafe_proofs, reference, tables
+from tests.bench import mutant_figures
 from tests.onboard.flight import explorer
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -24,6 +25,8 @@ PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
     "steps": ("flight.md", tables.steps),
     "flight": ("flight.md", tables.flight),
     "explored": ("flight.md", lambda: explorer.explore().in_words()),
+    "mutants": ("mutants.md", mutant_figures.table),
+    "accepted-mutants": ("mutants.md", mutant_figures.accepted_list),
     "alarms": ("alarms.md", tables.alarms),
     "preflight": ("preflight.md", tables.preflight),
     "parameters": ("deployment.md", tables.parameters),

@@ -7,8 +7,8 @@ that execute the changed statement, the fastest first, up to the first that fail
 A change inside a function is put into a fork of the process that has imported everything: the
 function gets another code object, and no file is written. What runs while modules are imported
 (constants, tables, defaults of arguments) has already had its effect there. A mutant of that kind
-is imported anew in a fork of a process that knows libraries only, and all tests of the room may
-run, because any of them may use the value.
+is imported anew in a fork of a process that knows libraries only. Any test of the room may use the
+value; those that execute a function of its file run first.
 
 Numba is off, so that each line is Python's.
 """
@@ -35,7 +35,10 @@ from typing import Any, NamedTuple, TypeVar
 import pytest
 
 ROOT = Path(__file__).parents[2]
-_PYTEST_WORDS = ("-q", "-s", "-p", "no:cacheprovider", "-m", "not long and not realtime")
+_PYTEST_WORDS = (
+    *("-q", "-s", "-p", "no:cacheprovider", "-m", "not long and not realtime"),
+    *("--tb=native", "--assert=plain"),  # nobody reads why a test fails
+)
 _OUR_PACKAGES = ("onboard", "groundstation", "sitl", "tests")
 # A mutant that goes on for ever is noticed by that: its tests may take so long.
 _LIMIT_AT_LEAST_S = 20.0
@@ -86,10 +89,11 @@ def verdicts(
         sys.pycache_prefix = bytecode  # what is imported again is compiled once
         trials = _Trials(mutants, root, most_s)
         with _Fork(lambda send: trials.run(paths, send)) as session:
-            durations_s: dict[str, float] | None = session.message()
-            if not durations_s:
+            sent: dict[str, tuple[float, frozenset[str]]] | None = session.message()
+            if not sent:
                 raise RoomFails("the room's tests could not be run")
-            failed = [name for name, duration_s in durations_s.items() if duration_s < 0.0]
+            tests = {name: _Summary(*summary) for name, summary in sent.items()}
+            failed = [name for name, test in tests.items() if test.duration_s < 0.0]
             if failed:
                 raise RoomFails(f"without any change these fail: {', '.join(failed)}")
 
@@ -99,9 +103,12 @@ def verdicts(
                 left.remove(index)
                 yield mutants[index], verdict == _NOTICED
 
-        chosen_s = _fastest(durations_s, most_s)
         for index in sorted(left):
-            verdict = _verdict_when_imported(mutants[index], paths, chosen_s, root)
+            file = str(root / mutants[index].file)
+            nearest_first = sorted(tests, key=lambda name: file not in tests[name].files)
+            durations_s = {name: tests[name].duration_s for name in nearest_first}
+            chosen_s = _first(durations_s, most_s)
+            verdict = _verdict_when_imported(mutants[index], chosen_s, root)
             yield mutants[index], verdict == _NOTICED
 
 
@@ -109,8 +116,15 @@ class _TracedTest(NamedTuple):
     """What a test executes of the room."""
 
     item: pytest.Item
-    duration_s: float  # negative when it failed
+    duration_s: float  # negative when it failed, infinite when it was ended
     lines: frozenset[Line]
+
+
+class _Summary(NamedTuple):
+    """What is known of a test outside of its process."""
+
+    duration_s: float  # negative when it failed
+    files: frozenset[str]  # of the mutants, that it executes a line of
 
 
 class _Trials:
@@ -143,19 +157,27 @@ class _Trials:
 
         tests = [self._trace(session, item) for item in session.items]
         tests.sort(key=lambda test: test.duration_s)
-        self._send({test.item.nodeid: test.duration_s for test in tests})
+        quick = [test for test in tests if math.isfinite(test.duration_s)]
+        summaries = {}  # no class of this module: it is imported once more in here
+        for test in quick:
+            files = frozenset(file for file, _ in test.lines)
+            summaries[test.item.nodeid] = (test.duration_s, files)
+        self._send(summaries)
 
         for index, mutant in enumerate(self._mutants):
             acts_at_imports = _executes(self._lines_of_imports, mutant, self._root)
             if acts_at_imports or not mutant.is_in_function:
                 continue
-            verdict = self._verdict(session, mutant, tests)
+            verdict = self._verdict(session, mutant, quick)
             if verdict != _NO_FUNCTION_TAKES_IT:
                 self._send((index, verdict))
         return True
 
     def _trace(self, session: pytest.Session, item: pytest.Item) -> _TracedTest:
-        """Run a test in a fork, which leaves the caches of this process cold for the next."""
+        """Run a test in a fork, which leaves the caches of this process cold for the next.
+
+        A test that alone takes longer than all tests of a mutant may is ended, and left out.
+        """
 
         def run(send: Callable[[object], None]) -> None:
             lines: set[Line] = set()
@@ -167,7 +189,8 @@ class _Trials:
             send((-1.0 if has_failed else duration_s, frozenset(lines)))
 
         with _Fork(run) as fork:
-            duration_s, lines = fork.message() or (-1.0, frozenset())
+            found = fork.message(None if math.isinf(self._most_s) else self._most_s)
+        duration_s, lines = found or (math.inf, frozenset())
         return _TracedTest(item, duration_s, lines)
 
     def _verdict(
@@ -178,7 +201,7 @@ class _Trials:
             for test in tests
             if _executes(test.lines, mutant, self._root)
         }
-        chosen_s = _fastest(durations_s, self._most_s)
+        chosen_s = _first(durations_s, self._most_s)
         if not chosen_s:
             return _SURVIVES
 
@@ -192,15 +215,14 @@ class _Trials:
             return fork.message(_limit_s(chosen_s.values())) or _NOTICED
 
 
-def _verdict_when_imported(
-    mutant: Mutant, paths: Sequence[str], durations_s: dict[str, float], root: Path
-) -> str:
-    """Return the verdict of all tests about a mutant that acts while modules are imported."""
+def _verdict_when_imported(mutant: Mutant, durations_s: dict[str, float], root: Path) -> str:
+    """Return the verdict of some tests about a mutant that acts while modules are imported."""
+    files = dict.fromkeys(name.partition("::")[0] for name in durations_s)
 
     def run(send: Callable[[object], None]) -> None:
         _prepare_process(root)
         _import_changed(mutant, root)
-        if _run_pytest(root, ["-x", *paths], plugin=_OnlyThese(list(durations_s))) == 0:
+        if _run_pytest(root, ["-x", *files], plugin=_OnlyThese(list(durations_s))) == 0:
             send(_SURVIVES)
 
     with _Fork(run) as fork:
@@ -220,7 +242,7 @@ class _OnlyThese:
         items.sort(key=lambda item: self._ranks[item.nodeid])
 
 
-def _fastest(durations_s: Mapping[_Test, float], most_s: float) -> dict[_Test, float]:
+def _first(durations_s: Mapping[_Test, float], most_s: float) -> dict[_Test, float]:
     """Return as many of the first tests as take so long together, and one at least."""
     chosen: dict[_Test, float] = {}
     for test, duration_s in durations_s.items():

@@ -6,7 +6,8 @@ a test notices.
 
 A mutant is one comparison, one word (and, or, not), one number or one call that is changed. Which
 tests each of them needs, and how it is tried, stands in `mutant_runs`. A survivor is printed with
-its line: it wants a test, or a reason why it is no mistake (`REASONS`).
+its line: it wants a test, or a reason why it is no mistake (`mutant_reasons`). `--write` keeps the
+figures of whole modules for docs/mutants.md.
 
 mutmut and cosmic-ray do the same for whole programs. The first one puts its variants beside each
 function and chooses at run time, which numba does not compile and which the tests that read the
@@ -26,6 +27,9 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
+from tests.bench import mutant_figures
+from tests.bench.mutant_figures import Measured
+from tests.bench.mutant_reasons import REASONS
 from tests.bench.mutant_runs import ROOT, Mutant, RoomFails, verdicts
 
 ROOMS = ("safety", "flight", "avoidance", "supervision")
@@ -36,40 +40,6 @@ _TESTS_ELSEWHERE = {
     "supervision": ("tests/onboard/agent",),
 }
 
-# Mutants that no test can notice, by file, line of code and change, and why not.
-REASONS = (
-    {
-        ("geofence.py", "ahead_x_m = east - x if vx > 0.0 else x - west", "Gt becomes GtE"): (
-            "who does not move along an axis needs no distance to stop, whichever wall is ahead"
-        ),
-        (
-            "geofence.py",
-            "or (vz > 0.0 and self._is_near(top - z, vz, brake_z))",
-            "Gt becomes GtE",
-        ): "who does not climb needs no distance to stop below the ceiling",
-        ("geofence.py", "ahead_y_m = north - y if vy > 0.0 else y - south", "Gt becomes GtE"): (
-            "who does not move along an axis needs no distance to stop, whichever wall is ahead"
-        ),
-    }
-    | {
-        ("wind_monitor.py", code, "Gt becomes GtE"): "no measured number lies on its limit for good"
-        for code in (
-            "is_rising = self._soon_m_s(own.wind_enu_m_s) > self._too_much_m_s",
-            "is_scattered = gust_m_s2 > COVERED_M_S2 and scatter_m > self._margin_m(gust_m_s2)",
-            "is_near=speed_m_s > self._limit_m_s,",
-            "is_above=is_rising or speed_m_s > GUSTY * self._limit_m_s,",
-            "is_at_bound=max(abs(push[0]), abs(push[1])) > self._bound_m_s2,",
-            "is_pushed_about=is_scattered or gust_m_s2 > self._largest_gust_m_s2,",
-        )
-    }
-    | {
-        (
-            "wind_monitor.py",
-            "self._earlier_enu_m_s = (0.0, 0.0)  # the mean wind, later by the time of a rise",
-            "0.0 becomes larger",
-        ): "the first look replaces it",
-    }
-)
 _COUNTED = 1000  # whole numbers below are counts, others are nanoseconds
 
 _COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
@@ -181,7 +151,11 @@ def _reason(mutant: Mutant) -> str | None:
     """Return why no test can notice a mutant; None where one should."""
     lines = (ROOT / mutant.file).read_text(encoding="utf-8").splitlines()
     code = lines[mutant.line - 1].strip()
-    return REASONS.get((mutant.file.name, code, mutant.change))
+    return REASONS.get((_below_onboard(mutant), code, mutant.change))
+
+
+def _below_onboard(mutant: Mutant) -> str:
+    return mutant.file.relative_to("onboard").as_posix()
 
 
 def main(words: Sequence[str]) -> int:
@@ -194,20 +168,27 @@ def main(words: Sequence[str]) -> int:
         "--seconds", type=float, default=math.inf, help="of tests for each, without the slowest"
     )
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--write", action="store_true", help="keep the figures for the docs")
     options = parser.parse_args(words)
 
     files = sorted((ROOT / "onboard" / options.room).glob(f"{options.module}.py"))
     mutants = [one for file in files for one in mutants_of(file.relative_to(ROOT))]
     count = len(mutants)
+    if options.write and options.sample is not None:
+        parser.error("--write takes whole modules: leave --sample out")
     if options.sample is not None:
         mutants = random.Random(options.seed).sample(mutants, min(options.sample, count))
 
     try:
         tried = _tried(options.room, mutants, options.seconds)
-        return _print_all(tried, len(mutants), count)
+        survivors = _print_all(tried, len(mutants), count)
     except RoomFails as reason:
         print(f"Mutants would prove nothing, because {reason}.")
         return 1
+
+    if options.write:
+        mutant_figures.keep(_by_module(mutants, survivors))
+    return int(any(_reason(mutant) is None for mutant in survivors))
 
 
 def _tried(room: str, mutants: Sequence[Mutant], most_s: float) -> Iterator[tuple[Mutant, bool]]:
@@ -223,28 +204,39 @@ def _tried(room: str, mutants: Sequence[Mutant], most_s: float) -> Iterator[tupl
         yield from verdicts(elsewhere, left, most_s=most_s)
 
 
-def _print_all(tried: Iterator[tuple[Mutant, bool]], wanted: int, count: int) -> int:
-    """Print the survivors, and now and then how far it is."""
+def _print_all(tried: Iterator[tuple[Mutant, bool]], wanted: int, count: int) -> list[Mutant]:
+    """Print the survivors, and now and then how far it is; return them."""
     begin_s = time.monotonic()
-    survivors = 0
-    listed = 0
+    survivors = []
     for number, (mutant, is_noticed) in enumerate(tried, start=1):
         if not is_noticed:
+            survivors.append(mutant)
             place = f"{mutant.file}:{mutant.line}: {mutant.change}"
             reason = _reason(mutant)
-            if reason is None:
-                survivors += 1
-                print(place, flush=True)
-            else:
-                listed += 1
-                print(f"({place}: {reason})", flush=True)
+            print(place if reason is None else f"({place}: {reason})", flush=True)
         if number % _PROGRESS_EVERY == 0:
             passed_s = time.monotonic() - begin_s
             print(f"... {number} of {wanted} tried in {passed_s:.0f} s", flush=True)
 
-    noticed = wanted - survivors - listed
+    listed = sum(_reason(mutant) is not None for mutant in survivors)
     print(
-        f"{noticed} of {wanted} mutants were noticed, {listed} survive for a reason; "
-        f"{count} there are."
+        f"{wanted - len(survivors)} of {wanted} mutants were noticed, "
+        f"{listed} survive for a reason; {count} there are."
     )
-    return int(survivors > 0)
+    return survivors
+
+
+def _by_module(mutants: Sequence[Mutant], survivors: Sequence[Mutant]) -> dict[str, Measured]:
+    """Return the figures of each module."""
+    measured = {}
+    for file in dict.fromkeys(_below_onboard(mutant) for mutant in mutants):
+        count = sum(_below_onboard(mutant) == file for mutant in mutants)
+        surviving = [mutant for mutant in survivors if _below_onboard(mutant) == file]
+        unexplained = [mutant for mutant in surviving if _reason(mutant) is None]
+        measured[file] = Measured(
+            mutants=count,
+            noticed=count - len(surviving),
+            accepted=len(surviving) - len(unexplained),
+            survivors=tuple(f"{mutant.line}: {mutant.change}" for mutant in unexplained),
+        )
+    return measured

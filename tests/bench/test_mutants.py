@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.bench.mutant_runs import RoomFails, verdicts
-from tests.bench.mutants import mutants_of
+from tests.bench.mutant_figures import kept
+from tests.bench.mutant_reasons import ACCEPTED
+from tests.bench.mutant_runs import ROOT, RoomFails, verdicts
+from tests.bench.mutants import ROOMS, mutants_of
 
 GEOFENCE = Path("onboard/safety/geofence.py")
 
@@ -57,6 +59,23 @@ def test_the_statement_around_a_change_and_when_it_is_executed_are_known(tmp_pat
     assert found[2, "3 becomes larger"] == (2, 2, False)
     assert found[6, "Gt becomes GtE"] == (6, 6, True)
     assert found[9, "2 becomes larger"] == (9, 10, True)
+
+
+def test_each_accepted_mutant_is_one_of_its_file() -> None:
+    for accepted in ACCEPTED:
+        file = Path("onboard") / accepted.file
+        lines = (ROOT / file).read_text(encoding="utf-8").splitlines()
+        there = {(lines[mutant.line - 1].strip(), mutant.change) for mutant in mutants_of(file)}
+        for mutant in accepted.mutants:
+            assert mutant in there, (accepted.file, mutant)
+
+
+def test_each_module_of_the_rooms_is_measured() -> None:
+    for room in ROOMS:
+        for path in (ROOT / "onboard" / room).glob("*.py"):
+            file = path.relative_to(ROOT)
+            if any(mutants_of(file)):
+                assert file.relative_to("onboard").as_posix() in kept()
 
 
 @pytest.mark.long

@@ -288,6 +288,17 @@ def test_it_is_at_its_goal_within_a_distance_and_below_a_speed_that_gusts_widen(
     assert not arrival.is_at_rest(seen(9.0, 1.5 * below_m_s + 1e-9), vehicle)
 
 
+def test_at_the_limits_themselves_it_is_not_at_its_goal_and_does_not_rest() -> None:
+    origin = (0.0, 0.0, 0.0)
+    beside = _view(position_enu_m=(0.12, 0.0, 0.0))
+    quick = _view(position_enu_m=origin, velocity_enu_m_s=(0.1, 0.0, 0.0))
+    quicker = _view(position_enu_m=origin, velocity_enu_m_s=(1.5 * 0.1, 0.0, 0.0))
+    assert not arrival.is_at(beside, origin, _VEHICLE)
+    assert not arrival.is_at(quick, origin, _VEHICLE)
+    assert not arrival.is_at_rest(quicker, _VEHICLE)
+    assert arrival.has_turned(_view(yaw_rad=math.radians(10.0)), 0.0)
+
+
 def test_calm_air_widens_nothing() -> None:
     assert arrival.moved_by_gusts(0.0) == (0.0, 0.0)
     assert arrival.moved_by_gusts(0.1) == (0.0, 0.0)
