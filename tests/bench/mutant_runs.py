@@ -164,11 +164,15 @@ class _Trials:
             summaries[test.item.nodeid] = (test.duration_s, files)
         self._send(summaries)
 
+        # looked up once: to look at all objects in each fork would copy all of the memory
+        functions = _functions_of(self._files)
+        gc.freeze()
+        gc.disable()
         for index, mutant in enumerate(self._mutants):
             acts_at_imports = _executes(self._lines_of_imports, mutant, self._root)
             if acts_at_imports or not mutant.is_in_function:
                 continue
-            verdict = self._verdict(session, mutant, quick)
+            verdict = self._verdict(session, mutant, quick, functions)
             if verdict != _NO_FUNCTION_TAKES_IT:
                 self._send((index, verdict))
         return True
@@ -181,11 +185,11 @@ class _Trials:
 
         def run(send: Callable[[object], None]) -> None:
             lines: set[Line] = set()
-            begin_s = time.perf_counter()
+            begin_s = time.process_time()  # of the processor, which others may use too
             sys.settrace(_tracer(self._files, lines))
             has_failed = _has_a_failure(session, [item])
             sys.settrace(None)
-            duration_s = time.perf_counter() - begin_s
+            duration_s = time.process_time() - begin_s
             send((-1.0 if has_failed else duration_s, frozenset(lines)))
 
         with _Fork(run) as fork:
@@ -194,7 +198,11 @@ class _Trials:
         return _TracedTest(item, duration_s, lines)
 
     def _verdict(
-        self, session: pytest.Session, mutant: Mutant, tests: Sequence[_TracedTest]
+        self,
+        session: pytest.Session,
+        mutant: Mutant,
+        tests: Sequence[_TracedTest],
+        functions: Collection[FunctionType],
     ) -> str:
         durations_s = {
             test.item: test.duration_s
@@ -206,7 +214,7 @@ class _Trials:
             return _SURVIVES
 
         def run(send: Callable[[object], None]) -> None:
-            if not _put_into_functions(mutant, self._root):
+            if not _put_into_functions(mutant, functions, self._root):
                 send(_NO_FUNCTION_TAKES_IT)
             elif not _has_a_failure(session, list(chosen_s)):
                 send(_SURVIVES)
@@ -288,15 +296,24 @@ def _has_a_failure(session: pytest.Session, items: Sequence[pytest.Item]) -> boo
     return False
 
 
-def _put_into_functions(mutant: Mutant, root: Path) -> bool:
+def _functions_of(files: Collection[str]) -> list[FunctionType]:
+    """Return all functions that some files have defined so far."""
+    return [
+        one
+        for one in gc.get_objects()
+        if type(one) is FunctionType and one.__code__.co_filename in files
+    ]
+
+
+def _put_into_functions(mutant: Mutant, functions: Collection[FunctionType], root: Path) -> bool:
     """Give the functions of a file their changed code; return False where Python refuses it,
     because a function would then use other variables of the one around it.
     """
     file = str(root / mutant.file)
     changed = compile(mutant.make_tree(), file, "exec", dont_inherit=True)
     code_at = {_place_of(code): code for code in _codes(changed)}
-    for function in gc.get_objects():
-        if type(function) is FunctionType and function.__code__.co_filename == file:
+    for function in functions:
+        if function.__code__.co_filename == file:
             try:
                 function.__code__ = code_at[_place_of(function.__code__)]
             except (KeyError, ValueError):

@@ -127,8 +127,7 @@ def _apply(place: ast.AST, change: str) -> None:
     elif isinstance(place, ast.BoolOp):
         place.op = ast.Or() if isinstance(place.op, ast.And) else ast.And()
     elif isinstance(place, ast.UnaryOp):
-        place.op = ast.UAdd()
-        place.operand = ast.Call(ast.Name("bool", ast.Load()), [place.operand], [])
+        place.operand = ast.UnaryOp(ast.Not(), place.operand)  # not not: still a truth value
     elif isinstance(place, ast.Constant):
         assert isinstance(place.value, int | float)
         place.value = _larger(place.value)

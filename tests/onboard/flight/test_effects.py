@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.autopilot import Snapshot
-from onboard.bus.schema import Order, OrderKind
+from onboard.bus.schema import Order, OrderKind, PathOrder
 from onboard.control.path import path_of
 from onboard.control.vertical import vertical_s
 from onboard.flight import effects, state_machine
@@ -140,9 +140,10 @@ def test_slowed_down_it_flies_the_rest_at_a_quarter_of_its_speed_with_more_time(
 def test_it_stops_at_a_height_between_its_own_and_the_ordered_one(
     own_m: float, goal_m: float, climbs_m_s: float, stop_m: float
 ) -> None:
-    flight = _flight(goal=Goal(Vec3(0.0, 0.0, goal_m), 0.0, 1))
+    flight = _flight(goal=Goal(Vec3(0.0, 0.0, goal_m), 9.0, 1))
     effects.stop_here(flight, _view(z=own_m, velocity_enu_m_s=(0.0, 0.0, climbs_m_s)))
     assert flight.goal.position_enu_m == pytest.approx((0.0, 0.0, stop_m))
+    assert flight.goal.duration_s == 0.0
 
 
 # -- a path ----------------------------------------------------------------------------------------
@@ -158,9 +159,12 @@ def _straight() -> PathFlight:
 def test_the_goal_of_a_path_is_its_end_and_it_can_be_flown_to_straight() -> None:
     flight = _flight(step=FlightStep.PATH, path=_straight())
     assert flight.goal_position_enu_m == pytest.approx((2.0, 0.0, 1.0))
+    assert _flight(step=FlightStep.LEG, path=_straight()).goal_position_enu_m == (0.0, 0.0, 1.0)
+    assert _flight(step=FlightStep.PATH).goal_position_enu_m == (0.0, 0.0, 1.0)
 
     effects.skip_to_end(flight, _view(-1.0))
     assert flight.goal.position_enu_m == pytest.approx((2.0, 0.0, 1.0))
+    assert flight.goal.duration_s == 0.0
     assert (flight.goal.sequence, flight.leg_count) == (2, 1)
     alone_s = 1.9 * 3.0 / _VEHICLE.max_speed_m_s
     assert _limit_s(flight) == pytest.approx(30.0 + 3.0 * alone_s)
@@ -170,6 +174,20 @@ def test_it_stays_where_its_path_has_come_to() -> None:
     flight = _flight(step=FlightStep.PATH, path=_straight())
     effects.stay_at_end(flight, _view())
     assert flight.goal.position_enu_m == pytest.approx((1.0, 0.0, 1.0))
+    assert flight.goal.duration_s == 0.0
+
+
+def test_a_path_begins_at_its_begin_and_its_goal_goes_on_with_its_clock() -> None:
+    begins = PathOrder(path_id="p", show_id="s", start_ns=_NOW_NS, on_lag="hold")
+    flight = _flight(order=_order("follow_path", path=begins), path=_straight())
+    effects.begin_path(flight, _view(after_s=0.0))
+    assert (flight.path.show_id, flight.leg_count) == ("s", 1)
+    assert (flight.goal.sequence, flight.goal.is_on_path) == (2, True)
+    assert flight.goal.position_enu_m == pytest.approx((_VEHICLE.lag_s, 0.0, 1.0))
+
+    effects.follow_path(flight, _view(after_s=0.5, period_s=0.5))
+    assert flight.goal.sequence == 2
+    assert flight.goal.position_enu_m == pytest.approx((0.5 + _VEHICLE.lag_s, 0.0, 1.0))
 
 
 def test_a_failsafe_asks_for_a_slow_second() -> None:

@@ -57,6 +57,10 @@ def test_the_first_tick_takes_the_time_since_the_start_and_the_next_add_to_it() 
     flight.advance(_ns(9.0), 0.1, _HERE, None)
     assert flight.time_s == pytest.approx(0.6)
 
+    soon = _flight(time_s=1.0)
+    soon.advance(_ns(0.05), 0.1, _HERE, None)
+    assert soon.time_s == pytest.approx(1.1)
+
 
 @pytest.mark.parametrize(
     ("changes", "others", "target"),
@@ -268,15 +272,19 @@ def _refused_path(*pieces: list[float]) -> str | None:
     return path_flight.part_refusal(PathFlight(), order, _VEHICLE, _FLEET)
 
 
-def _from_rest(top_m_s: float) -> list[float]:
-    """A piece of 4 s from rest to rest, whose speed is largest in its middle."""
-    s = top_m_s / 6.0  # x' = 6 s (u - u^2) 4, with u = t / 4
-    return _piece(4.0, [0.0, 0.0, 3.0 * s, -0.5 * s], 1.0)
+def _from_rest(top_m_s: float, duration_s: float) -> list[float]:
+    """A piece from rest to rest, whose speed is largest in its middle: 2 a t + 3 b t^2."""
+    a = 2.0 * top_m_s / duration_s
+    b = -2.0 * a / (3.0 * duration_s)
+    return _piece(duration_s, [0.0, 0.0, a, b])
 
 
 def test_a_path_is_refused_for_its_height_its_speed_its_ends_and_the_fence() -> None:
     top_m_s = _VEHICLE.max_speed_m_s
-    assert _refused_path(_from_rest(1.0)) is None
+    assert _refused_path(_from_rest(0.9 * top_m_s, 0.5)) is None
+    turning = _piece(4.0, [])
+    turning[1 + 3 * 8 + 1] = 9.0  # rad/s of yaw, which are no speed
+    assert _refused_path(turning) is None
     faster = _refused_path(_piece(2.0, [0.0, 0.06]))
     assert faster is not None
     assert "begin and end at rest" in faster
@@ -299,7 +307,8 @@ def test_a_path_is_refused_for_its_height_its_speed_its_ends_and_the_fence() -> 
 @pytest.mark.parametrize(
     ("wait_s", "away_m", "words"),
     [
-        (10.0, 0.49, None),
+        (10.0, 0.5, None),
+        (0.05, 0.0, None),
         (10.0, 0.51, "from the begin of its path"),
         (0.0, 0.0, "would begin in 0.0 s"),
         (59.9, 0.0, None),
@@ -309,7 +318,8 @@ def test_a_path_is_refused_for_its_height_its_speed_its_ends_and_the_fence() -> 
 def test_a_path_begins_within_a_minute_and_where_the_vehicle_is(
     wait_s: float, away_m: float, words: str | None
 ) -> None:
-    flight = _flight(path_id="p", show_id="")
+    moving = path_of([_piece(4.0, [0.0, 1.0])])
+    flight = _flight(path=moving, path_id="p", show_id="")
     order = PathOrder(path_id="p", show_id="s", start_ns=_ns(wait_s))
     refused = path_flight.start_refusal(flight, order, _START_NS, (away_m, 0.0, 1.0))
     if words is None:

@@ -1,0 +1,578 @@
+"""The law's functions one by one, with numbers that can be checked by hand.
+
+The oracle of test_law_oracle.py has the same formulas and compares whole outputs. Here each limit
+stands once more, as a literal, and each function is looked at on both sides of it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from onboard.avoidance import constraints, half_planes, heights, oist, pairs, prediction
+from onboard.avoidance import params as p
+from onboard.avoidance.constraints import Constraint
+from onboard.avoidance.half_planes import HalfPlane
+from onboard.avoidance.heights import Climb
+from onboard.avoidance.pairs import NeighbourPair, Own
+from onboard.avoidance.params import Capsule
+from onboard.avoidance.projection import INACTIVE, RELAXED, SATURATED
+from onboard.vectors import ZERO_2, Vec2, Vec3
+from tests.onboard.avoidance.law_cases import law_of, neighbour_of
+
+_NAN = math.nan
+_PARAMS = law_of()
+_SPACING = _PARAMS.spacing
+_APART = _SPACING._replace(vertical_separation_m=1.0)
+_NO_ROW = HalfPlane(ZERO_2, -math.inf)
+
+
+def _own(**changes: Any) -> Own:
+    """A vehicle at rest at the origin that wants nothing."""
+    own = Own(
+        position_m=ZERO_2,
+        velocity_m_s=ZERO_2,
+        intent_m_s=ZERO_2,
+        margin_2_m2=0.0,
+        thrust_m_s2=ZERO_2,
+        thrust_z_m_s2=9.81,
+        compensation_m_s2=ZERO_2,
+        radius_m_s2=4.0,
+        climb=Climb(2.0, 2.0, 0.0, 0.0, 0.0),
+        has_motion=True,
+        is_usable=True,
+    )
+    return own._replace(**changes)
+
+
+def _pair(**changes: Any) -> NeighbourPair:
+    """A cooperative neighbour, two metres to the west, to which nobody moves."""
+    pair = NeighbourPair(
+        e=Vec2(2.0, 0.0),
+        w=ZERO_2,
+        command_m_s2=ZERO_2,
+        intent_m_s=ZERO_2,
+        d_m=1.0,
+        distance_2_m2=4.0,
+        crowd_count=0.0,
+        is_near=False,
+        is_cooperative=True,
+        table_index=3,
+    )
+    return pair._replace(**changes)
+
+
+# -- the memory of the law -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("held_s", "speed_m_s", "intent_m_s", "is_active", "later_s"),
+    [
+        (1.0, 0.0, 0.5, True, 1.1),
+        (1.0, 0.0, 0.5, False, 0.0),
+        (1.0, 0.0, 0.199, True, 0.0),  # intends next to nothing
+        (1.0, 0.0, 0.201, True, 1.1),
+        (1.0, 0.1, 0.5, True, 0.0),  # gets on with a fifth of what it intends
+        (1.0, 0.099, 0.5, True, 1.1),
+        (1.0, -0.4, 0.5, True, 1.1),
+        (2.89, 0.0, 0.5, True, 2.99),
+        (2.9, 0.0, 0.5, True, -5.0),
+        (-5.0, 0.0, 0.5, True, -4.9),
+        (-0.05, 9.0, 0.0, False, 0.0),
+    ],
+)
+def test_who_is_held_for_three_seconds_calls_for_a_roundabout_for_five(
+    held_s: float, speed_m_s: float, intent_m_s: float, is_active: bool, later_s: float
+) -> None:
+    own = _own(velocity_m_s=Vec2(speed_m_s, 0.0), intent_m_s=Vec2(intent_m_s, 0.0))
+    assert oist.held(held_s, own, is_active, 0.1) == pytest.approx(later_s)
+
+
+def test_the_share_of_relaxed_ticks_follows_within_a_third_of_a_second() -> None:
+    assert oist.relaxed_share(0.0, RELAXED, 0.02) == pytest.approx(0.07)
+    assert oist.relaxed_share(1.0, SATURATED, 0.02) == pytest.approx(0.93)
+    assert oist.relaxed_share(0.5, INACTIVE, 0.04) == pytest.approx(0.5 * 0.93**2)
+
+
+@pytest.mark.parametrize(
+    ("jam", "relaxed", "share"),
+    [("slow", 0.0, 1.0), ("slow", 0.4, 0.4), ("slow", 1.0, 0.1), ("ignore", 1.0, 1.0)],
+)
+def test_relaxed_rows_slow_the_pursuit(jam: str, relaxed: float, share: float) -> None:
+    memory = oist.initial()._replace(relaxed_share=relaxed)
+    assert oist.speed_share(memory, law_of(jam=jam)) == pytest.approx(share)
+
+
+def test_the_memory_begins_without_a_bound() -> None:
+    memory = oist.initial()
+    assert memory[1:] == (0.0, 0.0, 1.0, math.inf)
+    assert len(memory.commands) == prediction.SLOTS
+
+
+def test_who_is_most_violated_is_named_and_rounding_is_not() -> None:
+    def one(violation_m_s2: float, index: int) -> Constraint:
+        return Constraint(_NO_ROW, _NO_ROW, False, violation_m_s2, index)
+
+    assert oist.most_violating([]) == -1
+    assert oist.most_violating([one(1e-10, 4), one(-3.0, 5)]) == -1
+    assert oist.most_violating([one(1.1e-10, 4)]) == 4
+    assert oist.most_violating([one(0.5, 4), one(0.7, 5), one(0.7, 6)]) == 5
+
+
+@pytest.mark.parametrize(
+    ("is_cooperative", "bound_m_s2", "flees"),
+    [(False, -3.9, True), (False, -4.0, False), (True, -3.9, False)],
+)
+def test_only_from_who_does_not_cooperate_and_matters_any_speed_will_do(
+    is_cooperative: bool, bound_m_s2: float, flees: bool
+) -> None:
+    rows = [HalfPlane(Vec2(1.0, 0.0), bound_m_s2)]
+    assert oist.is_fleeing(_own(), [_pair(is_cooperative=is_cooperative)], rows) is flees
+
+
+# -- rows ------------------------------------------------------------------------------------------
+
+
+def test_the_bounds_of_the_paper_in_numbers() -> None:
+    e, w = Vec2(2.0, 1.0), Vec2(-1.0, 0.5)
+    # -|w|^2 - (k_1 + k_2) e.w - k_1 k_2 (|e|^2 - d^2) / 2
+    bound = constraints.separating_bound(e, w, 1.0, 2.0, 3.0)
+    assert bound == pytest.approx(-1.25 + 5.0 * 1.5 - 3.0 * 4.0)
+
+    gains = _PARAMS.gains._replace(kappa_3_1_s=2.0, kappa_4_1_s=3.0)
+    v = Vec2(0.5, 1.0)
+    # -w x v - k_3 2 e.w - k_4 (e x v - d v_perp + k_3 (|e|^2 - d^2))
+    left = constraints.h_2(e, w, v, 1.0, 0.4, 1.0, gains)
+    assert left == pytest.approx(1.25 + 2.0 * 3.0 - 3.0 * (1.5 - 0.4 + 2.0 * 4.0))
+    right = constraints.h_2(e, w, v, 1.0, 0.4, -1.0, gains)
+    assert right == pytest.approx(-1.25 + 2.0 * 3.0 - 3.0 * (-1.5 - 0.4 + 2.0 * 4.0))
+
+
+def test_rows_are_divided_by_the_distance_to_keep() -> None:
+    assert constraints.radial(Vec2(3.0, 4.0), 6.0, 2.0) == (Vec2(1.5, 2.0), 3.0)
+    assert constraints.orthoradial(Vec2(3.0, 4.0), 1.0, 6.0, 2.0) == (Vec2(-2.0, 1.5), 3.0)
+    assert constraints.orthoradial(Vec2(3.0, 4.0), -1.0, 6.0, 2.0) == (Vec2(2.0, -1.5), 3.0)
+
+
+@pytest.mark.parametrize(
+    ("responsibility", "is_cooperative", "pull_m_s2", "share", "whole_pull"),
+    [
+        ("full", True, 1.0, 1.0, 1.0),
+        ("half", True, 1.0, 0.5, 0.0),
+        ("half", False, 1.0, 1.0, 1.0),
+        ("shortfall", False, 1.0, 1.0, 1.0),
+    ],
+)
+def test_how_much_of_a_distance_a_vehicle_takes_on_itself(
+    responsibility: str, is_cooperative: bool, pull_m_s2: float, share: float, whole_pull: float
+) -> None:
+    law = law_of(responsibility=responsibility)
+    pair = _pair(is_cooperative=is_cooperative, command_m_s2=Vec2(pull_m_s2, 0.0))
+    k_1, k_2 = law.gains.kappa_1_1_s, law.gains.kappa_2_1_s
+    needed = -1.5 * k_1 * k_2
+    row = constraints.distance_row(pair, 1.0, law)
+    assert row.bound_m_s2 == pytest.approx(share * needed + 2.0 * pull_m_s2 * whole_pull)
+
+
+@pytest.mark.parametrize("pull_m_s2", [-50.0, 50.0])
+def test_what_the_other_one_does_not_deliver_is_taken_over_in_part(pull_m_s2: float) -> None:
+    law = law_of(responsibility="shortfall")
+    needed = -1.5 * law.gains.kappa_1_1_s * law.gains.kappa_2_1_s
+    row = constraints.distance_row(_pair(command_m_s2=Vec2(pull_m_s2, 0.0)), 1.0, law)
+    missing = max(0.0, 0.5 * needed + 2.0 * pull_m_s2)
+    assert row.bound_m_s2 == pytest.approx(0.5 * needed + law.gains.shortfall_gain * missing)
+
+
+def test_the_promise_is_no_more_than_the_distance_to_keep() -> None:
+    near = _pair(d_m=0.5)
+    assert constraints.promised_row(near, _PARAMS) == constraints.distance_row(near, 0.5, _PARAMS)
+    far = _pair(d_m=3.0)
+    assert constraints.promised_row(far, _PARAMS) == constraints.distance_row(far, 0.8, _PARAMS)
+
+
+@pytest.mark.parametrize(
+    ("e", "intent", "share"),
+    [
+        ((2.0, 0.0), (-1.0, 0.0), 1.0),
+        ((2.0, 0.0), (1.0, 0.0), 0.0),  # they part
+        ((2.0, 0.0), (0.0, 1.0), 0.0),
+        ((2.0, 0.0), (-1e-7, 0.0), 0.0),
+        ((2.0, 0.0), (-0.15, 0.0), 0.5),
+        ((2.0, 0.7), (-1.0, 0.0), 1.0),  # the ways pass at 0.7 d: in full up to there
+        ((2.0, 0.8), (-1.0, 0.0), 0.5),
+        ((2.0, -0.8), (-1.0, 0.0), 0.5),
+        ((2.0, 0.9), (-1.0, 0.0), 0.0),
+    ],
+)
+def test_how_far_two_ways_come_too_near(
+    e: tuple[float, float], intent: tuple[float, float], share: float
+) -> None:
+    found = constraints.conflict(Vec2(*e), Vec2(*intent), 1.0)
+    assert found == pytest.approx(share, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("direction", "is_crowded", "intent", "sign"),
+    [
+        (p.DIRECTION_FIXED, False, (0.0, -9.0), 1.0),
+        (p.DIRECTION_PAIR, False, (0.0, -9.0), -1.0),
+        (p.DIRECTION_PAIR, True, (0.0, -9.0), -1.0),
+        (p.DIRECTION_CROWD, True, (0.0, -9.0), 1.0),
+        (p.DIRECTION_CROWD, False, (0.0, -9.0), -1.0),
+        (p.DIRECTION_INTENT, True, (0.0, -9.0), 1.0),
+        (p.DIRECTION_INTENT, False, (0.0, 9.0), 1.0),
+        (p.DIRECTION_INTENT, False, (-1.0, -0.12), 1.0),  # hardly clockwise: undecided
+        (p.DIRECTION_INTENT, False, (-1.0, -0.13), -1.0),
+        (p.DIRECTION_INTENT, False, (0.0, -0.0124), 1.0),  # slow: as with 0.1 m/s
+        (p.DIRECTION_INTENT, False, (0.0, -0.0126), -1.0),
+    ],
+)
+def test_the_side_of_a_turn(
+    direction: int, is_crowded: bool, intent: tuple[float, float], sign: float
+) -> None:
+    found = constraints.turn_sign(Vec2(2.0, 0.0), Vec2(*intent), 1.0, is_crowded, direction)
+    assert found == sign
+
+
+@pytest.mark.parametrize(
+    ("rotation", "violation_m_s2", "intent", "strength"),
+    [
+        ("always", -9.0, 0.0, 1.0),
+        ("never", 9.0, -1.0, 0.0),
+        ("violated", -9.0, -1.0, 0.0),
+        ("violated", 1e-10, -1.0, 0.0),
+        ("violated", 0.25, 0.0, 0.5),
+        ("violated", 9.0, 0.0, 1.0),
+        ("ahead", -9.0, -1.0, 1.0),
+        ("ahead", 0.25, -0.03, 0.5),
+        ("ahead", 0.25, -0.24, 0.8),
+    ],
+)
+def test_how_much_of_a_turn_counts(
+    rotation: str, violation_m_s2: float, intent: float, strength: float
+) -> None:
+    law = law_of(rotation=rotation)
+    law = law._replace(gains=law.gains._replace(rotation_fade_m_s2=0.5))
+    pair = _pair(intent_m_s=Vec2(intent, 0.0))
+    found = constraints.turning_strength(violation_m_s2, pair, law)
+    assert found == pytest.approx(strength)
+
+
+def test_the_row_of_the_speed_and_what_can_bind() -> None:
+    row = constraints.speed_row(Vec2(3.0, 4.0), 6.0)
+    assert row.normal == pytest.approx((-0.6, -0.8))
+    assert row.bound_m_s2 == pytest.approx(-4.0)
+
+    two_long = Vec2(2.0, 0.0)
+    assert constraints.can_bind(HalfPlane(two_long, -5.9), 3.0)
+    assert not constraints.can_bind(HalfPlane(two_long, -6.0), 3.0)
+    assert constraints.faded(HalfPlane(two_long, 4.0), Vec2(1.0, 0.0), 0.25) == (two_long, 2.5)
+
+
+# -- pairs -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("std", "known"), [(0.3, 0.3), (-0.3, 0.3), (5e3, 1e3), (math.inf, 0.0), (_NAN, 0.0)]
+)
+def test_a_standard_deviation_is_bounded(std: float, known: float) -> None:
+    assert pairs.known(std) == known
+
+
+def test_the_distance_to_keep_in_numbers() -> None:
+    spacing = _SPACING._replace(
+        safety_distance_m=0.8,
+        margin_m=0.1,
+        margin_floor_m=0.05,
+        uncooperative_margin_m=0.3,
+        sigma_position=4.0,
+        sigma_velocity_s=2.0,
+    )
+    assert pairs.margin_2(0.1, 0.2, spacing) == pytest.approx(0.4**2 + 0.4**2)
+
+    exact = neighbour_of((0.0, 0.0, 0.0))
+    assert pairs.design_distance(0.0, exact, spacing) == pytest.approx(0.9)
+    rough = exact._replace(position_std_m=0.1)
+    assert pairs.design_distance(0.09, rough, spacing) == pytest.approx(0.85 + 0.5)
+    unknown = exact._replace(position_std_m=900.0)
+    assert pairs.design_distance(0.0, unknown, spacing) == pytest.approx(5.8)
+    alone = rough._replace(is_cooperative=False)
+    assert pairs.design_distance(0.09, alone, spacing) == pytest.approx(0.85 + 0.5 + 0.3)
+    fixed = spacing._replace(sigma_position=0.0)
+    assert pairs.design_distance(0.09, rough, fixed) == pytest.approx(0.9)
+
+
+def test_what_coincides_is_separated_along_the_relative_velocity() -> None:
+    assert pairs.separated(Vec2(1e-6, 0.0), Vec2(0.0, 9.0)) == (1e-6, 0.0)
+    assert pairs.separated(ZERO_2, Vec2(0.0, 9.0)) == pytest.approx((0.0, 1e-6))
+    assert pairs.separated(ZERO_2, Vec2(-2e-6, 0.0)) == pytest.approx((-1e-6, 0.0))
+    assert pairs.separated(ZERO_2, Vec2(0.0, 1e-6)) == (1e-6, 0.0)
+
+
+def test_the_nearest_come_first_and_equal_ones_as_they_come() -> None:
+    assert pairs.ascending([]) == []
+    assert pairs.ascending([3.0, 1.0, 2.0, 1.0, 0.5]) == [4, 1, 3, 2, 0]
+
+
+@pytest.mark.parametrize(
+    ("position", "e", "w"),
+    [
+        ((1.0, 2.0), (0.0, 2.0), (0.0, 0.5)),  # beside the edge only the speed towards it counts
+        ((5.0, 2.0), (1.0, 2.0), (0.7, 0.5)),
+        ((-1.0, 2.0), (-1.0, 2.0), (0.7, 0.5)),
+        ((4.0, 2.0), (0.0, 2.0), (0.7, 0.5)),
+        ((0.0, 2.0), (0.0, 2.0), (0.7, 0.5)),
+    ],
+)
+def test_the_nearest_point_of_an_edge(
+    position: tuple[float, float], e: tuple[float, float], w: tuple[float, float]
+) -> None:
+    edge = Capsule(Vec2(0.0, 0.0), Vec2(4.0, 0.0), 0.3)
+    surface = pairs.surface_of(edge, Vec2(*position), Vec2(0.7, 0.5), 0.2)
+    assert surface.e == pytest.approx(e)
+    assert surface.w == pytest.approx(w)
+    assert surface.d_m == pytest.approx(0.5)
+    assert surface.gap_m == pytest.approx(math.hypot(*e) - 0.3)
+
+
+@pytest.mark.parametrize(
+    ("away_m", "is_seen"), [(_SPACING.range_m, True), (_SPACING.range_m + 1e-6, False)]
+)
+def test_neighbours_count_within_range(away_m: float, is_seen: bool) -> None:
+    found = pairs.nearest_pairs(_own(), [neighbour_of((away_m, 0.0, 2.0))], _PARAMS)
+    assert (len(found.pairs) == 1) is is_seen
+
+
+@pytest.mark.parametrize(
+    ("theirs_m_s", "is_cooperative", "distances", "count"),
+    [
+        (0.5, True, 1.9, 1.0),
+        (0.5, True, 2.1, 0.0),
+        (0.09, True, 1.9, 0.0),  # settled
+        (0.11, True, 1.9, 1.0),
+        (0.0, False, 1.9, 1.0),
+    ],
+)
+def test_who_is_near_and_goes_somewhere_makes_a_crowd(
+    theirs_m_s: float, is_cooperative: bool, distances: float, count: float
+) -> None:
+    other = neighbour_of(
+        (0.0, 0.0, 2.0),
+        intent_enu_m_s=Vec3(0.0, theirs_m_s, 0.0),
+        is_cooperative=is_cooperative,
+        crowd_count=_NAN,
+    )
+    d_m = pairs.design_distance(0.0, other, _SPACING)
+    away = Vec3(distances * d_m, 0.0, 2.0)
+    other = other._replace(position_enu_m=away, predicted_position_enu_m=away)
+    law = law_of(direction="intent")
+    found = pairs.nearest_pairs(_own(), [other], law)
+    assert found.crowd_count == count
+    assert found.is_sound
+    assert found.pairs[0].crowd_count == 0.0
+
+
+def test_who_coincides_or_has_no_motion_is_not_sound() -> None:
+    def is_sound(x: float) -> bool:
+        return pairs.nearest_pairs(_own(), [neighbour_of((x, 0.0, 2.0))], _PARAMS).is_sound
+
+    assert not is_sound(0.9e-6)
+    assert is_sound(1.1e-6)
+    assert not is_sound(_NAN)
+
+
+# -- heights ---------------------------------------------------------------------------------------
+
+
+def _share(own: Climb, other: dict[str, Any] | None = None, height_m: float = 0.0) -> float:
+    neighbour = neighbour_of((0.0, 0.0, height_m))._replace(intent_enu_m_s=Vec3(0.0, 0.0, 0.0))
+    return heights.share_of(own, neighbour._replace(**(other or {})), 0.2, _APART)
+
+
+@pytest.mark.parametrize(
+    ("gap_m", "share"), [(1.2, 0.0), (1.1, 0.5), (1.0, 1.0), (0.5, 1.0), (-1.1, 0.5), (-1.2, 0.0)]
+)
+def test_where_nobody_moves_the_distance_grows_over_two_decimetres(
+    gap_m: float, share: float
+) -> None:
+    assert _share(Climb(gap_m, gap_m, 0.0, 0.0, 0.0)) == pytest.approx(share, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("own", "other", "share"),
+    [
+        (Climb(2.0, 2.0, -1.0, 0.0, 0.0), {}, 0.0),
+        (Climb(1.5, 1.5, -1.0, 0.0, 0.0), {}, 0.25),  # 0.1 of 0.2 + 0.2
+        (Climb(2.0, 2.0, 0.0, -1.0, 0.0), {}, 2.0 / 7.0),  # 0.2 of 0.2 + 0.5
+        (Climb(2.0, 2.0, 0.0, 1.0, 0.0), {}, 0.0),
+        (Climb(1.3, 1.3, 0.0, 0.0, 0.03), {"position_std_m": 0.04}, 0.625),  # 4.5 * 0.05
+        (Climb(5.0, 5.0, _NAN, 0.0, 0.0), {}, 1.0),
+        (Climb(5.0, 5.0, 0.0, 0.0, 0.0), {"age_s": 0.26}, 1.0),
+        (Climb(5.0, 5.0, 0.0, 0.0, 0.0), {"age_s": 0.25}, 0.0),
+        (Climb(5.0, 5.0, 0.0, 0.0, 0.0), {"is_cooperative": False}, 0.0),
+        (Climb(-5.0, -5.0, 0.0, 0.0, 0.0), {"is_cooperative": False}, 1.0),
+        (Climb(-5.0, -5.0, 0.0, 0.0, 0.0), {}, 0.0),
+    ],
+)
+def test_what_two_are_about_to_close_and_do_not_know_counts_as_near(
+    own: Climb, other: dict[str, Any], share: float
+) -> None:
+    assert _share(own, other) == pytest.approx(share, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("gap_m", "climbs_m", "is_ahead"),
+    [
+        (1.0, -0.21, True),
+        (0.99, -0.21, False),
+        (1.0, -0.19, False),
+        (-1.0, 0.21, True),
+        (-1.0, -0.21, False),
+        (1.0, 0.21, False),
+    ],
+)
+def test_a_climb_waits_for_those_whom_it_will_meet(
+    gap_m: float, climbs_m: float, is_ahead: bool
+) -> None:
+    own = Climb(gap_m, gap_m, 0.0, climbs_m, 0.0)
+    assert heights.is_ahead(own, neighbour_of((0.0, 0.0, 0.0)), 0.2, _APART) is is_ahead
+
+
+@pytest.mark.parametrize(
+    ("gap_m", "other_m_s", "limit_m_s"),
+    [
+        (-0.01, 0.0, math.inf),
+        (0.0, 0.0, 0.0),
+        (1.0, 0.0, 0.0),
+        (3.0, 0.0, 2.0),
+        (3.0, -0.5, 2.5),
+        (3.0, 0.5, 2.0),
+        (_NAN, 0.0, math.inf),
+    ],
+)
+def test_above_another_it_sinks_as_fast_as_it_can_stop(
+    gap_m: float, other_m_s: float, limit_m_s: float
+) -> None:
+    other = neighbour_of((0.0, 0.0, 0.0), (0.0, 0.0, other_m_s), lead_time_s=0.2)
+    own = Climb(gap_m, gap_m, 0.0, 0.0, 0.0)
+    assert heights.sink_limit_m_s(own, other, 0.2, _APART) == pytest.approx(limit_m_s)
+
+
+@pytest.mark.parametrize(("away", "share"), [(0.4, 0.0), (0.5, 0.0), (0.7, 0.5), (0.9, 1.0)])
+def test_a_climb_goes_on_as_those_whom_it_meets_are_aside(away: float, share: float) -> None:
+    law = _PARAMS._replace(spacing=_APART)
+    other = neighbour_of((0.0, 0.0, 4.0), intent_enu_m_s=Vec3(0.0, 0.0, 0.0))
+    own = _own(climb=Climb(2.0, 2.0, 0.0, 6.0, 0.0))
+    part = heights.share_of(own.climb, other, law.lead_time_s, _APART)
+    d_m = part * pairs.design_distance(0.0, other, _APART)
+    beside = Vec3(away * d_m, 0.0, 4.0)
+    other = other._replace(position_enu_m=beside, predicted_position_enu_m=beside)
+    assert pairs.climb_share(own, [other], law) == pytest.approx(share, abs=1e-9)
+    assert pairs.climb_share(own, [other], _PARAMS) == 1.0
+    still = own._replace(climb=Climb(2.0, 2.0, 0.0, 0.0, 0.0))
+    assert pairs.climb_share(still, [other], law) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("away", "limit_m_s"), [(0.5, 2.0), (0.7, 2.0), (0.85, 2.5), (0.999, 2.9967), (1.0, math.inf)]
+)
+def test_beside_another_it_sinks_freely(away: float, limit_m_s: float) -> None:
+    law = _PARAMS._replace(spacing=_APART)
+    other = neighbour_of((0.0, 0.0, 0.0))
+    beside_m = away * pairs.design_distance(0.0, other, _APART)
+    other = neighbour_of((beside_m, 0.0, 0.0), lead_time_s=law.lead_time_s)
+    own = _own(climb=Climb(3.0, 3.0, 0.0, 0.0, 0.0))
+    assert pairs.sink_limit(own, [other], law) == pytest.approx(limit_m_s, abs=1e-3)
+    assert pairs.sink_limit(own, [other], _PARAMS) == math.inf
+
+
+# -- messages --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("age_s", "is_cooperative", "counts_s"),
+    [
+        (0.0, True, 0.0),
+        (0.79, True, 0.79),
+        (0.81, True, 0.8),
+        (0.29, False, 0.29),
+        (0.31, False, 0.3),
+        (-0.1, True, 0.0),
+        (-math.inf, True, 0.8),
+        (_NAN, False, 0.3),
+    ],
+)
+def test_the_age_of_a_message(age_s: float, is_cooperative: bool, counts_s: float) -> None:
+    other = neighbour_of((0.0, 0.0, 0.0), age_s=age_s, is_cooperative=is_cooperative)
+    assert prediction.message_age(other) == counts_s
+
+
+@pytest.mark.parametrize(
+    ("lead_s", "known_s"), [(0.4, 0.4), (-0.1, 0.0), (1.5, 1.0), (_NAN, 0.15), (math.inf, 0.15)]
+)
+def test_the_lead_time_of_a_neighbour(lead_s: float, known_s: float) -> None:
+    assert prediction.lead_time(lead_s, 0.15) == known_s
+
+
+def test_a_neighbour_is_carried_on_with_its_command_for_a_quarter_of_a_second() -> None:
+    other = neighbour_of(
+        (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0, 0.0), age_s=0.35, lead_time_s=0.15
+    )
+    found = prediction.receive(other, 0.15)
+    assert found.velocity_m_s == pytest.approx((1.5, 0.0))
+    assert found.position_m == pytest.approx((0.35 + 0.25 * (0.35 - 0.125) * 2.0, 0.0))
+
+
+def test_a_neighbour_that_leads_by_more_is_taken_back_along_its_way() -> None:
+    other = neighbour_of(
+        (0.0, 0.0, 0.0),
+        (1.0, 0.0, 0.0),
+        predicted_velocity_enu_m_s=Vec3(3.0, 0.0, 0.0),
+        lead_time_s=0.4,
+    )
+    found = prediction.receive(other, 0.2)
+    # from 1 to 3 m/s in 0.4 s: half of that is taken back
+    assert found.velocity_m_s == pytest.approx((2.0, 0.0))
+    assert found.position_m == pytest.approx((-0.2 * 2.5, 0.0))
+
+
+def test_who_does_not_cooperate_is_carried_on_with_at_most_one_g() -> None:
+    other = neighbour_of((0.0, 0.0, 0.0), is_cooperative=False)
+    other = other._replace(acceleration_enu_m_s2=Vec3(50.0, 0.0, 0.0))
+    found = prediction.receive(other, 0.1)
+    assert found.velocity_m_s == pytest.approx((0.980665, 0.0))
+    assert found.intent_m_s == found.velocity_m_s
+    assert found.has_intent
+    assert found.command_m_s2 == (0.0, 0.0)
+
+
+# -- half-planes -----------------------------------------------------------------------------------
+
+
+def test_half_planes_in_numbers() -> None:
+    row = HalfPlane(Vec2(3.0, 4.0), 10.0)
+    assert half_planes.unit_row(row) == (Vec2(0.6, 0.8), 2.0)
+    assert half_planes.largest_violation(Vec2(1.0, 1.0), [row]) == 3.0
+    assert half_planes.foot(ZERO_2, half_planes.unit_row(row)) == pytest.approx((1.2, 1.6))
+    assert half_planes.foot(Vec2(9.0, 9.0), half_planes.unit_row(row)) == (9.0, 9.0)
+
+    unit = HalfPlane(Vec2(1.0, 0.0), 3.0)
+    assert half_planes.on_circle(unit, 5.0, 1.0) == pytest.approx((3.0, 4.0))
+    assert half_planes.on_circle(unit, 5.0, -1.0) == pytest.approx((3.0, -4.0))
+    assert half_planes.on_circle(unit, 2.0, 1.0) == (3.0, 0.0)
+
+    other = HalfPlane(Vec2(0.0, 2.0), 8.0)
+    assert half_planes.corner(unit, other) == pytest.approx((3.0, 4.0))
+    parallel = half_planes.corner(unit, HalfPlane(Vec2(2.0, 0.0), 1.0))
+    assert math.isnan(parallel.x)
+    assert half_planes.difference(unit, other) == (Vec2(1.0, -2.0), -5.0)
+
+
+def test_points_in_and_out_of_the_disc() -> None:
+    assert half_planes.in_disc(Vec2(2.0, 0.0), 2.0)
+    assert not half_planes.in_disc(Vec2(2.0 + 1e-10, 0.0), 2.0)
+    assert half_planes.into_disc(Vec2(3.0, 4.0), 5.0) == (3.0, 4.0)
+    assert half_planes.into_disc(Vec2(6.0, 8.0), 5.0) == pytest.approx((3.0, 4.0))
+    assert half_planes.into_disc(Vec2(6.0, 8.0), 0.0) == (0.0, 0.0)
