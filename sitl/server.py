@@ -57,6 +57,7 @@ from sitl.px4.versions import VERSIONS
 _LARGEST_BACKLOG_STEPS = 70
 TRUTH_EVERY_STEPS = 5
 _REALTIME_PRIORITY = 5  # below that of the loops of agents, which they may ask for
+_HOVER_S = 300.0  # of a battery about which the fleet file says nothing
 _LONGEST_WAIT_S = 1e6  # before a fault that is ordered
 
 
@@ -106,6 +107,7 @@ def emulator_of(
             profile=profile,
             start_enu_m=vehicle.start_enu_m,
             px4=VERSIONS[px4 or vehicle.px4_version],
+            hover_time_s=vehicle.hover_time_s or _HOVER_S,
         )
         specs.append(spec)
 

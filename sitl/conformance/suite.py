@@ -64,6 +64,7 @@ _NOT_SIMULATED = (
     "it does not look simulated (no ground truth comes by HIL_STATE_QUATERNION), and this turns "
     "motors: see --i-have-removed-the-propellers"
 )
+_DRAIN_S = 60.0  # in which a simulated PX4 uses a whole charge
 _READY_S = 8.0  # of the vehicle's time, after which it is no longer waited for
 _MAV_AUTOPILOT_PX4 = 12
 
@@ -202,6 +203,8 @@ def _settle_all(
             if may_turn_motors is None:
                 may_turn_motors = is_simulated(client)
             if may_turn_motors:
+                # of PX4's own simulator: a fleet file may have another one
+                client.params.set("SIM_BAT_DRAIN", _DRAIN_S)
                 # With vision only it never says so on the ground: then on without.
                 client.spend(_READY_S - min(_READY_S, client.now_s), client.shows_ready)
                 _settle(group, client, report, say)

@@ -60,6 +60,7 @@ class VehicleSpec:
     profile: VehicleProfile
     start_enu_m: tuple[float, float, float]
     px4: Version = DEFAULT  # of its PX4
+    hover_time_s: float | None = None  # of a whole charge; None: as PX4's simulator has it
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,12 +77,15 @@ class Environment:
 
 def _own_parameters(spec: VehicleSpec, origin: EarthPoint) -> dict[str, int | float]:
     """Return the parameters that are set where a vehicle is simulated."""
-    return {
+    own = {
         "MAV_SYS_ID": spec.system_id,
         "SIH_LOC_LAT0": origin.latitude_deg,
         "SIH_LOC_LON0": origin.longitude_deg,
         "SIH_LOC_H0": origin.altitude_m,
     }
+    if spec.hover_time_s is not None:
+        own["SIM_BAT_DRAIN"] = spec.hover_time_s
+    return own
 
 
 class Emulator:

@@ -45,15 +45,6 @@ def turning_grid(fleet: FleetConfig, degrees: float) -> dict[str, Path]:
     return paths
 
 
-def have_full_batteries(flight: Lockstep) -> None:
-    """Let the batteries last for ten minutes.
-
-    Emulated ones last for one, and a pause at the end of a show would end by itself at once.
-    """
-    for px4 in flight.simulation.emulator.autopilots:
-        px4.params.values["SIM_BAT_DRAIN"] = 600.0
-
-
 def is_down(flight: Lockstep, name: str) -> bool:
     """Return whether a vehicle stands on the ground."""
     truth = flight.state.vehicles[name].truth
@@ -78,7 +69,6 @@ async def come_to(flight: Lockstep, path_time_s: float) -> None:
 def fly(flight: Lockstep, degrees: float, pause_s: float, *, is_brought_home: bool) -> None:
     """Pause a show so long after its start, then let it go on or bring all home."""
     fleet = flight.fleet
-    have_full_batteries(flight)
     flight.takeoff(HEIGHT_M)
 
     async def stop_it() -> None:

@@ -24,7 +24,6 @@ from tests.sitl.lockstep.test_paused_show import (
     PROMISE_M,
     come_to,
     fleet_of,
-    have_full_batteries,
     is_down,
 )
 
@@ -46,7 +45,6 @@ def stopped_at(
 ) -> dict[str, Path]:
     """Fly the frame; at a time of it give the orders, one after the other."""
     fleet = flight.fleet
-    have_full_batteries(flight)
     flight.takeoff(HEIGHT_M)
     paths = frame_of(flight)
 
