@@ -19,6 +19,7 @@ from groundstation.flights.mission_flight import clock_say
 from groundstation.missions.connection import Host, RealTime, run_script
 from groundstation.missions.readiness import NotReady
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S
+from groundstation.missions.step_runner import first_failure
 from groundstation.missions.taken import FleetTaken
 from groundstation.orders.result import OrderFailed
 from groundstation.processes.fleet_processes import start_fleet
@@ -32,6 +33,9 @@ from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 from onboard.plain_text import plain_lines
 
 _ROS = ("rclpy", "rospy", "tf2_ros", "geometry_msgs", "nav_msgs", "sensor_msgs", "std_msgs")
+
+# whose own sentence is enough; others are shown with where they were raised
+_TOLD = (ConfigError, FleetTaken, NotReady, OrderFailed, TimeoutError)
 
 
 class _ScriptEnd(NamedTuple):
@@ -146,8 +150,14 @@ def _run_to_end(
         return _ScriptEnd(EXIT_INTERRUPTED, "")
     except SystemExit as error:
         return _end_by_exit(error.code)
-    except (ConfigError, FleetTaken, NotReady, OrderFailed, TimeoutError) as error:
+    except _TOLD as error:
         return _ScriptEnd(EXIT_FAILED, str(error))
+    except ExceptionGroup as failures:
+        error = first_failure(failures)
+        if isinstance(error, _TOLD):
+            return _ScriptEnd(EXIT_FAILED, str(error))
+        traceback.print_exc()
+        return _ScriptEnd(EXIT_FAILED, f"{type(error).__name__}: {error}")
     except ModuleNotFoundError as error:
         return _ScriptEnd(EXIT_FAILED, missing_module_words(error.name or "", script))
     except Exception as error:  # noqa: BLE001 - the script's author sees it; the fleet has been left

@@ -156,7 +156,7 @@ class StepRunner:
                 for index, branch in enumerate(step.branches):
                     group.create_task(self._all(branch, f"{key}.branches[{index}]"))
         except BaseExceptionGroup as failures:
-            raise _first(failures) from None
+            raise first_failure(failures) from None
 
     async def _react(self, step: ReactStep, key: str) -> None:
         """Do steps until a condition holds, then others."""
@@ -169,7 +169,7 @@ class StepRunner:
             async with self._fleet.reacting(when, then, ends=True):
                 await self._all(step.steps, f"{key}.steps")
         except BaseExceptionGroup as failures:
-            raise _first(failures) from None
+            raise first_failure(failures) from None
 
     async def _fault(self, step: FaultStep, *, is_rehearsal: bool = False) -> None:
         await self._fleet.fault(
@@ -291,9 +291,13 @@ def _index(course_step: CourseStep) -> int:
     return int(course_step.key.removeprefix("step[").partition("]")[0])
 
 
-def _first(failures: BaseExceptionGroup[BaseException]) -> BaseException:
-    """Return the first exception of a group, which the others followed."""
+def first_failure(failures: BaseExceptionGroup[BaseException]) -> BaseException:
+    """Return the first exception of a group, which the others followed.
+
+    Args:
+        failures: of tasks that ran beside each other.
+    """
     first = failures.exceptions[0]
     if isinstance(first, BaseExceptionGroup):
-        return _first(first)
+        return first_failure(first)
     return first

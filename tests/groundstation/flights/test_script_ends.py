@@ -1,0 +1,39 @@
+"""How a script ends that fails in one of several tasks: its sentence, and no trace beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from groundstation.flights.script_flight import fly_script
+from groundstation.missions.connection import RealTime
+from onboard.config.fleet import FleetConfig
+from onboard.exit_status import EXIT_FAILED
+
+SCRIPT = """
+import asyncio
+from groundstation.orders.grammar import OrderError
+
+async def leg():
+    raise OrderError("The goal lies outside the fence.")
+
+async def main():
+    async with asyncio.TaskGroup() as outer:
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(leg())
+
+asyncio.run(main())
+"""
+
+
+def test_the_failure_of_a_task_of_a_script_is_told_in_its_own_sentence(
+    fleet: FleetConfig, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    script = tmp_path / "show.py"
+    script.write_text(SCRIPT)
+    host: Any = RealTime(fleet, folder=tmp_path, say=lambda line: None)
+    assert fly_script(str(script), (), host, tmp_path) == EXIT_FAILED
+    told = capsys.readouterr().err
+    assert told == f"{script}: The goal lies outside the fence.\n"
