@@ -9,7 +9,7 @@ from groundstation.fleet.state import FleetState
 from groundstation.orders.falling import below_words
 from groundstation.orders.intents import Intent, Kill
 from groundstation.orders.result import Results
-from onboard.bus.control_token import EMERGENCY
+from onboard.bus.control_token import OPEN_TO_ALL
 
 CONNECT_S = 3.0  # until the vehicles are heard
 
@@ -50,6 +50,6 @@ def _is_ready(client: FleetClient, state: FleetState, intent: Intent) -> bool:
         if name in state.vehicles and state.vehicles[name].telemetry is None:
             return False
 
-    if intent.verb in EMERGENCY or client.control.is_operator:
+    if intent.verb in OPEN_TO_ALL or client.control.is_operator:
         return True
-    return client.control.refusal(intent.verb) is not None
+    return client.control.holder is not None or client.control.refusal(intent.verb) is not None

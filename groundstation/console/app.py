@@ -26,8 +26,7 @@ from textual.worker import Worker
 from groundstation.alarms.alarms import Alarms
 from groundstation.console.clients import ConsoleClient
 from groundstation.console.history import History
-from groundstation.console.mission_orders import MissionJudge, MissionOrders
-from groundstation.console.mission_worker import MissionCall, MissionWorker
+from groundstation.console.mission_worker import MissionWorker
 from groundstation.console.order_entry import OrderEntry
 from groundstation.console.panel_sizes import (
     LOW,
@@ -40,7 +39,7 @@ from groundstation.console.panel_sizes import (
 from groundstation.console.panels import Panels
 from groundstation.console.priority_keys import TerminalHooks, with_hooks
 from groundstation.console.screens.alarms_screen import AlarmsScreen
-from groundstation.console.screens.countdown_screen import CountdownQuestion, CountdownScreen
+from groundstation.console.screens.countdown_screen import CountdownScreen
 from groundstation.console.screens.dialogs import HelpScreen
 from groundstation.console.screens.live import Dialog, LiveScreen
 from groundstation.console.screens.vehicle_screen import VehicleScreen
@@ -51,6 +50,12 @@ from groundstation.console.widgets.event_log import EventEntry
 from groundstation.console.widgets.lines import Lines
 from groundstation.console.widgets.order_line import OrderLine
 from groundstation.fleet.state import FleetState, LoggedEvent
+from groundstation.missions.mission_orders import (
+    CountdownQuestion,
+    MissionCall,
+    MissionJudge,
+    MissionOrders,
+)
 from groundstation.missions.runner import MissionRun
 from groundstation.orders.forecast_process import Forecaster
 from groundstation.orders.intents import Verb

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Callable, Sequence
 
 from textual.app import App
 from textual.worker import Worker, WorkerState
@@ -11,8 +11,8 @@ from groundstation.console import theme
 from groundstation.console.panels import Panels
 from groundstation.console.theme import SEVERITY_SIGNS
 from groundstation.console.widgets.lines import Lines
+from groundstation.missions.mission_orders import MissionCall
 
-MissionCall = Callable[[], Awaitable[object]]
 _FLIES = "mission flies"
 _PASSED = "✔ mission passed"
 _FAILED = "✖ mission failed"

@@ -19,9 +19,8 @@ from collections.abc import Callable
 from textual.app import App
 
 from groundstation.client.client import FleetClient
-from groundstation.console import mission_words, theme
+from groundstation.console import theme
 from groundstation.console.clients import ConsoleClient, OrderingClient
-from groundstation.console.mission_orders import MissionOrders
 from groundstation.console.panels import Panels
 from groundstation.console.screens.countdown_screen import CountdownScreen
 from groundstation.console.screens.preview_screen import PreviewScreen
@@ -30,6 +29,9 @@ from groundstation.console.theme import CALM, FAINT, KILL, PHASE_SIGNS, SEVERITY
 from groundstation.console.widgets.notices import notices
 from groundstation.console.widgets.order_line import CONTROL_ORDERS
 from groundstation.fleet.operator_control import FORCE_WORD
+from groundstation.fleet.stoppable import stoppable
+from groundstation.missions import mission_words
+from groundstation.missions.mission_orders import MissionOrders
 from groundstation.orders.falling import below_words
 from groundstation.orders.forecast_process import Forecaster
 from groundstation.orders.grammar import OrderError, default_formation, parse
@@ -361,22 +363,26 @@ class OrderEntry:
         return INTENTS[verb](vehicles=self._fleet.enabled_names)
 
     async def order_paths(self, verb: Verb) -> None:
-        """Order something for all who follow paths; to bring home also means all others that fly.
+        """Order something for all who follow a path or a vehicle.
+
+        To bring home also means all others that fly.
 
         Args:
             verb: pause, resume, skip or bring_home.
         """
-        names = []
-        for name in self._fleet.enabled_names:
-            view = self._client.state.vehicles[name]
-            follows = view.telemetry is not None and bool(view.telemetry.show_id)
-            if follows or (verb == "bring_home" and view.is_airborne):
-                names.append(name)
+        state = self._client.state
+        names = stoppable(state, self._fleet.enabled_names)
+        if verb == "bring_home":
+            names = tuple(
+                name
+                for name in self._fleet.enabled_names
+                if name in names or state.vehicles[name].is_airborne
+            )
 
         if not names:
-            self._panels.results.show_sentence("Nobody follows a path now.")
+            self._panels.results.show_sentence("Nobody follows a path or another vehicle now.")
             return
-        await self.order(INTENTS[verb](vehicles=tuple(names)))
+        await self.order(INTENTS[verb](vehicles=names))
 
     async def order_selected(self, verb: Verb) -> None:
         """Order something for the selected vehicles."""

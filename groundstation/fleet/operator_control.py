@@ -14,7 +14,7 @@ from typing import Protocol
 
 from groundstation.fleet.state import FleetState
 from onboard.bus.control_token import (
-    EMERGENCY,
+    OPEN_TO_ALL,
     ControlClaim,
     ControlToken,
     next_term,
@@ -25,6 +25,8 @@ from onboard.bus.schema import Telemetry
 SETTLE_S = 0.5  # until every vehicle has sent the operator's name
 SILENCE_S = 10.0  # without an answer, after which control may be taken by force
 FORCE_WORD = "force"
+# verbs that are open to every ground of the person who operates: see onboard/bus/control_token.py
+_OF_THE_PERSON = ("resume", "skip", "home", "bring_home")
 
 
 class TokenBus(Protocol):
@@ -103,9 +105,11 @@ class Control:
         """Return why this ground may not order; None when it may.
 
         Args:
-            kind: of the order; emergencies always may.
+            kind: verb of the order; what makes a flight safer always may.
         """
-        if kind in EMERGENCY or self.is_operator:
+        if kind in OPEN_TO_ALL or self.is_operator:
+            return None
+        if kind in _OF_THE_PERSON and self.holder is not None and self.holder.is_of(self._author):
             return None
 
         if self.holder is None:
@@ -113,8 +117,8 @@ class Control:
                 return None
             return "This ground only watches, and nobody operates. To order, write: take control."
         return (
-            f"{self.holder.label} operates this fleet; here only land, hold and kill are open. "
-            "Ask for control with: take control."
+            f"{self.holder.label} operates this fleet; here only land, hold, pause and kill are "
+            "open. Ask for control with: take control."
         )
 
     def update(self, state: FleetState) -> None:

@@ -264,7 +264,7 @@ class MissionFlight:
 
     def _progress(self) -> str:
         """Return one line about the mission, for the console."""
-        live_line = "" if self._run is None else self._run.fleet.ground.live_line
+        live_line = "" if self._run is None else self._run.fleet.ground.title_line
         return live_line or self._last_line
 
     def _say(self, line: str) -> None:

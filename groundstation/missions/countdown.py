@@ -67,7 +67,7 @@ class Countdown:
         """The countdown in a few words, for the title."""
         minutes, seconds = divmod(max(0, round(self.left_s)), 60)
         hours, minutes = divmod(minutes, 60)
-        return f"starts at {self.at.words}, in {hours}:{minutes:02}:{seconds:02} · x stops it"
+        return f"starts at {self.at.words}, in {hours}:{minutes:02}:{seconds:02}"
 
     def stop(self, sentence: str) -> None:
         """End it without a start.

@@ -57,7 +57,8 @@ async def follow(
     end_ns = client.now_ns() + int(duration_s * 1e9)
     last_goals: dict[str, Vec3] = {}  # that were accepted
     last_good_ns = client.now_ns()  # when goals were accepted, or none were due
-    pause = FollowPause(ground, tuple(offsets))
+    followers = tuple(offsets)
+    pause = FollowPause(ground, followers)
     ground.follow_pauses.append(pause)
     try:
         while client.now_ns() < end_ns:
@@ -67,9 +68,17 @@ async def follow(
                 last_goals = {}
                 last_good_ns = client.now_ns()
 
+            skipped = pause.skipped()
+            if skipped and ground.watch.look() is None:
+                ground.say(f"  {', '.join(skipped)} skips the rest of following {leader}")
+                offsets = {name: offsets[name] for name in offsets if name not in skipped}
+                pause.leave_out(skipped)
+            if not offsets:
+                break
+
             goals = _goals(client, leader, offsets)
             if _have_moved(goals, last_goals):
-                order = await _order_goals(ground, goals)
+                order = await _order_goals(ground, leader, goals)
                 if not order.planned.refusals:
                     last_goals = goals
                     last_good_ns = client.now_ns()
@@ -84,11 +93,11 @@ async def follow(
         results: Results = {}
         # an operator who has taken the fleet has ordered the followers already
         if ground.watch.look() is None and not pause.has_brought_home:
-            results = await ground.order(Hold(vehicles=tuple(offsets)), _HOLD_S)
+            results = await ground.order(Hold(vehicles=followers), _HOLD_S)
     return results
 
 
-async def _order_goals(ground: MissionGround, goals: dict[str, Vec3]) -> OrderResult:
+async def _order_goals(ground: MissionGround, leader: str, goals: dict[str, Vec3]) -> OrderResult:
     """Send the followers to their goals; the order is judged, and nobody waits for its end.
 
     Raises:
@@ -98,7 +107,7 @@ async def _order_goals(ground: MissionGround, goals: dict[str, Vec3]) -> OrderRe
     if taken is not None:
         raise FleetTaken(taken)
 
-    goto = Goto(vehicles=tuple(goals), goals=goals)
+    goto = Goto(vehicles=tuple(goals), goals=goals, follows=leader)
     return await ground.client.submit(goto, is_by_mission=True)
 
 

@@ -26,6 +26,8 @@ from groundstation.verdict.other_ends import LastOrder, last_order, other_ends
 from onboard.bus.schema import Order
 from onboard.config.fleet import Vec3
 
+_LOOK_S = 0.2  # between two looks for the end of a pause
+
 
 class MissionGround:
     """Gives a mission's orders and keeps their results.
@@ -101,6 +103,8 @@ class MissionGround:
                 self.say(f"Left out: {intent}")
                 return {}
 
+        if intent.waits_for_step and not intent.message_values().then_land:
+            await self._wait_for_resume()
         await self.link.heard()
         self.note_other_ends()
         taken = self.watch.look()
@@ -178,10 +182,17 @@ class MissionGround:
 
     @property
     def live_line(self) -> str:
-        """A countdown or a pause, in a few words for the title; empty without one."""
+        """A countdown or a pause, in a few words; empty without one."""
         if self.countdown is not None:
             return self.countdown.line
         return self.pause_line
+
+    @property
+    def title_line(self) -> str:
+        """The same for the title of a console, with the key that ends it."""
+        if self.countdown is not None:
+            return f"{self.countdown.line} · x stops it"
+        return f"{self.pause_line} · r goes on" if self.pause_line else ""
 
     def stop_countdown(self) -> bool:
         """End the countdown without a start, as an operator orders.
@@ -270,6 +281,13 @@ class MissionGround:
             await self._next.wait()
         finally:
             self._waiting = None
+
+    async def _wait_for_resume(self) -> None:
+        """Wait while followers are paused: whom they follow goes no further meanwhile."""
+        while any(pause.is_paused for pause in self.follow_pauses):
+            if self.watch.look() is not None:
+                return
+            await asyncio.sleep(_LOOK_S)
 
     def leave_out(self, *names: str) -> None:
         """Go on without these vehicles.

@@ -17,6 +17,7 @@ import numpy as np
 from groundstation.client.client import FleetClient
 from groundstation.fleet.places import by_vehicle, out_of_service, vehicles_at
 from groundstation.fleet.state import FleetState
+from groundstation.fleet.stoppable import stoppable
 from groundstation.formations.slots import formation_names, formation_slots
 from groundstation.mission_files.world_time import (
     WorldTime,
@@ -25,7 +26,6 @@ from groundstation.mission_files.world_time import (
     world_time,
 )
 from groundstation.missions.conditions import ConditionTimeout, FleetMoment, WaitCondition
-from groundstation.missions.follow_pause import FollowPause
 from groundstation.missions.following import follow, present_offsets
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.path_following import Lights, Paths, follow_paths
@@ -59,7 +59,7 @@ from groundstation.orders.intents import (
     Yaw,
 )
 from groundstation.orders.path_orders import OnLag
-from groundstation.orders.result import Results, VehicleResult
+from groundstation.orders.result import Results
 from groundstation.paths.checks import path_findings, refusals
 from groundstation.paths.pieces import through
 from onboard.bus.schema import Vec3
@@ -433,16 +433,8 @@ class Group:
             vehicles: to order; whoever flies the same show pauses with them.
             timeout_s: longest wait [s].
         """
-        names = self.select(vehicles)
-        held: Results = {}
-        for pause in self._follow_pauses(names):
-            pause.is_paused = True
-            held.update(await self.order(Hold(vehicles=pause.names), timeout_s))
-
-        on_paths = self._on_paths(names, held)
-        if not on_paths:
-            return held
-        return {**held, **await self.order(Pause(vehicles=on_paths), timeout_s)}
+        names = self._stoppable(self.select(vehicles))
+        return await self.order(Pause(vehicles=names), timeout_s)
 
     async def resume(self, vehicles: Vehicles = "all", *, timeout_s: float = 5.0) -> Results:
         """Let the clock of paused paths go on.
@@ -451,49 +443,25 @@ class Group:
             vehicles: to order; it goes on once nobody of the same show is paused any more.
             timeout_s: longest wait [s].
         """
-        names = self.select(vehicles)
-        follow_again: Results = {}
-        for pause in self._follow_pauses(names):
-            pause.is_paused = False
-            for name in pause.names:
-                follow_again[name] = VehicleResult(name, "", "done", "Follows again.")
-
-        on_paths = self._on_paths(names, follow_again)
-        if not on_paths:
-            return follow_again
-        return {**follow_again, **await self.order(Resume(vehicles=on_paths), timeout_s)}
-
-    def _follow_pauses(self, names: Sequence[str]) -> list[FollowPause]:
-        """Return the pauses of those of these vehicles that follow another one now."""
-        pauses = self.ground.follow_pauses
-        return [pause for pause in pauses if not set(names).isdisjoint(pause.names)]
-
-    def _on_paths(self, names: Sequence[str], followers: Results) -> tuple[str, ...]:
-        """Return the vehicles that get an order of their own.
-
-        Beside followers only those get it who follow paths: a leader may be led by other orders.
-        """
-        others = tuple(name for name in names if name not in followers)
-        if not followers:
-            return others
-
-        on_paths = []
-        for name in others:
-            telemetry = self.state.vehicles[name].telemetry
-            if telemetry is not None and telemetry.show_id:
-                on_paths.append(name)
-        return tuple(on_paths)
+        names = self._stoppable(self.select(vehicles))
+        return await self.order(Resume(vehicles=names), timeout_s)
 
     async def skip(self, vehicles: Vehicles = "all", *, timeout_s: float = 5.0) -> Results:
         """Leave the paths that are followed, straight to their ends, each with the law.
 
-        The order to follow the paths is done when all are there, and the mission goes on.
+        The order to follow the paths is done when all are there, and the mission goes on. Vehicles
+        that follow another one follow it no further, and hold.
 
         Args:
             vehicles: to order; the others go on along their paths.
             timeout_s: longest wait [s].
         """
-        return await self.order(Skip(vehicles=self.select(vehicles)), timeout_s)
+        names = self._stoppable(self.select(vehicles))
+        return await self.order(Skip(vehicles=names), timeout_s)
+
+    def _stoppable(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """Return those who follow a path or another vehicle; all when nobody does, to hear why."""
+        return stoppable(self.state, names) or names
 
     async def follow_path(
         self,

@@ -82,8 +82,8 @@ class PauseWatch:
 def pause_line(reserve: Reserve | None) -> str:
     """Return a pause in a few words, for the title: the weakest battery and its limit."""
     if reserve is None:
-        return "paused · r goes on"
+        return "paused"
     return (
         f"paused · {reserve.name} {reserve.has_pct:.0f} %: all home at {reserve.needs_pct:.0f} %, "
-        f"in {time_words(reserve.left_s)} · r goes on"
+        f"in {time_words(reserve.left_s)}"
     )

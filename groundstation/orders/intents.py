@@ -91,6 +91,7 @@ class MessageValues(NamedTuple):
     yaw_deg: float | None = None
     then_land: bool = False
     reason: str = ""
+    follows: str = ""
 
 
 class Intent(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -292,8 +293,10 @@ class Goto(GoalIntent, frozen=True, kw_only=True):
         "for instance: goto mav0 2 0 1 mav1 0 2 1"
     )
     options = ("in", "yaw")
+    planned_fields = ("follows",)
 
     goals: Mapping[str, Vec3]  # vehicle -> east, north, up in the fleet frame
+    follows: str = ""  # the vehicle whose motion the goals follow; empty: they stay
 
     @classmethod
     def from_line(cls, line: LineWords) -> Self:
@@ -304,6 +307,10 @@ class Goto(GoalIntent, frozen=True, kw_only=True):
             duration_s=line.duration_s,
             yaw_deg=line.yaw_deg,
         )
+
+    def message_values(self) -> MessageValues:
+        """Return what the message to each vehicle says besides its kind."""
+        return super().message_values()._replace(follows=self.follows)
 
     def __str__(self) -> str:
         goal_words = [

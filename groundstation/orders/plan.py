@@ -19,11 +19,12 @@ import msgspec
 
 from groundstation.fleet.places import out_of_service
 from groundstation.fleet.state import FleetState
+from groundstation.fleet.stoppable import stoppable
 from groundstation.orders.goals import GoalFacts, goals_of
 from groundstation.orders.held_formation import HeldFormation, held_after
 from groundstation.orders.intents import Formation, Goto, Intent, Swap, Takeoff
 from groundstation.orders.swap import names_that_hear, swap_refusals, with_place
-from onboard.bus.schema import BY_MISSION, Order, Vec3
+from onboard.bus.schema import BY_MISSION, ON_PATHS, Order, Vec3
 from onboard.config.fleet import (
     ConfigError,
     FleetConfig,
@@ -87,7 +88,7 @@ def plan_order(
     Returns:
         Orders for the vehicles that may be ordered, refusals for the others.
     """
-    intent = _without_disabled(intent, fleet, state)
+    intent = _without_bystanders(_without_disabled(intent, fleet, state), fleet, state)
     if isinstance(intent, Swap) and state is not None:
         intent = with_place(intent, state)
 
@@ -143,6 +144,7 @@ def plan_order(
             then_land=values.then_land,
             reason=values.reason,
             stands_in_for=_place_for(name, intent),
+            follows=values.follows,
         )
 
     if orders:
@@ -172,6 +174,20 @@ def _without_disabled(intent: Intent, fleet: FleetConfig, state: FleetState | No
     out = out_of_service(state)
     names = tuple(name for name in intent.names if name not in out)
     if not names or len(names) == len(intent.names):
+        return intent
+    return msgspec.structs.replace(intent, vehicles=names)
+
+
+def _without_bystanders(intent: Intent, fleet: FleetConfig, state: FleetState | None) -> Intent:
+    """Return an order to all who fly a show without those who follow nothing, if anybody does."""
+    if state is None or intent.kind not in ON_PATHS:
+        return intent
+
+    names = stoppable(state, [name for name in intent.names if name in state.vehicles])
+    is_to_all = len(intent.names) > 1 and set(intent.names) >= set(fleet.enabled_names) - (
+        out_of_service(state)
+    )
+    if not is_to_all or not names:
         return intent
     return msgspec.structs.replace(intent, vehicles=names)
 

@@ -178,7 +178,7 @@ def _unfit(intent: Intent, view: VehicleView, now_ns: int) -> str | None:
             return f"{view.name} cannot start: it is {telemetry.state}."
         if telemetry.not_ready:
             return f"{view.name} is not ready: {telemetry.not_ready[0]}"
-    elif intent.verb == "skip" and not telemetry.show_id:
+    elif intent.verb == "skip" and not (telemetry.show_id or telemetry.follows):
         return f"{view.name} follows no path: there is no end of one to fly to."
     elif telemetry.state == "landing":
         why = f" ({telemetry.reason.rstrip('.')})" if telemetry.reason else ""
@@ -198,8 +198,10 @@ def _leg(intent: Intent, telemetry: Telemetry, position: Vec3, order: Order | No
         goal = position if is_parked else _goal(telemetry, position)
         return Leg(position, goal, is_ordered=False, is_parked=is_parked)
 
-    if intent.verb == "skip":  # its goal is the end of its path already
-        return Leg(position, _goal(telemetry, position))
+    if intent.verb == "skip":
+        # the goal of a path is its end already; who follows a vehicle holds where it is
+        goal = position if telemetry.follows else _goal(telemetry, position)
+        return Leg(position, goal)
     if order.position_enu_m is not None:
         return Leg(position, order.position_enu_m, order.duration_s)
 

@@ -137,6 +137,11 @@
         ? `${state.control.requester} requests control: give control, or keep control`
         : state.control.text;
     }
+    const mission = byId("mission");
+    mission.hidden = !state.mission.line;
+    byId("mission_line").textContent = state.mission.line;
+    byId("stop_countdown").hidden = !state.mission.counts_down;
+    byId("stop_mission").hidden = state.mission.counts_down;
     byId("clock").textContent = back_s ? `${clock(back_s, 0)} ago` : "";
   }
 
@@ -201,6 +206,7 @@
   function wordsOf(vehicle) {
     const words = [];
     if (vehicle.service) words.push(vehicle.service);
+    if (vehicle.show) words.push(vehicle.show);
     if (vehicle.avoids) words.push(`avoids ${vehicle.avoids}`);
     if (vehicle.conditions?.length) words.push(vehicle.conditions.join(", "));
     if (vehicle.reason) words.push(vehicle.reason);
@@ -316,6 +322,7 @@
       button("Resume", send("resume")),
       button("Skip to end", send("skip")),
       button("Bring home", send("bring home")),
+      button("Mission …", write(() => "mission ")),
     ];
     if (fleet.formations.length) {
       verbs.push(button("Formation …", write(() => `formation ${fleet.formations[0]} `)));
@@ -366,6 +373,8 @@
     if (card.phase === "previewed") {
       return element("span", { className: "badge" }, card.is_computing ? "flying it ahead" : "confirm?");
     }
+    if (card.outcome === "passed") return element("span", { className: "badge good" }, "✔ passed");
+    if (card.outcome === "failed") return element("span", { className: "badge bad" }, "✖ failed");
     if (card.phase === "refused" || isBad) return element("span", { className: "badge bad" }, "✖ not done");
     if (isDone) return element("span", { className: "badge good" }, "✔ done");
     return element("span", { className: "badge" }, card.phase === "sent" ? "under way" : card.phase);
@@ -401,6 +410,8 @@
   function listen() {
     byId("land_all").addEventListener("click", () => say({ do: "urgent", verb: "land" }));
     byId("hold_all").addEventListener("click", () => say({ do: "urgent", verb: "hold" }));
+    byId("stop_countdown").addEventListener("click", () => say({ do: "stop_countdown" }));
+    byId("stop_mission").addEventListener("click", () => order("stop"));
     byId("from_above").addEventListener("click", () => scene?.lookFromAbove());
     byId("whole").addEventListener("click", () => scene?.fit());
     byId("now").addEventListener("click", () => look(0));

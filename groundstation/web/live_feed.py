@@ -190,9 +190,17 @@ class LiveFeed:
         state = self._client.state
         self._alarms.update(state, now_ns)
         control = self._client.control if self._can_order else None
+        mission = ("", False)
+        if self.cards is not None:
+            mission = (self.cards.missions.live_line, self.cards.missions.counts_down)
         return _text(
             state_message(
-                state, self._fleet, alarms=self._alarms.lines, control=control, now_ns=now_ns
+                state,
+                self._fleet,
+                alarms=self._alarms.lines,
+                control=control,
+                now_ns=now_ns,
+                mission=mission,
             )
         )
 

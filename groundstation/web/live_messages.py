@@ -72,6 +72,7 @@ def state_message(
     alarms: Sequence[AlarmLine],
     control: Control | None,
     now_ns: int,
+    mission: tuple[str, bool] = ("", False),
 ) -> PageMessage:
     """Return the fleet as it is now.
 
@@ -81,7 +82,9 @@ def state_message(
         alarms: that hold now, the most severe first.
         control: who may order; None where pages only watch.
         now_ns: the ground's clock [ns].
+        mission: that this server flies, in a few words, and whether it counts down.
     """
+    line, counts_down = mission
     views = [state.vehicles[name] for name in fleet.enabled_names if name in state.vehicles]
     return {
         "kind": "state",
@@ -91,6 +94,7 @@ def state_message(
         "smallest": _separation(state.smallest_truth or state.smallest),
         "alarms": [_alarm(line, now_ns) for line in alarms],
         "control": _control(control),
+        "mission": {"line": plain_line(line)[:_MOST_TEXT], "counts_down": counts_down},
     }
 
 
@@ -142,6 +146,8 @@ def _vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> PageMessage:
         nearest_m=_known(telemetry.nearest_distance_m),
         order=telemetry.order_kind,
         phase=telemetry.order_phase,
+        show=_show_words(telemetry),
+        is_paused=telemetry.is_path_paused,
         satellites=satellite_words(telemetry),
         service=_service_words(telemetry),
         wind_m_s=[_known(part) for part in telemetry.wind_enu_m_s],
@@ -152,6 +158,18 @@ def _vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> PageMessage:
         neighbour_age_s=_known(telemetry.neighbour_age_s),
     )
     return message
+
+
+def _show_words(telemetry: Telemetry) -> str:
+    """Return where a vehicle is on its path, or whom it follows; empty without either."""
+    words = ""
+    if telemetry.show_id and math.isfinite(telemetry.path_time_s):
+        words = f"at {max(0.0, telemetry.path_time_s):.0f} s of its path"
+    elif telemetry.follows:
+        words = f"follows {plain_line(telemetry.follows)[:60]}"
+    if words and telemetry.is_path_paused:
+        words += ", paused"
+    return words
 
 
 def _service_words(telemetry: Telemetry) -> str:

@@ -5,6 +5,9 @@ console, and waits for its confirmation; what makes things safer is sent at once
 page that has made them: a page that is loaded again shows what is under way. All pages see all
 cards.
 
+Missions, countdowns and take-offs in waves are written as in the console, one at a time; their card
+ends with their verdict. They are flown by this server, and end with it.
+
 LAND ALL and HOLD ALL have a way of their own, without a card before them.
 """
 
@@ -15,17 +18,20 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from groundstation.client.client import FleetClient, waves_refusal
+from groundstation.client.client import FleetClient
 from groundstation.fleet.operator_control import FORCE_WORD
+from groundstation.missions.mission_orders import CountdownQuestion, MissionCall, MissionOrders
+from groundstation.missions.mission_words import are_of_mission
 from groundstation.orders.falling import below_words
 from groundstation.orders.forecast_process import Forecaster
 from groundstation.orders.grammar import OrderError, parse
-from groundstation.orders.intents import INTENTS, Intent, Land
+from groundstation.orders.intents import INTENTS, Intent, Land, Takeoff
 from groundstation.orders.kill_latch import KillLatch
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.prepared_order import PreparedOrder
 from groundstation.orders.preview import OrderPreview
 from groundstation.orders.result import OrderResult
+from groundstation.verdict.verdict import Verdict
 from onboard.config.fleet import ConfigError
 from onboard.plain_text import plain_line
 
@@ -52,6 +58,11 @@ class OrderCard:
         self.computing: asyncio.Task[None] | None = None
         self.begun_s = 0.0
 
+        # of the card of a mission only
+        self.question: Callable[[], CountdownQuestion] | None = None  # before a countdown
+        self.begin: Callable[[], None] | None = None  # the countdown
+        self.outcome = ""  # passed or failed, once the mission has ended
+
     def message(self) -> PageMessage:
         """Return what a page shows of it."""
         message: PageMessage = {
@@ -60,7 +71,15 @@ class OrderCard:
             "text": plain_line(self.text),
             "phase": self.phase,
             "sentences": list(self.sentences),
+            "outcome": self.outcome,
         }
+        if self.phase == "previewed" and self.question is not None:
+            asked = self.question()
+            message.update(
+                can_send=not asked.reasons,
+                reasons=[plain_line(reason)[:_MOST_TEXT] for reason in asked.reasons],
+                figures=[plain_line(line)[:_MOST_TEXT] for line in asked.lines],
+            )
         prepared = self.prepared
         if self.phase == "previewed" and prepared is not None and prepared.preview is not None:
             message.update(
@@ -102,6 +121,9 @@ class OrderCards:
         self._cards: deque[OrderCard] = deque(maxlen=MAX_CARDS)
         self._latch = KillLatch()
         self._count = 0
+        self.missions = MissionOrders(client, self._begin_mission, ask=self._ask_mission)
+        self._mission_card: OrderCard | None = None  # whose mission is begun or asked about
+        self._flying: asyncio.Task[None] | None = None
 
     def messages(self) -> list[PageMessage]:
         """Return all cards, the oldest first, for a page that has just been opened."""
@@ -114,6 +136,9 @@ class OrderCards:
             return
         if words[:2] in (["take", "control"], ["give", "control"], ["keep", "control"]):
             self._new_card(text, "sent", self._change_control(words))
+            return
+        if are_of_mission(words):
+            self._take_mission(text, words)
             return
         if words[0] == "reset":
             self._reset(text, " ".join(words[1:]))
@@ -140,6 +165,7 @@ class OrderCards:
         for card in self._cards:
             if card.phase == "previewed":
                 self._drop(card, f"{verb.upper()} ALL came first.")
+        self.missions.stop_countdown()
 
         intent: Intent
         if verb == "land":
@@ -151,6 +177,13 @@ class OrderCards:
     def confirm(self, number: int) -> None:
         """Send the order of a card as it is shown, if it still holds."""
         card = self._waiting(number)
+        if card is not None and card.question is not None and card.begin is not None:
+            if not card.question().reasons:
+                self._mission_card = card
+                card.phase = "sent"
+                card.begin()
+            self._tell(card.message())
+            return
         if card is None or card.prepared is None:
             return
 
@@ -159,7 +192,11 @@ class OrderCards:
             self._tell(card.message())
             return
         card.phase = "sent"
-        self._send(card, checked)
+        if isinstance(checked.intent, Takeoff) and len(checked.intent.waves) > 1:
+            self._mission_card = card
+            self._answer_mission(card, self.missions.take_off_in_waves(checked.intent))
+        else:
+            self._send(card, checked)
 
     def drop(self, number: int) -> None:
         """Drop a card that waits for its confirmation."""
@@ -171,19 +208,68 @@ class OrderCards:
         """Look whether the cards that wait still hold; call it twice a second."""
         now_s = self._client.now_ns() * 1e-9
         for card in self._cards:
-            if card.phase != "previewed" or card.prepared is None:
+            if card.phase != "previewed":
                 continue
             if now_s - card.begun_s > MAX_WAITING_S:
                 self._drop(card, "Nobody confirmed it.")
-            else:
+            elif card.prepared is not None:
                 card.prepared.check()
+            elif card.question is not None:
+                self._tell(card.message())
 
     async def stop(self) -> None:
-        """End all computing."""
+        """End all computing; a mission that flies ends, and lands all."""
+        if self._flying is not None and self.missions.is_flying:
+            self.missions.take(["stop"])
+            await asyncio.wait([self._flying])
         for card in self._cards:
             if card.computing is not None:
                 card.computing.cancel()
         await self._forecaster.stop()
+
+    # -- missions ----------------------------------------------------------------------------------
+
+    def _take_mission(self, text: str, words: list[str]) -> None:
+        """Take a line about a mission: a mission to fly, or a word for the one that flies."""
+        card = self._new_card(text, "sent")
+        if words[0] == "mission":
+            self._mission_card = card
+        self._answer_mission(card, self.missions.take(words))
+
+    def _answer_mission(self, card: OrderCard, refusal: str) -> None:
+        if refusal:
+            card.phase = "refused"
+            card.sentences = (plain_line(refusal)[:_MOST_TEXT],)
+        self._tell(card.message())
+
+    def _ask_mission(
+        self, question: Callable[[], CountdownQuestion], begin: Callable[[], None]
+    ) -> None:
+        """Have the card of a mission wait for its confirmation, as before a countdown."""
+        card = self._mission_card
+        assert card is not None
+        card.phase = "previewed"
+        card.question = question
+        card.begin = begin
+
+    def _begin_mission(self, mission: MissionCall, line: Callable[[], str]) -> bool:
+        """Fly a mission; return whether it was begun: one flies at a time."""
+        if self.missions.is_flying or self._mission_card is None:
+            return False
+        flight = self._fly_mission(self._mission_card, mission)
+        self._flying = asyncio.get_running_loop().create_task(flight)
+        return True
+
+    async def _fly_mission(self, card: OrderCard, mission: MissionCall) -> None:
+        """Fly a mission, and write its verdict on its card."""
+        verdict = await mission()
+        card.outcome = "failed"
+        if isinstance(verdict, Verdict):
+            card.outcome = "passed" if verdict.passed else "failed"
+            others = [sentence for sentence in verdict.sentences if sentence != verdict.summary]
+            told = [verdict.summary, *others]
+            card.sentences = tuple(plain_line(sentence)[:_MOST_TEXT] for sentence in told)
+        self._tell(card.message())
 
     # -- the ways of a card ------------------------------------------------------------------------
 
@@ -205,7 +291,7 @@ class OrderCards:
             names = ",".join(killed)
             self._new_card(text, "refused", f"{names} was killed. Look at it, then write: reset")
             return
-        refusal = self._client.control.refusal(intent.verb) or waves_refusal(intent)
+        refusal = self._client.control.refusal(intent.verb)
         if refusal is not None:
             self._new_card(text, "refused", refusal)
             return

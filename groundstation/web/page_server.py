@@ -242,6 +242,8 @@ async def obey(text: str, cards: OrderCards) -> None:
             await cards.take(order)
         case {"do": "urgent", "verb": str(verb)}:
             cards.urgent(verb)
+        case {"do": "stop_countdown"}:
+            cards.missions.stop_countdown()
         case {"do": "confirm", "number": int(number)}:
             cards.confirm(number)
         case {"do": "drop", "number": int(number)}:

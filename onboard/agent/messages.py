@@ -265,6 +265,8 @@ def telemetry(
         **_counts(counters.messages),
         disabled_by=flight.disabled_by[:60],
         stands_in_for=flight.stands_in_for,
+        follows=flight.followed[:60],
+        is_path_paused=flight.is_paused,
         **_path_fields(flight.path),
     )
 
@@ -333,5 +335,4 @@ def _path_fields(path: PathFlight) -> dict[str, Any]:
         "path_rate_frac": path.rate,
         "path_lag_m": path.lag_m,
         "is_behind": path.is_behind,
-        "is_path_paused": path.is_paused,
     }

@@ -20,7 +20,11 @@ from onboard.bus.schema import Order, OrderKind
 ControlClaim = Literal["operator", "asks", "keeps"]
 CONTROL_CLAIMS: tuple[ControlClaim, ...] = get_args(ControlClaim)
 
-EMERGENCY: tuple[OrderKind, ...] = ("land", "hold", "kill")  # orders that anybody may send
+EMERGENCY: tuple[OrderKind, ...] = ("land", "hold", "kill")  # orders that end what is flown
+OPEN_TO_ALL: tuple[OrderKind, ...] = (*EMERGENCY, "pause")  # orders that anybody may send
+# A script or a mission operates in its own process while its person watches from another one: these
+# orders are open to every ground of the person who operates. Home is a move that lands.
+_OF_THE_PERSON: tuple[OrderKind, ...] = ("resume", "skip")
 
 # How a vehicle ends the refusal of a mission's order that would replace a person's newer one.
 ORDER_STAYS = "that order stays."
@@ -50,6 +54,10 @@ class ControlToken:
     def label(self) -> str:
         """Author and node; the node distinguishes two grounds of one user."""
         return f"{self.author} ({self.node})"
+
+    def is_of(self, author: str) -> bool:
+        """Whether a person of this name declares it, as their computer names them."""
+        return self.author == _token_part(author)
 
     def follows(self, other: ControlToken) -> bool:
         """Whether this token takes control from the other by force, because its term is the next.
@@ -165,7 +173,8 @@ class ControlTokens:
     def refusal(self, order: Order) -> str | None:
         """Judge whether the sender of an order may give it.
 
-        Orders that make a flight safer are open to everybody.
+        Orders that make a flight safer are open to everybody; what follows a pause (to go on, to
+        skip, to go home) to every ground of the person who operates.
 
         Args:
             order: as received.
@@ -173,12 +182,17 @@ class ControlTokens:
             the sentence that refuses it; None when it is allowed.
         """
         holder = self.holder
-        if holder is None or order.kind in EMERGENCY or order.node == holder.node:
+        if holder is None or order.kind in OPEN_TO_ALL or order.node == holder.node:
+            return None
+
+        is_home = order.kind == "move" and order.then_land
+        is_of_the_person = order.kind in _OF_THE_PERSON or is_home
+        if is_of_the_person and holder.is_of(order.author):
             return None
         return (
             f"{holder.author} operates this fleet (from {holder.node}). Everybody may order land, "
-            "hold and kill; all other orders are the operator's. To ask for control, type in the "
-            "console: take control."
+            "hold, pause and kill; all other orders are the operator's. To ask for control, type "
+            "in the console: take control."
         )
 
 

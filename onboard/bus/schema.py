@@ -50,7 +50,8 @@ OrderKind = Literal[
     "enable",
     "stand_in",
 ]
-ON_PATHS = ("pause", "resume", "skip")  # they change how a path is followed
+# they change how a path, or another vehicle, is followed
+ON_PATHS = ("pause", "resume", "skip")
 # whether a vehicle takes part in flights, and from whose place
 SERVICE = ("disable", "enable", "stand_in")
 BESIDE = (*LOCATE, "load_path", *ON_PATHS, *SERVICE)  # orders that begin nothing, and end no other
@@ -188,7 +189,8 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     taken_order_kind: str = ""
     taken_order_from: str = ""  # author and node
 
-    is_path_paused: bool = False  # an order has stopped its path's clock, and so everybody's
+    # an order has stopped its path's clock, and so everybody's; or it follows nobody until `resume`
+    is_path_paused: bool = False
     disabled_by: str = ""  # who has ordered that it takes part in no flight; empty: it does
 
     # of a vehicle that flies by satellites
@@ -201,6 +203,7 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
 
     # the vehicle whose spot, slots and paths it has instead of its own; empty: its own
     stands_in_for: str = ""
+    follows: str = ""  # the vehicle that its goals follow, paused or not; empty: none
 
 
 class PreflightReport(Message, frozen=True, array_like=True, kw_only=True):
@@ -327,6 +330,7 @@ class Order(Message, frozen=True, array_like=True, kw_only=True):
     # reason is refused while a pilot flies the vehicle by hand.
     reason: str = ""
     stands_in_for: str = ""  # stand_in only: whose place the vehicle takes, maybe its own again
+    follows: str = ""  # move only: the vehicle whose motion this goal follows
 
     @property
     def text(self) -> str:

@@ -16,6 +16,7 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.control import path
 from onboard.flight.contact import ContactSigns
+from onboard.flight.follow_flight import FollowFlight
 from onboard.flight.path_flight import PathFlight
 from onboard.flight.types import MUST_BE_ARMED, MUST_BE_OFFBOARD, FlightStep, FlightView
 from onboard.safety.failsafe_table import Situation
@@ -35,6 +36,7 @@ _CONTACT_LIMIT_S = 8.0
 _RISEN_M = 0.5
 _PX4_HEIGHT_RISEN_M = 1.5
 
+_CAN_FOLLOW = (FlightStep.LEG, FlightStep.ARRIVED, FlightStep.HOLDING, FlightStep.COASTING)
 _NEAR_THE_GROUND = (FlightStep.LIFTOFF, FlightStep.DESCENT, FlightStep.SINKING)
 _NO_GOAL = Goal(ZERO_3, 0.0, 0)
 
@@ -58,6 +60,7 @@ class FlightContext:
     is_slow: bool = False  # a failsafe has slowed the order down
     leg_count: int = 0  # orders to move that have begun
     path: PathFlight = field(default_factory=PathFlight)
+    follow: FollowFlight = field(default_factory=FollowFlight)
 
     ground_z_m: float = 0.0  # height of the ground where it took off
     lowest_m: float = math.inf  # lowest height since the landing began, or since contact
@@ -103,6 +106,20 @@ class FlightContext:
     def place(self) -> str:
         """Name whose spot, slots and paths the vehicle has: mostly its own."""
         return self.stands_in_for or self.vehicle.name
+
+    @property
+    def followed(self) -> str:
+        """The vehicle that it follows, paused or not; empty: none."""
+        if self.follow.is_under_way and self.step in _CAN_FOLLOW:
+            return self.follow.leader
+        return ""
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether an order has stopped the path or the vehicle that it follows until `resume`."""
+        if self.path.show_id:
+            return self.path.is_paused
+        return bool(self.followed) and self.follow.is_paused
 
     @property
     def goal_position_enu_m(self) -> Vec3:

@@ -20,7 +20,7 @@ from onboard.config.ground import floor_m, least_height_m
 from onboard.config.pair_separation import separation_m
 from onboard.config.stand_in import stand_in_refusal
 from onboard.control.control_mode import ControlMode
-from onboard.flight import path_flight, sentences, takeover
+from onboard.flight import follow_flight, path_flight, sentences, takeover
 from onboard.flight.context import FlightContext
 from onboard.flight.effects import takeoff_height_m
 from onboard.flight.state_machine import accepts
@@ -94,7 +94,8 @@ def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | Non
     if order.kind == "follow_path":
         return _follow_path(order, flight, facts)
     if order.kind == "move":
-        return _move(order, flight.vehicle, facts)
+        not_followed = follow_flight.goal_refusal(flight.follow, order)
+        return not_followed or _move(order, flight.vehicle, facts)
     return None
 
 
@@ -102,6 +103,8 @@ def _beside_the_flight(order: Order, flight: FlightContext, facts: OrderFacts) -
     """Return what speaks against an order that begins nothing and ends nothing, or None."""
     if order.kind == "load_path":
         return path_flight.part_refusal(flight.path, order.path, flight.vehicle, facts.fleet)
+    if order.kind in ON_PATHS and flight.followed:
+        return None
     if order.kind in ON_PATHS:
         return path_flight.change_refusal(flight.path, order.kind)
     if order.kind == "disable":

@@ -159,6 +159,25 @@ def skipped(flight: FlightContext, view: FlightView) -> str:
     return f"Leaving its path at {flight.path.time_s:.1f} s, for the end of it."
 
 
+def follow_stopped(flight: FlightContext, view: FlightView, *, is_skipped: bool) -> str:
+    """Return the end of an order to pause or to skip, of a vehicle that follows another one."""
+    leader = flight.followed
+    if is_skipped:
+        return f"It follows {leader} no further, and holds here."
+
+    left_pct = 100.0 * view.snapshot.battery_frac
+    land_pct = flight.fleet.fleet.battery_land_pct
+    return (
+        f"Holding here; `resume` lets it follow {leader} again. "
+        f"The battery has {left_pct:.0f} %; at {land_pct:g} % it lands."
+    )
+
+
+def follows_again(flight: FlightContext, view: FlightView) -> str:
+    """Return the end of an order to resume, of a vehicle that follows another one."""
+    return f"Following {flight.followed} again."
+
+
 def holding(flight: FlightContext, view: FlightView) -> str:
     """Return the end of an order to hold."""
     return f"Holding at {position_text(view)}."

@@ -52,6 +52,7 @@ def begin_order(flight: FlightContext, view: FlightView, order: Order) -> None:
 
     _finish(flight, view, "superseded", f"Ended by order {order.kind} of {order.author}.")
     flight.order = order
+    flight.follow.begin(order)
     flight.is_slow = False
     _apply(flight, view, row)
 
@@ -77,9 +78,12 @@ def load_path(flight: FlightContext, view: FlightView, order: Order) -> None:
 def change_path(flight: FlightContext, view: FlightView, order: Order) -> None:
     """Stop the clock of the path that is followed, let it go on, or skip the rest of the path.
 
-    No order ends by it: the one to follow the path goes on.
+    No order ends by it: the one to follow the path goes on. Who follows another vehicle holds, and
+    goes on or not, in the same way.
     """
-    if order.kind == "skip":
+    if flight.followed:
+        sentence = _change_following(flight, view, order)
+    elif order.kind == "skip":
         flight.path.is_skipped = True
         sentence = sentences.skipped(flight, view)
     elif order.kind == "pause":
@@ -89,6 +93,25 @@ def change_path(flight: FlightContext, view: FlightView, order: Order) -> None:
         flight.path.is_paused = False
         sentence = sentences.resumed(flight, view)
     flight.say(view, "info", order.kind, sentence, order.order_id, "done")
+
+
+def _change_following(flight: FlightContext, view: FlightView, order: Order) -> str:
+    """Hold a vehicle that follows another one, let it go on, or end it here; return the answer."""
+    follow = flight.follow
+    if order.kind == "resume":
+        follow.is_paused = False
+        return sentences.follows_again(flight, view)
+
+    sentence = sentences.follow_stopped(flight, view, is_skipped=order.kind == "skip")
+    follow.is_paused = order.kind == "pause"
+    follow.is_skipped = order.kind == "skip"
+
+    row = _match(flight, view, FlightEvent.HOLD)
+    if row is not None:
+        _finish(flight, view, "superseded", f"Ended by order {order.kind} of {order.author}.")
+        _apply(flight, view, row)
+        flight.reason = "paused" if follow.is_paused else "ordered"
+    return sentence
 
 
 def change_service(flight: FlightContext, view: FlightView, order: Order) -> None:

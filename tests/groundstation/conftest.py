@@ -198,7 +198,12 @@ class FakeBus:
                     name,
                     position_enu_m=order.position_enu_m,
                     goal_position_enu_m=order.position_enu_m,
+                    follows=order.follows,
                 )
+            elif order.kind in ("pause", "resume") and self.vehicles[name].follows:
+                self.tell(name, is_path_paused=order.kind == "pause")
+            elif order.kind == "skip":
+                self.tell(name, state="holding", follows="")
             elif order.kind in ("land", "kill"):
                 self.tell(
                     name,

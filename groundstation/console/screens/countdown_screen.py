@@ -6,8 +6,8 @@ weakest. Enter begins the countdown, escape drops it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import ClassVar, NamedTuple
+from collections.abc import Callable
+from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -17,14 +17,7 @@ from textual.widgets import Static
 from groundstation.console.screens.live import Dialog
 from groundstation.console.theme import clean
 from groundstation.console.widgets.fleet_table import FleetTable
-
-
-class CountdownQuestion(NamedTuple):
-    """Title, lines and refusals of the question, as they are now."""
-
-    title: str
-    lines: Sequence[str]
-    reasons: Sequence[str]  # why the countdown may not begin
+from groundstation.missions.mission_orders import CountdownQuestion
 
 
 class CountdownScreen(Dialog[bool]):

@@ -286,6 +286,12 @@ def reason(row: VehicleRow) -> Cell:
             return text, WARN
         return text, FAINT
 
+    if telemetry.follows:
+        text = f"follows {clean(telemetry.follows, 60)}"
+        if telemetry.is_path_paused:
+            return f"{text}, paused", WARN
+        return text, FAINT
+
     text = clean(telemetry.reason, 160)
     if telemetry.state == "failed":
         return text, BAD

@@ -15,10 +15,10 @@ from textual.message import Message
 from textual.suggester import Suggester
 from textual.widgets import Input
 
-from groundstation.console import mission_words
 from groundstation.fleet.operator_control import FORCE_WORD
 from groundstation.formations.slots import formation_names
 from groundstation.mission_files.names import mission_names
+from groundstation.missions import mission_words
 from groundstation.orders.intents import INTENTS
 from onboard.config.file_reading import FileKind, read_bytes
 from onboard.config.fleet import ConfigError, FleetConfig

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from groundstation.console.mission_orders import MissionOrders
-from groundstation.console.screens.countdown_screen import CountdownQuestion, CountdownScreen
+from groundstation.console.screens.countdown_screen import CountdownScreen
 from groundstation.console.widgets.result_lines import ResultLines
+from groundstation.missions.mission_orders import CountdownQuestion, MissionOrders
 from tests.groundstation.console.rig import Rig
 from tests.groundstation.console.seeing import words
 

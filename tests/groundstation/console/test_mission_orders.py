@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-from groundstation.console.mission_orders import MissionOrders
-from groundstation.console.mission_words import are_of_mission
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.names import mission_names
 from groundstation.mission_files.world_time import local_now
+from groundstation.missions.mission_orders import MissionOrders
+from groundstation.missions.mission_words import are_of_mission
 from groundstation.missions.runner import MissionRun
 from groundstation.recording.writer import RecordWriter
 from groundstation.verdict.final_verdict import final_verdict

@@ -54,8 +54,19 @@ async def test_who_follows_no_path_is_refused_before_anything_is_sent(rig: Rig) 
     async with rig.app.run_test(size=(100, 30)) as pilot:
         rig.hover()
         await pilot.press("E")
-        assert "Nobody follows a path now" in rig.line(ResultLines)
+        assert "Nobody follows a path or another vehicle now" in rig.line(ResultLines)
         await rig.preview(pilot, "skip mav1")
         assert "mav1 follows no path" in words(rig.app, "answer")
         await pilot.press("enter")
         assert rig.client.ordered == []
+
+
+async def test_who_follows_another_vehicle_is_paused_and_skips_to_where_it_is(rig: Rig) -> None:
+    async with rig.app.run_test(size=(100, 30)) as pilot:
+        rig.hover()
+        fly = {"state": "flying", "position_enu_m": (1.5, 0.0, 1.0), "follows": "mav0"}
+        rig.client.hear("mav2", goal_position_enu_m=(2.5, 0.0, 1.0), is_path_paused=True, **fly)
+        await pilot.press("p", "r", "E")
+        await pilot.pause(0.02)
+        assert rig.client.ordered == ["pause mav2", "resume mav2"]
+        assert "→ 1.50 0.00 1.00 m" in words(rig.app, "vehicles")

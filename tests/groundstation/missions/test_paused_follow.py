@@ -35,13 +35,14 @@ async def test_a_pause_holds_the_followers_and_resume_lets_them_follow_for_the_r
     await asyncio.sleep(0.1)
     results = await flying.pause()
     assert {name: result.phase for name, result in results.items()} == {"mav1": "done"}
-    assert kinds_of(bus, "mav1")[-1] == "hold"
+    assert kinds_of(bus, "mav1")[-1] == "pause"
+    assert kinds_of(bus, "mav0")[-1] == "takeoff"  # who is followed has nothing to pause
 
     # the leader flies on, and nobody follows
     x, y, z = bus.vehicles["mav0"].position_enu_m
     bus.tell("mav0", position_enu_m=(x, y + 0.5, z))
     await asyncio.sleep(1.2)
-    assert kinds_of(bus, "mav1")[-1] == "hold"
+    assert kinds_of(bus, "mav1")[-1] == "pause"
     assert flying.ground.pause_line.startswith("paused")
 
     resumed = await flying.resume("mav1")
@@ -64,3 +65,30 @@ async def test_a_pause_of_followers_ends_at_home_while_the_weakest_battery_still
     home = bus.orders[-1][1]
     assert home.kind == "move"
     assert home.then_land
+
+
+async def test_a_pause_by_another_ground_stops_the_followers_and_the_next_leg_of_their_leader(
+    flying: Any, bus: Any
+) -> None:
+    follow = asyncio.create_task(flying.follow("mav0", FOLLOW_S, offsets={"mav1": (0.0, 2.0, 0.0)}))
+    await asyncio.sleep(0.1)
+    bus.tell("mav1", state="holding", is_path_paused=True)
+
+    x, y, z = bus.vehicles["mav0"].position_enu_m
+    leg = asyncio.create_task(flying["mav0"].go_to((x, y - 0.5, z)))
+    await asyncio.sleep(0.5)
+    assert flying.ground.pause_line.startswith("paused")
+    assert kinds_of(bus, "mav0")[-1] == "takeoff"
+
+    bus.tell("mav1", state="flying", is_path_paused=False)
+    await asyncio.wait_for(asyncio.gather(leg, follow), 5.0)
+    assert kinds_of(bus, "mav0")[-1] == "move"
+
+
+async def test_the_mission_goes_on_when_all_followers_skip_the_rest(flying: Any, bus: Any) -> None:
+    follow = asyncio.create_task(flying.follow("mav0", 60.0, offsets={"mav1": (0.0, 2.0, 0.0)}))
+    await asyncio.sleep(0.6)
+    skipped = await flying.skip()
+    assert list(skipped) == ["mav1"]
+    await asyncio.wait_for(follow, 5.0)
+    assert kinds_of(bus, "mav1")[-2:] == ["skip", "hold"]

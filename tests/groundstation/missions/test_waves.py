@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from groundstation.console.mission_orders import MissionOrders
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.missions.api import Fleet, OrderFailed
+from groundstation.missions.mission_orders import MissionOrders
 from groundstation.missions.runner import MissionRun
 from groundstation.orders.grammar import OrderError, parse
 from groundstation.orders.intents import Takeoff

@@ -9,6 +9,8 @@ import re
 import socket
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
+from datetime import datetime, timedelta
+from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import urljoin, urlsplit
 
@@ -190,15 +192,54 @@ async def test_what_could_go_wrong_is_shown_first_and_sent_by_its_confirmation(
     assert [order.kind for _, order in operated.bus.orders] == ["takeoff"] * 3
 
 
-async def test_a_take_off_in_waves_is_refused_and_not_sent_to_all_at_once(
+async def confirmed(socket: aiohttp.ClientWebSocketResponse, text: str) -> Message:
+    """Order a line, confirm its card, and return the card as it was shown."""
+    await socket.send_str(json.dumps({"do": "order", "text": text}))
+
+    def can_send(message: Message) -> bool:
+        return card(text, "previewed")(message) and bool(message.get("can_send"))
+
+    shown = await heard(socket, can_send)
+    await asyncio.sleep(0.3)  # nothing is sent in the first moment after it was shown
+    await socket.send_str(json.dumps({"do": "confirm", "number": shown["number"]}))
+    return shown
+
+
+async def test_a_take_off_in_waves_is_flown_wave_after_wave_and_its_card_has_the_verdict(
     operated: Served,
 ) -> None:
     async with opened(operated) as socket:
         await heard(socket, is_operator)
-        text = "takeoff all 1.0 by 1 every 4"
-        await socket.send_str(json.dumps({"do": "order", "text": text}))
-        refused = await heard(socket, card(text, "refused"))
-        assert "leave 'by' out" in refused["sentences"][0]
+        text = "takeoff all 1.0 by 2 every 0.1"
+        await confirmed(socket, text)
+        ended = await heard(socket, lambda m: card(text, "sent")(m) and m["outcome"])
+        assert ended["outcome"] == "passed", ended["sentences"]
+    ordered = [(name, order.kind) for name, order in operated.bus.orders]
+    assert ordered == [("mav0", "takeoff"), ("mav1", "takeoff"), ("mav2", "takeoff")]
+    times_ns = [order.stamp_ns for _, order in operated.bus.orders]
+    assert times_ns[2] - times_ns[1] > 0.1e9
+
+
+async def test_a_countdown_is_asked_about_shown_and_stopped(
+    operated: Served, tmp_path: Path
+) -> None:
+    mission = tmp_path / "hop.toml"
+    mission.write_text('schema = 1\n[[step]]\ndo = "takeoff"\nheight_m = 1.0\n')
+    at = (datetime.now().astimezone() + timedelta(minutes=5)).isoformat(timespec="seconds")
+    async with opened(operated) as socket:
+        await heard(socket, is_operator)
+        shown = await confirmed(socket, f"mission {mission} at {at}")
+        assert "Begins in " in shown["figures"][0]
+
+        def counts_down(message: Message) -> bool:
+            return message["kind"] == "state" and message["mission"]["counts_down"]
+
+        counting = await heard(socket, counts_down)
+        assert "starts at" in counting["mission"]["line"]
+        await socket.send_str(json.dumps({"do": "stop_countdown"}))
+        ended = await heard(socket, lambda m: m["kind"] == "card" and m["outcome"])
+        assert ended["outcome"] == "failed"
+        assert "stopped the countdown" in " ".join(ended["sentences"])
     assert operated.bus.orders == []
 
 

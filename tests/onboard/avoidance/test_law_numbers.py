@@ -91,9 +91,9 @@ def test_who_is_held_for_three_seconds_calls_for_a_roundabout_for_five(
 
 
 def test_the_share_of_relaxed_ticks_follows_within_a_third_of_a_second() -> None:
-    assert oist.relaxed_share(0.0, RELAXED, 0.02) == pytest.approx(0.07)
-    assert oist.relaxed_share(1.0, SATURATED, 0.02) == pytest.approx(0.93)
-    assert oist.relaxed_share(0.5, INACTIVE, 0.04) == pytest.approx(0.5 * 0.93**2)
+    assert oist.next_relaxed_share(0.0, RELAXED, 0.02) == pytest.approx(0.07)
+    assert oist.next_relaxed_share(1.0, SATURATED, 0.02) == pytest.approx(0.93)
+    assert oist.next_relaxed_share(0.5, INACTIVE, 0.04) == pytest.approx(0.5 * 0.93**2)
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_the_share_of_relaxed_ticks_follows_within_a_third_of_a_second() -> None
     [("slow", 0.0, 1.0), ("slow", 0.4, 0.4), ("slow", 1.0, 0.1), ("ignore", 1.0, 1.0)],
 )
 def test_relaxed_rows_slow_the_pursuit(jam: str, relaxed: float, share: float) -> None:
-    memory = oist.initial()._replace(relaxed_share=relaxed)
+    memory = oist.initial()._replace(next_relaxed_share=relaxed)
     assert oist.speed_share(memory, law_of(jam=jam)) == pytest.approx(share)
 
 

@@ -1,18 +1,19 @@
-"""Missions by written orders: started, stepped through, and ended, beside the orders by hand."""
+"""Missions by written orders: started, stepped through, and ended, beside the orders by hand.
+
+The console and the live page take them in the same way.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import math
 from collections.abc import Awaitable, Callable, Sequence
+from typing import NamedTuple, Protocol
 
 from msgspec.structs import replace
 
 from groundstation.client.client import FleetClient
-from groundstation.console.clients import ConsoleClient
-from groundstation.console.mission_words import USAGE
-from groundstation.console.mission_worker import MissionCall
-from groundstation.console.screens.countdown_screen import CountdownQuestion
+from groundstation.fleet.state import FleetState
 from groundstation.mission_files.loading import load_mission, mission_from_mapping
 from groundstation.mission_files.mission_findings import refuse_unflyable
 from groundstation.mission_files.names import mission_names
@@ -20,20 +21,41 @@ from groundstation.mission_files.python_file import load_function
 from groundstation.mission_files.world_time import WorldTime, local_now, time_words, world_time
 from groundstation.missions.beginning import begin_refusal
 from groundstation.missions.countdown import clock_problem, clock_words
+from groundstation.missions.mission_words import USAGE
 from groundstation.missions.runner import MissionRun
 from groundstation.orders.intents import Takeoff
 from groundstation.verdict.verdict import Verdict
 from onboard.config.fleet import ConfigError
 from onboard.plain_text import listed
 
+_ONLY_WATCHES = "This ground only watches: open one that may order."
 _MOST_NAMED = 12
 _MOST_PROBLEMS = 2
 _READY_S = 10.0  # within which all vehicles are ready
 _WATCH_S = 0.2  # between two looks for silent vehicles
 
 MissionJudge = Callable[[MissionRun], Awaitable[Verdict]]
+MissionCall = Callable[[], Awaitable[object]]  # flies, and returns a verdict
+
+
+class CountdownQuestion(NamedTuple):
+    """Title, lines and refusals of the question before a countdown, as they are now."""
+
+    title: str
+    lines: Sequence[str]
+    reasons: Sequence[str]  # why the countdown may not begin
+
+
 # shows a question, and calls the function when the operator says yes
 Ask = Callable[[Callable[[], CountdownQuestion], Callable[[], None]], None]
+
+
+class WatchingClient(Protocol):
+    """The part of a ground's end of the bus that is needed before a mission may be flown."""
+
+    @property
+    def state(self) -> FleetState:
+        """The fleet as known now."""
 
 
 class MissionOrders:
@@ -50,7 +72,7 @@ class MissionOrders:
 
     def __init__(
         self,
-        client: ConsoleClient,
+        client: WatchingClient,
         begin: Callable[[MissionCall, Callable[[], str]], bool],
         judge: MissionJudge | None = None,
         run: MissionRun | None = None,
@@ -94,7 +116,7 @@ class MissionOrders:
         """Start a mission; returns a sentence when it is refused, or else nothing."""
         client = self._client
         if not isinstance(client, FleetClient):
-            return "This console only watches: attach one that may order."
+            return _ONLY_WATCHES
         refusal = client.control.refusal("takeoff")
         if refusal is not None:
             return refusal
@@ -145,7 +167,7 @@ class MissionOrders:
         """
         client = self._client
         if not isinstance(client, FleetClient):
-            return "This console only watches: attach one that may order."
+            return _ONLY_WATCHES
         step = {
             "do": "takeoff",
             "vehicles": list(intent.names),
@@ -171,7 +193,26 @@ class MissionOrders:
             self._say(refusal)
 
     def _line_of(self, run: MissionRun) -> str:
-        return run.fleet.ground.live_line or self._line
+        return run.fleet.ground.title_line or self._line
+
+    @property
+    def is_flying(self) -> bool:
+        """Whether a mission flies that was started here."""
+        return self._run is not None and not self._run.is_over
+
+    @property
+    def live_line(self) -> str:
+        """What the mission does, in a few words; empty when none flies."""
+        if self._run is None or not self.is_flying:
+            return ""
+        return self._run.fleet.ground.live_line or self._line or "mission flies"
+
+    @property
+    def counts_down(self) -> bool:
+        """Whether a countdown is under way."""
+        if self._run is None or not self.is_flying:
+            return False
+        return self._run.fleet.ground.countdown is not None
 
     def stop_countdown(self) -> str:
         """End the countdown of the mission that counts down; return what became of it."""
