@@ -153,11 +153,11 @@ def _run_to_end(
     except _TOLD as error:
         return _ScriptEnd(EXIT_FAILED, str(error))
     except ExceptionGroup as failures:
-        error = first_failure(failures)
-        if isinstance(error, _TOLD):
-            return _ScriptEnd(EXIT_FAILED, str(error))
+        first = first_failure(failures)
+        if isinstance(first, _TOLD):
+            return _ScriptEnd(EXIT_FAILED, str(first))
         traceback.print_exc()
-        return _ScriptEnd(EXIT_FAILED, f"{type(error).__name__}: {error}")
+        return _ScriptEnd(EXIT_FAILED, f"{type(first).__name__}: {first}")
     except ModuleNotFoundError as error:
         return _ScriptEnd(EXIT_FAILED, missing_module_words(error.name or "", script))
     except Exception as error:  # noqa: BLE001 - the script's author sees it; the fleet has been left
