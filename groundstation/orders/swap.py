@@ -87,9 +87,6 @@ def _spare_refusal(
     present = stand_ins(state).get(intent.place, intent.swapped)
     if present not in (intent.swapped, spare.name):
         return f"{present} has the place of {intent.place}: write swap {present} {spare.name}."
-    if intent.place == spare.name:
-        return ""
-
     in_the_way = _in_the_way(intent, fleet, state, now_ns)
     if in_the_way:
         return in_the_way

@@ -34,7 +34,9 @@ def stand_in_refusal(
         names = ", ".join(fleet.enabled_names)
         return f"{place[:40]} is not a vehicle of fleet '{fleet.fleet.name}': it has {names}."
 
-    difference = _difference(fleet, fleet.vehicles[spare], fleet.vehicles[place])
+    difference = ""
+    if spare != place:
+        difference = _difference(fleet, fleet.vehicles[spare], fleet.vehicles[place])
     if difference:
         return f"{spare} cannot stand in for {place}: {difference}."
     if position_enu_m is None:
@@ -45,8 +47,9 @@ def stand_in_refusal(
     tolerance_m = _tolerance_m(fleet, spare)
     if off_m > tolerance_m:
         east_m, north_m, _ = spot_enu_m
+        whose = "its own spot" if spare == place else f"the spot of {place}"
         return (
-            f"{spare} stands {off_m:.1f} m from the spot of {place}, ({east_m:g}, {north_m:g}); "
+            f"{spare} stands {off_m:.1f} m from {whose}, ({east_m:g}, {north_m:g}); "
             f"{tolerance_m:.1f} m are allowed. Put it there, then order again."
         )
     return ""

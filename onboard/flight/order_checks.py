@@ -123,9 +123,6 @@ def _stand_in(order: Order, flight: FlightContext, facts: OrderFacts) -> str | N
         return standing
 
     name = flight.vehicle.name
-    if order.stands_in_for == name:
-        return None
-
     position_enu_m = facts.view.position_enu_m if facts.view.has_position else None
     return stand_in_refusal(facts.fleet, name, order.stands_in_for, position_enu_m) or None
 

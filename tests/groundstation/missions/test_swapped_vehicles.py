@@ -64,6 +64,9 @@ async def test_a_swap_back_gives_the_place_to_its_first_owner(bus: Any, swapped:
     x, y, z = swapped.fleet.vehicles["mav1"].start_enu_m
     await tell(swapped, bus, "mav1", position_enu_m=(x, y, z))
     await tell(swapped, bus, "mav2", position_enu_m=(x + 2.0, y, z))
+    await tell(swapped, bus, "mav1", position_enu_m=(x, y - 2.0, z))
+    assert "mav1 stands 2.0 m from its own spot" in refusal(swapped, "swap mav2 mav1")
+    await tell(swapped, bus, "mav1", position_enu_m=(x, y, z))
     orders = swapped.plan("swap mav2 mav1").orders
     assert orders["mav2"].kind == "disable"
     assert orders["mav1"].stands_in_for == "mav1"

@@ -39,7 +39,11 @@ def test_a_spare_on_the_spot_of_another_vehicle_takes_its_place() -> None:
     assert not told(rig).disabled_by
     assert not told(rig).not_ready
 
-    # and back
+    # and back, once it stands there
+    away = rig.order("stand_in", stands_in_for="mav0")
+    assert "mav0 stands 1.4 m from its own spot" in away.reason
+    rig.carry(0.0, 0.0, 0.0)
+    rig.run(3.0)
     assert rig.order("stand_in", stands_in_for="mav0").is_accepted
     rig.run(0.3)
     assert told(rig).stands_in_for == ""
