@@ -9,7 +9,8 @@ Examples:
 The script uses groundstation.Fleet, groundstation.BlockingFleet or
 groundstation.crazyswarm: docs/python-api.md. Without --lockstep and --sitl it
 meets the agents that run. What follows -- goes to the script. With --rehearse it
-is flown in simulated time first, and again with the fleet if that went well.
+is flown in simulated time first, and again with the fleet if that went well. So
+is a script of Crazyswarm with the agents that run, unless --no-rehearse is given.
 
 Exit status: 0 the script has ended and all are down; 1 it failed, or somebody
 is not down; 2 wrong input, nothing started; 130 interrupted. Ctrl-C leaves the
@@ -30,6 +31,7 @@ from groundstation.commands.parameters import (
     LawName,
     refuse_wrong_seed,
 )
+from groundstation.crazyswarm.script_check import is_of_crazyswarm
 from groundstation.flights.flight_settings import (
     new_folder,
     open_folder,
@@ -58,7 +60,7 @@ def run(
     record: Folder | None = None,
     law: LawName = None,
     seed: int = 0,
-    rehearse: bool = False,
+    rehearse: bool | None = None,
 ) -> int:
     """Run a Python script with a fleet; the same script flies simulated and for real.
 
@@ -70,7 +72,8 @@ def run(
         record: flight folder (default: flights/<time>)
         law: covey, paper, off or a law of your own, instead of the fleet file's (simulated flights)
         seed: seed of everything random in the emulator
-        rehearse: fly it in simulated time first; nothing takes off when that fails
+        rehearse: fly it in simulated time first; nothing takes off when that fails (default: of
+            scripts of Crazyswarm that meet real agents)
     """
     refuse_what_is_no_script(script)
     if lockstep and sitl:
@@ -82,9 +85,12 @@ def run(
 
     folder = (record or new_folder()).absolute()
     config = load_fleet(fleet)
+    is_simulated = lockstep or sitl
+    if rehearse is None:
+        rehearse = not is_simulated and is_of_crazyswarm(script)
     if rehearse:
         _rehearse(script, arguments, config, folder / "rehearsal", seed)
-    if lockstep or sitl:
+    if is_simulated:
         config = simulated_fleet(config, folder, law=law, has_free_ports=sitl, needs_ports=sitl)
 
     files = {"fleet.toml": config.text, "script.py": read_text(script, SCRIPT)}

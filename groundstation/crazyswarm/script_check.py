@@ -40,12 +40,35 @@ NOT_FLOWN = {
         "Batteries are judged by the failsafe table: a vehicle at its landing level lands."
     ),
 }
+_PACKAGES = ("pycrazyswarm", "crazyflie_py")
+_OWN_PACKAGE = "groundstation.crazyswarm"
 _MOST_CALLS_NAMED = 3
 _BY_ID = "crazyfliesById"
 _START = "startTrajectory"
 _MOST_NAMES = 20  # that stand for each other
 _TIMESCALE_PLACE = 1  # among the arguments of startTrajectory
 _ID_LINE = re.compile(r"^\s*-?\s*id\s*:", re.MULTILINE)
+
+
+def is_of_crazyswarm(script: str) -> bool:
+    """Return whether a script imports Crazyswarm's names, from Covey or from where they were.
+
+    Args:
+        script: path of the Python file; what is no file is not read.
+    """
+    if not Path(script).is_file():
+        return False
+
+    for node in ast.walk(python_tree(read_text(script, SCRIPT), script)):
+        modules = []
+        if isinstance(node, ast.Import):
+            modules = [one.name for one in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            modules = [node.module or ""]
+        for module in modules:
+            if module.partition(".")[0] in _PACKAGES or module.startswith(_OWN_PACKAGE):
+                return True
+    return False
 
 
 def refuse_what_is_not_flown(script: str) -> None:

@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from groundstation.crazyswarm.module_names import crazyswarm_names
 from groundstation.flights.mission_flight import clock_say
 from groundstation.missions.connection import Host, RealTime, run_script
 from groundstation.missions.readiness import NotReady
@@ -142,10 +143,11 @@ def _run_to_end(
 ) -> _ScriptEnd:
     """Run a script; whatever it raises becomes an exit status and a sentence."""
     try:
-        if run_it is None:
-            run_script(script, arguments, host)
-        else:
-            run_it(script, *arguments)
+        with crazyswarm_names(script):
+            if run_it is None:
+                run_script(script, arguments, host)
+            else:
+                run_it(script, *arguments)
     except (KeyboardInterrupt, asyncio.CancelledError):
         return _ScriptEnd(EXIT_INTERRUPTED, "")
     except SystemExit as error:

@@ -58,3 +58,33 @@ def test_a_flight_in_simulated_time_needs_no_rehearsal(tmp_path: Path) -> None:
     script.write_text("pass\n")
     with pytest.raises(ConfigError, match="leave --rehearse out"):
         run.run(str(script), fleet=PAPER, lockstep=True, rehearse=True)
+
+
+@pytest.mark.parametrize(
+    ("line", "changes", "is_rehearsed"),
+    [
+        ("from pycrazyswarm import *", {}, True),
+        ("from crazyflie_py.uav_trajectory import Trajectory", {}, True),
+        ("from groundstation.crazyswarm import Crazyswarm", {}, True),
+        ("from groundstation import Fleet", {}, False),
+        ("from pycrazyswarm import *", {"rehearse": False}, False),
+        ("from pycrazyswarm import *", {"sitl": True}, False),
+    ],
+)
+def test_a_script_of_crazyswarm_is_rehearsed_before_it_meets_real_agents(
+    line: str,
+    changes: dict[str, bool],
+    is_rehearsed: bool,
+    tmp_path: Path,
+    met: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rehearsed: list[str] = []
+    monkeypatch.setattr(run, "_rehearse", lambda script, *_: rehearsed.append(script))
+    monkeypatch.setattr(run, "fly_script_emulated", lambda *_: EXIT_OK)
+    script = tmp_path / "show.py"
+    script.write_text(f"{line}\n")
+    status = run.run(str(script), fleet=PAPER, record=tmp_path / "flight", **changes)  # type: ignore[arg-type]
+    assert status == EXIT_OK
+    assert rehearsed == ([str(script)] if is_rehearsed else [])
+    assert met == ([] if "sitl" in changes else ["show.py"])

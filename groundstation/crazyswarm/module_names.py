@@ -1,0 +1,46 @@
+"""The modules that scripts of Crazyswarm import, under their own names.
+
+`covey fly script` sets them while a script runs, so that it need not be changed. They come before
+files beside the script: a checkout of Crazyswarm has its own `pycrazyswarm` there, which flies
+Crazyflies. Its `uav_trajectory` beside a script stays, because it flies nothing.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+from groundstation import crazyswarm
+from groundstation.crazyswarm import uav_trajectory
+
+_TRAJECTORIES = "uav_trajectory"
+
+
+@contextlib.contextmanager
+def crazyswarm_names(script: str) -> Iterator[None]:
+    """Let a script import `pycrazyswarm`, `crazyflie_py` and `uav_trajectory` while it runs.
+
+    Args:
+        script: path of the Python file.
+    """
+    names: dict[str, ModuleType] = {
+        "pycrazyswarm": crazyswarm,
+        "crazyflie_py": crazyswarm,
+        f"crazyflie_py.{_TRAJECTORIES}": uav_trajectory,
+    }
+    own_trajectories = Path(script).resolve().with_name(f"{_TRAJECTORIES}.py")
+    if not own_trajectories.is_file():
+        names[_TRAJECTORIES] = uav_trajectory
+
+    before = {name: sys.modules.get(name) for name in names}
+    sys.modules.update(names)
+    try:
+        yield
+    finally:
+        for name, module in before.items():
+            sys.modules.pop(name, None)
+            if module is not None:
+                sys.modules[name] = module
