@@ -17,6 +17,7 @@ PAGE_NAME = "evidence.html"
 _MOST_REASONS = 8  # of a row that are shown
 _SHORT_HASH = 16  # letters of a digest that are shown
 _GUST_FACTOR = 1.25  # wind with gusts over mean wind
+_WIDE_BOUND = 0.2  # of the share of wrong flights: above it a row is no more than a look
 
 _WORDS = {SHOWN: "evidence for", WRONG: "against it", NOT_SHOWN: "not shown"}
 _STYLE = """\
@@ -29,6 +30,7 @@ th, td { border-bottom: 1px solid #d5dade; padding: .45em .6em; text-align: left
 th { background: #f1f3f5; }
 tr.wrong td:first-child { border-left: 6px solid #b00020; background: #fdecee; }
 tr.shown td:first-child { border-left: 6px solid #1a7f4b; }
+tr.shown.wide td:first-child { border-left: 6px solid #c77700; }
 tr.not-shown td:first-child { border-left: 6px solid #8a939c; color: #5a646d; }
 .wrong-words { color: #b00020; font-weight: 600; }
 code { font: 12px ui-monospace, monospace; overflow-wrap: anywhere; }
@@ -74,6 +76,15 @@ def _introduction(evidence: Evidence) -> str:
     counts = dict.fromkeys(_WORDS, 0)
     for row in evidence.matrix:
         counts[row.status] += 1
+    wide = sum(_is_wide(row) for row in evidence.matrix)
+    look = ""
+    if wide:
+        look = (
+            f"<p class='note'>{_number(evidence.rounds, 'round')} of all faults: of the rows with"
+            f" evidence, {wide} rest on so few flights that"
+            f" {100.0 * _WIDE_BOUND:g} % of such flights or more may still be wrong. They say how"
+            " many flights they rest on, and are marked in amber.</p>"
+        )
     return (
         f"<p>{evidence.flights} flights of {len(evidence.vehicles)} vehicles in simulated time,"
         f" {evidence.wrong_flights} of them judged wrong. Of {len(evidence.matrix)} questions,"
@@ -83,7 +94,7 @@ def _introduction(evidence: Evidence) -> str:
         " faults named here. It is no statement that an operation meets a regulation: that is the"
         " authority's to judge, together with everything in the last rows of the table, which no"
         " simulation shows.</p>"
-        f"<p>To make it again: <code>{_text(evidence.command)}</code><br>"
+        f"{look}<p>To make it again: <code>{_text(evidence.command)}</code><br>"
         f"Digest of all flights: <code>{evidence.digest}</code></p>"
     )
 
@@ -123,9 +134,10 @@ def _volumes(evidence: Evidence, picture: bytes) -> str:
     return (
         f"<img alt='the three volumes from above' src='data:image/png;base64,{encoded}'>"
         f"<table><tr><th>volume</th><th>size</th><th>from</th></tr>{cells}</table>"
-        "<p>Their corners are in <code>geography.geojson</code>. Of these"
-        f" {evidence.flights} flights none came farther: with 95 % confidence fewer than"
-        f" {100.0 * largest_share:.2g} % of such flights do.</p>"
+        "<p>Their corners are in <code>geography.geojson</code>. The contingency volume is drawn"
+        f" around these {evidence.flights} flights; of further flights drawn like them fewer than"
+        f" {100.0 * largest_share:.2g} % go beyond it, with"
+        " 95 % confidence.</p>"
     )
 
 
@@ -150,6 +162,8 @@ def _matrix(evidence: Evidence) -> str:
 
 def _matrix_row(row: MatrixRow) -> str:
     status = row.status.replace(" ", "-")
+    if _is_wide(row):
+        status += " wide"
     bound = "-"
     if row.flights:
         bound = (
@@ -175,10 +189,18 @@ def _matrix_row(row: MatrixRow) -> str:
     )
 
 
+def _is_wide(row: MatrixRow) -> bool:
+    """Whether a row has evidence, of so few flights that its bound says little."""
+    return row.status == SHOWN and row.upper_bound > _WIDE_BOUND
+
+
 def _result(row: MatrixRow) -> str:
+    words = _WORDS[row.status]
     if row.status == SHOWN and row.not_flown:
-        return f"{_WORDS[SHOWN]}, in part: {_number(len(row.not_flown), 'fault')} not flown"
-    return _WORDS[row.status]
+        words += f", in part: {_number(len(row.not_flown), 'fault')} not flown"
+    if _is_wide(row):
+        words += f"; {_number(row.flights, 'flight')} only"
+    return words
 
 
 def _number(count: int, what: str) -> str:

@@ -41,6 +41,17 @@ def test_a_row_of_which_not_all_faults_were_flown_says_so(tmp_path, paper) -> No
     assert "evidence for, in part: 1 fault not flown" in page  # of two of the pilot
 
 
+def test_a_row_of_few_flights_says_so_and_is_not_green(tmp_path, paper) -> None:
+    _, _, look = written(tmp_path, paper, [flown()])
+    assert "<tr class='shown wide'>" in look
+    assert "evidence for; 1 flight only" in look
+    assert "1 rest on so few flights that 20 % of such flights or more may still be wrong" in look
+
+    _, _, long = written(tmp_path, paper, [flown(number=number) for number in range(20)])
+    assert "<tr class='shown'>" in long
+    assert "flights only" not in long
+
+
 def test_nothing_of_it_says_that_a_regulation_is_met(tmp_path, paper) -> None:
     written(tmp_path, paper, [flown()])
     for name in ("evidence.html", "evidence.json"):
