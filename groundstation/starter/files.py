@@ -169,6 +169,7 @@ def _fleet_text(
         *law_lines(answers),
         *_mocap(answers, names),
         *_radio(answers),
+        *_corrections(answers),
         "",
         "[formations.ring]  # offsets from the formation's position: east, north, up",
     ]
@@ -188,6 +189,21 @@ def _radio(answers: Answers) -> list[str]:
         "",
         "[radio]  # the Wi-Fi that all share; covey check computes what they take of it",
         "states_hz = 25",
+    ]
+
+
+def _corrections(answers: Answers) -> list[str]:
+    if not answers.is_outdoors:
+        return []
+    return [
+        "",
+        "# RTK: with corrections from a base positions are wrong by centimetres. Take the # away",
+        "# once you have a source: a receiver of yours on a cable, a caster (ntrip), or tcp.",
+        "# docs/corrections.md; then: covey corrections --fleet fleet.toml --check",
+        "# [corrections]",
+        '# source = "serial"',
+        '# address = "/dev/ttyUSB0"',
+        '# fix = "rtk_fixed"  # nobody takes off without',
     ]
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import builtins
 import sys
+import tomllib
 from pathlib import Path
 from typing import get_args
 
@@ -16,7 +17,7 @@ from groundstation.cli import main
 from groundstation.file_checks.examination import examine
 from groundstation.processes.supervisor import most_agents
 from groundstation.starter.files import Answers, Position, companion_addresses, starter
-from onboard.config.fleet import ConfigError, parking_distance_m
+from onboard.config.fleet import ConfigError, fleet_from_mapping, parking_distance_m
 from sitl.lockstep.flight import Lockstep
 
 
@@ -154,3 +155,16 @@ def test_a_position_that_is_not_flown_is_refused_with_what_to_do_instead(
         assert f"'{word}' is none of optitrack, vicon" in said
         assert instead in said
         assert "Did you mean" not in said
+
+
+def test_a_fleet_outdoors_has_corrections_that_count_once_the_signs_are_taken_away() -> None:
+    text = starter(Answers(vehicles=3, position="gps", origin="47.4,8.5,489.4")).fleet_text
+    lines = text.splitlines()
+    begin = lines.index("# [corrections]")
+    for number in range(begin, begin + 4):
+        lines[number] = lines[number].removeprefix("# ")
+    table = tomllib.loads("\n".join(lines))
+    fleet = fleet_from_mapping(table, path="fleet.toml", text="\n".join(lines))
+    assert fleet.corrections is not None
+    assert fleet.corrections.fix == "rtk_fixed"
+    assert "[corrections]" not in starter(Answers(vehicles=3)).fleet_text
