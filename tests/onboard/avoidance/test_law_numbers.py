@@ -87,7 +87,7 @@ def test_who_is_held_for_three_seconds_calls_for_a_roundabout_for_five(
     held_s: float, speed_m_s: float, intent_m_s: float, is_active: bool, later_s: float
 ) -> None:
     own = _own(velocity_m_s=Vec2(speed_m_s, 0.0), intent_m_s=Vec2(intent_m_s, 0.0))
-    assert oist.held(held_s, own, is_active, 0.1) == pytest.approx(later_s)
+    assert oist.next_held_s(held_s, own, is_active, 0.1) == pytest.approx(later_s)
 
 
 def test_the_share_of_relaxed_ticks_follows_within_a_third_of_a_second() -> None:
@@ -101,7 +101,7 @@ def test_the_share_of_relaxed_ticks_follows_within_a_third_of_a_second() -> None
     [("slow", 0.0, 1.0), ("slow", 0.4, 0.4), ("slow", 1.0, 0.1), ("ignore", 1.0, 1.0)],
 )
 def test_relaxed_rows_slow_the_pursuit(jam: str, relaxed: float, share: float) -> None:
-    memory = oist.initial()._replace(next_relaxed_share=relaxed)
+    memory = oist.initial()._replace(relaxed_share=relaxed)
     assert oist.speed_share(memory, law_of(jam=jam)) == pytest.approx(share)
 
 
