@@ -17,6 +17,7 @@ from groundstation import crazyswarm
 from groundstation.crazyswarm import uav_trajectory
 
 _TRAJECTORIES = "uav_trajectory"
+PROVIDED = ("pycrazyswarm", "crazyflie_py")  # whatever lies beside the script
 
 
 @contextlib.contextmanager
@@ -27,8 +28,7 @@ def crazyswarm_names(script: str) -> Iterator[None]:
         script: path of the Python file.
     """
     names: dict[str, ModuleType] = {
-        "pycrazyswarm": crazyswarm,
-        "crazyflie_py": crazyswarm,
+        **dict.fromkeys(PROVIDED, crazyswarm),
         f"crazyflie_py.{_TRAJECTORIES}": uav_trajectory,
     }
     own_trajectories = Path(script).resolve().with_name(f"{_TRAJECTORIES}.py")

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from groundstation.crazyswarm.module_names import crazyswarm_names
+from groundstation.crazyswarm.module_names import PROVIDED, crazyswarm_names
 from groundstation.flights.mission_flight import clock_say
 from groundstation.missions.connection import Host, RealTime, run_script
 from groundstation.missions.readiness import NotReady
@@ -177,7 +177,8 @@ def missing_module_words(module: str, script: str = "") -> str:
             that it imports; a path that leads to no file is left unread.
     """
     package = module.partition(".")[0]
-    wanted = _imports_of(script, package) or [module]
+    imported = [one for one in _imports_of(script, package) if one not in PROVIDED]
+    wanted = imported or [module]
 
     sentence = f"It imports {' and '.join(wanted)}, which is not installed here."
     if "uav_trajectory" in wanted:
