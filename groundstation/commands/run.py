@@ -60,7 +60,8 @@ def run(
     record: Folder | None = None,
     law: LawName = None,
     seed: int = 0,
-    rehearse: bool | None = None,
+    rehearse: bool = False,
+    no_rehearse: bool = False,
 ) -> int:
     """Run a Python script with a fleet; the same script flies simulated and for real.
 
@@ -72,23 +73,24 @@ def run(
         record: flight folder (default: flights/<time>)
         law: covey, paper, off or a law of your own, instead of the fleet file's (simulated flights)
         seed: seed of everything random in the emulator
-        rehearse: fly it in simulated time first; nothing takes off when that fails (default: of
-            scripts of Crazyswarm that meet real agents)
+        rehearse: fly it in simulated time first; nothing takes off when that fails
+        no_rehearse: do not, with a script of Crazyswarm that meets the agents that run
     """
     refuse_what_is_no_script(script)
     if lockstep and sitl:
         raise ConfigError("--lockstep and --sitl are two ways to simulate: give one.")
     if lockstep and rehearse:
         raise ConfigError("--lockstep flies in simulated time already: leave --rehearse out.")
+    if rehearse and no_rehearse:
+        raise ConfigError("--rehearse and --no-rehearse: give one.")
     refuse_law_of_real_flight(law, is_simulated=lockstep or sitl)
     refuse_wrong_seed(seed)
 
     folder = (record or new_folder()).absolute()
     config = load_fleet(fleet)
     is_simulated = lockstep or sitl
-    if rehearse is None:
-        rehearse = not is_simulated and is_of_crazyswarm(script)
-    if rehearse:
+    is_rehearsed_unasked = not is_simulated and not no_rehearse and is_of_crazyswarm(script)
+    if rehearse or is_rehearsed_unasked:
         _rehearse(script, arguments, config, folder / "rehearsal", seed)
     if is_simulated:
         config = simulated_fleet(config, folder, law=law, has_free_ports=sitl, needs_ports=sitl)

@@ -67,7 +67,7 @@ def test_a_flight_in_simulated_time_needs_no_rehearsal(tmp_path: Path) -> None:
         ("from crazyflie_py.uav_trajectory import Trajectory", {}, True),
         ("from groundstation.crazyswarm import Crazyswarm", {}, True),
         ("from groundstation import Fleet", {}, False),
-        ("from pycrazyswarm import *", {"rehearse": False}, False),
+        ("from pycrazyswarm import *", {"no_rehearse": True}, False),
         ("from pycrazyswarm import *", {"sitl": True}, False),
     ],
 )
