@@ -19,6 +19,11 @@ class Accepted(NamedTuple):
 
 _LARGER = "Gt becomes GtE"
 _SMALLER = "Lt becomes LtE"
+_ONE_TICK = "exactly on a limit of time it decides one tick later, or sooner"
+_ROUNDING = "it is a matter of rounding"
+_NONE = "any negative number says that there is none"
+_LARGER_1 = "1.0 becomes larger"
+_MEASURED = "no measured number lies on its limit for good"
 
 ACCEPTED = (
     Accepted(
@@ -35,7 +40,7 @@ ACCEPTED = (
         (("or (vz > 0.0 and self._is_near(top - z, vz, brake_z))", _LARGER),),
     ),
     Accepted(
-        "no measured number lies on its limit for good",
+        _MEASURED,
         "supervision/wind_monitor.py",
         (
             ("is_rising = self._soon_m_s(own.wind_enu_m_s) > self._too_much_m_s", _LARGER),
@@ -60,9 +65,200 @@ ACCEPTED = (
         ),
     ),
     Accepted(
-        "as a float, the time of the limit lies beside the number that stands in the code",
+        _ONE_TICK,
         "flight/contact.py",
         (("return height_m < _BLIND_LOW_M and stands_s > for_s", _LARGER),),
+    ),
+    Accepted(
+        _ONE_TICK,
+        "flight/predicates.py",
+        (
+            ("return flight.seconds(view) > CONFIRM_TIMEOUT_S", _LARGER),
+            ("return flight.seconds(view) > REBOOT_TIMEOUT_S", _LARGER),
+            ("return flight.seconds(view) > _STREAM_BEFORE_OFFBOARD_S", _LARGER),
+            ("return flight.seconds(view) > LIFTOFF_TIMEOUT_S", _LARGER),
+            ("return flight.steady_s(view) > _REST_S", _LARGER),
+            ("return flight.seconds(view) > HOLD_TIMEOUT_S", _LARGER),
+            (
+                "return since_begin_s > _BEGUN_S and "
+                "contact.is_agreed_by_thrust(flight.contact, view)",
+                _LARGER,
+            ),
+            ("is_late = since_begin_s > flight.goal.duration_s + _LATE_DESCENT_S", _LARGER),
+            ("return is_agreed and since_begin_s > _BEGUN_S", _LARGER),
+            ("return is_stopped and flight.seconds(view) > _BLIND_BEGUN_S", _LARGER),
+            (
+                "if flight.step is not FlightStep.SINKING or "
+                "flight.seconds(view) < _BLIND_BEGUN_S:",
+                _SMALLER,
+            ),
+            (
+                "is_known = _is_confirmed(flight, view) or flight.seconds(view) > _MODE_KNOWN_S",
+                _LARGER,
+            ),
+            (
+                "return flight.seconds(view) > _PX4_LANDING_TIMEOUT_S + left_m / _PX4_SINKS_M_S",
+                _LARGER,
+            ),
+        ),
+    ),
+    Accepted(
+        _MEASURED,
+        "flight/predicates.py",
+        (
+            (
+                "return fallen_m > _FALLEN_M and view.velocity_enu_m_s[2] < _FALLING_M_S",
+                _LARGER,
+            ),
+            (
+                "return flight.seconds(view) > flight.goal.duration_s and "
+                "above_m < _FEELS_WITHIN_M",
+                _SMALLER,
+            ),
+            (
+                "is_high = view.position_enu_m[2] - flight.ground_z_m > _CONTACT_HEIGHT_M",
+                _LARGER,
+            ),
+        ),
+    ),
+    Accepted(
+        "a path that touches its limit, and goes no further, may be refused or not",
+        "flight/path_flight.py",
+        (
+            (
+                "is_out = ((position_enu_m < low_enu_m) | (position_enu_m > high_enu_m)).any(-1)",
+                _SMALLER,
+            ),
+            (
+                "is_out = ((position_enu_m < low_enu_m) | (position_enu_m > high_enu_m)).any(-1)",
+                _LARGER,
+            ),
+            ("is_wrong = clearances_m((area,), position_enu_m) < 0.0", _SMALLER),
+            ("if height_m.min() < least_m:", _SMALLER),
+            ("if speed_m_s.max() > _SPEED_ROOM * vehicle.max_speed_m_s:", _LARGER),
+            ("if max(speed_m_s[0], speed_m_s[-1]) > _REST_M_S:", _LARGER),
+        ),
+    ),
+    Accepted(
+        "it is looked at once more often",
+        "flight/path_flight.py",
+        (
+            (
+                "times_s = np.linspace(0.0, path.duration_s, 2 + int(_CHECK_HZ * path.duration_s))",
+                "2 becomes larger",
+            ),
+        ),
+    ),
+    Accepted(
+        "at full strength both ways give the same row",
+        "avoidance/constraints.py",
+        (("if strength >= 1.0:", "GtE becomes Gt"), ("if strength >= 1.0:", _LARGER_1)),
+    ),
+    Accepted(
+        _MEASURED,
+        "avoidance/constraints.py",
+        (
+            ("is_violated = hard.violation_m_s2 > VIOLATED_M_S2", _LARGER),
+            ("if speed_m_s < 1e-6 or dot_2(e, intent_m_s) >= 0.0:", _SMALLER),
+            ("if speed_m_s < 1e-6 or dot_2(e, intent_m_s) >= 0.0:", "GtE becomes Gt"),
+            (
+                "return -1.0 if cross_2(e, intent_m_s) < clearly_clockwise else 1.0",
+                _SMALLER,
+            ),
+        ),
+    ),
+    Accepted(
+        _ROUNDING,
+        "avoidance/projection.py",
+        (
+            ("is_inside = dot_2(u, u) <= radius * radius * (1.0 + 1e-12)", "LtE becomes Lt"),
+            (
+                "if is_inside and largest_violation(u, hard + soft) <= _TOLERANCE:",
+                "LtE becomes Lt",
+            ),
+            ("scale = 1.0", _LARGER_1),
+            ("scale = max(scale, 1.0 + abs(row.bound_m_s2))", _LARGER_1),
+            ("if apart > _ONE_POINT * scale:", _LARGER),
+            (
+                "violation = bound - normal.x * u.x - normal.y * u.y - EXACT * (1.0 + abs(bound))",
+                _LARGER_1,
+            ),
+            ("if violation > most:", _LARGER),
+            ("share = min(1.0, radius / max(length_2(u), 1e-300))", "1e-300 becomes larger"),
+            ("if not cost < best.cost or not in_disc(point, radius):", _SMALLER),
+            (
+                "if normal.x * point.x + normal.y * point.y < bound - _TOLERANCE * "
+                "(1.0 + abs(bound)):",
+                _SMALLER,
+            ),
+            (
+                "if normal.x * point.x + normal.y * point.y < bound - _TOLERANCE * "
+                "(1.0 + abs(bound)):",
+                _LARGER_1,
+            ),
+        ),
+    ),
+    Accepted(
+        "a row that is taken in without need changes no optimum",
+        "avoidance/projection.py",
+        (("taken = rows[:0]", "0 becomes larger"),),
+    ),
+    Accepted(_NONE, "avoidance/projection.py", (("worst = -1", "1 becomes larger"),)),
+    Accepted(
+        _ROUNDING,
+        "avoidance/half_planes.py",
+        (
+            ("return u.x * u.x + u.y * u.y <= limit * limit", "LtE becomes Lt"),
+            ("if size <= radius:", "LtE becomes Lt"),
+            ("share = radius / max(size, 1e-12)", "1e-12 becomes larger"),
+            ("if abs(det) <= EXACT:", "LtE becomes Lt"),
+        ),
+    ),
+    Accepted(
+        _ROUNDING,
+        "avoidance/relaxation.py",
+        (
+            ("scale = 0.0", "0.0 becomes larger"),
+            ("if rows[k].bound_m_s2 > rows[first].bound_m_s2:", _LARGER),
+            ("most = slack + EXACT * (1.0 + scale)", _LARGER_1),
+            ("if missing > most:", _LARGER),
+            ("if slack < best:", _SMALLER),
+            ("share = radius / max(length_2(normal), 1e-300)", "1e-300 becomes larger"),
+            ("if size <= _PARALLEL:", "LtE becomes Lt"),
+        ),
+    ),
+    Accepted(
+        "a later point takes its place: the middle is in every disc",
+        "avoidance/relaxation.py",
+        (("u = Vec2(0.0, 0.0)", "0.0 becomes larger"),),
+    ),
+    Accepted(
+        _MEASURED,
+        "avoidance/pairs.py",
+        (
+            ("if pair.distance_2_m2 < COINCIDENT_M * COINCIDENT_M:", _SMALLER),
+            (
+                "is_slow = dot_2(theirs, theirs) <= SETTLED_M_S * SETTLED_M_S",
+                "LtE becomes Lt",
+            ),
+            ("is_near=distance_2_m2 < 4.0 * d_m * d_m and not is_settled,", _SMALLER),
+        ),
+    ),
+    Accepted(
+        "a circle's segment has no length: nothing is divided",
+        "avoidance/pairs.py",
+        (
+            (
+                "divisor = segment_2 if segment_2 > 0.0 else 1.0  # a circle's segment is a point",
+                _LARGER_1,
+            ),
+        ),
+    ),
+    Accepted(_NONE, "avoidance/relaxation.py", (("worst = -1", "1 becomes larger"),)),
+    Accepted(
+        "a row that is taken in without need changes no optimum",
+        "avoidance/relaxation.py",
+        (("if worst < 0 or rows[worst] in taken:", "or becomes and"),),
     ),
 )
 

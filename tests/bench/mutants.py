@@ -28,11 +28,10 @@ from functools import partial
 from pathlib import Path
 
 from tests.bench import mutant_figures
-from tests.bench.mutant_figures import Measured
+from tests.bench.mutant_figures import ROOMS, Measured
 from tests.bench.mutant_reasons import REASONS
 from tests.bench.mutant_runs import ROOT, Mutant, RoomFails, verdicts
 
-ROOMS = ("safety", "flight", "avoidance", "supervision")
 _PROGRESS_EVERY = 50  # mutants
 # Beside its own folder: what a room does is shown by the agent's core.
 _TESTS_ELSEWHERE = {

@@ -16,9 +16,11 @@ from onboard.avoidance import params as p
 from onboard.avoidance.constraints import Constraint
 from onboard.avoidance.half_planes import HalfPlane
 from onboard.avoidance.heights import Climb
+from onboard.avoidance.interface import NOT_A_VEHICLE
 from onboard.avoidance.pairs import NeighbourPair, Own
 from onboard.avoidance.params import Capsule
-from onboard.avoidance.projection import INACTIVE, RELAXED, SATURATED
+from onboard.avoidance.projection import INACTIVE, RELAXED, SATURATED, project
+from onboard.avoidance.relaxation import least_slack
 from onboard.vectors import ZERO_2, Vec2, Vec3
 from tests.onboard.avoidance.law_cases import law_of, neighbour_of
 
@@ -198,6 +200,7 @@ def test_the_promise_is_no_more_than_the_distance_to_keep() -> None:
         ((2.0, 0.0), (-1.0, 0.0), 1.0),
         ((2.0, 0.0), (1.0, 0.0), 0.0),  # they part
         ((2.0, 0.0), (0.0, 1.0), 0.0),
+        ((2.0, 0.0), (0.025, 0.0), 0.0),
         ((2.0, 0.0), (-1e-7, 0.0), 0.0),
         ((2.0, 0.0), (-0.15, 0.0), 0.5),
         ((2.0, 0.7), (-1.0, 0.0), 1.0),  # the ways pass at 0.7 d: in full up to there
@@ -258,6 +261,55 @@ def test_how_much_of_a_turn_counts(
     pair = _pair(intent_m_s=Vec2(intent, 0.0))
     found = constraints.turning_strength(violation_m_s2, pair, law)
     assert found == pytest.approx(strength)
+
+
+@pytest.mark.parametrize(
+    ("responsibility", "direction", "is_cooperative", "is_crowded", "share", "v_perp"),
+    [
+        ("shortfall", "intent", True, False, 0.5, 0.8),
+        ("shortfall", "intent", True, True, 0.5, 1.4),  # in a crowd, faster
+        ("shortfall", "pair", True, True, 0.5, 0.8),
+        ("shortfall", "intent", False, False, 1.0, 0.4),
+        ("shortfall", "intent", False, True, 1.0, 0.7),
+    ],
+)
+def test_the_row_that_turns_a_pair_in_numbers(
+    responsibility: str,
+    direction: str,
+    is_cooperative: bool,
+    is_crowded: bool,
+    share: float,
+    v_perp: float,
+) -> None:
+    law = law_of(responsibility=responsibility, direction=direction)
+    gains = law.gains._replace(v_perp_m_s=0.4, v_perp_crowd_m_s=0.7)
+    pair = _pair(w=Vec2(0.1, 0.2), is_cooperative=is_cooperative)
+    row = constraints.rotation_row(pair, ZERO_2, is_crowded, law._replace(gains=gains))
+    bound = constraints.h_2(pair.e, pair.w, pair.w, 1.0, v_perp, 1.0, gains)
+    assert row.normal == pytest.approx((0.0, 2.0))
+    assert row.bound_m_s2 == pytest.approx(share * bound)
+
+
+@pytest.mark.parametrize(
+    ("rotation", "is_towards_it", "is_turning"),
+    [
+        ("never", True, False),
+        ("violated", True, True),
+        ("violated", False, False),
+        ("always", True, True),
+        ("always", False, True),
+    ],
+)
+def test_an_obstacle_is_turned_about_while_its_row_is_violated(
+    rotation: str, is_towards_it: bool, is_turning: bool
+) -> None:
+    surface = pairs.Surface(e=Vec2(1.0, 0.0), w=ZERO_2, d_m=0.9, gap_m=0.6)
+    thrust = Vec2(-3.9 if is_towards_it else 3.9, 0.0)
+    law = law_of(rotation=rotation)
+    found = constraints.obstacle_constraint(_own(thrust_m_s2=thrust), surface, law)
+    assert found.is_turning is is_turning
+    assert (found.violation_m_s2 > 0.0) is is_towards_it
+    assert found.table_index == NOT_A_VEHICLE
 
 
 def test_the_row_of_the_speed_and_what_can_bind() -> None:
@@ -576,3 +628,96 @@ def test_points_in_and_out_of_the_disc() -> None:
     assert half_planes.into_disc(Vec2(3.0, 4.0), 5.0) == (3.0, 4.0)
     assert half_planes.into_disc(Vec2(6.0, 8.0), 5.0) == pytest.approx((3.0, 4.0))
     assert half_planes.into_disc(Vec2(6.0, 8.0), 0.0) == (0.0, 0.0)
+
+
+# -- the projection --------------------------------------------------------------------------------
+
+_EAST = HalfPlane(Vec2(1.0, 0.0), 1.0)  # x >= 1
+_WEST = HalfPlane(Vec2(-1.0, 0.0), 1.0)  # x <= -1
+_NORTH = HalfPlane(Vec2(0.0, 1.0), 1.0)  # y >= 1
+
+
+@pytest.mark.parametrize(
+    ("soft", "point"),
+    [
+        ([_EAST, _NORTH, _WEST], (1.0, 1.0)),
+        ([_EAST, _WEST], (1.0, 0.0)),
+        ([_EAST, _WEST, _NORTH], (1.0, 0.0)),
+        ([_WEST], (-1.0, 0.0)),
+    ],
+)
+def test_of_soft_rows_that_contradict_each_other_the_last_are_dropped(
+    soft: list[HalfPlane], point: tuple[float, float]
+) -> None:
+    found = project(ZERO_2, [], soft, 4.0)
+    assert found.point == pytest.approx(point)
+    assert (found.status, found.slack) == (SATURATED, 0.0)
+
+
+def test_a_soft_row_never_costs_a_hard_one_and_the_disc_binds_from_its_radius_on() -> None:
+    found = project(ZERO_2, [_EAST], [_WEST], 4.0)
+    assert found.point == pytest.approx((1.0, 0.0))
+    assert (found.status, found.slack) == (SATURATED, 0.0)
+
+    assert project(Vec2(2.0, 0.0), [], [], 2.0).status == INACTIVE
+    clipped = project(Vec2(2.05, 0.0), [], [], 2.0)
+    assert clipped.point == pytest.approx((2.0, 0.0))
+    assert (clipped.status, clipped.slack) == (SATURATED, 0.0)
+
+
+def test_the_nearest_point_lies_on_an_edge_or_where_it_meets_the_circle() -> None:
+    assert project(Vec2(0.8, 0.0), [_EAST], [], 4.0).point == pytest.approx((1.0, 0.0))
+    high_m = math.sqrt(3.0)
+    assert project(Vec2(0.0, 5.0), [_EAST], [], 2.0).point == pytest.approx((1.0, high_m))
+    assert project(Vec2(0.0, -5.0), [_EAST], [], 2.0).point == pytest.approx((1.0, -high_m))
+
+
+def test_the_smallest_slack_is_none_where_the_rows_agree() -> None:
+    assert least_slack([_EAST, _NORTH], 4.0)[0] == 0.0
+    nearly = HalfPlane(Vec2(-1.0, 0.0), -0.9)  # x <= 0.9
+    assert least_slack([_EAST, nearly], 4.0)[0] == pytest.approx(0.05)
+
+
+def test_the_smallest_slack_lies_where_it_can_be_seen_by_symmetry() -> None:
+    opposed = HalfPlane(Vec2(-1.0, 0.0), 1.0)
+    assert least_slack([_EAST, opposed], 4.0) == (1.0, ZERO_2)
+
+    far_east = HalfPlane(Vec2(1.0, 0.0), 3.0)
+    far_north = HalfPlane(Vec2(0.0, 1.0), 3.0)
+    slack, point = least_slack([far_east], 2.0)
+    assert (slack, point) == (1.0, (2.0, 0.0))
+    for sign in (1.0, -1.0):  # both are missed by as much on the circle
+        rows = [HalfPlane(Vec2(sign * n.x, sign * n.y), b) for n, b in (far_east, far_north)]
+        slack, point = least_slack(rows, 2.0)
+        assert slack == pytest.approx(3.0 - math.sqrt(2.0))
+        assert point == pytest.approx((sign * math.sqrt(2.0), sign * math.sqrt(2.0)))
+
+    # three rows that are missed by 1 in their middle
+    middle = Vec2(0.5, 0.3)
+    normals = [Vec2(math.cos(angle), math.sin(angle)) for angle in (0.1, 2.2, 4.2)]
+    rows = [HalfPlane(n, 1.0 + n.x * middle.x + n.y * middle.y) for n in normals]
+    slack, point = least_slack(rows, 4.0)
+    assert slack == pytest.approx(1.0)
+    assert point == pytest.approx(middle)
+
+
+def test_a_small_share_of_a_distance_counts_and_none_does_not() -> None:
+    law = _PARAMS._replace(spacing=_APART)
+    other = neighbour_of((0.3, 0.0, 0.0), intent_enu_m_s=Vec3(0.0, 0.0, 0.0))
+    for height_m, count in ((1.19, 1), (1.21, 0)):
+        own = _own(climb=Climb(height_m, height_m, 0.0, 0.0, 0.0))
+        assert len(pairs.nearest_pairs(own, [other], law).pairs) == count
+
+    # below it, and about to climb: far enough, and hardly
+    far = _own(climb=Climb(-3.0, -3.0, 0.0, 0.3, 0.0))
+    assert pairs.climb_share(far, [other], law) == 1.0
+    above = neighbour_of((0.0, 0.0, 0.0), intent_enu_m_s=Vec3(0.0, 0.0, 0.0))
+    near = _own(climb=Climb(-1.49, -1.49, 0.0, 0.3, 0.0))
+    assert 0.0 < heights.share_of(near.climb, above, law.lead_time_s, _APART) < 0.1
+    assert pairs.climb_share(near, [above], law) == 0.0
+
+    rough = above._replace(position_std_m=5.0)
+    spacing = _SPACING._replace(
+        safety_distance_m=0.8, margin_m=0.1, margin_floor_m=0.05, sigma_position=0.05
+    )
+    assert pairs.design_distance(0.0, rough, spacing) == pytest.approx(0.8 + 0.05 + 0.25)

@@ -423,6 +423,16 @@ def test_it_is_kept_off_where_it_stands_beside_its_goal(
     assert predicates.is_steady(flight, view) is is_kept
 
 
+@pytest.mark.parametrize(("sinks_m_s", "is_kept"), [(0.49, True), (0.5, False)])
+def test_in_gusts_it_is_kept_off_unless_it_sinks_as_a_landing_does(
+    sinks_m_s: float, is_kept: bool
+) -> None:
+    flight = _flight(step=FlightStep.DESCENT)
+    sinking = (0.0, 0.0, -sinks_m_s)
+    view = _view(position_enu_m=(0.0, 1.0, 1.0), velocity_enu_m_s=sinking, gust_m_s2=1.1)
+    assert predicates.is_steady(flight, view) is is_kept
+
+
 @pytest.mark.parametrize(
     ("now_s", "above_m", "feels"),
     [(2.001, 0.29, True), (2.0, 0.29, False), (2.001, 0.31, False)],
