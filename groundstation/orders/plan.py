@@ -183,11 +183,13 @@ def _without_bystanders(intent: Intent, fleet: FleetConfig, state: FleetState | 
     if state is None or intent.kind not in ON_PATHS:
         return intent
 
+    in_service = set(fleet.enabled_names) - out_of_service(state)
+    is_to_all = len(intent.names) > 1 and in_service <= set(intent.names)
+    if not is_to_all:
+        return intent
+
     names = stoppable(state, [name for name in intent.names if name in state.vehicles])
-    is_to_all = len(intent.names) > 1 and set(intent.names) >= set(fleet.enabled_names) - (
-        out_of_service(state)
-    )
-    if not is_to_all or not names:
+    if not names:
         return intent
     return msgspec.structs.replace(intent, vehicles=names)
 
