@@ -66,11 +66,6 @@ ACCEPTED = (
     ),
     Accepted(
         _ONE_TICK,
-        "flight/contact.py",
-        (("return height_m < _BLIND_LOW_M and stands_s > for_s", _LARGER),),
-    ),
-    Accepted(
-        _ONE_TICK,
         "flight/predicates.py",
         (
             ("return flight.seconds(view) > CONFIRM_TIMEOUT_S", _LARGER),
@@ -225,6 +220,82 @@ ACCEPTED = (
             ("if slack < best:", _SMALLER),
             ("share = radius / max(length_2(normal), 1e-300)", "1e-300 becomes larger"),
             ("if size <= _PARALLEL:", "LtE becomes Lt"),
+        ),
+    ),
+    Accepted(
+        "without obstacles there are no edges",
+        "avoidance/oist.py",
+        (("if len(obstacles) > 0:", _LARGER),),
+    ),
+    Accepted(
+        _MEASURED,
+        "avoidance/oist.py",
+        (
+            (
+                "if length_2(own.velocity_m_s) > _STANDING_M_S and not "
+                "is_fleeing(own, pairs, rows):",
+                _LARGER,
+            ),
+            ("intends_to_go = intent_2 > _HELD_INTENT_2_M2_S2", _LARGER),
+        ),
+    ),
+    Accepted(
+        "a row without strength asks for no more than the thrust gives",
+        "avoidance/constraints.py",
+        (("if strength <= 0.0:", "LtE becomes Lt"),),
+    ),
+    Accepted(
+        "at nearly one height the whole distance counts, whoever is above",
+        "avoidance/heights.py",
+        tuple(
+            ("side = 1.0 if gap_ahead_m >= 0.0 else -1.0  # +1: this vehicle is above", change)
+            for change in ("GtE becomes Gt", "0.0 becomes larger")
+        )
+        + tuple(
+            ("towards_m = -own.intended_climb_m if gap_m >= 0.0 else own.intended_climb_m", change)
+            for change in ("GtE becomes Gt", "0.0 becomes larger")
+        ),
+    ),
+    Accepted(
+        "the side is 1 or -1, and nothing between",
+        "avoidance/heights.py",
+        tuple(
+            ("if not neighbour.is_cooperative and side < 0.0:", change)
+            for change in (_SMALLER, "0.0 becomes larger")
+        ),
+    ),
+    Accepted(
+        _MEASURED,
+        "avoidance/heights.py",
+        (
+            (
+                "return abs(gap_m) >= spacing.vertical_separation_m and towards_m > TRANSITION_M",
+                _LARGER,
+            ),
+        ),
+    ),
+    Accepted(
+        "what is added then is nothing",
+        "avoidance/prediction.py",
+        (("if left_s >= window_s:", "GtE becomes Gt"), ("if ahead_s < 0.0:", _SMALLER)),
+    ),
+    Accepted(
+        "a lead of a millisecond is none",
+        "avoidance/prediction.py",
+        (
+            ("share_1_s = 1.0 / lead_s if lead_s > _LEAST_LEAD_S else 0.0", _LARGER),
+            (
+                "share_1_s = 1.0 / lead_s if lead_s > _LEAST_LEAD_S else 0.0",
+                "0.0 becomes larger",
+            ),
+        ),
+    ),
+    Accepted(
+        "ages from 0 on have been answered before",
+        "avoidance/prediction.py",
+        (
+            ("if age_s < 0.0 and math.isfinite(age_s):", _SMALLER),
+            ("if age_s < 0.0 and math.isfinite(age_s):", "0.0 becomes larger"),
         ),
     ),
     Accepted(

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from onboard.avoidance import constraints, half_planes, heights, oist, pairs, prediction
+from onboard.avoidance import constraints, half_planes, heights, interface, oist, pairs, prediction
 from onboard.avoidance import params as p
 from onboard.avoidance.constraints import Constraint
 from onboard.avoidance.half_planes import HalfPlane
@@ -21,8 +21,9 @@ from onboard.avoidance.pairs import NeighbourPair, Own
 from onboard.avoidance.params import Capsule
 from onboard.avoidance.projection import INACTIVE, RELAXED, SATURATED, project
 from onboard.avoidance.relaxation import least_slack
-from onboard.vectors import ZERO_2, Vec2, Vec3
-from tests.onboard.avoidance.law_cases import law_of, neighbour_of
+from onboard.types import GRAVITY_M_S2, Thrust
+from onboard.vectors import ZERO_2, ZERO_3, Vec2, Vec3
+from tests.onboard.avoidance.law_cases import law_of, neighbour_of, state_of, thrust_of
 
 _NAN = math.nan
 _PARAMS = law_of()
@@ -202,6 +203,7 @@ def test_the_promise_is_no_more_than_the_distance_to_keep() -> None:
         ((2.0, 0.0), (0.0, 1.0), 0.0),
         ((2.0, 0.0), (0.025, 0.0), 0.0),
         ((2.0, 0.0), (-1e-7, 0.0), 0.0),
+        ((2.0, 0.0), (-0.06, 0.0), 0.2),
         ((2.0, 0.0), (-0.15, 0.0), 0.5),
         ((2.0, 0.7), (-1.0, 0.0), 1.0),  # the ways pass at 0.7 d: in full up to there
         ((2.0, 0.8), (-1.0, 0.0), 0.5),
@@ -268,6 +270,7 @@ def test_how_much_of_a_turn_counts(
     [
         ("shortfall", "intent", True, False, 0.5, 0.8),
         ("shortfall", "intent", True, True, 0.5, 1.4),  # in a crowd, faster
+        ("shortfall", "crowd", True, True, 0.5, 1.4),
         ("shortfall", "pair", True, True, 0.5, 0.8),
         ("shortfall", "intent", False, False, 1.0, 0.4),
         ("shortfall", "intent", False, True, 1.0, 0.7),
@@ -288,6 +291,23 @@ def test_the_row_that_turns_a_pair_in_numbers(
     bound = constraints.h_2(pair.e, pair.w, pair.w, 1.0, v_perp, 1.0, gains)
     assert row.normal == pytest.approx((0.0, 2.0))
     assert row.bound_m_s2 == pytest.approx(share * bound)
+
+
+def test_a_pair_turns_from_the_least_conflict_on_and_faster_in_a_crowd() -> None:
+    law = law_of(rotation="ahead", direction="intent")
+    crowd = float(law.gains.crowd_count)
+    pair = _pair(intent_m_s=Vec2(-0.015, 0.0))  # a conflict of 0.05
+    found = constraints.neighbour_constraint(_own(), pair, 0.0, law)
+    assert found.is_turning
+    still = constraints.neighbour_constraint(_own(), _pair(), 0.0, law)
+    assert not still.is_turning
+
+    in_crowd = constraints.neighbour_constraint(_own(), pair, crowd, law)
+    among_others = constraints.neighbour_constraint(_own(), pair, crowd - 1.0, law)
+    theirs = pair._replace(crowd_count=crowd)
+    assert in_crowd.turn.bound_m_s2 > found.turn.bound_m_s2
+    assert among_others.turn == found.turn
+    assert constraints.neighbour_constraint(_own(), theirs, 0.0, law).turn == in_crowd.turn
 
 
 @pytest.mark.parametrize(
@@ -457,6 +477,8 @@ def test_where_nobody_moves_the_distance_grows_over_two_decimetres(
     [
         (Climb(2.0, 2.0, -1.0, 0.0, 0.0), {}, 0.0),
         (Climb(1.5, 1.5, -1.0, 0.0, 0.0), {}, 0.25),  # 0.1 of 0.2 + 0.2
+        (Climb(-1.5, -1.5, 1.0, 0.0, 0.0), {}, 0.25),  # the same from below
+        (Climb(1.2, 1.2, 0.0, 0.0, _NAN), {"position_std_m": math.inf}, 0.0),
         (Climb(2.0, 2.0, 0.0, -1.0, 0.0), {}, 2.0 / 7.0),  # 0.2 of 0.2 + 0.5
         (Climb(2.0, 2.0, 0.0, 1.0, 0.0), {}, 0.0),
         (Climb(1.3, 1.3, 0.0, 0.0, 0.03), {"position_std_m": 0.04}, 0.625),  # 4.5 * 0.05
@@ -577,6 +599,13 @@ def test_a_neighbour_is_carried_on_with_its_command_for_a_quarter_of_a_second() 
     assert found.position_m == pytest.approx((0.35 + 0.25 * (0.35 - 0.125) * 2.0, 0.0))
 
 
+def test_a_neighbour_is_carried_on_with_its_command_from_the_first_moment_on() -> None:
+    other = neighbour_of(
+        (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0, 0.0), age_s=0.05, lead_time_s=0.15
+    )
+    assert prediction.receive(other, 0.15).velocity_m_s == pytest.approx((1.1, 0.0))
+
+
 def test_a_neighbour_that_leads_by_more_is_taken_back_along_its_way() -> None:
     other = neighbour_of(
         (0.0, 0.0, 0.0),
@@ -688,9 +717,10 @@ def test_the_smallest_slack_lies_where_it_can_be_seen_by_symmetry() -> None:
     assert (slack, point) == (1.0, (2.0, 0.0))
     for sign in (1.0, -1.0):  # both are missed by as much on the circle
         rows = [HalfPlane(Vec2(sign * n.x, sign * n.y), b) for n, b in (far_east, far_north)]
-        slack, point = least_slack(rows, 2.0)
-        assert slack == pytest.approx(3.0 - math.sqrt(2.0))
-        assert point == pytest.approx((sign * math.sqrt(2.0), sign * math.sqrt(2.0)))
+        for ordered in (rows, rows[::-1]):
+            slack, point = least_slack(ordered, 2.0)
+            assert slack == pytest.approx(3.0 - math.sqrt(2.0))
+            assert point == pytest.approx((sign * math.sqrt(2.0), sign * math.sqrt(2.0)))
 
     # three rows that are missed by 1 in their middle
     middle = Vec2(0.5, 0.3)
@@ -721,3 +751,38 @@ def test_a_small_share_of_a_distance_counts_and_none_does_not() -> None:
         safety_distance_m=0.8, margin_m=0.1, margin_floor_m=0.05, sigma_position=0.05
     )
     assert pairs.design_distance(0.0, rough, spacing) == pytest.approx(0.8 + 0.05 + 0.25)
+
+
+def test_a_law_that_does_nothing_says_so_and_a_thrust_downwards_leaves_no_tilt() -> None:
+    motion = prediction.Motion(Vec3(1.0, 2.0, 3.0), Vec3(0.1, 0.2, 0.3))
+    thrust = Thrust(Vec3(1.0, 2.0, GRAVITY_M_S2 + 0.5))
+    output = interface.unchanged(thrust, motion, Vec3(0.0, 0.0, 0.0), _PARAMS)
+    assert output.thrust == thrust
+    assert output.commanded_acceleration_enu_m_s2 == pytest.approx((1.0, 2.0, 0.5))
+    assert (output.status, output.active_neighbour) == (INACTIVE, -1)
+    assert (output.intervention_m_s2, output.slack_m_s2, output.crowd_count) == (0.0, 0.0, 0.0)
+    assert interface.horizontal_limit(-1.0, _PARAMS) == 0.0
+
+
+@pytest.mark.parametrize("law", ["off", "paper"])
+def test_without_coveys_law_nothing_bounds_a_climb_and_nobody_makes_a_crowd(law: str) -> None:
+    vehicle = law_of()._replace(law=p.OFF if law == "off" else p.PAPER)
+    state = state_of((0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+    memory = oist.initial()
+    baseline = interface.Baseline(thrust_of((0.0, 0.0, 0.0)), ZERO_3, ZERO_3)
+    predicted = oist.predict(memory, state, vehicle)
+    after, output = oist.step(memory, baseline, predicted, state, [], (), vehicle, 0.02)
+    assert (after.climb_share, after.sink_limit_m_s) == (1.0, math.inf)
+    assert (output.crowd_count, output.slack_m_s2) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(("index", "held_s"), [(0, 0.02), (5, 0.02)])
+def test_any_neighbour_that_holds_a_vehicle_back_is_counted(index: int, held_s: float) -> None:
+    state = state_of((0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+    memory = oist.initial()
+    baseline = interface.Baseline(thrust_of((3.0, 0.0, 0.0)), ZERO_3, Vec3(1.0, 0.0, 0.0))
+    predicted = oist.predict(memory, state, _PARAMS)
+    ahead = neighbour_of((0.9, 0.0, 1.0), table_index=index)
+    after, output = oist.step(memory, baseline, predicted, state, [ahead], (), _PARAMS, 0.02)
+    assert output.active_neighbour == index
+    assert after.held_s == pytest.approx(held_s)
