@@ -14,7 +14,7 @@ class Accepted(NamedTuple):
 
     reason: str
     file: str  # below onboard
-    mutants: tuple[tuple[str, str], ...]  # line of code, and change of it
+    mutants: tuple[tuple[str, str], ...]  # line of code without its comment, and change of it
 
 
 _LARGER = "Gt becomes GtE"
@@ -50,7 +50,7 @@ ACCEPTED = (
             ),
             ("is_near=speed_m_s > self._limit_m_s,", _LARGER),
             ("is_above=is_rising or speed_m_s > GUSTY * self._limit_m_s,", _LARGER),
-            ("is_at_bound=max(abs(push[0]), abs(push[1])) > self._bound_m_s2,", _LARGER),
+            ("is_at_bound=largest_push_axis_m_s2 > self._bound_m_s2,", _LARGER),
             ("is_pushed_about=is_scattered or gust_m_s2 > self._largest_gust_m_s2,", _LARGER),
         ),
     ),
@@ -59,7 +59,7 @@ ACCEPTED = (
         "supervision/wind_monitor.py",
         (
             (
-                "self._earlier_enu_m_s = (0.0, 0.0)  # the mean wind, later by the time of a rise",
+                "self._earlier_enu_m_s = (0.0, 0.0)",
                 "0.0 becomes larger",
             ),
         ),
@@ -248,7 +248,7 @@ ACCEPTED = (
         "at nearly one height the whole distance counts, whoever is above",
         "avoidance/heights.py",
         tuple(
-            ("side = 1.0 if gap_ahead_m >= 0.0 else -1.0  # +1: this vehicle is above", change)
+            ("side = 1.0 if gap_ahead_m >= 0.0 else -1.0", change)
             for change in ("GtE becomes Gt", "0.0 becomes larger")
         )
         + tuple(
@@ -320,7 +320,7 @@ ACCEPTED = (
         "avoidance/pairs.py",
         (
             (
-                "divisor = segment_2 if segment_2 > 0.0 else 1.0  # a circle's segment is a point",
+                "divisor = segment_2 if segment_2 > 0.0 else 1.0",
                 _LARGER_1,
             ),
         ),
@@ -332,6 +332,12 @@ ACCEPTED = (
         (("if worst < 0 or rows[worst] in taken:", "or becomes and"),),
     ),
 )
+
+
+def code_of(line: str) -> str:
+    """Return a line of a file without its comment."""
+    return line.partition("  # ")[0].strip()
+
 
 REASONS = {
     (accepted.file, code, change): accepted.reason

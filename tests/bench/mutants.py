@@ -29,7 +29,7 @@ from pathlib import Path
 
 from tests.bench import mutant_figures
 from tests.bench.mutant_figures import ROOMS, Measured
-from tests.bench.mutant_reasons import REASONS
+from tests.bench.mutant_reasons import REASONS, code_of
 from tests.bench.mutant_runs import ROOT, Mutant, RoomFails, verdicts
 
 _PROGRESS_EVERY = 50  # mutants
@@ -148,7 +148,7 @@ def _larger(value: float) -> float:
 def _reason(mutant: Mutant) -> str | None:
     """Return why no test can notice a mutant; None where one should."""
     lines = (ROOT / mutant.file).read_text(encoding="utf-8").splitlines()
-    code = lines[mutant.line - 1].strip()
+    code = code_of(lines[mutant.line - 1])
     return REASONS.get((_below_onboard(mutant), code, mutant.change))
 
 

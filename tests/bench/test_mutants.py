@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.bench.mutant_figures import kept
-from tests.bench.mutant_reasons import ACCEPTED
+from tests.bench.mutant_reasons import ACCEPTED, code_of
 from tests.bench.mutant_runs import ROOT, RoomFails, verdicts
 from tests.bench.mutants import mutants_of
 
@@ -65,7 +65,7 @@ def test_each_accepted_mutant_is_one_of_its_file() -> None:
     for accepted in ACCEPTED:
         file = Path("onboard") / accepted.file
         lines = (ROOT / file).read_text(encoding="utf-8").splitlines()
-        there = {(lines[mutant.line - 1].strip(), mutant.change) for mutant in mutants_of(file)}
+        there = {(code_of(lines[mutant.line - 1]), mutant.change) for mutant in mutants_of(file)}
         for mutant in accepted.mutants:
             assert mutant in there, (accepted.file, mutant)
 
