@@ -40,8 +40,8 @@ def preflight(
         vehicles: only these: names or indices, a,b or 0-2 (default all)
         exclude: all but these
         timeout: wait so long for answers
-        wait: after their answers, so long until all are go: agents that have just started know
-            little
+        wait: how long to go on asking after the first answers, until all are go: agents that have
+            just started know little yet
         json: one object instead of the page
     """
     config = load_fleet(fleet)

@@ -29,9 +29,9 @@ def write_folder(
     """Write all files of the evidence.
 
     Args:
-        folder: that there is.
+        folder: an existing one, to write into.
         evidence: of a campaign.
-        fleet: that flew.
+        fleet: the one that was flown.
         flights: of the campaign, for the picture.
         other: evidence of another machine, to be put beside it.
 
@@ -49,16 +49,15 @@ def write_folder(
     drawing = folder / DRAWING_NAME
     draw_volumes(drawing, title, evidence.volumes, fleet, [one.hull_m for one in flights])
 
-    beside: list[Agreement] = []
-    words = ""
+    agreements: list[Agreement] = []
+    other_machine = ""
     if other is not None:
-        beside = compared(evidence, other)
-        machine = other.provenance.machine
-        versions = other.provenance.versions
-        words = ", ".join([*machine.values(), *(f"{name} {v}" for name, v in versions.items())])
+        agreements = compared(evidence, other)
+        versions = [f"{name} {version}" for name, version in other.provenance.versions.items()]
+        other_machine = ", ".join([*other.provenance.machine.values(), *versions])
 
-    text = page(evidence, drawing.read_bytes(), beside, words)
+    text = page(evidence, drawing.read_bytes(), agreements, other_machine)
     (folder / PAGE_NAME).write_text(text, encoding="utf-8")
     encoded = msgspec.json.format(msgspec.json.encode(evidence), indent=1)
     (folder / EVIDENCE_NAME).write_bytes(encoded + b"\n")
-    return beside
+    return agreements

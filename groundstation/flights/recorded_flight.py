@@ -62,7 +62,7 @@ def fleet_of(text: str, path: Path) -> FleetConfig:
 
     Args:
         text: of the fleet file.
-        path: of the file, for the sentences; its folders are relative to it.
+        path: of the file, which refusals name; folders in it are relative to its place.
 
     Raises:
         ConfigError: the file is wrong.

@@ -124,28 +124,32 @@ def self_crossing(corners: Sequence[Point]) -> tuple[int, int] | None:
     edges = list(edges_of(corners))
     for first, one in enumerate(edges):
         for second in range(first + 1, len(edges)):
+            two = edges[second]
             is_next = second == first + 1
             is_before = first == 0 and second == len(edges) - 1
-            if is_next or is_before:
-                # neighbours share a corner, and cross where they go back over each other
-                if _folds_back(one, edges[second]):
-                    return first, second
-            elif do_cross(one, edges[second]):
+            # edges that share a corner cross only where the second goes back over the first
+            if is_next:
+                is_crossing = _folds_back(one, two)
+            elif is_before:
+                is_crossing = _folds_back(two, one)
+            else:
+                is_crossing = do_cross(one, two)
+
+            if is_crossing:
                 return first, second
     return None
 
 
-def _folds_back(one: tuple[Point, Point], two: tuple[Point, Point]) -> bool:
-    """Whether two edges that share a corner lie upon each other."""
-    (shared,) = set(one) & set(two) or {one[1]}
-    from_one = one[0] if one[1] == shared else one[1]
-    from_two = two[1] if two[0] == shared else two[0]
+def _folds_back(before: tuple[Point, Point], after: tuple[Point, Point]) -> bool:
+    """Whether an edge goes back over the one that ends where it begins."""
+    begin, shared = before
+    _, end = after
 
     # both edges as vectors away from the corner that they share
-    x1 = from_one[0] - shared[0]
-    y1 = from_one[1] - shared[1]
-    x2 = from_two[0] - shared[0]
-    y2 = from_two[1] - shared[1]
+    x1 = begin[0] - shared[0]
+    y1 = begin[1] - shared[1]
+    x2 = end[0] - shared[0]
+    y2 = end[1] - shared[1]
     are_parallel = x1 * y2 - x2 * y1 == 0.0
     go_the_same_way = x1 * x2 + y1 * y2 > 0.0
     return are_parallel and go_the_same_way
@@ -237,14 +241,17 @@ def _is_within(area: Area, x: float, y: float) -> bool:
 
 
 def _is_polygon_crossed(corners: Sequence[Point], leg: tuple[Point, Point]) -> bool:
-    """Whether a way has a point in common with an edge; most edges are left out by their height."""
-    low_m = min(leg[0][1], leg[1][1])
-    high_m = max(leg[0][1], leg[1][1])
+    """Whether a way has a point in common with an edge.
+
+    Most edges lie wholly north or south of the way, and are left out by that.
+    """
+    south_m = min(leg[0][1], leg[1][1])
+    north_m = max(leg[0][1], leg[1][1])
     begin = corners[-1]
     for end in corners:
-        is_below = begin[1] < low_m and end[1] < low_m
-        is_above = begin[1] > high_m and end[1] > high_m
-        if not is_below and not is_above and do_cross((begin, end), leg):
+        is_south = begin[1] < south_m and end[1] < south_m
+        is_north = begin[1] > north_m and end[1] > north_m
+        if not is_south and not is_north and do_cross((begin, end), leg):
             return True
         begin = end
     return False

@@ -82,20 +82,20 @@ class FenceBox:
             position_enu_m: of the vehicle.
             velocity_enu_m_s: of the vehicle.
         """
-        box = self.status(position_enu_m, velocity_enu_m_s)
+        box_status = self.status(position_enu_m, velocity_enu_m_s)
         if not math.isfinite(sum(position_enu_m)):
-            return box
+            return box_status
 
         stop_enu_m = self._stop(position_enu_m, velocity_enu_m_s)
-        is_near = box.is_near
-        is_outside = box.is_outside
-        is_above = box.is_above
+        is_near = box_status.is_near
+        is_outside = box_status.is_outside
+        is_above = box_status.is_above
         for area in fleet_areas:
             if area.keeps_in and position_enu_m[2] > area.high_m:
                 is_above = True
             elif not areas.is_allowed(area, position_enu_m):
                 is_outside = True
-            elif _is_left(area, position_enu_m, stop_enu_m):
+            elif _leaves(area, position_enu_m, stop_enu_m):
                 is_near = True
         return FenceStatus(is_near=is_near, is_outside=is_outside, is_above=is_above)
 
@@ -103,27 +103,30 @@ class FenceBox:
         """Return where a vehicle stops that brakes now."""
         vx, vy, vz = velocity_enu_m_s
         speed_m_s = math.hypot(vx, vy)
-        brake_s = self._stopping_s(speed_m_s, min(self.brake_m_s2[0], self.brake_m_s2[1]))
+        horizontal_s = self._equivalent_s(speed_m_s, min(self.brake_m_s2[0], self.brake_m_s2[1]))
+        vertical_s = self._equivalent_s(abs(vz), self.brake_m_s2[2])
         x, y, z = position_enu_m
-        return (
-            x + brake_s * vx,
-            y + brake_s * vy,
-            z + self._stopping_s(abs(vz), self.brake_m_s2[2]) * vz,
-        )
+        return (x + horizontal_s * vx, y + horizontal_s * vy, z + vertical_s * vz)
 
-    def _stopping_s(self, speed_m_s: float, brake_m_s2: float) -> float:
-        """Return the time in which the stopping distance is flown without braking."""
+    def _equivalent_s(self, speed_m_s: float, brake_m_s2: float) -> float:
+        """Return the stopping distance over the speed: times a velocity it is the way to the stop.
+
+        The distance is v t for the reaction and v^2 / 2a for the braking.
+        """
         return self.reaction_s + speed_m_s / (2.0 * brake_m_s2)
 
     def _is_near(self, distance_m: float, speed_m_s: float, brake_m_s2: float) -> bool:
-        """Return whether braking does not stop the vehicle before a wall at that distance."""
+        """Return whether a vehicle inside cannot stop before a wall at that distance.
+
+        At or beyond the wall it is outside, and not near.
+        """
         return 0.0 < distance_m < self._stopping_m(speed_m_s, brake_m_s2)
 
     def _stopping_m(self, speed_m_s: float, brake_m_s2: float) -> float:
-        return speed_m_s * self._stopping_s(speed_m_s, brake_m_s2)
+        return speed_m_s * self._equivalent_s(speed_m_s, brake_m_s2)
 
     def farthest_m(self, speed_m_s: float) -> tuple[float, float]:
-        """Return how far from a point inside a vehicle gets that stops when it crosses the fence.
+        """Return the farthest that a vehicle ends from any point inside if it brakes at the fence.
 
         Args:
             speed_m_s: at which it crosses.
@@ -140,7 +143,7 @@ class FenceBox:
         return across_m, upwards_m
 
 
-def _is_left(area: Area, position_enu_m: Vec3, stop_enu_m: Vec3) -> bool:
+def _leaves(area: Area, position_enu_m: Vec3, stop_enu_m: Vec3) -> bool:
     """Return whether a way from an allowed position is about to leave what the area allows."""
     if area.keeps_in and stop_enu_m[2] > max(area.high_m, position_enu_m[2]):
         return True

@@ -17,6 +17,8 @@ from sitl.conformance.vehicle_client import MODES, STATUS, VehicleClient
 
 _WATCH_S = 10.0
 _READY_S = 6.0
+_FIRST_LOOK_S = 1.0  # after the boot's first messages
+_READY_BEFORE_S = 1.3  # whoever is ready by then may have been so before the first look
 _FRESH_S = 1.8  # of its own clock, at its first ATTITUDE
 _RATES_HZ = {
     "ATTITUDE": 100.0,
@@ -66,7 +68,7 @@ def _stream_name(message: str) -> str:
 
 
 def _rate_fact(message: str, hz: float) -> Fact:
-    # One more or one less in the watched stretch is chance; so is a percent or two of pace.
+    # one message more or less in the watched time, or 6 % of the rate, whichever is more
     slack = max(1.01 / _WATCH_S, 0.06 * hz)
     return number(
         _stream_name(message), "4", f"{message} at {hz:g} Hz unasked", hz - slack, hz + slack, "Hz"
@@ -126,11 +128,12 @@ def _boot(client: VehicleClient, report: FactReport) -> None:
     if not report.wants("boot.*"):
         return
 
-    client.spend(1.0)
+    client.spend(_FIRST_LOOK_S)
     armable_s = NOT_MEASURED
     if client.spend(_READY_S, client.shows_ready):
         armable_s = client.now_s
-        if armable_s < 1.3:
+        if armable_s < _READY_BEFORE_S:
+            # it was ready before the first look: its first SYS_STATUS is the nearest moment known
             armable_s = received.of("SYS_STATUS")[0].at_s
     client.spend(1.0)
 
@@ -219,7 +222,7 @@ def _checksums(client: VehicleClient) -> str:
             continue
         for packet in packets[:20]:
             try:
-                _ = packet.message
+                _ = packet.message  # decodes it now, checksum included
             except common.MAVError:
                 wrong += 1
 

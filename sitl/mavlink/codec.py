@@ -39,7 +39,7 @@ def _layout(message_id: int, entry: Any) -> MessageLayout:
     """Return the layout of one of pymavlink's messages."""
     fields: list[tuple[str, int]] = []
     for name, array_length in zip(entry.ordered_fieldnames, entry.array_lengths, strict=True):
-        # A character array is one value of the struct, an array of numbers as many as it is long.
+        # the struct has one value for an array of characters, and one for each number of an array
         is_text = _field_type(entry, name) == "char"
         if is_text:
             fields.append((name, 0))
@@ -61,7 +61,7 @@ LAYOUTS: dict[int, MessageLayout] = {
 
 
 def _zero(layout: MessageLayout, field_name: str, count: int) -> Any:
-    """Return the value of a field that is left out: a number, as many as `count`, or no text."""
+    """Return the value of a field that is left out: 0, `count` zeros, or an empty text."""
     if count:
         return [0] * count
     entry = common.mavlink_map.get(layout.message_id)
@@ -76,7 +76,7 @@ _ZEROS: dict[str, tuple[tuple[str, int, Any], ...]] = {
     for layout in LAYOUTS.values()
 }
 # What the encoder needs of each message: struct, id as two numbers, checksum seed.
-_ENCODED: dict[int, tuple[struct.Struct, int, int, bytes]] = {
+_ENCODER_FACTS: dict[int, tuple[struct.Struct, int, int, bytes]] = {
     number: (layout.packer, number & 0xFFFF, number >> 16, bytes((layout.crc_extra,)))
     for number, layout in LAYOUTS.items()
 }
@@ -215,7 +215,7 @@ class Encoder:
 
     def encode(self, message_id: int, *values: Any) -> bytes:
         """Return the bytes of a message from its values in wire order, arrays flattened."""
-        packer, id_low, id_high, crc_extra = _ENCODED[message_id]
+        packer, id_low, id_high, crc_extra = _ENCODER_FACTS[message_id]
         # MAVLink 2 cuts the zeros at the end, all but one.
         payload = packer.pack(*values).rstrip(b"\0") or b"\0"
 

@@ -126,10 +126,10 @@ class ResultsFile:
 
 
 def parsed(text: str, path: Path) -> tuple[MapRow, dict[tuple[str, int], MapRow]]:
-    """Return the first line and the rows of a file of results.
+    """Return the version that wrote a file of results, and its rows; of two rows the first counts.
 
     Raises:
-        ConfigError: it is none, damaged, or of a schema that is not known here.
+        ConfigError: the text is no file of results, damaged, or of a schema that is not known here.
     """
     try:
         head, *lines = (json_values(line, str(path)) for line in text.splitlines())

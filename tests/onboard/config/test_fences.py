@@ -58,6 +58,7 @@ WRONG = [
     (polygon([-3, -3], [3, -3], [5, -3], [4, -3], [0, 3]), "crosses itself"),
     (polygon([-3, -3], [3, -3], [3, 3], [-3, -3]), "corners 4 and 1 are the same point"),
     (polygon([-3, -3], [0, -3], [3, -3]), "crosses itself"),
+    (polygon([-3, -3], [3, -3], [-3, -3], [0, 3]), "crosses itself"),  # there and back
     (circle(center_enu_m=[0, 0], radius_m=0), "above 0"),
     (circle(center_enu_m=[0, 0], radius_m=NAN), "above 0"),
     (circle(center_enu_m=[NAN, 0], radius_m=3), "not finite"),
