@@ -229,11 +229,9 @@ def test_nobody_runs_into_one_that_comes_down_without_poses_ahead_in_wind(seed: 
     numbers = random.Random(seed)
     direction_rad = numbers.uniform(0.0, 2.0 * math.pi)
     wind_m_s = (3.0 * math.cos(direction_rad), 3.0 * math.sin(direction_rad))
-    lost = Breaking(
-        injection_of("mocap lost for good"),
-        f"mav{numbers.randrange(3)}",
-        numbers.uniform(12.0, 15.5),
-    )
+    lost_s = numbers.uniform(12.0, 15.5)
+    victim = f"mav{numbers.randrange(3)}"
+    lost = Breaking(injection_of("mocap lost for good"), victim, lost_s)
 
     mission = load_mission(ROOT / "configs" / "missions" / "paper.toml")
     flown = fly_broken(mission, lost, seed=seed, wind=wind_of(wind_m_s), height_m=1.0)
