@@ -119,7 +119,7 @@ def strongest_gust_std_m_s2(memory: WindMemory) -> float:
     Args:
         memory: of now.
     """
-    now_m_s2 = math.sqrt(memory.variance_m2_s4)
+    now_m_s2 = gust_std_m_s2(memory)
     lasting_m_s2 = math.sqrt(memory.lasting_variance_m2_s4)
     expected_m_s2 = GUST_SHARE * math.hypot(memory.push_enu_m_s2.x, memory.push_enu_m_s2.y)
     return max(now_m_s2, lasting_m_s2, expected_m_s2)

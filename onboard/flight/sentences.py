@@ -141,12 +141,14 @@ def left_behind(flight: FlightContext, view: FlightView) -> str:
 
 def paused(flight: FlightContext, view: FlightView) -> str:
     """Return the end of an order to pause, with what the battery leaves for it."""
+    return f"Pausing at {flight.path.time_s:.1f} s of its path. {_battery_words(flight, view)}"
+
+
+def _battery_words(flight: FlightContext, view: FlightView) -> str:
+    """Return what the battery leaves for a pause."""
     left_pct = 100.0 * view.snapshot.battery_frac
     land_pct = flight.fleet.fleet.battery_land_pct
-    return (
-        f"Pausing at {flight.path.time_s:.1f} s of its path. "
-        f"The battery has {left_pct:.0f} %; at {land_pct:g} % it lands."
-    )
+    return f"The battery has {left_pct:.0f} %; at {land_pct:g} % it lands."
 
 
 def resumed(flight: FlightContext, view: FlightView) -> str:
@@ -165,12 +167,8 @@ def follow_stopped(flight: FlightContext, view: FlightView, *, is_skipped: bool)
     if is_skipped:
         return f"It follows {leader} no further, and holds here."
 
-    left_pct = 100.0 * view.snapshot.battery_frac
-    land_pct = flight.fleet.fleet.battery_land_pct
-    return (
-        f"Holding here; `resume` lets it follow {leader} again. "
-        f"The battery has {left_pct:.0f} %; at {land_pct:g} % it lands."
-    )
+    battery = _battery_words(flight, view)
+    return f"Holding here; `resume` lets it follow {leader} again. {battery}"
 
 
 def follows_again(flight: FlightContext, view: FlightView) -> str:
