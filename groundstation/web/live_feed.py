@@ -20,8 +20,13 @@ from groundstation.client.client import FleetClient
 from groundstation.fleet.state import LoggedEvent
 from groundstation.orders.forecast_process import Forecaster
 from groundstation.scene.ground_tiles import GroundTiles
-from groundstation.web.live_messages import event_message, fleet_message, state_message
-from groundstation.web.order_cards import CHECK_S, OrderCards, PageMessage
+from groundstation.web.live_messages import (
+    PageMessage,
+    event_message,
+    fleet_message,
+    state_message,
+)
+from groundstation.web.order_cards import CHECK_S, OrderCards
 from onboard.bus.schema import Event
 from onboard.config.fleet import FleetConfig
 

@@ -16,7 +16,6 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import Callable
-from typing import Any
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.operator_control import FORCE_WORD
@@ -32,6 +31,7 @@ from groundstation.orders.prepared_order import PreparedOrder
 from groundstation.orders.preview import OrderPreview
 from groundstation.orders.result import OrderResult
 from groundstation.verdict.verdict import Verdict
+from groundstation.web.live_messages import PageMessage
 from onboard.config.fleet import ConfigError
 from onboard.plain_text import plain_line
 
@@ -41,8 +41,6 @@ MAX_WAITING_S = 120.0  # after which a card that nobody confirms is dropped
 _URGENT = ("land", "hold")
 _PAGE = "page"  # of the kill latch: pages are one key
 _MOST_TEXT = 300
-
-PageMessage = dict[str, Any]
 
 
 class OrderCard:
