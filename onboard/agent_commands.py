@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from onboard.autopilot import Vec3, Vec4
 from onboard.bus.schema import Message, OrderReply
 from onboard.bus.topics import Topic
+from onboard.tuples import Wxyz, Xyz
 from onboard.types import AttitudeSetpoint
 
 # -- to PX4 ----------------------------------------------------------------------------------------
@@ -64,8 +64,8 @@ class SendCorrections(Struct, frozen=True):
 class SendOdometry(Struct, frozen=True):
     """Forward a mocap pose to PX4's estimator."""
 
-    position_enu_m: Vec3
-    quaternion_enu_flu_wxyz: Vec4
+    position_enu_m: Xyz
+    quaternion_enu_flu_wxyz: Wxyz
     std_m: float
     reset_count: int = 0  # another one tells the estimator to begin anew at this pose
 

@@ -10,10 +10,8 @@ from typing import Protocol
 
 from msgspec import Struct
 
+from onboard.tuples import Wxyz, Xyz
 from onboard.types import AttitudeSetpoint
-
-Vec3 = tuple[float, float, float]
-Vec4 = tuple[float, float, float, float]
 
 
 class Landed(Enum):
@@ -83,10 +81,10 @@ class Snapshot(Struct, frozen=True):
     last_packet_ns: int = 0
     system_id: int = 0
     # PX4's own attitude: its heading may differ from the fleet's
-    quaternion_enu_flu_wxyz: Vec4 = (1.0, 0.0, 0.0, 0.0)
+    quaternion_enu_flu_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)
     attitude_ns: int = 0
-    position_local_ned_m: Vec3 = (0.0, 0.0, 0.0)  # in PX4's own local frame
-    velocity_local_ned_m_s: Vec3 = (0.0, 0.0, 0.0)
+    position_local_ned_m: Xyz = (0.0, 0.0, 0.0)  # in PX4's own local frame
+    velocity_local_ned_m_s: Xyz = (0.0, 0.0, 0.0)
     local_position_ns: int = 0
     # std of PX4's horizontal position; 0 before it tells, inf for nonsense
     position_accuracy_m: float = 0.0
@@ -98,7 +96,7 @@ class Snapshot(Struct, frozen=True):
     satellites: int = -1  # that the receiver uses; -1: not told
     fix_accuracy_m: float = 0.0  # std of the receiver's horizontal position; 0: not told
     # of PX4's local frame: latitude [deg], longitude [deg], altitude [m]
-    global_origin: Vec3 | None = None
+    global_origin: Xyz | None = None
     px4_version: Version | None = None
     is_simulated: bool = False  # by PX4's own identity
     px4_boot_ms: int = 0  # PX4's clock, which shows whether it stands still
@@ -198,8 +196,8 @@ class Autopilot(Protocol):
 
     def send_odometry(
         self,
-        position_enu_m: Vec3,
-        quaternion_enu_flu_wxyz: Vec4,
+        position_enu_m: Xyz,
+        quaternion_enu_flu_wxyz: Wxyz,
         std_m: float,
         reset_count: int = 0,
     ) -> None:

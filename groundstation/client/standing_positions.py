@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
-from onboard.bus.schema import Telemetry, Vec3
+from onboard.bus.schema import Telemetry
 from onboard.config.fleet import ConfigError
 from onboard.safety.failsafe_table import Condition
+from onboard.tuples import Xyz
 
 CONNECT_S = 3.0  # until the vehicles are heard
 # the position of a vehicle for which one of these holds is not good enough
@@ -23,7 +24,7 @@ _POOR = (
 
 async def standing_positions(
     client: FleetClient, names: Sequence[str], duration_s: float
-) -> dict[str, list[Vec3]]:
+) -> dict[str, list[Xyz]]:
     """Connect, collect positions of vehicles that stand, and disconnect.
 
     Args:
@@ -37,7 +38,7 @@ async def standing_positions(
     Raises:
         ConfigError: a vehicle is not heard, flies or is armed, or does not know its position well.
     """
-    positions: dict[str, list[Vec3]] = {name: [] for name in names}
+    positions: dict[str, list[Xyz]] = {name: [] for name in names}
     newest: dict[str, int] = {}
     refusals: list[str] = []
 

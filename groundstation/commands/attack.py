@@ -28,8 +28,8 @@ from groundstation.commands.parameters import FileName
 from groundstation.network.attack import attack_copies
 from onboard.config.fleet import load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
+from sitl.monte_carlo.campaign_settings import setup_for
 from sitl.monte_carlo.lie_search import SearchReport, search
-from sitl.monte_carlo.settings import setup_for
 
 _LIES = 1000
 

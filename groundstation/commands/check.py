@@ -25,7 +25,7 @@ from cyclopts import Parameter
 
 from groundstation.commands.parameters import File, FileName
 from groundstation.file_checks.examination import examine
-from groundstation.file_checks.page import page
+from groundstation.file_checks.findings_page import page
 from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_FAILED, EXIT_OK, EXIT_WRONG_INPUT
 from onboard.feasibility.finding import Finding

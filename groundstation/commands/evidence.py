@@ -24,12 +24,12 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from groundstation.commands.parameters import FleetFile, Folder
-from groundstation.evidence.flights import KEPT_NAME, KeptFlights
+from groundstation.evidence.evidence_page import PAGE_NAME
+from groundstation.evidence.evidence_summary import Evidence, read_evidence, summarized
 from groundstation.evidence.folder import write_folder
+from groundstation.evidence.kept_flights import KEPT_NAME, KeptFlights
 from groundstation.evidence.matrix import MatrixRow
-from groundstation.evidence.page import PAGE_NAME
 from groundstation.evidence.provenance import provenance
-from groundstation.evidence.summary import Evidence, read_evidence, summarized
 from groundstation.mission_files.loading import load_mission
 from onboard.config.fleet import ConfigError, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_OK

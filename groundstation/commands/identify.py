@@ -27,9 +27,14 @@ from groundstation.flights.flight_settings import FlightSettings, new_folder, pr
 from groundstation.flights.identification_flight import write_manoeuvre
 from groundstation.flights.mission_flight import MissionFlight, clock_say
 from groundstation.flights.simulation_settings import SimulationSettings
+from groundstation.identification.identification_report import (
+    IdentifiedVehicle,
+    page,
+    rows,
+    toml_of_types,
+)
 from groundstation.identification.identified_flight import identify_flight
 from groundstation.identification.manoeuvre import BOX_M
-from groundstation.identification.report import IdentifiedVehicle, page, rows, toml_of_types
 from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
 

@@ -22,8 +22,15 @@ from typing import Annotated, Any, get_args
 
 from cyclopts import CoercionError, Parameter, Token
 
-from groundstation.starter.files import HERE, NOT_POSITIONS, Answers, Position, starter, type_names
 from groundstation.starter.law_files import law_module, own_law_texts, with_own_law
+from groundstation.starter.starter_files import (
+    HERE,
+    NOT_POSITIONS,
+    Answers,
+    Position,
+    starter,
+    type_names,
+)
 from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_OK
 

@@ -22,14 +22,14 @@ import msgspec
 from cyclopts import App, Parameter
 
 from groundstation.commands.parameters import File, Folder, Names
-from groundstation.recording.catalogue import (
+from groundstation.recording.flown_paths import write_csvs
+from groundstation.recording.record_list import (
     channels,
     flight_folders,
     info_lines,
     list_line,
     summary,
 )
-from groundstation.recording.flown_paths import write_csvs
 from onboard.config.fleet import ConfigError, load_fleet
 from onboard.exit_status import EXIT_OK
 
@@ -75,8 +75,7 @@ def info(flight: _Flight, /, *, json: bool = False) -> int:
         json: for programs
     """
     # Imported here: only this needs the reader of PX4's logs.
-    from groundstation.px4_logs import flight_logs, px4_log
-    from groundstation.px4_logs import summary as log_summary
+    from groundstation.px4_logs import flight_logs, log_summary, px4_log
 
     if flight.suffix == flight_logs.SUFFIX:
         log = px4_log.read_log(flight)

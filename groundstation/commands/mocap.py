@@ -21,7 +21,7 @@ from cyclopts import Parameter
 from groundstation.commands.parameters import FleetFile, Seconds, refuse_wrong_times
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.config.mocap import SystemType, problems
-from onboard.mocap.relay.check import MocapCheck
+from onboard.mocap.relay.body_check import MocapCheck
 from onboard.mocap.relay.mocap_relay import MocapRelay, with_source
 
 

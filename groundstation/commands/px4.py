@@ -26,11 +26,11 @@ from cyclopts import App, Parameter
 
 from groundstation.commands.parameters import FleetFile, Names
 from groundstation.px4 import (
-    comparison,
     parameter_sets,
     signing_keys,
     vehicle_info,
     vehicle_parameters,
+    version_comparison,
 )
 from groundstation.px4.parameter_file import default_backup
 from groundstation.px4.vehicle_links import VehicleLink, for_each, opened, selected_vehicles
@@ -261,21 +261,21 @@ def compare(
         new: version to fly, for instance 1.18
         json: one object instead of the list
     """
-    found = comparison.compare(load_fleet(fleet), old, new, measured_px4())
+    found = version_comparison.compare(load_fleet(fleet), old, new, measured_px4())
     if json:
-        print(dumps(comparison.as_mapping(found), indent=2))
+        print(dumps(version_comparison.as_mapping(found), indent=2))
     else:
-        print(comparison.as_text(found))
+        print(version_comparison.as_text(found))
     return EXIT_OK
 
 
-def measured_px4() -> comparison.MeasuredPx4:
+def measured_px4() -> version_comparison.MeasuredPx4:
     """Return what the conformance suite knows of the versions of PX4."""
     # Imported here: all else of this command needs nothing of the simulation.
     from sitl.conformance.facts import VERSIONS, facts_of, nearest
     from sitl.conformance.suite import FACTS
 
-    return comparison.MeasuredPx4(
+    return version_comparison.MeasuredPx4(
         versions=VERSIONS,
         nearest=nearest,
         facts_of=lambda version: facts_of(version, FACTS),

@@ -25,7 +25,7 @@ from cyclopts import Parameter
 
 from groundstation.commands.parameters import FileName
 from onboard.bus.router import Router, router_endpoint, router_settings
-from onboard.bus.settings import nested
+from onboard.bus.zenoh_settings import nested
 from onboard.config.fleet import FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
 from onboard.security.certificate_ends import first_end

@@ -26,17 +26,17 @@ from groundstation.commands.parameters import File, Folder, LawName
 from onboard.config.fleet import ConfigError
 from onboard.config.law import BUILT_IN
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
-from sitl.monte_carlo import results, scenarios, settings
+from sitl.monte_carlo import campaign_settings, results, scenarios
 from sitl.monte_carlo.command import run
 from sitl.monte_carlo.law_map.map_command import fly_map
 
 _LAWS = ", ".join(BUILT_IN)
-_ERRORS = ", ".join(settings.ERRORS)
+_ERRORS = ", ".join(campaign_settings.ERRORS)
 
 MORE_HELP = f"""\
 Scenarios: {scenarios.KNOWN}
 Laws: {_LAWS}, or your own as module:function. Classes of errors: {_ERRORS}.
-Keys of --set: {", ".join(settings.keys(with_aliases=True))}."""
+Keys of --set: {", ".join(campaign_settings.keys(with_aliases=True))}."""
 
 # flown where nothing is named
 _DEFAULT_SEEDS = "0:10"
@@ -121,7 +121,7 @@ def simulate(
             )
     names = scenarios.expand(scenario)
     flown_seeds = _seeds(seeds)
-    setup = settings.setup_for(
+    setup = campaign_settings.setup_for(
         law=law, types=type, fleet_path=fleet, errors=errors, scale=scale, changes=set
     )
 

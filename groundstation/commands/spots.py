@@ -22,9 +22,9 @@ from groundstation.client.ground_node import session
 from groundstation.client.standing_positions import standing_positions
 from groundstation.commands.parameters import File, Names, Seconds
 from onboard.bus.control_token import WATCHER
-from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_OK
+from onboard.tuples import Xyz
 
 _LONGEST_S = 3600.0
 _MOST_SPREAD_M = 100.0
@@ -80,6 +80,6 @@ def spots(
 
 async def _collect(
     fleet: FleetConfig, names: tuple[str, ...], seconds: float
-) -> dict[str, list[Vec3]]:
+) -> dict[str, list[Xyz]]:
     client = FleetClient(fleet, operates=False, bus=session(fleet, WATCHER))
     return await standing_positions(client, names, seconds)

@@ -16,7 +16,8 @@ from groundstation.console.canvas import Canvas
 from groundstation.console.theme import CALM, FAINT, RULE, TEXT, WARN, clean, number
 from groundstation.console.vehicle_subject import Text, VehicleSubject
 from onboard.arrays import Array
-from onboard.bus.schema import TickSample, Vec3, Vec4
+from onboard.bus.schema import TickSample
+from onboard.tuples import Wxyz, Xyz
 
 CHART_S = 20.0
 _SCALE_TOPS = (1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 90.0)
@@ -77,7 +78,7 @@ def _held_back(tick: TickSample) -> Text:
     return [(" held back  ", FAINT), (words, CALM)]
 
 
-def _horizontal_norms(vectors: Sequence[Vec3]) -> Array:
+def _horizontal_norms(vectors: Sequence[Xyz]) -> Array:
     """Return the horizontal norm (n,) of each vector."""
     horizontal = np.array([vector[:2] for vector in vectors], dtype=float)
     norms: Array = np.hypot(horizontal[:, 0], horizontal[:, 1])
@@ -134,7 +135,7 @@ def attitude_block(subject: VehicleSubject, width: int) -> list[Text | Strip]:
     return lines
 
 
-def euler_deg(quaternion_wxyz: Vec4) -> tuple[float, float, float]:
+def euler_deg(quaternion_wxyz: Wxyz) -> tuple[float, float, float]:
     """Return roll, pitch and yaw in degrees of a rotation from body FLU to ENU.
 
     The rotation is yaw, then pitch, then roll. All three are nan where there is no rotation.
@@ -154,11 +155,11 @@ def euler_deg(quaternion_wxyz: Vec4) -> tuple[float, float, float]:
     return (math.degrees(roll), math.degrees(pitch), math.degrees(yaw))
 
 
-def _angles(quaternion_wxyz: Vec4) -> str:
+def _angles(quaternion_wxyz: Wxyz) -> str:
     return "".join(f"{number(angle, 1, sign=True):>7}°" for angle in euler_deg(quaternion_wxyz))
 
 
-def _vector(vector: Vec3) -> str:
+def _vector(vector: Xyz) -> str:
     axes = "  ".join(f"{number(axis, 2, sign=True, limit=999):>6}" for axis in vector)
     norm = math.sqrt(sum(axis * axis for axis in vector))
     return f"{axes}   |{number(norm, 2)}|"

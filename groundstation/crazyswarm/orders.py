@@ -25,9 +25,9 @@ from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderFailed
 from groundstation.paths.checks import path_findings, refusals
 from groundstation.paths.pieces import slowed
-from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError
 from onboard.control.path import Path
+from onboard.tuples import Xyz
 
 _TIMESCALES = (1.25, 1.5, 2.0, 2.5, 3.0, 4.0)  # that a refused trajectory is tried with
 # longest waits; of a move, beyond its own duration
@@ -36,7 +36,7 @@ _LAND_S = 60.0
 _MOVE_S = 40.0
 _SAME_TIME_S = 1e-6
 _SMALL_YAW_DEG = 1.0  # a heading that is taken for none
-_UNKNOWN: Vec3 = (math.nan, math.nan, math.nan)
+_UNKNOWN: Xyz = (math.nan, math.nan, math.nan)
 
 Kind = Literal["arm", "takeoff", "land", "path", "goto"]
 
@@ -47,7 +47,7 @@ class _Takeoff(NamedTuple):
 
 
 class _Move(NamedTuple):
-    goal_enu_m: Vec3
+    goal_enu_m: Xyz
     yaw_deg: float
     duration_s: float
 
@@ -119,7 +119,7 @@ class ScriptOrders:
         self._batch.forget(name)
         self._batch.landings[name] = duration_s
 
-    def go_to(self, name: str, goal: Vec3, yaw_deg: float, duration_s: float) -> None:
+    def go_to(self, name: str, goal: Xyz, yaw_deg: float, duration_s: float) -> None:
         """Have a vehicle go to a goal."""
         self._batch.forget(name)
         self._batch.moves[name] = _Move(goal, yaw_deg, duration_s)
@@ -143,7 +143,7 @@ class ScriptOrders:
 
     # -- the script reads --------------------------------------------------------------------------
 
-    def spot(self, name: str) -> tuple[Vec3, float]:
+    def spot(self, name: str) -> tuple[Xyz, float]:
         """Return where a vehicle goes to, and its heading [deg]: relative goals begin there."""
         if name in self._batch.moves:
             move = self._batch.moves[name]
@@ -162,7 +162,7 @@ class ScriptOrders:
             return goal_enu_m, yaw_deg
         return telemetry.position_enu_m, yaw_deg
 
-    def position(self, name: str) -> Vec3:
+    def position(self, name: str) -> Xyz:
         """Return the reported position; not a number where it is not known."""
         return self.fleet[name].position_enu_m or _UNKNOWN
 

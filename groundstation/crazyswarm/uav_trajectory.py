@@ -10,7 +10,7 @@ import numpy as np
 
 from groundstation.orders.grammar import OrderError
 from groundstation.paths.checks import limits_of, needed_slowing, sample
-from groundstation.paths.files import load_path
+from groundstation.paths.path_files import load_path
 from groundstation.paths.pieces import slowed
 from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig

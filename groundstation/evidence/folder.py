@@ -7,11 +7,11 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.evidence.comparison import Agreement, compared
-from groundstation.evidence.drawing import DRAWING_NAME, draw_volumes
-from groundstation.evidence.flights import FlownCase
-from groundstation.evidence.page import PAGE_NAME, page
-from groundstation.evidence.summary import EVIDENCE_NAME, Evidence
+from groundstation.evidence.evidence_comparison import Agreement, compared
+from groundstation.evidence.evidence_page import PAGE_NAME, page
+from groundstation.evidence.evidence_summary import EVIDENCE_NAME, Evidence
+from groundstation.evidence.kept_flights import FlownCase
+from groundstation.evidence.volume_drawing import DRAWING_NAME, draw_volumes
 from groundstation.evidence.volumes import geojson
 from onboard.config.fleet import FleetConfig
 

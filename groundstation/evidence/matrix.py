@@ -12,9 +12,9 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import msgspec
 
-from groundstation.evidence.flights import FlownCase, digest
 from groundstation.evidence.hazards import HAZARDS, Hazard
 from groundstation.evidence.intervals import two_sided, upper_bound
+from groundstation.evidence.kept_flights import FlownCase, digest
 from onboard.safety.failsafe_table import TABLE, WORDS, Condition, Situation
 
 SHOWN = "shown"

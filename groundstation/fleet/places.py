@@ -11,8 +11,8 @@ from collections.abc import Iterable, Mapping
 from typing import TypeVar
 
 from groundstation.fleet.state import FleetState
-from onboard.bus.schema import Vec3
 from onboard.config.fleet import FleetConfig
+from onboard.tuples import Xyz
 
 Value = TypeVar("Value")
 
@@ -62,7 +62,7 @@ def place_of(name: str, state: FleetState | None) -> str:
     return name
 
 
-def spot_of(name: str, fleet: FleetConfig, state: FleetState | None) -> Vec3:
+def spot_of(name: str, fleet: FleetConfig, state: FleetState | None) -> Xyz:
     """Return the take-off spot of a vehicle [m], ENU.
 
     Args:

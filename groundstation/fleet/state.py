@@ -34,10 +34,11 @@ from groundstation.fleet.unknown_time import (
     with_time,
 )
 from onboard.bus.codec import Malformed
-from onboard.bus.schema import Event, Light, Message, PreflightReport, Telemetry, Truth, Vec3
+from onboard.bus.schema import Event, Light, Message, PreflightReport, Telemetry, Truth
 from onboard.bus.topics import TOPICS, Topic
 from onboard.config.fleet import FleetConfig
 from onboard.config.pair_separation import separation_m
+from onboard.tuples import Xyz
 
 MAX_EVENTS = 500
 MAX_TOUCHDOWNS = 500
@@ -100,7 +101,7 @@ class VehicleView(Struct, frozen=True):
     truth_received_ns: int = _NEVER
     # when and where its position was known last, by ground truth or by telemetry
     seen_ns: int = _NEVER
-    seen_enu_m: Vec3 = (0.0, 0.0, 0.0)
+    seen_enu_m: Xyz = (0.0, 0.0, 0.0)
     preflight: PreflightReport | None = None
     preflight_received_ns: int = _NEVER
     light: tuple[int, int, int] | None = None  # colour in a show: red, green, blue up to 255
@@ -147,7 +148,7 @@ class VehicleView(Struct, frozen=True):
         return Sighting(self.name, self.seen_enu_m, self.seen_ns, is_flying)
 
     @property
-    def resting_enu_m(self) -> Vec3 | None:
+    def resting_enu_m(self) -> Xyz | None:
         """Its place on the ground while it is disarmed [m], ENU; None while it may move."""
         message = self.telemetry
         if message is None or not message.is_position_valid:
@@ -156,7 +157,7 @@ class VehicleView(Struct, frozen=True):
             return None
         return message.position_enu_m
 
-    def position_enu_m(self, now_ns: int) -> Vec3 | None:
+    def position_enu_m(self, now_ns: int) -> Xyz | None:
         """Return the last reported position, carried to now with its velocity.
 
         Args:
@@ -172,7 +173,7 @@ class VehicleView(Struct, frozen=True):
         ahead_s = max(0.0, (now_ns - self.received_ns) * 1e-9)
         return _along(message.position_enu_m, message.velocity_enu_m_s, ahead_s)
 
-    def known_enu_m(self, now_ns: int) -> Vec3 | None:
+    def known_enu_m(self, now_ns: int) -> Xyz | None:
         """Return its place now, by telemetry or else by ground truth; None where neither is new.
 
         Args:
@@ -730,7 +731,7 @@ def _with(state: FleetState, view: VehicleView) -> FleetState:
     return replace(state, vehicles=MappingProxyType({**state.vehicles, view.name: view}))
 
 
-def _along(position: Vec3, velocity: Vec3, ahead_s: float) -> Vec3:
+def _along(position: Xyz, velocity: Xyz, ahead_s: float) -> Xyz:
     return (
         position[0] + velocity[0] * ahead_s,
         position[1] + velocity[1] * ahead_s,
@@ -738,7 +739,7 @@ def _along(position: Vec3, velocity: Vec3, ahead_s: float) -> Vec3:
     )
 
 
-def _finite(vector: Vec3) -> bool:
+def _finite(vector: Xyz) -> bool:
     return all(math.isfinite(value) for value in vector)
 
 

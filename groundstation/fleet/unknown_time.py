@@ -12,8 +12,8 @@ from collections.abc import Iterable
 
 from msgspec import Struct
 
-from onboard.bus.schema import Vec3
 from onboard.config.pair_separation import separation_m
+from onboard.tuples import Xyz
 
 KNOWN_S = 0.5  # a position that is older is not known any more
 MAX_KEPT = 200  # times; of more, those in which two may have come nearest
@@ -41,7 +41,7 @@ class Sighting(Struct, frozen=True):
     """The place and time at which one vehicle was seen last."""
 
     vehicle: str
-    position_enu_m: Vec3
+    position_enu_m: Xyz
     seen_ns: int
     is_flying: bool
 

@@ -12,7 +12,7 @@ from groundstation.keys.secured_fleet import secure_fleet
 from groundstation.mission_files.loading import with_fleet
 from groundstation.mission_files.mission import Mission
 from groundstation.processes.free_ports import in_another_folder, toml_text, with_free_ports
-from groundstation.starter.files import Answers, starter
+from groundstation.starter.starter_files import Answers, starter
 
 
 def mission_of_ring(vehicles: int) -> Mission:

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.config.fleet import Vec3
+from onboard.tuples import Xyz
 
 _FORBIDDEN = 1e9  # beyond every squared flight
 
 
 def nearest_slots(
-    slots: Mapping[str, Vec3], positions: Mapping[str, Vec3], centre: Vec3
+    slots: Mapping[str, Xyz], positions: Mapping[str, Xyz], centre: Xyz
 ) -> dict[str, str]:
     """Deal the slots of a formation out anew.
 
@@ -44,7 +44,7 @@ def nearest_slots(
 
 
 def spots_without_crossing(
-    spots: Mapping[str, Vec3], positions: Mapping[str, Vec3]
+    spots: Mapping[str, Xyz], positions: Mapping[str, Xyz]
 ) -> dict[str, str]:
     """Deal spots out so that straight ways that take the same time do not cross.
 

@@ -13,8 +13,9 @@ from groundstation.formations.slots import formation_names, formation_slots, str
 from groundstation.paths.checks import limits_of, needed_slowing, sample
 from groundstation.paths.pieces import GRID_S, fitted, slowed
 from onboard.arrays import Array
-from onboard.config.fleet import ConfigError, FleetConfig, Vec3
+from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.control.path import Path, sampled
+from onboard.tuples import Xyz
 
 _SPEED_SHARE = 0.6  # of the top speed, where no duration is given
 _ROOM = 1.005  # by which paths are slowed beyond what is needed
@@ -26,7 +27,7 @@ _MOST_POINTS = 1000
 class FramePoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A point on the way of a formation, which is flown through, not stopped at."""
 
-    position_enu_m: Vec3 | None = None  # of the formation; by default as before
+    position_enu_m: Xyz | None = None  # of the formation; by default as before
     turn_deg: float = 0.0  # counterclockwise, on the way to this point
     spacing_m: float | None = None  # from here on; by default as before
     name: str | None = None  # of the formation that it has become here; by default as before
@@ -38,7 +39,7 @@ class Begin(msgspec.Struct, frozen=True, kw_only=True):
     """A formation before it sets off."""
 
     name: str
-    position_enu_m: Vec3
+    position_enu_m: Xyz
     rotation_deg: float = 0.0
     spacing_m: float | None = None
     leader: str | None = None  # positions are this vehicle's, and the formation turns about it
@@ -48,7 +49,7 @@ def frame_paths(
     fleet: FleetConfig,
     begin: Begin,
     points: Sequence[FramePoint],
-    positions: Mapping[str, Vec3] | None = None,
+    positions: Mapping[str, Xyz] | None = None,
 ) -> dict[str, Path]:
     """Return the path of each vehicle of a formation whose frame flies through points.
 
@@ -177,7 +178,7 @@ def _smooth(times_s: Array, values: Array, grid: Array) -> Array:
 
 def _slots(
     fleet: FleetConfig, name: str, spacing_m: float | None, leader: str | None
-) -> dict[str, Vec3]:
+) -> dict[str, Xyz]:
     """Return the offsets of a formation, from its leader where it has one."""
     if name not in formation_names(fleet):
         known = ", ".join(formation_names(fleet)) or "none"
@@ -194,10 +195,10 @@ def _slots(
     return {one: _vec3(np.array(at) - np.array(slots[leader])) for one, at in slots.items()}
 
 
-def _array(slots: Mapping[str, Vec3], names: Sequence[str]) -> Array:
+def _array(slots: Mapping[str, Xyz], names: Sequence[str]) -> Array:
     return np.array([slots[name] for name in names])
 
 
-def _vec3(point: Array) -> Vec3:
+def _vec3(point: Array) -> Xyz:
     x, y, z = point.tolist()
     return (x, y, z)

@@ -8,11 +8,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from groundstation.formations import drawing, shapes
-from groundstation.paths.files import read_columns
+from groundstation.formations import shapes, slot_drawing
+from groundstation.paths.path_files import read_columns
 from onboard.arrays import Array
-from onboard.config.fleet import ConfigError, FleetConfig, Vec3, parking_distance_m
+from onboard.config.fleet import ConfigError, FleetConfig, parking_distance_m
 from onboard.config.formation_shape import FormationShape
+from onboard.tuples import Xyz
 
 _ROOM = 1.15  # of the spacing that is taken by default, times the law's least
 
@@ -30,7 +31,7 @@ def formation_names(fleet: FleetConfig) -> tuple[str, ...]:
     return (*fleet.formations, *fleet.shapes)
 
 
-def formation_slots(fleet: FleetConfig, name: str) -> dict[str, Vec3]:
+def formation_slots(fleet: FleetConfig, name: str) -> dict[str, Xyz]:
     """Return the offsets of a formation as the file gives it.
 
     Args:
@@ -59,8 +60,8 @@ def formation_slots(fleet: FleetConfig, name: str) -> dict[str, Vec3]:
 
 
 def stretched(
-    slots: Mapping[str, Vec3], spacing_m: float | None, rotation_deg: float = 0.0
-) -> dict[str, Vec3]:
+    slots: Mapping[str, Xyz], spacing_m: float | None, rotation_deg: float = 0.0
+) -> dict[str, Xyz]:
     """Return offsets with another spacing and turned.
 
     Args:
@@ -86,7 +87,7 @@ def stretched(
 
 
 @functools.lru_cache(maxsize=64)
-def _slots(shape: FormationShape, count: int, path: str, least_m: float) -> tuple[Vec3, ...]:
+def _slots(shape: FormationShape, count: int, path: str, least_m: float) -> tuple[Xyz, ...]:
     """Return the slots of a shape for so many vehicles."""
     in_outline = count
     if shape.stacked:
@@ -128,12 +129,12 @@ def _outline(shape: FormationShape, count: int, path: str) -> Array:
     if shape.shape == "text":
         font = None
         if shape.font is not None:
-            font = drawing.beside(path, shape.font)
-        return drawing.text_slots(shape.text, font, count)
+            font = slot_drawing.beside(path, shape.font)
+        return slot_drawing.text_slots(shape.text, font, count)
 
-    file = drawing.beside(path, shape.file or "")
+    file = slot_drawing.beside(path, shape.file or "")
     if shape.shape == "image":
-        return drawing.image_slots(file, count)
+        return slot_drawing.image_slots(file, count)
     return _from_csv(file, count)
 
 

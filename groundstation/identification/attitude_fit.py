@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from groundstation.identification.flight_log import (
+from groundstation.identification.logged_stretch import (
     MEMORY_S,
     LeastSquares,
     Log,

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from groundstation.identification.flight_log import TooLittleFlown
+from groundstation.identification.identification_report import IdentifiedVehicle
 from groundstation.identification.identify import identify
-from groundstation.identification.record import logs_of
-from groundstation.identification.report import IdentifiedVehicle
+from groundstation.identification.logged_stretch import TooLittleFlown
+from groundstation.identification.recorded_motion import logs_of
 from groundstation.recording.reader import record_path
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 

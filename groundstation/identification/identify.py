@@ -22,7 +22,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from groundstation.identification.attitude_fit import fit_attitude, unexplained_times_s
-from groundstation.identification.flight_log import MEMORY_S, Log, TooLittleFlown, tilt_vector_rad
+from groundstation.identification.logged_stretch import (
+    MEMORY_S,
+    Log,
+    TooLittleFlown,
+    tilt_vector_rad,
+)
 from groundstation.identification.motion_fit import (
     POSITION_NOISE_M,
     WINDOW_S,

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from onboard.config.fleet import ConfigError, FleetConfig, Vec3, parking_distance_m
+from onboard.config.fleet import ConfigError, FleetConfig, parking_distance_m
 from onboard.config.flight_space import flight_space_of
+from onboard.tuples import Xyz
 
 BOX_M = 0.6  # to each side
 HEIGHT_M = 1.0
@@ -25,7 +26,7 @@ def manoeuvre(
     half_m: float = BOX_M,
     height_m: float = HEIGHT_M,
     seed: int = 0,
-) -> tuple[tuple[Vec3, float], ...]:
+) -> tuple[tuple[Xyz, float], ...]:
     """Return goals and durations of a zig-zag in a box about the vehicle's start.
 
     The box keeps clear of the fence and of where the others stand. A duration of 0 is as quick as
@@ -54,7 +55,7 @@ def manoeuvre(
 
     height_m = min(height_m, fence.z[1] - 0.3)
     rng = np.random.default_rng(seed)
-    steps: list[tuple[Vec3, float]] = []
+    steps: list[tuple[Xyz, float]] = []
     for index in range(MOVES):
         reach_m = half_m * float(rng.uniform(0.7, 1.0))
         if index % 2 == 1:
@@ -74,7 +75,7 @@ def manoeuvre(
     return tuple(steps)
 
 
-def mission_text(fleet_path: Path, name: str, steps: Sequence[tuple[Vec3, float]]) -> str:
+def mission_text(fleet_path: Path, name: str, steps: Sequence[tuple[Xyz, float]]) -> str:
     """Return the manoeuvre as a mission file in Python.
 
     A goal that is not reached in time is no failure: the next one follows.

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from groundstation.identification.attitude_fit import commanded_tilt, response
-from groundstation.identification.flight_log import LeastSquares, Log, TooLittleFlown, jackknife
+from groundstation.identification.logged_stretch import LeastSquares, Log, TooLittleFlown, jackknife
 from onboard.arrays import Array, IntArray
 from onboard.types import GRAVITY_M_S2
 

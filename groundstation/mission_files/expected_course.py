@@ -42,10 +42,11 @@ from groundstation.orders.intents import (
     Takeoff,
 )
 from groundstation.orders.plan import PlannedOrder, plan_order
-from onboard.config.fleet import ConfigError, FleetConfig, Vec3
+from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.control.path import Path, point_at
 from onboard.control.trajectory import TrajectoryParams, shortest_duration_s
 from onboard.control.vertical import vertical_s
+from onboard.tuples import Xyz
 
 _START_S = 3.0  # arming and spinning up, before a climb
 _SETTLE_S = 1.0  # until a vehicle counts as arrived
@@ -65,12 +66,12 @@ class CourseStep:
 
     key: str  # of the step in the file: step[2].steps[0]
     step: MissionStep
-    positions: Mapping[str, Vec3]  # of all vehicles before it
+    positions: Mapping[str, Xyz]  # of all vehicles before it
     flying: frozenset[str]  # before it
     is_known: bool  # whether that is certain; after a fault or a reaction it is not
     times: int = 1  # that it is flown so
     planned: PlannedOrder | None = None  # of a step that is an order
-    goals: Mapping[str, Vec3] = field(default_factory=dict)  # where vehicles are after it
+    goals: Mapping[str, Xyz] = field(default_factory=dict)  # where vehicles are after it
     paths: Mapping[str, Path] = field(default_factory=dict)
     # what each vehicle needs without the others
     alone_s: Mapping[str, float] = field(default_factory=dict)
@@ -81,7 +82,7 @@ class CourseStep:
 class _FleetThen:
     """The fleet at one time of the course."""
 
-    positions: dict[str, Vec3]
+    positions: dict[str, Xyz]
     held: HeldFormation
     flying: set[str] = field(default_factory=set)
     is_known: bool = True
@@ -144,7 +145,7 @@ def resolved(intent: Intent, fleet: FleetConfig) -> Intent:
     return structs.replace(intent, vehicles=names)
 
 
-def with_speed(intent: Intent, goals: Mapping[str, Vec3], spots: Mapping[str, Vec3]) -> Intent:
+def with_speed(intent: Intent, goals: Mapping[str, Xyz], spots: Mapping[str, Xyz]) -> Intent:
     """Return an order with the duration that its speed means: that of the longest way.
 
     Args:
@@ -163,7 +164,7 @@ def with_speed(intent: Intent, goals: Mapping[str, Vec3], spots: Mapping[str, Ve
 
 
 def formation_paths(
-    step: FlyFormationStep, fleet: FleetConfig, positions: Mapping[str, Vec3]
+    step: FlyFormationStep, fleet: FleetConfig, positions: Mapping[str, Xyz]
 ) -> dict[str, Path]:
     """Return the paths of a formation's flight.
 
@@ -340,7 +341,7 @@ def _filled(intent: Intent, fleet: FleetConfig, then: _FleetThen) -> Intent:
     return intent
 
 
-def _goal(step: Intent, position: Vec3, ordered: Vec3 | None) -> Vec3:
+def _goal(step: Intent, position: Xyz, ordered: Xyz | None) -> Xyz:
     """Return where a vehicle is after an order."""
     if isinstance(step, Takeoff):
         return (position[0], position[1], step.height_m)
@@ -355,7 +356,7 @@ def _goal(step: Intent, position: Vec3, ordered: Vec3 | None) -> Vec3:
 
 
 def _vertical_order_s(
-    fleet: FleetConfig, name: str, position: Vec3, goal: Vec3, duration_s: float
+    fleet: FleetConfig, name: str, position: Xyz, goal: Xyz, duration_s: float
 ) -> float:
     """Return how long an order with a climb or a descent takes: across, and up or down."""
     height_m = max(position[2], goal[2], _LEAST_HEIGHT_M)
@@ -364,7 +365,7 @@ def _vertical_order_s(
 
 
 def _move_or_stay_s(
-    fleet: FleetConfig, name: str, position: Vec3, goal: Vec3, duration_s: float
+    fleet: FleetConfig, name: str, position: Xyz, goal: Xyz, duration_s: float
 ) -> float:
     """Return how long a vehicle needs to a goal; nothing where it is there already."""
     if position == goal:
@@ -372,7 +373,7 @@ def _move_or_stay_s(
     return _move_s(fleet, name, position, goal, duration_s)
 
 
-def _move_s(fleet: FleetConfig, name: str, position: Vec3, goal: Vec3, duration_s: float) -> float:
+def _move_s(fleet: FleetConfig, name: str, position: Xyz, goal: Xyz, duration_s: float) -> float:
     """Return how long a vehicle needs to a goal."""
     vehicle = fleet.vehicles[name]
     bounds = TrajectoryParams(vehicle.max_speed_m_s, vehicle.max_acceleration_m_s2)
@@ -380,7 +381,7 @@ def _move_s(fleet: FleetConfig, name: str, position: Vec3, goal: Vec3, duration_
     return _SETTLE_S + max(shortest_s, duration_s)
 
 
-def _point(path: Path, time_s: float) -> Vec3:
+def _point(path: Path, time_s: float) -> Xyz:
     """Return the position of a path at a time; its end at infinity."""
     x, y, z = point_at(path, time_s).position_enu_m
     return (x, y, z)

@@ -34,7 +34,7 @@ from groundstation.mission_files.steps import (
 )
 from groundstation.mission_files.world_time import check_world_time
 from groundstation.orders.intents import Intent
-from groundstation.paths.files import load_path
+from groundstation.paths.path_files import load_path
 from groundstation.verdict.expectations import EXPECT_MOST_M, Expect
 from onboard.config.example_files import existing_file
 from onboard.config.fleet import (

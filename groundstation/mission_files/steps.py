@@ -17,13 +17,13 @@ from groundstation.formations.frame import FramePoint
 from groundstation.orders.intents import INTENTS, Formation, Intent, Names
 from groundstation.orders.path_orders import OnLag
 from groundstation.verdict.expectations import Expect
-from onboard.config.fleet import Vec3
+from onboard.tuples import Xyz
 
 
 class FormationStep(Formation, frozen=True, kw_only=True):
     """Take up a formation at a position."""
 
-    position_enu_m: Vec3  # of the formation: its offsets come on top
+    position_enu_m: Xyz  # of the formation: its offsets come on top
 
 
 class _Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -34,7 +34,7 @@ class FlyFormationStep(_Step, frozen=True, kw_only=True):
     """A formation flies through points without a stop; it turns, stretches, changes on the way."""
 
     name: str  # of the formation at the begin, which all go to first
-    position_enu_m: Vec3  # of the formation there, or of its leader
+    position_enu_m: Xyz  # of the formation there, or of its leader
     to: tuple[FramePoint, ...]  # the points, see below
     rotation_deg: float = 0.0  # of the formation at the begin, counterclockwise
     spacing_m: float | None = None  # of its two nearest slots
@@ -69,7 +69,7 @@ class Until(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     """A condition: all that is given must hold at once."""
 
     vehicles: Names | None = None  # that battery, failure and event are about; by default any
-    reached: dict[str, Vec3] = {}  # these vehicles are at these positions
+    reached: dict[str, Xyz] = {}  # these vehicles are at these positions
     within_m: float = 0.15  # so near
     separation_above_m: float | None = None  # no two that fly are nearer
     separation_below_m: float | None = None  # two are nearer

@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
-from onboard.config.fleet import Vec3
 from onboard.config.pair_separation import separation_m
+from onboard.tuples import Xyz
 
 ARRIVED_M = 0.15
 _AT_ONCE_S = 0.7  # between the last telemetry of vehicles that fell silent for the same reason
@@ -42,7 +42,7 @@ class ConditionTimeout(TimeoutError):
     """A condition has not come true in time; the sentence says what it was then."""
 
 
-def reached(goals: Mapping[str, Vec3], within_m: float = ARRIVED_M) -> WaitCondition:
+def reached(goals: Mapping[str, Xyz], within_m: float = ARRIVED_M) -> WaitCondition:
     """Every vehicle reports to be at its goal.
 
     Args:

@@ -18,10 +18,10 @@ from groundstation.missions.taken import FleetTaken
 from groundstation.orders.intents import Goto, Hold
 from groundstation.orders.result import OrderFailed, OrderResult, Results
 from groundstation.paths.checks import LOWEST_M
-from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import floor_m, least_height_m
+from onboard.tuples import Xyz
 
 _PERIOD_S = 0.5
 _AHEAD_S = 1.0  # a new leg takes about that long to get under way
@@ -32,7 +32,7 @@ _HOLD_S = 15.0
 
 
 async def follow(
-    ground: MissionGround, leader: str, offsets: Mapping[str, Vec3], duration_s: float
+    ground: MissionGround, leader: str, offsets: Mapping[str, Xyz], duration_s: float
 ) -> Results:
     """Have vehicles follow another one for a time; then they hold, also when this is cancelled.
 
@@ -55,7 +55,7 @@ async def follow(
     ground.say(f"{', '.join(offsets)} follow {leader} for {duration_s:g} s")
 
     end_ns = client.now_ns() + int(duration_s * 1e9)
-    last_goals: dict[str, Vec3] = {}  # that were accepted
+    last_goals: dict[str, Xyz] = {}  # that were accepted
     last_good_ns = client.now_ns()  # when goals were accepted, or none were due
     followers = tuple(offsets)
     pause = FollowPause(ground, followers)
@@ -97,7 +97,7 @@ async def follow(
     return results
 
 
-async def _order_goals(ground: MissionGround, leader: str, goals: dict[str, Vec3]) -> OrderResult:
+async def _order_goals(ground: MissionGround, leader: str, goals: dict[str, Xyz]) -> OrderResult:
     """Send the followers to their goals; the order is judged, and nobody waits for its end.
 
     Raises:
@@ -111,7 +111,7 @@ async def _order_goals(ground: MissionGround, leader: str, goals: dict[str, Vec3
     return await ground.client.submit(goto, is_by_mission=True)
 
 
-def present_offsets(client: FleetClient, leader: str, names: Sequence[str]) -> dict[str, Vec3]:
+def present_offsets(client: FleetClient, leader: str, names: Sequence[str]) -> dict[str, Xyz]:
     """Return where vehicles are now, from a leader [m], ENU.
 
     Args:
@@ -124,7 +124,7 @@ def present_offsets(client: FleetClient, leader: str, names: Sequence[str]) -> d
     """
     client.fleet.select([leader])
 
-    spots: dict[str, Vec3] = {}
+    spots: dict[str, Xyz] = {}
     unknown = []
     for name in dict.fromkeys((leader, *names)):
         position_enu_m = client.state.vehicles[name].position_enu_m(client.now_ns())
@@ -141,14 +141,14 @@ def present_offsets(client: FleetClient, leader: str, names: Sequence[str]) -> d
     return {name: (spot[0] - x, spot[1] - y, spot[2] - z) for name, spot in spots.items()}
 
 
-def _have_moved(goals: Mapping[str, Vec3], last_goals: Mapping[str, Vec3]) -> bool:
+def _have_moved(goals: Mapping[str, Xyz], last_goals: Mapping[str, Xyz]) -> bool:
     """Whether goals are to be ordered: the first ones, and those that have moved."""
     if not last_goals:
         return True
     return any(math.dist(goals[name], last_goals[name]) > _MOVED_M for name in goals)
 
 
-def _goals(client: FleetClient, leader: str, offsets: Mapping[str, Vec3]) -> dict[str, Vec3]:
+def _goals(client: FleetClient, leader: str, offsets: Mapping[str, Xyz]) -> dict[str, Xyz]:
     """Return the followers' goals, ahead of the leader's present position and inside the fence."""
     view = client.state.vehicles[leader]
     position_enu_m = view.position_enu_m(client.now_ns())
@@ -168,7 +168,7 @@ def _goals(client: FleetClient, leader: str, offsets: Mapping[str, Vec3]) -> dic
     return goals
 
 
-def _inside(fleet: FleetConfig, follower: Vehicle, goal: Vec3) -> Vec3:
+def _inside(fleet: FleetConfig, follower: Vehicle, goal: Xyz) -> Xyz:
     """Return the nearest point inside the fence, not too low above the ground."""
     x, y, z = flight_space_of(fleet).nearest_inside(goal, _INSIDE_M)
     least_m = max(LOWEST_M, least_height_m(follower))

@@ -24,7 +24,7 @@ from groundstation.orders.result import OrderFailed, OrderResult, Results, Vehic
 from groundstation.verdict.observations import Arrival, StepResult, arrival_of
 from groundstation.verdict.other_ends import LastOrder, last_order, other_ends
 from onboard.bus.schema import Order
-from onboard.config.fleet import Vec3
+from onboard.tuples import Xyz
 
 _LOOK_S = 0.2  # between two looks for the end of a pause
 
@@ -337,7 +337,7 @@ class MissionGround:
                 self.lost.discard(name)
         return self.lost
 
-    def add_arrival(self, step: str, name: str, goal: Vec3) -> None:
+    def add_arrival(self, step: str, name: str, goal: Xyz) -> None:
         """Note how far a vehicle is from its goal now."""
         view = self.client.state.vehicles[name]
         self.arrivals.append(arrival_of(step, view, goal, self.client.now_ns()))

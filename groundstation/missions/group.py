@@ -62,11 +62,11 @@ from groundstation.orders.path_orders import OnLag
 from groundstation.orders.result import Results
 from groundstation.paths.checks import path_findings, refusals
 from groundstation.paths.pieces import through
-from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.tuples import Xyz
 
 Vehicles = str | Sequence[str]  # "all", names or indices: "mav0,mav2", "0-1", or a list of names
-GoalOrGoals = Vec3 | Mapping[str, Vec3]
+GoalOrGoals = Xyz | Mapping[str, Xyz]
 
 _EVER_S = 1e9  # a wait that ends only with its condition
 
@@ -224,7 +224,7 @@ class Group:
 
     async def move(
         self,
-        position_enu_m: Vec3,
+        position_enu_m: Xyz,
         vehicles: Vehicles = "all",
         *,
         yaw_deg: float | None = None,
@@ -285,7 +285,7 @@ class Group:
         )
         return await self.order(intent, timeout_s)
 
-    def place(self, latitude_deg: float, longitude_deg: float, height_m: float) -> Vec3:
+    def place(self, latitude_deg: float, longitude_deg: float, height_m: float) -> Xyz:
         """Return a position on Earth as a goal [m], ENU.
 
         Args:
@@ -301,7 +301,7 @@ class Group:
     async def formation(
         self,
         name: str,
-        position_enu_m: Vec3 | None = None,
+        position_enu_m: Xyz | None = None,
         vehicles: Vehicles = "all",
         *,
         spacing_m: float | None = None,
@@ -477,7 +477,7 @@ class Group:
         They go to the begins of their paths first.
 
         Args:
-            paths: of vehicles, see :func:`groundstation.paths.files.load_path`.
+            paths: of vehicles, see :func:`groundstation.paths.path_files.load_path`.
             lights: colours of vehicles, see :func:`groundstation.paths.lights.load_lights`.
             on_lag: what a vehicle does that falls behind for too long; the others go on.
             at: time of the world's clock at which they start; empty: at once.
@@ -504,7 +504,7 @@ class Group:
         )
 
     async def fly_through(
-        self, waypoints: Mapping[str, Sequence[Vec3]], *, speed_m_s: float, on_lag: OnLag = "land"
+        self, waypoints: Mapping[str, Sequence[Xyz]], *, speed_m_s: float, on_lag: OnLag = "land"
     ) -> Results:
         """Fly through waypoints without stopping, from where the vehicles are to the last ones.
 
@@ -534,7 +534,7 @@ class Group:
         return await self.follow_path(paths, on_lag=on_lag)
 
     async def follow(
-        self, leader: str, duration_s: float, *, offsets: Mapping[str, Vec3] | None = None
+        self, leader: str, duration_s: float, *, offsets: Mapping[str, Xyz] | None = None
     ) -> Results:
         """Follow another vehicle for a time, each at its offset; then hold.
 

@@ -28,8 +28,8 @@ from groundstation.verdict.observations import StepResult
 from onboard.bus.schema import Light as LightMessage
 from onboard.bus.schema import Order
 from onboard.bus.topics import Topic
-from onboard.config.fleet import Vec3
 from onboard.control.path import Path, point_at
+from onboard.tuples import Xyz
 
 AHEAD_S = 3.0  # of the start, for all replies to come before it
 _LATE_S = 60.0  # after the paths' own end: half the clock's rate for ten seconds, and some
@@ -60,7 +60,7 @@ class PathGround(Protocol):
     def counting(self, at: WorldTime, names: Sequence[str]) -> AbstractContextManager[Countdown]:
         """Begin a countdown, which ends with the block."""
 
-    def add_arrival(self, step: str, name: str, goal: Vec3) -> None:
+    def add_arrival(self, step: str, name: str, goal: Xyz) -> None:
         """Note how far a vehicle is from its goal now."""
 
     def note_done(self, words: str, name: str, message: Order, results: Results) -> None:
@@ -95,7 +95,7 @@ async def follow_paths(
     """
     await _load(ground, paths)
 
-    begins: dict[str, Vec3] = {}
+    begins: dict[str, Xyz] = {}
     for name, path in paths.items():
         begins[name] = point_at(path, 0.0).position_enu_m
     to_begins = Goto(vehicles=tuple(paths), goals=begins)

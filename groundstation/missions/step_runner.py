@@ -37,8 +37,8 @@ from groundstation.missions.api import Fleet
 from groundstation.missions.conditions import WaitCondition
 from groundstation.orders.intents import GoalIntent, Goto, Intent, Names
 from groundstation.verdict.expectations import check
-from onboard.config.fleet import Vec3
 from onboard.control.path import Path
+from onboard.tuples import Xyz
 
 
 class MissionFailed(RuntimeError):
@@ -199,12 +199,12 @@ class StepRunner:
         own_paths = by_vehicle(paths, self._fleet.state)
         return {name: path for name, path in own_paths.items() if name not in left_out}
 
-    def _spots_of_places(self) -> dict[str, Vec3]:
+    def _spots_of_places(self) -> dict[str, Xyz]:
         """Return where the vehicles are that report it, by the names of their places."""
         state = self._fleet.state
         return {place_of(name, state): spot for name, spot in self._spots().items()}
 
-    def _spots(self) -> dict[str, Vec3]:
+    def _spots(self) -> dict[str, Xyz]:
         """Return where the vehicles are that report it."""
         now_ns = self._fleet.client.now_ns()
         spots = {}

@@ -8,7 +8,8 @@ from typing import NamedTuple
 from groundstation.fleet.state import FleetState, VehicleView
 from groundstation.missions.conditions import ARRIVED_M, FleetMoment, reached
 from groundstation.missions.group import Group
-from onboard.bus.schema import Telemetry, Vec3
+from onboard.bus.schema import Telemetry
+from onboard.tuples import Xyz
 
 
 class LawValues(NamedTuple):
@@ -39,12 +40,12 @@ class MissionVehicle(Group):
         return self.view.telemetry
 
     @property
-    def position_enu_m(self) -> Vec3 | None:
+    def position_enu_m(self) -> Xyz | None:
         """Its reported position, metres ENU; None without a fresh valid one."""
         return self.view.position_enu_m(self.client.now_ns())
 
     @property
-    def velocity_enu_m_s(self) -> Vec3 | None:
+    def velocity_enu_m_s(self) -> Xyz | None:
         """Its reported velocity; None without fresh telemetry."""
         view = self.view
         if view.telemetry is None or not view.is_fresh(self.client.now_ns()):
@@ -96,7 +97,7 @@ class MissionVehicle(Group):
         return dict(sorted(distances_m.items(), key=lambda item: item[1]))
 
     async def reached(
-        self, position_enu_m: Vec3, within_m: float = ARRIVED_M, timeout_s: float = 40.0
+        self, position_enu_m: Xyz, within_m: float = ARRIVED_M, timeout_s: float = 40.0
     ) -> bool:
         """Wait until it reports to be at a position.
 

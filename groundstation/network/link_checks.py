@@ -21,8 +21,8 @@ from onboard.bus.codec import Malformed
 from onboard.bus.control_token import WATCHER
 from onboard.bus.schema import ClockMessage, Message, StateMessage, Telemetry, TickBatch
 from onboard.bus.session import BusSession
-from onboard.bus.settings import ROUTER_LEASE_MS, lease_ms, longest_round_trip_s
 from onboard.bus.topics import TOPICS, Topic
+from onboard.bus.zenoh_settings import ROUTER_LEASE_MS, lease_ms, longest_round_trip_s
 from onboard.config.fleet import FleetConfig
 from onboard.feasibility.pair_checks import message_age_s
 from onboard.message_counts import in_words

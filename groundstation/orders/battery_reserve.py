@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 from groundstation.fleet.places import spot_of
 from groundstation.fleet.state import FleetState
-from onboard.bus.schema import Vec3
 from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.tuples import Xyz
 
 ASSUMED_HOVER_S = 300.0  # of a battery about which the fleet file says nothing: a short time
 SPARE_PCT = 5.0  # that is left at home above the landing level
@@ -102,7 +102,7 @@ def weakest(
     return min(reserves, key=lambda one: one.has_pct - one.needs_pct, default=None)
 
 
-def way_home_s(vehicle: Vehicle, spot_enu_m: Vec3, position_enu_m: Sequence[float]) -> float:
+def way_home_s(vehicle: Vehicle, spot_enu_m: Xyz, position_enu_m: Sequence[float]) -> float:
     """Return how long the way to the take-off spot and the landing there take [s].
 
     Args:

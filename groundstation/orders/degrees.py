@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 
-from onboard.bus.schema import Vec3
 from onboard.config.earth import east_north_m, is_on_earth
 from onboard.config.fences import FARTHEST_M
 from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.tuples import Xyz
 
 
 def goal_enu_m(
     fleet: FleetConfig, latitude_deg: float, longitude_deg: float, height_m: float
-) -> Vec3:
+) -> Xyz:
     """Return a goal in the fleet frame.
 
     Args:

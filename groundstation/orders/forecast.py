@@ -15,13 +15,13 @@ import numpy as np
 
 from groundstation.orders.intents import Intent
 from onboard.arrays import Array
-from onboard.bus.schema import Vec3
 from onboard.config.fleet import FleetConfig
 from onboard.config.flight_space import flight_space_of
 from onboard.config.pair_separation import separations_m
 from onboard.rollout.closed_loop import Scenario, fleet_model, fly
 from onboard.rollout.vehicle_model import Perturbation
 from onboard.safety.area_room import is_breached
+from onboard.tuples import Xyz
 from onboard.types import TICK_S
 
 SEEDS = (0, 1, 2, 3)  # one flight for each, with different errors
@@ -39,8 +39,8 @@ _CLOSER_M = 0.02  # than now, from which on an order is blamed for a small dista
 class Leg:
     """One vehicle's straight way to its goal."""
 
-    start_enu_m: Vec3
-    goal_enu_m: Vec3
+    start_enu_m: Xyz
+    goal_enu_m: Xyz
     duration_s: float = 0.0  # 0 leaves it to the vehicle's limits
     is_ordered: bool = True  # by this order, not by an earlier one
     is_parked: bool = False  # stands on the ground
@@ -51,7 +51,7 @@ class Forecast:
     """The worst of several perturbed flights."""
 
     # per vehicle, evenly in time
-    paths_enu_m: Mapping[str, Sequence[Vec3]] = field(default_factory=dict)
+    paths_enu_m: Mapping[str, Sequence[Xyz]] = field(default_factory=dict)
     closest_m: float = math.inf  # smallest separation; infinite with fewer than two vehicles
     pair: tuple[str, str] = ("", "")  # that comes so close
     closest_s: float = 0.0  # time of it
@@ -194,17 +194,17 @@ def _outside(fleet: FleetConfig, legs: Mapping[str, Leg], trace_enu_m: Array) ->
 
 def _paths(
     start_enu_m: Array, trace_enu_m: Array, names: Sequence[str]
-) -> dict[str, Sequence[Vec3]]:
+) -> dict[str, Sequence[Xyz]]:
     """Return the path of each vehicle on a trace (T, N, 3), of a few points."""
     step = max(1, len(trace_enu_m) // _PATH_POINTS)
     points = np.concatenate([start_enu_m[None], trace_enu_m[::step], trace_enu_m[-1:]])
 
-    paths: dict[str, Sequence[Vec3]] = {}
+    paths: dict[str, Sequence[Xyz]] = {}
     for index, name in enumerate(names):
         paths[name] = [_vec3(point) for point in points[:, index]]
     return paths
 
 
-def _vec3(point: Array) -> Vec3:
+def _vec3(point: Array) -> Xyz:
     x, y, z = point.tolist()
     return (x, y, z)

@@ -37,9 +37,9 @@ from groundstation.orders.intents import (
     Rotate,
     Yaw,
 )
-from onboard.bus.schema import Vec3
 from onboard.config.fleet import FleetConfig
 from onboard.config.ground import floor_m, least_height_m
+from onboard.tuples import Xyz
 
 _PEAK_OF_MEAN = 1.9  # speed of a quintic: its peak over its mean
 _LEAST_WAY_S = 3.0  # of a way home
@@ -53,11 +53,11 @@ class GoalFacts(NamedTuple):
     held: HeldFormation  # before the order
     names: list[str]  # vehicles of the order that may be ordered
 
-    def spot_enu_m(self, name: str) -> Vec3:
+    def spot_enu_m(self, name: str) -> Xyz:
         """Return the take-off spot of a vehicle [m]: its own, or of whom it stands in for."""
         return spot_of(name, self.fleet, self.state)
 
-    def slots(self, held: HeldFormation) -> dict[str, Vec3]:
+    def slots(self, held: HeldFormation) -> dict[str, Xyz]:
         """Return the offset of each vehicle in a formation [m], of those who stand in as well."""
         return by_vehicle(held_slots(self.fleet, held), self.state)
 
@@ -66,7 +66,7 @@ class Goals(NamedTuple):
     """The goals of one order."""
 
     intent: Intent  # with the values filled in that the order leaves open
-    goals: Mapping[str, Vec3] = {}  # none where they are known only when the order is flown
+    goals: Mapping[str, Xyz] = {}  # none where they are known only when the order is flown
     refusals: Mapping[str, str] = {}  # vehicle -> sentence
 
 
@@ -174,7 +174,7 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
     return Goals(intent, goals)
 
 
-def _way_s(begin_enu_m: Vec3, end_enu_m: Vec3, max_speed_m_s: float) -> float:
+def _way_s(begin_enu_m: Xyz, end_enu_m: Xyz, max_speed_m_s: float) -> float:
     """Return how long a way from rest to rest takes [s]."""
     return _PEAK_OF_MEAN * math.dist(begin_enu_m, end_enu_m) / max_speed_m_s
 
@@ -235,8 +235,8 @@ def _slot_goals(
     intent: Intent,
     facts: GoalFacts,
     held: HeldFormation,
-    position_enu_m: Vec3,
-    slots: Mapping[str, Vec3],
+    position_enu_m: Xyz,
+    slots: Mapping[str, Xyz],
 ) -> Goals:
     """Return the slot of each vehicle about the formation's position."""
     if held.name is None:
@@ -274,7 +274,7 @@ def _no_formation_position(intent: Intent, facts: GoalFacts) -> Goals:
 # -- where vehicles are ----------------------------------------------------------------------------
 
 
-def known_spots(names: list[str], state: FleetState) -> dict[str, Vec3]:
+def known_spots(names: list[str], state: FleetState) -> dict[str, Xyz]:
     """Return where vehicles go to, or else where they are; without those that report nothing."""
     spots = {}
     for name in names:
@@ -284,14 +284,14 @@ def known_spots(names: list[str], state: FleetState) -> dict[str, Vec3]:
     return spots
 
 
-def _spots_or_starts(facts: GoalFacts) -> dict[str, Vec3]:
+def _spots_or_starts(facts: GoalFacts) -> dict[str, Xyz]:
     """Return the known spots; without a state the take-off spots of the fleet file."""
     if facts.state is not None:
         return known_spots(facts.names, facts.state)
     return {name: facts.spot_enu_m(name) for name in facts.names}
 
 
-def _spot(view: VehicleView | None) -> Vec3 | None:
+def _spot(view: VehicleView | None) -> Xyz | None:
     """Return where a vehicle goes to, or else where it is."""
     telemetry = None if view is None else view.telemetry
     if telemetry is None or not telemetry.is_position_valid:
@@ -303,7 +303,7 @@ def _spot(view: VehicleView | None) -> Vec3 | None:
     return telemetry.position_enu_m
 
 
-def _no_position(names: list[str], spots: Mapping[str, Vec3]) -> dict[str, str]:
+def _no_position(names: list[str], spots: Mapping[str, Xyz]) -> dict[str, str]:
     return {name: f"{name} does not report where it is." for name in names if name not in spots}
 
 

@@ -32,8 +32,8 @@ import math
 
 from groundstation.formations.slots import formation_names, formation_slots
 from groundstation.orders.intents import INTENTS, Intent, LineWords
-from onboard.bus.schema import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.tuples import Xyz
 
 _OPTION_MEANINGS = {
     "in": "duration between 0 and 600 s",
@@ -196,10 +196,10 @@ def _take_options(words: list[str], kind: type[Intent]) -> tuple[dict[str, float
     return options, words[:begin]
 
 
-def _take_goals(words: list[str], fleet: FleetConfig) -> dict[str, Vec3]:
+def _take_goals(words: list[str], fleet: FleetConfig) -> dict[str, Xyz]:
     """Return the goal of each vehicle of ``NAME X Y Z NAME X Y Z ...``."""
     usage = INTENTS["goto"].usage
-    goals: dict[str, Vec3] = {}
+    goals: dict[str, Xyz] = {}
 
     for begin in range(0, len(words), 4):
         name_word = words[begin]

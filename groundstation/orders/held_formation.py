@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from groundstation.fleet.state import FleetState
 from groundstation.formations.slots import formation_slots, stretched
 from groundstation.orders.intents import Formation, Intent, Rotate
-from onboard.bus.schema import Vec3
 from onboard.config.fleet import FleetConfig
+from onboard.tuples import Xyz
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ def held_after(intent: Intent, held: HeldFormation) -> HeldFormation:
     return held
 
 
-def held_slots(fleet: FleetConfig, held: HeldFormation) -> dict[str, Vec3]:
+def held_slots(fleet: FleetConfig, held: HeldFormation) -> dict[str, Xyz]:
     """Return the offsets of the vehicles in the formation that holds.
 
     Args:
@@ -70,7 +70,7 @@ def held_slots(fleet: FleetConfig, held: HeldFormation) -> dict[str, Vec3]:
 
 def slots_of(
     fleet: FleetConfig, formation: str, spacing_m: float | None = None, rotation_deg: float = 0.0
-) -> dict[str, Vec3]:
+) -> dict[str, Xyz]:
     """Return the offsets of a formation, stretched and turned in the plane.
 
     Args:
@@ -86,8 +86,8 @@ def slots_of(
 
 
 def formation_position(
-    slots: Mapping[str, Vec3], state: FleetState, names: Sequence[str]
-) -> Vec3 | None:
+    slots: Mapping[str, Xyz], state: FleetState, names: Sequence[str]
+) -> Xyz | None:
     """Return the position of a formation: the mean of its vehicles' positions minus their slots.
 
     Args:

@@ -26,7 +26,8 @@ from typing import ClassVar, Literal, NamedTuple, Self
 
 import msgspec
 
-from onboard.bus.schema import TO_EVERYBODY, OrderKind, Vec3
+from onboard.bus.schema import TO_EVERYBODY, OrderKind
+from onboard.tuples import Xyz
 
 DEFAULT_HEIGHT_M = 1.0
 DEFAULT_EVERY_S = 3.0  # between two waves of a take-off
@@ -67,7 +68,7 @@ class LineWords(NamedTuple):
     vehicles: tuple[str, ...]
     numbers: tuple[float, ...] = ()  # as many as one of the verb's `number_counts`
     options: Mapping[str, float] = {}  # the numbers behind "in", "yaw" and "turned"
-    goals: Mapping[str, Vec3] = {}  # of goto
+    goals: Mapping[str, Xyz] = {}  # of goto
     formation: str = ""
     is_nearest: bool = False
     is_everybody: bool = False  # it names nobody, or says "all"
@@ -267,7 +268,7 @@ class Move(GoalIntent, frozen=True, kw_only=True):
     options = ("in", "yaw")
     must_name_vehicles = True
 
-    position_enu_m: Vec3  # east, north, up in the fleet frame
+    position_enu_m: Xyz  # east, north, up in the fleet frame
 
     @classmethod
     def from_line(cls, line: LineWords) -> Self:
@@ -295,7 +296,7 @@ class Goto(GoalIntent, frozen=True, kw_only=True):
     options = ("in", "yaw")
     planned_fields = ("follows",)
 
-    goals: Mapping[str, Vec3]  # vehicle -> east, north, up in the fleet frame
+    goals: Mapping[str, Xyz]  # vehicle -> east, north, up in the fleet frame
     follows: str = ""  # the vehicle whose motion the goals follow; empty: they stay
 
     @classmethod
@@ -332,7 +333,7 @@ class Formation(GoalIntent, frozen=True, kw_only=True):
     planned_fields = ("takes",)
 
     name: str  # a table [formations.NAME] of the mission or of the fleet file
-    position_enu_m: Vec3 | None = None  # of the formation; None: where it is on average
+    position_enu_m: Xyz | None = None  # of the formation; None: where it is on average
     spacing_m: float | None = None  # stretches it until its two nearest slots are so far apart
     rotation_deg: float = 0.0  # turns it, counterclockwise
     # each its own slot; nearest: such that the longest flight is short
@@ -397,7 +398,7 @@ class Rotate(Intent, frozen=True, kw_only=True):
 
     angle_deg: float  # counterclockwise, from how it is turned now
     duration_s: float = 0.0  # as for move
-    center_enu_m: Vec3 | None = None  # the formation's position, about which it turns
+    center_enu_m: Xyz | None = None  # the formation's position, about which it turns
 
     @classmethod
     def from_line(cls, line: LineWords) -> Self:
@@ -709,7 +710,7 @@ INTENTS: dict[str, type[Intent]] = {
 PATH_INTENTS: dict[PathVerb, type[Intent]] = {"load_path": LoadPath, "follow_path": FollowPath}
 
 
-def _number_words(values: Vec3) -> list[str]:
+def _number_words(values: Xyz) -> list[str]:
     return [f"{value:g}" for value in values]
 
 

@@ -10,9 +10,10 @@ from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import Results
 from onboard.bus.schema import Telemetry
 from onboard.config import areas
-from onboard.config.fleet import FleetConfig, Vec3, parking_distance_m, parking_height_share
+from onboard.config.fleet import FleetConfig, parking_distance_m, parking_height_share
 from onboard.config.flight_space import flight_space_of
 from onboard.config.pair_separation import separation_m
+from onboard.tuples import Xyz
 
 _BLOCKED = ("unfinished", "timed out")
 _NEAR_WALL_M = 0.5
@@ -43,7 +44,7 @@ def explained(
     return explained_results
 
 
-def in_the_way(fleet: FleetConfig, state: FleetState, name: str, goal: Vec3, now_ns: int) -> str:
+def in_the_way(fleet: FleetConfig, state: FleetState, name: str, goal: Xyz, now_ns: int) -> str:
     """Return what keeps a vehicle from its goal now, the nearest first, with distances.
 
     Args:
@@ -83,7 +84,7 @@ def _law_words(telemetry: Telemetry) -> str:
 
 
 def _neighbours(
-    fleet: FleetConfig, state: FleetState, name: str, position: Vec3, goal: Vec3, now_ns: int
+    fleet: FleetConfig, state: FleetState, name: str, position: Xyz, goal: Xyz, now_ns: int
 ) -> Iterator[tuple[float, str]]:
     """Yield flying vehicles near the straight way, with their distances [m]."""
     room_m = parking_distance_m(fleet)
@@ -103,7 +104,7 @@ def _neighbours(
         yield away_m, f"{other}, {away_m:.2f} m from it and {from_goal_m:.2f} m from the goal"
 
 
-def _walls(fleet: FleetConfig, position: Vec3, goal: Vec3) -> Iterator[tuple[float, str]]:
+def _walls(fleet: FleetConfig, position: Xyz, goal: Xyz) -> Iterator[tuple[float, str]]:
     """Yield obstacles near the straight way, and sides of the fence near the vehicle."""
     room_m = _NEAR_WALL_M + 0.5 * fleet.fleet.body_diameter_m
 
@@ -134,7 +135,7 @@ def _walls(fleet: FleetConfig, position: Vec3, goal: Vec3) -> Iterator[tuple[flo
             yield away_m, f"the fence at {axis} = {end:g} m, {away_m:.2f} m from it"
 
 
-def _distance_m(point: Vec3, begin: Vec3, end: Vec3, height_share: float) -> float:
+def _distance_m(point: Xyz, begin: Xyz, end: Xyz, height_share: float) -> float:
     """Return the separation of a point from the straight way between two others."""
     route = (end[0] - begin[0], end[1] - begin[1])
     length_squared_m2 = route[0] ** 2 + route[1] ** 2

@@ -24,7 +24,7 @@ from groundstation.orders.goals import GoalFacts, goals_of
 from groundstation.orders.held_formation import HeldFormation, held_after
 from groundstation.orders.intents import Formation, Goto, Intent, Swap, Takeoff
 from groundstation.orders.swap import names_that_hear, swap_refusals, with_place
-from onboard.bus.schema import BY_MISSION, ON_PATHS, Order, Vec3
+from onboard.bus.schema import BY_MISSION, ON_PATHS, Order
 from onboard.config.fleet import (
     ConfigError,
     FleetConfig,
@@ -35,6 +35,7 @@ from onboard.config.fleet import (
 from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import floor_m, least_height_m
 from onboard.config.pair_separation import separation_m
+from onboard.tuples import Xyz
 
 ORDER_LIFE_S = 2.0
 _LONGEST_MOVE_S = 600.0
@@ -104,7 +105,7 @@ def plan_order(
     if bad_number is not None:
         refusals.update(dict.fromkeys(names, bad_number))
 
-    goals_enu_m: Mapping[str, Vec3] = {}
+    goals_enu_m: Mapping[str, Xyz] = {}
     if not refusals and intent.has_goals:
         try:
             planned = goals_of(intent, GoalFacts(fleet, state, held, names))
@@ -352,7 +353,7 @@ def _numbers(intent: Intent) -> Iterator[float]:
 
 
 def _goal_refusals(
-    goals_enu_m: Mapping[str, Vec3], fleet: FleetConfig, state: FleetState | None, now_ns: int
+    goals_enu_m: Mapping[str, Xyz], fleet: FleetConfig, state: FleetState | None, now_ns: int
 ) -> dict[str, str]:
     """Return a refusal for each goal outside the fence, or too near to another vehicle's."""
     refusals: dict[str, str] = {}
@@ -370,7 +371,7 @@ def _goal_refusals(
     return refusals
 
 
-def _space_refusal(name: str, goal: Vec3, fleet: FleetConfig) -> str | None:
+def _space_refusal(name: str, goal: Xyz, fleet: FleetConfig) -> str | None:
     """Return why a vehicle must not be at a goal, whoever else flies; None where it may."""
     fence = fleet.fleet.geofence_m
     goal_text = f"({goal[0]:.2f}, {goal[1]:.2f}, {goal[2]:.2f})"
@@ -395,7 +396,7 @@ def _space_refusal(name: str, goal: Vec3, fleet: FleetConfig) -> str | None:
     return None
 
 
-def _too_near(name: str, goal: Vec3, other: str, position: Vec3, fleet: FleetConfig) -> str:
+def _too_near(name: str, goal: Xyz, other: str, position: Xyz, fleet: FleetConfig) -> str:
     """Return the sentence about a goal that is too near to another one."""
     distance_m = math.dist(goal[:2], position[:2])
     height_difference_m = abs(goal[2] - position[2])
@@ -416,8 +417,8 @@ def _too_near(name: str, goal: Vec3, other: str, position: Vec3, fleet: FleetCon
 
 
 def _others(
-    name: str, goals_enu_m: Mapping[str, Vec3], state: FleetState | None, now_ns: int
-) -> Iterator[tuple[str, Vec3, str]]:
+    name: str, goals_enu_m: Mapping[str, Xyz], state: FleetState | None, now_ns: int
+) -> Iterator[tuple[str, Xyz, str]]:
     """Yield the goals of this order, and those of vehicles that fly but are not part of it."""
     for other, goal in goals_enu_m.items():
         if other != name:

@@ -16,7 +16,8 @@ from groundstation.fleet.state import FleetState, VehicleView
 from groundstation.orders.forecast import Leg
 from groundstation.orders.intents import Intent, Takeoff
 from groundstation.orders.plan import PlannedOrder
-from onboard.bus.schema import Order, Telemetry, Vec3
+from onboard.bus.schema import Order, Telemetry
+from onboard.tuples import Xyz
 
 _CAN_START = ("waiting", "ready", "landed", "armed")
 _CAN_MOVE = ("flying", "holding", "taking off")
@@ -44,7 +45,7 @@ class OrderPreview:
         return self.planned.intent
 
     @property
-    def goals(self) -> dict[str, Vec3]:
+    def goals(self) -> dict[str, Xyz]:
         """Goals of the ordered vehicles, metres ENU."""
         return {name: leg.goal_enu_m for name, leg in self.legs.items() if leg.is_ordered}
 
@@ -191,7 +192,7 @@ def _unfit(intent: Intent, view: VehicleView, now_ns: int) -> str | None:
     return None
 
 
-def _leg(intent: Intent, telemetry: Telemetry, position: Vec3, order: Order | None) -> Leg:
+def _leg(intent: Intent, telemetry: Telemetry, position: Xyz, order: Order | None) -> Leg:
     """Return a vehicle's straight way: by this order, by an earlier one, or none on the ground."""
     if order is None or intent.verb == "arm":
         is_parked = not telemetry.is_airborne
@@ -211,7 +212,7 @@ def _leg(intent: Intent, telemetry: Telemetry, position: Vec3, order: Order | No
     return Leg(position, (position[0], position[1], height_m), order.duration_s)
 
 
-def _goal(telemetry: Telemetry, position: Vec3) -> Vec3:
+def _goal(telemetry: Telemetry, position: Xyz) -> Xyz:
     """Return the goal that a vehicle has announced; where it is without one."""
     goal_enu_m = telemetry.goal_position_enu_m
     if telemetry.state in _HAS_GOAL and all(map(math.isfinite, goal_enu_m)):

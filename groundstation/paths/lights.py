@@ -6,7 +6,7 @@ import os
 from bisect import bisect_right
 from collections.abc import Sequence
 
-from groundstation.paths.files import read_columns
+from groundstation.paths.path_files import read_columns
 from onboard.config.fleet import ConfigError
 
 # time [s], red, green, blue up to 255; between two the colour changes evenly

@@ -21,8 +21,8 @@ from groundstation.px4_logs.alignment import (
     up_in_body,
 )
 from groundstation.px4_logs.px4_log import LoggedText, LogRows, Px4Log, read_log
-from groundstation.recording.flight import Flight, VehicleFlight, between_times
 from groundstation.recording.flight_reading import read_flight
+from groundstation.recording.recorded_flight import Flight, VehicleFlight, between_times
 from onboard.arrays import Array
 from onboard.config.fleet import ConfigError
 from onboard.frames import enu_from_ned

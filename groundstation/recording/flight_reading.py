@@ -1,4 +1,4 @@
-"""Reads a record, once and whole, into a :class:`~groundstation.recording.flight.Flight`.
+"""Reads a record, once and whole, into a :class:`~groundstation.recording.recorded_flight.Flight`.
 
 The index of the record (:mod:`groundstation.recording.timeline`) says where its pieces are, puts
 all clocks on one, and jumps over what is damaged. Here the messages of a vehicle become rows of
@@ -26,7 +26,7 @@ import numpy as np
 from groundstation.recording.audit import TOPICS as ORDER_TOPICS
 from groundstation.recording.audit import trail_of
 from groundstation.recording.channels import from_json
-from groundstation.recording.flight import (
+from groundstation.recording.recorded_flight import (
     Flight,
     StateRows,
     TelemetryRows,

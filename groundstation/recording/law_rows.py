@@ -17,7 +17,7 @@ import math
 
 import numpy as np
 
-from groundstation.recording.flight import Flight, VehicleFlight
+from groundstation.recording.recorded_flight import Flight, VehicleFlight
 from onboard.avoidance.constraints import distance_row
 from onboard.avoidance.half_planes import HalfPlane, unit_row
 from onboard.avoidance.interface import Baseline, own_at

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 from groundstation.px4_logs.flight_logs import logs_of_flight
 from groundstation.recording.flight_reading import read_flight
-from groundstation.report.page import page
 from groundstation.report.payload import payload
+from groundstation.report.report_page import page
 from groundstation.scene.ground_tiles import GroundTiles, read_ground_tiles
 from onboard.config.fleet import ConfigError, FleetConfig
 

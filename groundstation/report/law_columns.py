@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from groundstation.recording.flight import Flight, VehicleFlight
 from groundstation.recording.law_rows import RecordedLaw
+from groundstation.recording.recorded_flight import Flight, VehicleFlight
 from groundstation.report.columns import Column, packed
 from onboard.arrays import Array, IntArray
 

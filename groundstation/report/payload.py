@@ -20,18 +20,18 @@ import msgspec
 import numpy as np
 
 from groundstation.px4_logs.flight_logs import FoundLogs
-from groundstation.recording.flight import (
+from groundstation.recording.flight_report import TrueMotion, separations
+from groundstation.recording.recorded_flight import (
     Flight,
     VehicleFlight,
     at_times,
     between_times,
     largest_in_cells,
 )
-from groundstation.recording.flight_report import TrueMotion, separations
+from groundstation.report.chosen_values import settings
 from groundstation.report.columns import Column, packed
 from groundstation.report.law_columns import law_columns
 from groundstation.report.px4_columns import px4_columns, px4_header
-from groundstation.report.settings import settings
 from groundstation.scene.ground_tiles import GroundTiles, ground_message
 from onboard.arrays import Array
 from onboard.config.flight_space import flight_space_of

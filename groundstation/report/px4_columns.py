@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from groundstation.px4_logs.flight_logs import FlightLog, FoundLogs
+from groundstation.px4_logs.log_summary import modes
 from groundstation.px4_logs.px4_log import LogRows
-from groundstation.px4_logs.summary import modes
-from groundstation.recording.flight import VehicleFlight, at_times
+from groundstation.recording.recorded_flight import VehicleFlight, at_times
 from groundstation.report.columns import Column, packed
 from onboard.arrays import Array
 from onboard.plain_text import plain_line

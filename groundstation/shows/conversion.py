@@ -30,8 +30,9 @@ from groundstation.paths.lights import TimedColour
 from groundstation.paths.pieces import cut, quintic, resting, slowed
 from groundstation.shows.show import Drone, Show
 from onboard.arrays import Array
-from onboard.config.fleet import ConfigError, Vec3
+from onboard.config.fleet import ConfigError
 from onboard.control.path import LONGEST_S, Path, path_of, point_at, sampled
+from onboard.tuples import Xyz
 
 _TAKEOFF_M = 1.0
 _LOWEST_TAKEOFF_M = 0.5
@@ -58,7 +59,7 @@ class Converted:
     """A show ready to be written."""
 
     takeoff_m: float
-    homes: dict[str, Vec3]
+    homes: dict[str, Xyz]
     paths: dict[str, Path]
     lights: dict[str, tuple[TimedColour, ...]]
     begin_s: float = 0.0  # of the flight along the paths, on the show's own clock
@@ -221,7 +222,7 @@ def _slowed(paths: Mapping[str, Path], factor: float) -> dict[str, Path]:
         ) from None
 
 
-def _check_homes(homes: Mapping[str, Vec3], spacing_m: float) -> None:
+def _check_homes(homes: Mapping[str, Xyz], spacing_m: float) -> None:
     """Refuse homes that stand nearer than a distance."""
     names = list(homes)
     spots = np.array([home[:2] for home in homes.values()])

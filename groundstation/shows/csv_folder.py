@@ -7,8 +7,8 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path as FilePath
 
-from groundstation.paths.files import load_path, read_columns
 from groundstation.paths.lights import TimedColour
+from groundstation.paths.path_files import load_path, read_columns
 from groundstation.shows.geographic import Places, origin_of, path_of_places, read_places
 from groundstation.shows.show import MOST_DRONES, Drone, Show, check_light_count
 from groundstation.shows.zip_members import unpack

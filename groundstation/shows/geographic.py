@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from groundstation.paths.files import LONGEST_LINE, MOST_LINES
+from groundstation.paths.path_files import LONGEST_LINE, MOST_LINES
 from groundstation.paths.pieces import fitted
 from onboard.arrays import Array
 from onboard.config.file_reading import CSV_FILE, read_text

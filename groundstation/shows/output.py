@@ -15,12 +15,12 @@ from typing import NamedTuple
 import numpy as np
 
 from groundstation.paths.checks import bound_m, limits_of, sample
-from groundstation.paths.files import write_path
 from groundstation.paths.lights import TimedColour
+from groundstation.paths.path_files import write_path
 from groundstation.processes.free_ports import in_another_folder, toml_text
 from groundstation.shows.conversion import Converted, converted
 from groundstation.shows.show import Show
-from groundstation.starter.files import Answers, endpoint_lines, law_lines, type_lines
+from groundstation.starter.starter_files import Answers, endpoint_lines, law_lines, type_lines
 from onboard.config.fleet import (
     ConfigError,
     FleetConfig,

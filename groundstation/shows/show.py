@@ -9,8 +9,9 @@ import numpy as np
 
 from groundstation.paths.lights import TimedColour
 from groundstation.paths.pieces import fitted
-from onboard.config.fleet import ConfigError, Origin, Vec3
+from onboard.config.fleet import ConfigError, Origin
 from onboard.control.path import NUMBERS, Path, path_of, sampled
+from onboard.tuples import Xyz
 
 MOST_DRONES = 200
 MOST_LIGHTS = 1_000_000  # colours of all drones together
@@ -26,7 +27,7 @@ class Drone:
     """One drone of a show."""
 
     name: str
-    home_enu_m: Vec3
+    home_enu_m: Xyz
     path: Path
     begin_s: float = 0.0  # of the path, on the show's clock
     lights: tuple[TimedColour, ...] = ()

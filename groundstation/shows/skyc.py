@@ -37,8 +37,9 @@ from onboard.config.file_reading import (
     json_values,
     opened,
 )
-from onboard.config.fleet import ConfigError, Origin, Vec3
+from onboard.config.fleet import ConfigError, Origin
 from onboard.control.path import MOST_PIECES, Path, path_of
+from onboard.tuples import Xyz
 
 _MOST_BYTES = 67_108_864  # unpacked, all members that are read together
 _DEEPEST = 20  # references within references
@@ -253,7 +254,7 @@ def _drone(file: str, index: int, settings: dict[str, Any]) -> Drone:
     )
 
 
-def _pieces(where: str, points: Any) -> tuple[float, list[list[float]], Vec3]:
+def _pieces(where: str, points: Any) -> tuple[float, list[list[float]], Xyz]:
     """Return the time of the first point, the pieces after it, and where it is."""
     if not isinstance(points, list) or len(points) < 2:
         raise ConfigError(f"{where}: its trajectory has fewer than two points: it is no path.")
@@ -353,7 +354,7 @@ def _number(where: str, value: Any) -> float:
     return float(value)
 
 
-def _point(where: str, value: Any) -> Vec3:
+def _point(where: str, value: Any) -> Xyz:
     if not isinstance(value, list) or len(value) != 3:
         raise ConfigError(f"{where}: {str(value)[:40]!r} stands where [x, y, z] is needed.")
     x, y, z = (_number(where, number) for number in value)

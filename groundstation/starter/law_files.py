@@ -18,15 +18,15 @@ from __future__ import annotations
 from pathlib import Path
 
 from onboard.config.fleet import load_fleet
-from sitl.monte_carlo import scenarios, settings
-from sitl.monte_carlo.flight import fly
+from sitl.monte_carlo import scenarios, campaign_settings
+from sitl.monte_carlo.batch_flight import fly
 
 FLEET = str(Path(__file__).with_name("fleet.toml"))
 
 
 def test_two_vehicles_pass_each_other_and_the_law_was_never_refused() -> None:
     assert load_fleet(FLEET).own_law is not None
-    (flown,) = fly([scenarios.plan("swap2", 0)], settings.setup_for(fleet_path=FLEET))
+    (flown,) = fly([scenarios.plan("swap2", 0)], campaign_settings.setup_for(fleet_path=FLEET))
     assert flown.law_refusal == ""
     assert not flown.outcome.is_collision
 '''

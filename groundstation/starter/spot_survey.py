@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from onboard.config.areas import Vec3
 from onboard.config.fleet import ConfigError, FleetConfig, parking_distance_m
+from onboard.tuples import Xyz
 
 LEAST_SAMPLES = 5
 
@@ -33,7 +33,7 @@ class SurveyedSpot(NamedTuple):
 
 
 def surveyed(
-    positions_enu_m: Mapping[str, Sequence[Vec3]], fleet: FleetConfig
+    positions_enu_m: Mapping[str, Sequence[Xyz]], fleet: FleetConfig
 ) -> list[SurveyedSpot]:
     """Return the spots of vehicles.
 

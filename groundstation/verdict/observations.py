@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 import msgspec
 
 from groundstation.fleet.state import FleetState, VehicleView
-from onboard.config.fleet import FleetConfig, Vec3
+from onboard.config.fleet import FleetConfig
+from onboard.tuples import Xyz
 
 
 class Arrival(msgspec.Struct, frozen=True):
@@ -63,7 +64,7 @@ class FlightObservations:
     pilots: Collection[str] = ()  # vehicles that were flown by hand at the end
 
 
-def arrival_of(step: str, view: VehicleView, goal: Vec3, now_ns: int) -> Arrival:
+def arrival_of(step: str, view: VehicleView, goal: Xyz, now_ns: int) -> Arrival:
     """Return the distance of a vehicle from its goal now, by ground truth where there is one.
 
     Args:

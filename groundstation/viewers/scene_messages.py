@@ -30,8 +30,8 @@ from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from groundstation.recording.flight import Flight, VehicleFlight, at_times, between_times
 from groundstation.recording.law_rows import RecordedLaw
+from groundstation.recording.recorded_flight import Flight, VehicleFlight, at_times, between_times
 from onboard.arrays import Array
 from onboard.avoidance.half_planes import HalfPlane
 from onboard.bus.schema import Event

@@ -20,8 +20,8 @@ from mcap.writer import Writer as McapWriter
 from mcap_protobuf.schema import register_schema
 
 from groundstation.recording.channels import json_schema
-from groundstation.recording.flight import Flight
 from groundstation.recording.flight_reading import read_flight
+from groundstation.recording.recorded_flight import Flight
 from groundstation.recording.timeline import Timeline
 from groundstation.viewers import scene_messages
 from groundstation.viewers.scene_messages import FleetMotion, LawScenes, VehicleScenes

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from onboard.agent.order_intake import OrderIntake
 from onboard.agent_inputs import LoopTimed
-from onboard.autopilot import FIX_KNOWN_NS, Snapshot, Vec3
+from onboard.autopilot import FIX_KNOWN_NS, Snapshot
 from onboard.bus.control_token import ControlTokens
 from onboard.bus.schema import AgentState, StateMessage, Telemetry, TickSample
 from onboard.config.fleet import Vehicle
@@ -27,6 +27,7 @@ from onboard.neighbours.duplicate_agents import DuplicateAgents
 from onboard.neighbours.table import NeighbourTable
 from onboard.safety.failsafe_table import Situation
 from onboard.supervision.failsafe_supervisor import FailsafeSupervisor
+from onboard.tuples import Xyz
 from onboard.types import LawStatus, Tick
 
 
@@ -103,7 +104,7 @@ def state_message(identity: AgentIdentity, result: TickResult, sequence: int) ->
 
 
 def px4_state_message(
-    state: StateMessage, position_enu_m: Vec3, velocity_enu_m_s: Vec3
+    state: StateMessage, position_enu_m: Xyz, velocity_enu_m_s: Xyz
 ) -> StateMessage:
     """Return the state of a vehicle without a pose that its PX4 lands.
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from onboard.agent.lost_ends import LostEnds
 from onboard.agent_commands import Follow
-from onboard.autopilot import Vec3
 from onboard.bus.control_token import CONTROL_CLAIMS, GROUND, ControlTokens
 from onboard.config.fleet import FleetConfig
 from onboard.neighbours.subscription import SELECT_TICKS
 from onboard.neighbours.table import NeighbourTable
 from onboard.preflight.preflight_inputs import EMULATOR, RECORDER
+from onboard.tuples import Xyz
 
 # first words of all names that an agent has an interest in
 CONCERNS_AGENTS = (GROUND, RECORDER, EMULATOR, *CONTROL_CLAIMS)
@@ -66,7 +66,7 @@ class NeighbourFollower:
         self._table = table
         self._ticks_left = 0
 
-    def due(self, position_enu_m: Vec3 | None, now_ns: int) -> list[Follow]:
+    def due(self, position_enu_m: Xyz | None, now_ns: int) -> list[Follow]:
         """Return the change at this tick, if there is one; the first choice is always one."""
         self._ticks_left -= 1
         if self._ticks_left > 0:

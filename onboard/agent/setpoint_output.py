@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from onboard.agent.control_step import ControlStep
 from onboard.agent_commands import Command, SendAttitude
-from onboard.autopilot import Vec4
 from onboard.config.fleet import Vehicle
 from onboard.control.control_mode import ControlMode
 from onboard.flight import state_machine
@@ -20,6 +19,7 @@ from onboard.safety.failsafe_table import Action
 from onboard.safety.limits import RECKONING_AMONG_OTHERS_S
 from onboard.safety.setpoint_check import is_sendable
 from onboard.supervision.failsafe_supervisor import FailsafeSupervisor
+from onboard.tuples import Wxyz
 
 # PX4 speaks at least every 30 ms. A setpoint is for an attitude that is known now; when PX4 or a
 # thread hangs, it is not.
@@ -33,7 +33,7 @@ class SetpointOutput:
     def __init__(
         self, vehicle: Vehicle, own: OwnState, flight: FlightContext, failsafes: FailsafeSupervisor
     ) -> None:
-        self.quaternion_wxyz: Vec4 = (1.0, 0.0, 0.0, 0.0)  # sent last, in the fleet frame
+        self.quaternion_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)  # sent last, in the fleet frame
         self.sent_thrust_frac = 0.0  # sent last; 0 while nothing is sent
         self._own = own
         self._flight = flight

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from onboard.bus.schema import Telemetry, Vec3
+from onboard.bus.schema import Telemetry
+from onboard.tuples import Xyz
 
 _EVERY_NS = 450_000_000  # twice a second, also when a message comes a bit early
 _GOAL_M = 0.05
@@ -25,7 +26,7 @@ class TelemetryDecimation:
 
     _stamp_ns: int | None = None
     _words: tuple[object, ...] = ()  # what changes what they do, the goal excepted
-    _goal_enu_m: Vec3 = (0.0, 0.0, 0.0)
+    _goal_enu_m: Xyz = (0.0, 0.0, 0.0)
     _repeats: int = 0  # still to send
 
     def is_due(self, telemetry: Telemetry) -> bool:

@@ -10,8 +10,8 @@ from onboard.bus.codec import Malformed
 from onboard.bus.schema import FaultOrder, Message, Order, OrderReply
 from onboard.bus.topics import Topic
 
-# A node whose connection is silent for so long is gone; over QUIC onboard/bus/settings.py waits
-# longer.
+# Zenoh closes a connection that has been silent for this long. Over QUIC it waits longer:
+# onboard/bus/zenoh_settings.py.
 LEASE_MS = 1000
 MAX_COLLECTED = 1000  # messages of one collected topic that wait for delivery, by default
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from onboard.bus.protocol import NodeCredentials
 from onboard.bus.session import open_zenoh
-from onboard.bus.settings import Setting, of_router
 from onboard.bus.sockets import PromptSockets
+from onboard.bus.zenoh_settings import Setting, of_router
 from onboard.config.endpoints import host_of
 from onboard.config.fleet import ConfigError, FleetConfig
 

@@ -20,10 +20,10 @@ from typing import Literal
 
 import msgspec
 
+from onboard.tuples import Wxyz, Xyz
+
 SCHEMA_VERSION = 1
 
-Vec3 = tuple[float, float, float]
-Vec4 = tuple[float, float, float, float]
 
 AgentState = Literal[
     "waiting", "ready", "armed", "taking off", "flying", "holding", "landing", "landed", "failed"
@@ -82,20 +82,20 @@ class StateMessage(Message, frozen=True, array_like=True, kw_only=True):
     is_cooperative: bool  # it takes its share of avoiding
 
     # its own estimate, at ``stamp_ns``
-    position_enu_m: Vec3
-    velocity_enu_m_s: Vec3
-    acceleration_enu_m_s2: Vec3
+    position_enu_m: Xyz
+    velocity_enu_m_s: Xyz
+    acceleration_enu_m_s2: Xyz
 
     # where its lag brings it, whatever it commands from now on
-    predicted_position_enu_m: Vec3
-    predicted_velocity_enu_m_s: Vec3
-    commanded_acceleration_enu_m_s2: Vec3  # what it commands at this tick
+    predicted_position_enu_m: Xyz
+    predicted_velocity_enu_m_s: Xyz
+    commanded_acceleration_enu_m_s2: Xyz  # what it commands at this tick
     lead_time_s: float  # from ``stamp_ns`` to the time of the prediction
 
     position_std_m: float  # standard deviation of its estimate's position
     velocity_std_m_s: float  # standard deviation of its estimate's velocity
     crowd_count: float  # neighbours nearer than twice the design distance
-    intent_enu_m_s: Vec3 = (0.0, 0.0, 0.0)  # velocity straight to its goal
+    intent_enu_m_s: Xyz = (0.0, 0.0, 0.0)  # velocity straight to its goal
 
 
 class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
@@ -115,12 +115,12 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     mode: str  # flight mode of PX4
 
     # where it is and where it goes
-    position_enu_m: Vec3
-    velocity_enu_m_s: Vec3
+    position_enu_m: Xyz
+    velocity_enu_m_s: Xyz
     yaw_deg: float  # heading, counterclockwise from east
     is_position_valid: bool  # it knows its own position
-    setpoint_position_enu_m: Vec3  # of the trajectory, at this tick
-    goal_position_enu_m: Vec3  # of the order
+    setpoint_position_enu_m: Xyz  # of the trajectory, at this tick
+    goal_position_enu_m: Xyz  # of the order
 
     # of its PX4
     battery_frac: float  # charge, 0 to 1; NaN while PX4 has not reported it
@@ -232,24 +232,24 @@ class TickSample(Message, frozen=True, array_like=True, kw_only=True):
     state: str  # of the agent
 
     # own estimate
-    position_enu_m: Vec3
-    velocity_enu_m_s: Vec3
-    acceleration_enu_m_s2: Vec3
+    position_enu_m: Xyz
+    velocity_enu_m_s: Xyz
+    acceleration_enu_m_s2: Xyz
     yaw_rad: float  # heading, counterclockwise from east
 
     # trajectory
-    setpoint_position_enu_m: Vec3
-    setpoint_velocity_enu_m_s: Vec3
-    setpoint_acceleration_enu_m_s2: Vec3
+    setpoint_position_enu_m: Xyz
+    setpoint_velocity_enu_m_s: Xyz
+    setpoint_acceleration_enu_m_s2: Xyz
 
     # thrust per mass, gravity included: before the law, and after it
-    thrust_baseline_enu_m_s2: Vec3
-    thrust_safe_enu_m_s2: Vec3
+    thrust_baseline_enu_m_s2: Xyz
+    thrust_safe_enu_m_s2: Xyz
 
     # own motion when a command of now takes effect
-    predicted_position_enu_m: Vec3
-    predicted_velocity_enu_m_s: Vec3
-    commanded_acceleration_enu_m_s2: Vec3
+    predicted_position_enu_m: Xyz
+    predicted_velocity_enu_m_s: Xyz
+    commanded_acceleration_enu_m_s2: Xyz
 
     # the law
     law_status: str
@@ -260,9 +260,9 @@ class TickSample(Message, frozen=True, array_like=True, kw_only=True):
     neighbour_ages_s: dict[str, float]  # vehicle -> age of its state
 
     # attitude and throttle: what PX4 is sent, and what it reports
-    setpoint_quaternion_enu_flu_wxyz: Vec4
+    setpoint_quaternion_enu_flu_wxyz: Wxyz
     setpoint_thrust_frac: float
-    attitude_quaternion_enu_flu_wxyz: Vec4
+    attitude_quaternion_enu_flu_wxyz: Wxyz
     hover_thrust_frac: float  # throttle that hovers, as learned so far
     attitude_age_s: float = 0.0  # since PX4's attitude arrived
 
@@ -313,7 +313,7 @@ class Order(Message, frozen=True, array_like=True, kw_only=True):
     stamp_ns: int
     deadline_ns: int  # after which the order must not begin, on the sender's monotonic clock
     # move only: the vehicle's own goal, its slot's offset added by the ground
-    position_enu_m: Vec3 | None = None
+    position_enu_m: Xyz | None = None
     height_m: float | None = None  # takeoff only: above the fleet's origin
     duration_s: float = 0.0  # 0: as fast as the limits allow
     node: str = ""  # the sender on the bus, by which the operator is known
@@ -374,8 +374,8 @@ class MocapPose(Message, frozen=True, array_like=True, kw_only=True):
     sequence: int
     stamp_ns: int
     is_tracked: bool  # False: the mocap has lost the body
-    position_enu_m: Vec3
-    quaternion_enu_flu_wxyz: Vec4
+    position_enu_m: Xyz
+    quaternion_enu_flu_wxyz: Wxyz
     source: str = ""  # the node whose clock stamps it; empty for the receiver's own clock
 
 
@@ -431,9 +431,9 @@ class Truth(Message, frozen=True, array_like=True, kw_only=True):
 
     vehicle: str
     stamp_ns: int
-    position_enu_m: Vec3
-    velocity_enu_m_s: Vec3
-    quaternion_enu_flu_wxyz: Vec4
+    position_enu_m: Xyz
+    velocity_enu_m_s: Xyz
+    quaternion_enu_flu_wxyz: Wxyz
     is_on_ground: bool
     is_collided: bool  # it has touched another vehicle
     # first contacts with the ground after flights, so far; 0 also where nobody counts them

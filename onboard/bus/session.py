@@ -32,9 +32,9 @@ from onboard.bus.protocol import (
     UntrustedOrder,
 )
 from onboard.bus.schema import FaultOrder, Message, Order, OrderReply
-from onboard.bus.settings import Setting, of_client, of_node
 from onboard.bus.sockets import PromptSockets
 from onboard.bus.topics import TOPICS, Delivery, Topic, key, topic_and_name
+from onboard.bus.zenoh_settings import Setting, of_client, of_node
 from onboard.native_threads import keep_thread_state
 
 # One thread for all of the network. By default zenoh has five, and one of them wakes up another for
@@ -414,7 +414,7 @@ def open_zenoh(settings: Iterable[Setting]) -> zenoh.Session:
     """Open a session of zenoh.
 
     Args:
-        settings: of :mod:`onboard.bus.settings`.
+        settings: of :mod:`onboard.bus.zenoh_settings`.
     Raises:
         BusError: an endpoint to listen at is taken or not valid, or no router answers.
     """

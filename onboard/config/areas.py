@@ -11,8 +11,9 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
+from onboard.tuples import Xyz
+
 Point = tuple[float, float]  # east, north [m]
-Vec3 = tuple[float, float, float]
 
 BELOW_FLOOR_M = 0.5  # measured heights on the ground may lie so far below the floor of a fence
 
@@ -216,7 +217,7 @@ def _nearest_of_circle(area: Area, x: float, y: float) -> Nearest:
     )
 
 
-def is_allowed(area: Area, position_enu_m: Vec3) -> bool:
+def is_allowed(area: Area, position_enu_m: Xyz) -> bool:
     """Whether an area allows a position; a finite one.
 
     Args:
@@ -270,7 +271,7 @@ def counts_at(area: Area, low_m: float, high_m: float) -> bool:
     return high_m >= area.low_m - area.buffer_m and low_m <= area.high_m + area.buffer_m
 
 
-def is_crossed(area: Area, begin_enu_m: Vec3, end_enu_m: Vec3) -> bool:
+def is_crossed(area: Area, begin_enu_m: Xyz, end_enu_m: Xyz) -> bool:
     """Whether a straight way crosses an area's edge, seen from above, at a height that counts.
 
     Args:

@@ -14,8 +14,9 @@ from typing import Literal
 import msgspec
 
 from onboard.config import areas
-from onboard.config.areas import Area, Point, Vec3
+from onboard.config.areas import Area, Point
 from onboard.config.earth import Origin, east_north_m, is_on_earth
+from onboard.tuples import Xyz
 
 FARTHEST_M = 1e4  # of a point from 0, 0
 MOST_CORNERS = 200
@@ -85,7 +86,7 @@ def area_of(fence: Fence, origin: Origin | None) -> Area:
 def problems(
     fences: Sequence[Fence],
     origin: Origin | None,
-    starts_enu_m: Mapping[str, Vec3],
+    starts_enu_m: Mapping[str, Xyz],
     margin_m: float,
 ) -> Iterator[str]:
     """Check a fleet's fences.
@@ -236,7 +237,7 @@ def _polygon_fault(corners: Sequence[Point], label: str) -> str | None:
     return None
 
 
-def _start_problems(area: Area, vehicle: str, start_enu_m: Vec3, margin_m: float) -> Iterator[str]:
+def _start_problems(area: Area, vehicle: str, start_enu_m: Xyz, margin_m: float) -> Iterator[str]:
     key = f"vehicles.{vehicle}.start_enu_m"
     x, y, z = start_enu_m
     if not math.isfinite(x + y + z):

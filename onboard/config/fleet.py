@@ -17,7 +17,6 @@ from onboard.config.fleet_config import FleetConfig as FleetConfig
 from onboard.config.fleet_config import FleetSection as FleetSection
 from onboard.config.fleet_config import Geofence as Geofence
 from onboard.config.fleet_config import Origin as Origin
-from onboard.config.fleet_config import Vec3 as Vec3
 from onboard.config.fleet_config import Vehicle as Vehicle
 from onboard.config.fleet_config import above_words as above_words
 from onboard.config.fleet_config import parking_distance_m as parking_distance_m
@@ -34,6 +33,7 @@ from onboard.config.toml_reading import read_toml as read_toml
 from onboard.config.toml_reading import table, tables
 from onboard.config.validation import check_fleet
 from onboard.config.vehicle_tables import vehicle_from_tables
+from onboard.tuples import Xyz
 
 _KNOWN_KEYS = (
     "corrections",
@@ -103,7 +103,7 @@ def fleet_from_mapping(
 
     written_formations = table(data.get("formations", {}), path, "formations")
     slots, shapes = formation_shape.split(written_formations, path)
-    formations = convert(slots, dict[str, dict[str, Vec3]], path, "formations")
+    formations = convert(slots, dict[str, dict[str, Xyz]], path, "formations")
 
     fixed = convert(data.get("obstacles", []), tuple[obstacles.Obstacle, ...], path, "obstacles")
     enclosing = convert(data.get("fences", []), tuple[fences.Fence, ...], path, "fences")

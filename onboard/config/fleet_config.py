@@ -23,8 +23,8 @@ from onboard.config.mocap import MocapConfig
 from onboard.config.radio import RadioConfig
 from onboard.config.sitl import SitlProfile
 from onboard.config.toml_reading import ConfigError
+from onboard.tuples import Xyz
 
-Vec3 = tuple[float, float, float]
 PX4_VERSIONS = ("1.16", "1.17", "1.18")  # that Covey was measured with
 
 _TICKS_PER_S = 50  # of the control loop
@@ -39,7 +39,7 @@ class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     y: tuple[float, float]  # north, [low, high] in metres
     z: tuple[float, float]  # up, [low, high] in metres
 
-    def contains(self, position_enu_m: Vec3) -> bool:
+    def contains(self, position_enu_m: Xyz) -> bool:
         """Whether a point lies in the box.
 
         Args:
@@ -51,7 +51,7 @@ class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         is_in_plan = self.x[0] <= x <= self.x[1] and self.y[0] <= y <= self.y[1]
         return is_in_plan and self.z[0] - BELOW_FLOOR_M <= z <= self.z[1]
 
-    def nearest_inside(self, position_enu_m: Vec3, inside_m: float) -> Vec3:
+    def nearest_inside(self, position_enu_m: Xyz, inside_m: float) -> Xyz:
         """Return the nearest point that is so far inside every wall.
 
         Args:
@@ -118,7 +118,7 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: str
     index: int
     system_id: int  # MAV_SYS_ID of its PX4
-    start_enu_m: Vec3  # where it stands before take-off: east, north, up in the fleet frame
+    start_enu_m: Xyz  # where it stands before take-off: east, north, up in the fleet frame
     agent: str  # its agent on the bus: quic/HOST:PORT of the companion computer; tcp/ without keys
     # PX4 as the companion sees it: udpin://HOST:PORT, udpout://HOST:PORT or serial://DEVICE:BAUD
     autopilot: str
@@ -187,7 +187,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
     path: str  # of the file
     fleet: FleetSection
     law: LawConfig
-    formations: dict[str, dict[str, Vec3]]  # formation -> vehicle -> its slot
+    formations: dict[str, dict[str, Xyz]]  # formation -> vehicle -> its slot
     vehicles: dict[str, Vehicle]  # by name, in the order of the file
     text: str  # of the file
     obstacles: tuple[obstacles.Obstacle, ...] = ()

@@ -12,9 +12,10 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from onboard.config import areas, fences
-from onboard.config.areas import Area, Point, Vec3
+from onboard.config.areas import Area, Point
 from onboard.config.earth import Origin
 from onboard.config.fleet_config import FleetConfig, Geofence
+from onboard.tuples import Xyz
 
 _ROUNDS = 8  # in which a point is moved inside all areas
 _AS_GOOD_AS_M = 1e-6
@@ -37,7 +38,7 @@ class FlightSpace(NamedTuple):
     box: Geofence
     areas: tuple[Area, ...]
 
-    def contains(self, position_enu_m: Vec3) -> bool:
+    def contains(self, position_enu_m: Xyz) -> bool:
         """Whether no edge is crossed.
 
         Args:
@@ -47,7 +48,7 @@ class FlightSpace(NamedTuple):
             return False
         return all(areas.is_allowed(area, position_enu_m) for area in self.areas)
 
-    def refusal(self, position_enu_m: Vec3) -> str:
+    def refusal(self, position_enu_m: Xyz) -> str:
         """Return how a goal lies, if it lies wrong: "outside the fence 'field'"; else nothing.
 
         The box is judged by whoever asks; here are the areas with their buffers.
@@ -61,7 +62,7 @@ class FlightSpace(NamedTuple):
                 return words
         return ""
 
-    def nearest_inside(self, position_enu_m: Vec3, inside_m: float) -> Vec3:
+    def nearest_inside(self, position_enu_m: Xyz, inside_m: float) -> Xyz:
         """Return a point near a position that is so far inside every wall and every buffer.
 
         It is the nearest one where a single edge is in the way. Where areas and buffers leave no
@@ -99,7 +100,7 @@ class FlightSpace(NamedTuple):
             for area in self.areas
         )
 
-    def room_m(self, position_enu_m: Vec3) -> tuple[float, str]:
+    def room_m(self, position_enu_m: Xyz) -> tuple[float, str]:
         """Return the distance to the nearest buffer, and its area; infinite without areas.
 
         Args:
@@ -143,7 +144,7 @@ def _around(area: Area) -> tuple[Point, ...]:
     )
 
 
-def _room_m(area: Area, position_enu_m: Vec3) -> float:
+def _room_m(area: Area, position_enu_m: Xyz) -> float:
     """Return the distance to an area's buffer; negative within it or beyond."""
     x, y, z = position_enu_m
     room_m = areas.nearest(area, x, y).room_m - area.buffer_m
@@ -155,7 +156,7 @@ def _room_m(area: Area, position_enu_m: Vec3) -> float:
     return max(room_m, above_m, below_m)
 
 
-def _refusal(area: Area, position_enu_m: Vec3) -> str:
+def _refusal(area: Area, position_enu_m: Xyz) -> str:
     x, y, z = position_enu_m
     room_m = areas.nearest(area, x, y).room_m
     if area.keeps_in:
@@ -188,7 +189,7 @@ def _too_near(area: Area, room_m: float) -> str:
     )
 
 
-def _moved_inside(area: Area, position_enu_m: Vec3, inside_m: float) -> Vec3:
+def _moved_inside(area: Area, position_enu_m: Xyz, inside_m: float) -> Xyz:
     x, y, z = position_enu_m
     if area.keeps_in and area.high_m - inside_m > area.low_m:
         z = min(max(z, area.low_m), area.high_m - inside_m)

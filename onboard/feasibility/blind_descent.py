@@ -10,17 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from onboard.config.fleet import FleetConfig, Vec3
+from onboard.config.fleet import FleetConfig
 from onboard.control.sinking import sinking_params, sinking_s
 from onboard.feasibility.finding import Finding, at_most, worst
 from onboard.safety.limits import POSITION_STALE_S
+from onboard.tuples import Xyz
 
 _KEPT_S = 3.0  # from the last pose to the ground
 _REFUSED_S = 4.0
 
 
 def blind_descent_findings(
-    fleet: FleetConfig, spots: Mapping[str, Vec3], label: str
+    fleet: FleetConfig, spots: Mapping[str, Xyz], label: str
 ) -> Iterator[Finding]:
     """Yield whether all of a constellation are down soon enough when poses stop.
 
@@ -38,7 +39,7 @@ def blind_descent_findings(
     yield worst(_finding(fleet, name, spots[name], label) for name in by_mocap)
 
 
-def _finding(fleet: FleetConfig, name: str, spot: Vec3, label: str) -> Finding:
+def _finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Finding:
     """Return the finding about one vehicle."""
     vehicle = fleet.vehicles[name]
     height_m = max(0.0, spot[2] - vehicle.start_enu_m[2])

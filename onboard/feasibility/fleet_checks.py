@@ -16,7 +16,6 @@ import msgspec
 from onboard.config.fleet import (
     FleetConfig,
     OwnLaw,
-    Vec3,
     Vehicle,
     above_words,
     parking_distance_m,
@@ -47,6 +46,7 @@ from onboard.feasibility.vehicle_checks import (
     thrust_reserve,
     wind,
 )
+from onboard.tuples import Xyz
 from onboard.types import TICK_S
 
 ErrorClass = Literal["mocap", "vision", "gps"]
@@ -183,7 +183,7 @@ def distinct(vehicles: Iterable[Vehicle]) -> list[Vehicle]:
 
 
 def spot_findings(
-    fleet: FleetConfig, spots: Mapping[str, Vec3], label: str, *, errors: ErrorClass | None = None
+    fleet: FleetConfig, spots: Mapping[str, Xyz], label: str, *, errors: ErrorClass | None = None
 ) -> tuple[Finding, ...]:
     """Judge spacing and room of one constellation.
 
@@ -233,7 +233,7 @@ def error_class(fleet: FleetConfig) -> ErrorClass:
     return "mocap"
 
 
-def start_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], accuracy: Accuracy) -> Finding:
+def start_finding(fleet: FleetConfig, spots: Mapping[str, Xyz], accuracy: Accuracy) -> Finding:
     """Check the initial conditions of the law, for vehicles at rest.
 
     Proposition 1 requires at t = 0 d^2 >= d_inf^2, its rate >= -kappa_1 (d^2 - d_inf^2) and
@@ -279,7 +279,7 @@ def start_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], accuracy: Accur
 
 
 def spacing_finding(
-    fleet: FleetConfig, spots: Mapping[str, Vec3], label: str, accuracy: Accuracy
+    fleet: FleetConfig, spots: Mapping[str, Xyz], label: str, accuracy: Accuracy
 ) -> Finding:
     """Check that the closest pair of a constellation can hover side by side.
 
@@ -308,7 +308,7 @@ def spacing_finding(
     )
 
 
-def fence_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], label: str) -> Finding:
+def fence_finding(fleet: FleetConfig, spots: Mapping[str, Xyz], label: str) -> Finding:
     """Check the distance between the spots and the geofence: enough to stop from full speed.
 
     Args:
@@ -321,7 +321,7 @@ def fence_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], label: str) -> 
     return worst(_fence_finding(fleet, name, spot, label) for name, spot in spots.items())
 
 
-def _fence_finding(fleet: FleetConfig, name: str, spot: Vec3, label: str) -> Finding:
+def _fence_finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Finding:
     """Return the finding about one vehicle's spot."""
     vehicle = fleet.vehicles[name]
     fence = fleet.fleet.geofence_m
@@ -357,7 +357,7 @@ def _fence_finding(fleet: FleetConfig, name: str, spot: Vec3, label: str) -> Fin
     )
 
 
-def obstacle_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], label: str) -> Finding:
+def obstacle_finding(fleet: FleetConfig, spots: Mapping[str, Xyz], label: str) -> Finding:
     """Check that no spot is nearer to an obstacle than the law lets a vehicle go.
 
     Args:
@@ -387,7 +387,7 @@ def obstacle_finding(fleet: FleetConfig, spots: Mapping[str, Vec3], label: str) 
     )
 
 
-def _closest(spots: Mapping[str, Vec3], height_share: float) -> tuple[float, str]:
+def _closest(spots: Mapping[str, Xyz], height_share: float) -> tuple[float, str]:
     """Return the smallest separation of any two, and their names."""
     separations = []
     for a, b in itertools.combinations(spots, 2):

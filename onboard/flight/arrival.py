@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
-from onboard.config.fleet import FleetConfig, Vec3, Vehicle
+from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
 from onboard.flight.types import FlightView
+from onboard.tuples import Xyz
 
 _ARRIVED_M = 0.12
 _ARRIVED_M_S = 0.10
@@ -42,7 +43,7 @@ def moved_by_gusts(gust_m_s2: float) -> tuple[float, float]:
     return _GUST_S2 * beyond_m_s2, _GUST_S * beyond_m_s2
 
 
-def is_at(view: FlightView, goal_enu_m: Vec3, vehicle: Vehicle) -> bool:
+def is_at(view: FlightView, goal_enu_m: Xyz, vehicle: Vehicle) -> bool:
     """Return whether the vehicle is at its goal and slow, as far as its positions can show it.
 
     Gusts widen both.
@@ -53,7 +54,7 @@ def is_at(view: FlightView, goal_enu_m: Vec3, vehicle: Vehicle) -> bool:
     return math.hypot(*view.velocity_enu_m_s) < _slow_m_s(view, vehicle)
 
 
-def is_near(view: FlightView, goal_enu_m: Vec3, vehicle: Vehicle) -> bool:
+def is_near(view: FlightView, goal_enu_m: Xyz, vehicle: Vehicle) -> bool:
     """Return whether the vehicle is as near to its goal as a vehicle that rests in calm air."""
     return math.dist(goal_enu_m, view.position_enu_m) < _near_m(vehicle)
 
@@ -69,7 +70,7 @@ def is_at_rest(view: FlightView, vehicle: Vehicle) -> bool:
     return math.hypot(*view.velocity_enu_m_s) < _REST_SHARE * _slow_m_s(view, vehicle)
 
 
-def stop_point(view: FlightView, vehicle: Vehicle, fleet: FleetConfig) -> Vec3:
+def stop_point(view: FlightView, vehicle: Vehicle, fleet: FleetConfig) -> Xyz:
     """Return the point [m, ENU] inside the fence where the vehicle comes to rest.
 
     It flies on for its lag, and for as long as its acceleration needs to stop it at the mean speed.

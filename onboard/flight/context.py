@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass, field
 
 from onboard.agent_commands import Command, Publish
-from onboard.autopilot import Vec3
 from onboard.bus.schema import AgentState, Event, Order, OrderOutcome, Severity
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
@@ -21,6 +20,7 @@ from onboard.flight.path_flight import PathFlight
 from onboard.flight.types import MUST_BE_ARMED, MUST_BE_OFFBOARD, FlightStep, FlightView
 from onboard.safety.failsafe_table import Situation
 from onboard.safety.report_confirmation import Expected
+from onboard.tuples import Xyz
 from onboard.types import Goal
 from onboard.vectors import ZERO_3
 
@@ -122,7 +122,7 @@ class FlightContext:
         return bool(self.followed) and self.follow.is_paused
 
     @property
-    def goal_position_enu_m(self) -> Vec3:
+    def goal_position_enu_m(self) -> Xyz:
         """Point to fly to; of a path, its end."""
         if self.step is FlightStep.PATH and self.path.path is not None:
             return path.point_at(self.path.path, math.inf).position_enu_m

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 
-from onboard.autopilot import Vec3
 from onboard.bus.schema import Order
 from onboard.control.path import point_at
 from onboard.control.vertical import vertical_s
 from onboard.flight.arrival import stop_point
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView
+from onboard.tuples import Xyz
 from onboard.types import Goal
 from onboard.vectors import Vec3 as Point
 
@@ -296,7 +296,7 @@ def resume(flight: FlightContext, view: FlightView) -> None:
 
 
 def _climb_above(
-    flight: FlightContext, view: FlightView, position_enu_m: Vec3, top_m: float
+    flight: FlightContext, view: FlightView, position_enu_m: Xyz, top_m: float
 ) -> None:
     """Go to a height above a position."""
     x, y, _ = position_enu_m
@@ -310,7 +310,7 @@ def _ordered_yaw_rad(order: Order) -> float:
 
 
 def _set_goal(
-    flight: FlightContext, position_enu_m: Vec3, duration_s: float, yaw_rad: float = math.nan
+    flight: FlightContext, position_enu_m: Xyz, duration_s: float, yaw_rad: float = math.nan
 ) -> None:
     sequence = flight.goal.sequence + 1
     flight.goal = Goal(Point(*position_enu_m), duration_s, sequence, yaw_rad=yaw_rad)

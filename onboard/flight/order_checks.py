@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from onboard.autopilot import Vec3
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import BESIDE, ON_PATHS, Order, Telemetry
 from onboard.config.fleet import FleetConfig, FleetSection, Vehicle
@@ -26,6 +25,7 @@ from onboard.flight.effects import takeoff_height_m
 from onboard.flight.state_machine import accepts
 from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.failsafe_table import Situation
+from onboard.tuples import Xyz
 
 _LONGEST_MOVE_S = 3600.0
 
@@ -169,7 +169,7 @@ def late_sentence(order: Order, now_ns: int) -> str | None:
     return f"The order came {late_s:.1f} s after its deadline: send it again."
 
 
-def goal_conflict(goal: Vec3, others: Mapping[str, Telemetry], limits: FleetSection) -> str | None:
+def goal_conflict(goal: Xyz, others: Mapping[str, Telemetry], limits: FleetSection) -> str | None:
     """Return the conflict with another flying vehicle's announced goal in a sentence, or None."""
     for name, other in others.items():
         if not other.is_airborne:

@@ -27,12 +27,13 @@ from typing import NamedTuple
 import numpy as np
 
 from onboard.bus.schema import PathOrder, Telemetry
-from onboard.config.fleet import FleetConfig, Vec3, Vehicle
+from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import floor_m, least_height_m
 from onboard.control import path as paths
 from onboard.control.path import Path, PathPoint
 from onboard.safety.area_room import clearances_m
+from onboard.tuples import Xyz
 from onboard.types import Goal
 
 PATIENCE_S = 10.0
@@ -134,7 +135,7 @@ class PathFlight:
         self.used_s = 0.0
 
     def advance(
-        self, now_ns: int, dt_s: float, position_enu_m: Vec3, others: Sequence[OtherClock] | None
+        self, now_ns: int, dt_s: float, position_enu_m: Xyz, others: Sequence[OtherClock] | None
     ) -> None:
         """Move the clock on by one tick, and measure the lag.
 
@@ -241,7 +242,7 @@ def part_refusal(
 
 
 def start_refusal(
-    flight: PathFlight, order: PathOrder | None, now_ns: int, position_enu_m: Vec3
+    flight: PathFlight, order: PathOrder | None, now_ns: int, position_enu_m: Xyz
 ) -> str | None:
     """Return the reason why the loaded path cannot be followed from the ordered instant."""
     if order is None or not order.show_id:

@@ -27,13 +27,14 @@ from enum import Enum
 
 from msgspec import Struct
 
-from onboard.autopilot import Landed, Snapshot, Vec3, Vec4
+from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import AgentState
 from onboard.control.control_mode import ControlMode
 from onboard.control.control_mode import ControlMode as M
 from onboard.flight.path_flight import OtherClock
 from onboard.safety.failsafe_table import Situation
 from onboard.safety.failsafe_table import Situation as S
+from onboard.tuples import Wxyz, Xyz
 from onboard.types import TICK_S
 
 _LANDED_FRESH_NS = 1_500_000_000  # PX4 reports it 5 to 10 times a second
@@ -140,8 +141,8 @@ class FlightView(Struct, frozen=True):
     """Facts that a flight decides on at one tick."""
 
     now_ns: int
-    position_enu_m: Vec3  # in the fleet's frame
-    velocity_enu_m_s: Vec3
+    position_enu_m: Xyz  # in the fleet's frame
+    velocity_enu_m_s: Xyz
     has_position: bool  # the position is known now, if only by dead reckoning
     snapshot: Snapshot  # of PX4
     thrust_share: float = 1.0  # thrust sent last over the thrust that carries the vehicle
@@ -151,7 +152,7 @@ class FlightView(Struct, frozen=True):
     is_blind: bool = False  # position and velocity come from dead reckoning
     yaw_rad: float = math.nan  # heading, counterclockwise from east; NaN: not known
     position_age_s: float = math.inf  # age of the newest sample that the estimate has used
-    attitude_wxyz: Vec4 = (1.0, 0.0, 0.0, 0.0)  # in the fleet's frame
+    attitude_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)  # in the fleet's frame
     gust_m_s2: float = 0.0  # standard deviation of the gusts, per axis
 
     @property

@@ -19,10 +19,11 @@ from typing import NamedTuple
 
 from onboard.autopilot import Landed, Snapshot
 from onboard.config.earth import east_north_m
-from onboard.config.fleet import Origin, Vec3
+from onboard.config.fleet import Origin
 from onboard.frames import enu_from_ned
 from onboard.localization.dead_reckoning import VerticalMotion
 from onboard.safety.limits import LOCAL_POSITION_FRESH_S
+from onboard.tuples import Xyz
 
 # A position farther from the expected motion than this much, and what an acceleration adds, has
 # jumped.
@@ -36,22 +37,22 @@ class _LocalPosition(NamedTuple):
     """A local position as PX4 sent it, in its own frame, ENU."""
 
     stamp_ns: int
-    position_m: Vec3
-    velocity_m_s: Vec3
+    position_m: Xyz
+    velocity_m_s: Xyz
 
 
 @dataclass(slots=True)
 class LocalFrame:
     """One vehicle's local frame; :meth:`take` each new local position."""
 
-    start_enu_m: Vec3  # the vehicle's take-off spot in the fleet file
+    start_enu_m: Xyz  # the vehicle's take-off spot in the fleet file
     origin: Origin | None  # of the fleet on Earth; None if only take-off spots are known
     jumps: int = 0  # that were absorbed
-    _offset_enu_m: Vec3 | None = None  # fleet frame minus local frame; None while not known
+    _offset_enu_m: Xyz | None = None  # fleet frame minus local frame; None while not known
     _last: _LocalPosition | None = None
     _has_flown: bool = False
 
-    def take(self, snapshot: Snapshot) -> Vec3 | None:
+    def take(self, snapshot: Snapshot) -> Xyz | None:
         """Return the newest local position in the fleet frame.
 
         None while the local frame's offset is not known.
@@ -107,7 +108,7 @@ class LocalFrame:
             climbing_m_s=climbing_m_s,
         )
 
-    def _anchored_offset_m(self, local_m: Vec3, snapshot: Snapshot) -> Vec3 | None:
+    def _anchored_offset_m(self, local_m: Xyz, snapshot: Snapshot) -> Xyz | None:
         """Return the offset that holds while the vehicle stands on the ground.
 
         None while PX4 has sent no origin, where one is needed.
@@ -123,8 +124,8 @@ class LocalFrame:
         return east_m, north_m, z
 
     def _absorbed_m(
-        self, offset_m: Vec3, last: _LocalPosition, local: _LocalPosition, anchored_m: Vec3
-    ) -> Vec3:
+        self, offset_m: Xyz, last: _LocalPosition, local: _LocalPosition, anchored_m: Xyz
+    ) -> Xyz:
         """Return the offset after a sample in the air: without its jump, nearer to the right one.
 
         Args:

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 
 from onboard.agent_commands import SendOdometry
 from onboard.autopilot import Landed, Snapshot
-from onboard.bus.schema import MocapPose, Vec3
+from onboard.bus.schema import MocapPose
 from onboard.frames import enu_from_ned
+from onboard.tuples import Xyz
 
 # PX4 requires 30 to 50 Hz, and each message passes MAVSDK as text, which is slow.
 _PERIOD_NS = 30_000_000
@@ -47,7 +48,7 @@ class OdometryForwarder:
     _sent_ns: int = 0  # when the last pose was sent
     _due_ns: int = 0  # when the next one is due
     _stamp_ns: int = 0  # of the last pose
-    _position_enu_m: Vec3 | None = None  # of the last pose; None before the first
+    _position_enu_m: Xyz | None = None  # of the last pose; None before the first
 
     def take(self, pose: MocapPose, snapshot: Snapshot, now_ns: int) -> list[SendOdometry]:
         """Return the command that sends a believed pose, or none while it is not due."""
@@ -74,7 +75,7 @@ class OdometryForwarder:
             )
         ]
 
-    def _continues(self, pose: MocapPose, last_enu_m: Vec3) -> bool:
+    def _continues(self, pose: MocapPose, last_enu_m: Xyz) -> bool:
         """Whether PX4's estimator can follow from the last pose that was sent to this one."""
         gap_ns = pose.stamp_ns - self._stamp_ns
         if not 0 <= gap_ns <= _GAP_NS:
@@ -83,7 +84,7 @@ class OdometryForwarder:
         return math.dist(pose.position_enu_m, last_enu_m) <= reach_m
 
 
-def _may_restart(position_enu_m: Vec3, snapshot: Snapshot, now_ns: int, silent_ns: int) -> bool:
+def _may_restart(position_enu_m: Xyz, snapshot: Snapshot, now_ns: int, silent_ns: int) -> bool:
     """Whether PX4 may restart its estimate at a pose.
 
     Args:

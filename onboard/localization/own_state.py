@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from onboard import vectors
-from onboard.autopilot import Snapshot, Vec3, Vec4
+from onboard.autopilot import Snapshot
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import MocapPose
 from onboard.config.fleet import CorrectionsConfig, Origin, Vehicle
@@ -32,6 +32,7 @@ from onboard.localization.pose_validator import PoseValidator, PoseVerdict
 from onboard.localization.px4_position_check import Px4PositionCheck
 from onboard.message_counts import MessageCounts
 from onboard.safety.limits import LARGEST_POSITION_STD_M, LARGEST_VELOCITY_STD_M_S
+from onboard.tuples import Wxyz, Xyz
 from onboard.types import AttitudeSetpoint, State
 
 _MAX_POSITION_M = 1e4  # of a coordinate of a pose
@@ -42,7 +43,7 @@ _REJECTED_TO_RESTART = 10  # samples in a row, after which the filter restarts o
 _WITHOUT_FIX_NS = 500_000_000  # after which satellites are lost
 _BELIEVED_S = 0.1  # age of a sample up to which the estimate is one of a pose
 _PX4_POSITION_STD_M = 0.05  # from one sample to the next; its slow error is larger, see ACCURACIES
-_ZERO: Vec3 = (0.0, 0.0, 0.0)
+_ZERO: Xyz = (0.0, 0.0, 0.0)
 _SQRT_HALF = math.sqrt(0.5)
 
 
@@ -58,7 +59,7 @@ class OwnEstimate(NamedTuple):
     """The own motion at one tick, as far as it is known."""
 
     state: State | None  # None before the first usable sample
-    attitude_wxyz: Vec4  # in the fleet frame
+    attitude_wxyz: Wxyz  # in the fleet frame
     age_s: float  # of the newest sample that was used; inf before the first
     is_reckoned: bool  # by dead reckoning, while this agent flies the vehicle
     jumps: int  # impossible samples in a row
@@ -94,7 +95,7 @@ class OwnState:
 
     _queue: list[_Sample] = field(default_factory=list)
     _newest_ns: int = 0  # stamp of the newest usable mocap sample
-    _rejected_enu_m: Vec3 | None = None  # position of the newest sample that the filter rejected
+    _rejected_enu_m: Xyz | None = None  # position of the newest sample that the filter rejected
 
     _has_heading: bool = False  # whether the heading's offset is known
     _yaw_rad: float = 0.0  # of the newest sample
@@ -306,7 +307,7 @@ class OwnState:
         return max(self.validator.jumps, self._memory.rejected_count)
 
     @property
-    def jumped_to_enu_m(self) -> Vec3 | None:
+    def jumped_to_enu_m(self) -> Xyz | None:
         """Position of the newest impossible sample; None after a good one."""
         return self.validator.jumped_to_enu_m or self._rejected_enu_m
 
@@ -326,14 +327,14 @@ class OwnState:
         return self._reckoning.is_on and self.is_flown
 
     @property
-    def position_enu_m(self) -> Vec3:
+    def position_enu_m(self) -> Xyz:
         """Estimated position as of the last update; zero before the first sample."""
         if self._memory is None:
             return _ZERO
         return self._memory.position_enu_m
 
     @property
-    def velocity_enu_m_s(self) -> Vec3:
+    def velocity_enu_m_s(self) -> Xyz:
         """Estimated velocity as of the last update; zero before the first sample."""
         if self._memory is None:
             return _ZERO

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from operator import mul
 
-Vec3 = tuple[float, float, float]
-Vec4 = tuple[float, float, float, float]
+from onboard.tuples import Wxyz, Xyz
 
 # Shares of a new sample in the low-passed values.
 _LATE_SHARE = 0.2  # of the delay: over five samples
@@ -70,23 +69,23 @@ class PoseValidator:
     bounds: PoseBounds = field(default_factory=PoseBounds)
 
     jumps: int = 0  # samples in a row that were no possible movement
-    jumped_to_enu_m: Vec3 | None = None  # position of the last of them
+    jumped_to_enu_m: Xyz | None = None  # position of the last of them
     frozen_s: float = 0.0  # for so long the same numbers have come
     delay_s: float = 0.0  # mean time from measurement to arrival
     clock_jump_ns: int = 0  # when the delay changed so much that a clock must have jumped; 0 never
 
     # the last accepted sample; no stamp without one
-    _position: Vec3 = (0.0, 0.0, 0.0)
-    _velocity: Vec3 = (0.0, 0.0, 0.0)
-    _quaternion: Vec4 = (1.0, 0.0, 0.0, 0.0)
+    _position: Xyz = (0.0, 0.0, 0.0)
+    _velocity: Xyz = (0.0, 0.0, 0.0)
+    _quaternion: Wxyz = (1.0, 0.0, 0.0, 0.0)
     _stamp_ns: int = 0
 
     # after an outage: the newest sample, and how many in a row agree up to it
-    _candidate: Vec3 = (0.0, 0.0, 0.0)
+    _candidate: Xyz = (0.0, 0.0, 0.0)
     _candidate_ns: int = 0
     _agreeing: int = 0
 
-    _last: tuple[Vec3, Vec4] | None = None  # newest sample, accepted or not
+    _last: tuple[Xyz, Wxyz] | None = None  # newest sample, accepted or not
     _same_since_ns: int = 0  # stamp of the first sample with these numbers
     _usual_delay_s: float = 0.0  # of a sample, by the clocks as they are
     _unusual_since_ns: int = 0  # when delays began that are far from it; 0 while they are near
@@ -104,8 +103,8 @@ class PoseValidator:
 
     def judge(
         self,
-        position_enu_m: Vec3,
-        quaternion_wxyz: Vec4,
+        position_enu_m: Xyz,
+        quaternion_wxyz: Wxyz,
         stamp_ns: int,
         received_ns: int,
         *,
@@ -169,7 +168,7 @@ class PoseValidator:
             self._usual_delay_s = delay_s
             self._unusual_since_ns = 0
 
-    def _follow_repetitions(self, position: Vec3, quaternion: Vec4, stamp_ns: int) -> None:
+    def _follow_repetitions(self, position: Xyz, quaternion: Wxyz, stamp_ns: int) -> None:
         """Follow for how long the same numbers have come."""
         sample = (position, quaternion)
         if sample != self._last:
@@ -177,7 +176,7 @@ class PoseValidator:
         self._last = sample
         self.frozen_s = (stamp_ns - self._same_since_ns) * 1e-9
 
-    def _follow_agreement(self, position: Vec3, stamp_ns: int) -> int:
+    def _follow_agreement(self, position: Xyz, stamp_ns: int) -> int:
         """Return how many samples in a row agree with each other, this one included."""
         gap_s = (stamp_ns - self._candidate_ns) * 1e-9
         noise_m = max(self.bounds.noise_m, self._noise_m)
@@ -190,7 +189,7 @@ class PoseValidator:
         return self._agreeing
 
     def _is_possible(
-        self, position: Vec3, quaternion: Vec4, gap_s: float, is_contradicted: bool
+        self, position: Xyz, quaternion: Wxyz, gap_s: float, is_contradicted: bool
     ) -> bool:
         """Whether the vehicle can have moved so in ``gap_s``; learns velocity and noise if so."""
         bounds = self.bounds

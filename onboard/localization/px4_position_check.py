@@ -13,9 +13,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from onboard.autopilot import Landed, Snapshot, Vec3
+from onboard.autopilot import Landed, Snapshot
 from onboard.frames import enu_from_ned
 from onboard.safety.limits import LOCAL_POSITION_FRESH_S
+from onboard.tuples import Xyz
 
 # Published standard deviations of position and velocity; a margin for more would push the other
 # vehicles out of the geofence.
@@ -37,20 +38,20 @@ _NS = 1e-9  # seconds in a nanosecond
 class Px4PositionCheck:
     """PX4's position of one vehicle, in the fleet's frame once poses have shown the offset."""
 
-    _offset_m: Vec3 | None = None  # PX4's frame minus the fleet's; None while not known
+    _offset_m: Xyz | None = None  # PX4's frame minus the fleet's; None while not known
     _learned_ns: int = 0  # when the offset was last compared with a pose
-    _position_m: Vec3 = (0.0, 0.0, 0.0)  # ENU, PX4's frame
-    _velocity_m_s: Vec3 = (0.0, 0.0, 0.0)  # ENU
+    _position_m: Xyz = (0.0, 0.0, 0.0)  # ENU, PX4's frame
+    _velocity_m_s: Xyz = (0.0, 0.0, 0.0)  # ENU
     _stamp_ns: int = 0  # of both
     _is_up: bool = False  # armed and not on the ground
     # where it came down while poses were rejected, in the fleet's frame
-    _landed_m: Vec3 | None = None
+    _landed_m: Xyz | None = None
     _landed_blind_s: float = 0.0  # time without poses until then
 
     def update(
         self,
         snapshot: Snapshot,
-        believed_enu_m: Vec3 | None,
+        believed_enu_m: Xyz | None,
         now_ns: int,
         *,
         is_reckoned: bool = False,
@@ -89,7 +90,7 @@ class Px4PositionCheck:
         self._is_up = is_up
 
     def _learn_offset(
-        self, believed_enu_m: Vec3, dt_s: float, now_ns: int, is_reckoned: bool
+        self, believed_enu_m: Xyz, dt_s: float, now_ns: int, is_reckoned: bool
     ) -> None:
         """Compare PX4's position with the believed one."""
         x, y, z = believed_enu_m
@@ -114,7 +115,7 @@ class Px4PositionCheck:
             )
         self._learned_ns = now_ns
 
-    def motion(self, now_ns: int) -> tuple[Vec3, Vec3] | None:
+    def motion(self, now_ns: int) -> tuple[Xyz, Xyz] | None:
         """Return position and velocity in the fleet's frame.
 
         None while PX4 sends none, or none that can be trusted.
@@ -139,7 +140,7 @@ class Px4PositionCheck:
         )
         return position_m, (vx, vy, vz)
 
-    def contradicts(self, position_enu_m: Vec3, now_ns: int) -> bool:
+    def contradicts(self, position_enu_m: Xyz, now_ns: int) -> bool:
         """Whether PX4's position excludes this one."""
         motion = self.motion(now_ns)
         if motion is None:

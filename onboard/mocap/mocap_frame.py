@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from onboard.bus.schema import Vec3, Vec4
 from onboard.config.mocap import MocapConfig
+from onboard.tuples import Wxyz, Xyz
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,14 +22,14 @@ class MocapFrame:
 
     is_y_up: bool = False  # else z is up
     yaw_rad: float = 0.0  # of the turn about up, counterclockwise
-    offset_enu_m: Vec3 = (0.0, 0.0, 0.0)  # the mocap's origin in the fleet's frame
+    offset_enu_m: Xyz = (0.0, 0.0, 0.0)  # the mocap's origin in the fleet's frame
 
     @classmethod
     def of(cls, mocap: MocapConfig) -> MocapFrame:
         """Return the frame that the fleet file describes."""
         return cls(mocap.up == "y", math.radians(mocap.yaw_deg), mocap.offset_m)
 
-    def position_enu_m(self, position_m: Vec3) -> Vec3:
+    def position_enu_m(self, position_m: Xyz) -> Xyz:
         """Convert a position."""
         x, y, z = position_m
         if self.is_y_up:
@@ -44,7 +44,7 @@ class MocapFrame:
             z + up,
         )
 
-    def quaternion_enu_flu_wxyz(self, quaternion_wxyz: Vec4) -> Vec4:
+    def quaternion_enu_flu_wxyz(self, quaternion_wxyz: Wxyz) -> Wxyz:
         """Convert a rotation from body to mocap into one from body FLU to fleet ENU.
 
         It is normalised unless it is zero.

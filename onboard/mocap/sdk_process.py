@@ -20,8 +20,8 @@ from typing import Any
 
 import msgspec
 
-from onboard.bus.schema import Vec3, Vec4
 from onboard.exit_status import EXIT_OK, EXIT_WRONG_INPUT
+from onboard.tuples import Wxyz, Xyz
 
 _PR_SET_PDEATHSIG = 1  # of prctl(2)
 _NUMERIC_ONLY = {"optitrack"}  # the package needs an address here, not a name
@@ -38,7 +38,7 @@ class RawFrame(msgspec.Struct, frozen=True, array_like=True):
     """One frame as it arrived."""
 
     arrived_ns: int  # on this host's monotonic clock
-    bodies: dict[str, tuple[Vec3, Vec4]]  # in the mocap's own frame
+    bodies: dict[str, tuple[Xyz, Wxyz]]  # in the mocap's own frame
     problem: str = ""  # in a frame without bodies: sentence that says why there will be none
 
 
@@ -97,7 +97,7 @@ def _read(settings: Settings, pipe: int) -> None:
     while True:
         system.waitForNextFrame()
         arrived_ns = time.monotonic_ns()
-        bodies: dict[str, tuple[Vec3, Vec4]] = {}
+        bodies: dict[str, tuple[Xyz, Wxyz]] = {}
         for name, body in system.rigidBodies.items():
             x, y, z = body.position.tolist()
             q = body.rotation

@@ -28,7 +28,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from onboard.bus.schema import Vec3
 from onboard.neighbours.mocap_tracker import POSITION_STD_M, VELOCITY_STD_M_S, BodyTracker
 from onboard.neighbours.plausibility import Claim, Seen
 from onboard.neighbours.state_arrays import (
@@ -37,6 +36,7 @@ from onboard.neighbours.state_arrays import (
     VECTOR_COLUMNS,
     NeighbourArrays,
 )
+from onboard.tuples import Xyz
 
 _SEEN_FOR_S = 0.25  # a tracked motion that is older does not count any more
 
@@ -106,7 +106,7 @@ class JudgedNeighbours:
         self,
         arrays: NeighbourArrays,
         trackers: Mapping[int, BodyTracker],
-        own_enu_m: Vec3,
+        own_enu_m: Xyz,
         now_ns: int,
         *,
         silent_after_s: float,
@@ -182,6 +182,6 @@ def _newest_message(arrays: NeighbourArrays, index: int) -> _Row | None:
     return _Row(heard_ns, tuple(arrays.numbers[index, :STATE_WIDTH].tolist()))
 
 
-def _vector(numbers: tuple[float, ...], name: str) -> Vec3:
+def _vector(numbers: tuple[float, ...], name: str) -> Xyz:
     x, y, z = numbers[VECTOR_COLUMNS[name]]
     return x, y, z

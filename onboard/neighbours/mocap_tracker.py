@@ -12,7 +12,8 @@ from typing import TypeVar
 
 from onboard.arrays import Array
 from onboard.bus.codec import is_finite
-from onboard.bus.schema import MocapPose, Vec3
+from onboard.bus.schema import MocapPose
+from onboard.tuples import Xyz
 
 POSITION_STD_M = 0.01
 VELOCITY_STD_M_S = 0.1
@@ -57,11 +58,11 @@ def corrected(
 class BodyTracker:
     """Motion of one body in fleet ENU."""
 
-    position_enu_m: Vec3 = (0.0, 0.0, 0.0)
-    velocity_enu_m_s: Vec3 = (0.0, 0.0, 0.0)
-    acceleration_enu_m_s2: Vec3 = (0.0, 0.0, 0.0)
+    position_enu_m: Xyz = (0.0, 0.0, 0.0)
+    velocity_enu_m_s: Xyz = (0.0, 0.0, 0.0)
+    acceleration_enu_m_s2: Xyz = (0.0, 0.0, 0.0)
     stamp_ns: int = 0  # of this motion; 0 before the first sample
-    _last_enu_m: Vec3 | None = None  # newest sample, usable or not
+    _last_enu_m: Xyz | None = None  # newest sample, usable or not
 
     def hear(self, pose: MocapPose, received_ns: int) -> bool:
         """Take a sample; return False for one that is not usable, older, or the same again."""
@@ -89,7 +90,7 @@ class BodyTracker:
             self.acceleration_enu_m_s2 = (0.0, 0.0, 0.0)
         return True
 
-    def _correct(self, sample_enu_m: Vec3, gap_s: float) -> None:
+    def _correct(self, sample_enu_m: Xyz, gap_s: float) -> None:
         axes = zip(
             self.position_enu_m,
             self.velocity_enu_m_s,
@@ -103,7 +104,7 @@ class BodyTracker:
         self.velocity_enu_m_s = (east[1], north[1], up[1])
         self.acceleration_enu_m_s2 = (east[2], north[2], up[2])
 
-    def _expected(self, gap_s: float) -> Vec3:
+    def _expected(self, gap_s: float) -> Xyz:
         """Return where the body would be at constant velocity."""
         x, y, z = self.position_enu_m
         vx, vy, vz = self.velocity_enu_m_s

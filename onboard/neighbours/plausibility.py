@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from onboard.bus.schema import Vec3
+from onboard.tuples import Xyz
 
 _JUMP_M = 0.35  # beyond what its velocity explains
 _MISS_M = 0.4  # from where the motion capture sees it
@@ -32,10 +32,10 @@ class Claim(NamedTuple):
     """State of a neighbour as its message says it, in fleet ENU."""
 
     stamp_ns: int
-    position_enu_m: Vec3
-    velocity_enu_m_s: Vec3
-    predicted_position_enu_m: Vec3
-    predicted_velocity_enu_m_s: Vec3
+    position_enu_m: Xyz
+    velocity_enu_m_s: Xyz
+    predicted_position_enu_m: Xyz
+    predicted_velocity_enu_m_s: Xyz
     lead_time_s: float  # from the stamp to the prediction
     position_std_m: float
 
@@ -44,7 +44,7 @@ class Seen(NamedTuple):
     """Position of a neighbour's body by the motion capture."""
 
     stamp_ns: int
-    position_enu_m: Vec3
+    position_enu_m: Xyz
 
 
 def physical_contradiction(before: Claim | None, claim: Claim, largest_m_s: float) -> str:
@@ -114,7 +114,7 @@ def mocap_contradiction(claim: Claim, seen: Seen) -> str:
     return f"says that it is {miss_m:.1f} m from where the mocap sees it"
 
 
-def _miss_m(claim: Claim, position_enu_m: Vec3, velocity_enu_m_s: Vec3, after_s: float) -> float:
+def _miss_m(claim: Claim, position_enu_m: Xyz, velocity_enu_m_s: Xyz, after_s: float) -> float:
     """Return how far a later position is from where the mean of both velocities leads.
 
     What an acceleration within the limits may add to that is taken off.

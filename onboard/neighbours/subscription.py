@@ -13,7 +13,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from onboard.config.fleet import FleetConfig, Vec3
+from onboard.config.fleet import FleetConfig
+from onboard.tuples import Xyz
 
 FAR_PERIOD_TICKS = 10  # of the slow messages: 5 Hz
 FAR_SILENT_S = 0.75  # three of them missing
@@ -84,7 +85,7 @@ def select(
     return frozenset(nearest).union(by_distance[:ALWAYS_FOLLOWED])
 
 
-def most_near(fleet: FleetConfig, spots: Mapping[str, Vec3]) -> int:
+def most_near(fleet: FleetConfig, spots: Mapping[str, Xyz]) -> int:
     """Return how many neighbours a vehicle of a constellation follows at most.
 
     Args:

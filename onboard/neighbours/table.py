@@ -23,7 +23,7 @@ import numpy as np
 
 from onboard.arrays import Array, BoolArray
 from onboard.bus.schema import MocapPose, StateMessage, Telemetry
-from onboard.config.fleet import FleetConfig, Vec3
+from onboard.config.fleet import FleetConfig
 from onboard.config.pair_separation import separation_m
 from onboard.message_counts import MessageCounts
 from onboard.neighbours import subscription
@@ -45,6 +45,7 @@ from onboard.neighbours.state_arrays import (
     snapshot,
 )
 from onboard.neighbours.watched_bodies import SILENT_AFTER_S, WatchedBodies
+from onboard.tuples import Xyz
 
 # Where [radio] of the fleet file expects states to come later, both are larger.
 SILENT_S = 0.25  # with two ticks of confirmation a silence is acted on within 0.3 s
@@ -122,7 +123,7 @@ class NeighbourTable:
         """Return who (K,) is followed, and has been heard so since an earlier choice."""
         return np.asarray(self.arrays.silent_after_s <= self.silent_s)
 
-    def select_followed(self, position_enu_m: Vec3, now_ns: int) -> bool:
+    def select_followed(self, position_enu_m: Xyz, now_ns: int) -> bool:
         """Select anew the neighbours to follow; return whether that changed anything."""
         if len(self.names) <= subscription.ALWAYS_FOLLOWED:
             return False
@@ -275,7 +276,7 @@ class NeighbourTable:
 
     # -- silent and contradicted neighbours --------------------------------------------------------
 
-    def place_contradicted(self, position_enu_m: Vec3, now_ns: int) -> None:
+    def place_contradicted(self, position_enu_m: Xyz, now_ns: int) -> None:
         """Put each contradicted neighbour where it says or where the mocap sees it: the nearer."""
         if self.judged.contradicted:
             self.judged.write_positions(
@@ -410,7 +411,7 @@ class NeighbourTable:
         """Return the values for the law of all neighbours that were ever heard, as of one tick."""
         return snapshot(self.arrays, self.ages_s(now_ns))
 
-    def distances_m(self, position_enu_m: Vec3, now_ns: int) -> dict[str, float]:
+    def distances_m(self, position_enu_m: Xyz, now_ns: int) -> dict[str, float]:
         """Return the separation from each vehicle that is followed and was ever heard.
 
         Its position is extrapolated, at most up to the silence limit.

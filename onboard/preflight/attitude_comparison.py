@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from onboard.autopilot import Snapshot, Vec3, Vec4
+from onboard.autopilot import Snapshot
+from onboard.tuples import Wxyz, Xyz
 
 _RATE_OVER_NS = 1_000_000_000
 _TILT_TIME_S = 0.5  # time constant of the low-pass
 _HANDLED_RAD = math.radians(12.0)  # a vehicle that is tilted more is in somebody's hand
 _WRONG_TILT_RAD = math.radians(10.0)
-_UP: Vec3 = (0.0, 0.0, 1.0)
+_UP: Xyz = (0.0, 0.0, 1.0)
 
 
 @dataclass(slots=True)
@@ -53,10 +54,10 @@ class TiltComparison:
 
     difference_rad: float = 0.0  # between both directions, low-passed
     has_wrong_tilt: bool = False  # they differed when the vehicle was last tilted by hand
-    _by_mocap: Vec3 | None = None  # low-passed; None before the first tick
-    _by_px4: Vec3 | None = None
+    _by_mocap: Xyz | None = None  # low-passed; None before the first tick
+    _by_px4: Xyz | None = None
 
-    def update(self, mocap_wxyz: Vec4, snapshot: Snapshot, dt_s: float) -> None:
+    def update(self, mocap_wxyz: Wxyz, snapshot: Snapshot, dt_s: float) -> None:
         """Take one tick on the ground; ``mocap_wxyz`` is the newest sample's attitude."""
         by_mocap = _body_up(mocap_wxyz)
         by_px4 = _body_up(snapshot.quaternion_enu_flu_wxyz)
@@ -74,18 +75,18 @@ class TiltComparison:
             self.has_wrong_tilt = self.difference_rad > _WRONG_TILT_RAD
 
 
-def _body_up(quaternion_wxyz: Vec4) -> Vec3:
+def _body_up(quaternion_wxyz: Wxyz) -> Xyz:
     """Return the fleet's up in the body's axes: the last row of the rotation."""
     w, x, y, z = quaternion_wxyz
     return 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
 
 
-def _mixed(old: Vec3, new: Vec3, share: float) -> Vec3:
+def _mixed(old: Xyz, new: Xyz, share: float) -> Xyz:
     x, y, z = (a + share * (b - a) for a, b in zip(old, new, strict=True))
     return x, y, z
 
 
-def _angle_rad(one: Vec3, other: Vec3) -> float:
+def _angle_rad(one: Xyz, other: Xyz) -> float:
     lengths = math.hypot(*one) * math.hypot(*other)
     if not lengths:
         return 0.0

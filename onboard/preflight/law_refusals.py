@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from onboard.config.fleet import FleetConfig, Vec3
+from onboard.config.fleet import FleetConfig
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.finding import Finding
 from onboard.feasibility.fleet_checks import error_class, fleet_findings, start_finding
 from onboard.feasibility.vehicle_checks import OWN_FAILSAFES
 from onboard.neighbours.table import NeighbourTable
+from onboard.tuples import Xyz
 
 Refusal = tuple[str, str, str]  # name, sentence, remedy
 # hash of a fleet file -> refusals, for the many agents of a simulation
@@ -34,7 +35,7 @@ class LawRefusals:
             self._of_fleet = _refusals_of_fleet(self._fleet)
         return self._of_fleet + self._of_spots
 
-    def judge_spot(self, position_enu_m: Vec3 | None) -> None:
+    def judge_spot(self, position_enu_m: Xyz | None) -> None:
         """Judge the distance from here to the nearest other vehicle on the ground.
 
         Args:

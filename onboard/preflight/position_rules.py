@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 
-from onboard.bus.schema import Vec3
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
 from onboard.preflight.frame_fit import fit_frame
@@ -25,6 +24,7 @@ from onboard.preflight.preflight_rule import (
 )
 from onboard.safety.failsafe_table import Condition
 from onboard.safety.limits import POSITION_STALE_S
+from onboard.tuples import Xyz
 
 WIDE_CLOCK_S = 0.02
 FAR_FROM_PX4_M = 0.3
@@ -195,7 +195,7 @@ def _fence(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
     return FINE
 
 
-def _spot_enu_m(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Vec3:
+def _spot_enu_m(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Xyz:
     """Return the take-off spot of the vehicle [m]: its own, or of whom it stands in for."""
     if facts.place:
         return fleet.vehicles[facts.place].start_enu_m

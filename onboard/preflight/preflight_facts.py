@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from onboard.autopilot import NOTHING_REFUSED, Refused, Version
-from onboard.config.fleet import Vec3
 from onboard.corrections.status import CorrectionsStatus
 from onboard.safety.failsafe_table import Condition
 from onboard.safety.limits import AUTOPILOT_SILENT_S, POSITION_STALE_S
+from onboard.tuples import Xyz
 
 HEARTBEAT_SILENT_S = 3.0
 REFUSED_LATELY_S = 5.0
@@ -41,7 +41,7 @@ class PreflightFacts:
     autopilot_age_s: float  # of PX4's newest packet
     heartbeat_age_s: float
     position_age_s: float
-    position_enu_m: Vec3
+    position_enu_m: Xyz
     battery_frac: float  # NaN while PX4 has not published it
     missing_neighbours: tuple[str, ...]  # not heard on the bus
     other_hashes: Mapping[str, str]  # vehicle -> its configuration hash, where it differs
@@ -67,7 +67,7 @@ class PreflightFacts:
     # sensors that it calls unhealthy, and whether this flight needs them
     unhealthy: tuple[tuple[str, bool], ...] = ()
     has_rc: bool | None = None  # it hears a radio control; None while it is not known
-    px4_position_enu_m: Vec3 | None = None  # its own estimate
+    px4_position_enu_m: Xyz | None = None  # its own estimate
     fuses_position: bool = False  # by its required parameters it takes the mocap's position
     fuses_heading: bool = False  # by its required parameters it takes the mocap's heading
 
@@ -110,7 +110,7 @@ class PreflightFacts:
     conditions: frozenset[Condition] = frozenset()  # of the failsafe table that hold
 
     # vehicles on the ground that have not flown yet: where each is seen [m], ENU
-    spots_seen_enu_m: Mapping[str, Vec3] = field(default_factory=dict)
+    spots_seen_enu_m: Mapping[str, Xyz] = field(default_factory=dict)
     place: str = ""  # whose spot it stands on where it stands in for another vehicle
     position_std_m: float = 0.0  # of the own position, along one axis
 

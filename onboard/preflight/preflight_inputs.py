@@ -17,11 +17,12 @@ from onboard.agent_inputs import (
     PoseReceived,
     SnapshotReceived,
 )
-from onboard.autopilot import Snapshot, Vec4
+from onboard.autopilot import Snapshot
 from onboard.bus.control_token import GROUND, WATCHER
 from onboard.bus.schema import MocapPose, StateMessage, Telemetry
 from onboard.neighbours.duplicate_agents import DuplicateAgents
 from onboard.security.node_roles import NodeRole
+from onboard.tuples import Wxyz
 
 RECORDER = "recorder"  # first word of the bus node of a recorder
 EMULATOR = NodeRole.EMULATOR.value  # the same of an emulator
@@ -32,7 +33,7 @@ _POSE_SOURCE_NS = 500_000_000  # a program that has sent no pose for so long is 
 class MocapSample(NamedTuple):
     """Newest mocap sample of the own body."""
 
-    quaternion_enu_flu_wxyz: Vec4
+    quaternion_enu_flu_wxyz: Wxyz
     received_ns: int
     delay_s: float  # from its stamp to its arrival
 

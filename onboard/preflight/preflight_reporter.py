@@ -9,7 +9,7 @@ from dataclasses import replace
 from onboard.agent_inputs import AgentInput
 from onboard.autopilot import FIX_KNOWN_NS, Snapshot
 from onboard.bus.schema import PreflightReport
-from onboard.config.fleet import FleetConfig, Vec3, Vehicle
+from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.corrections.status import CorrectionsStatus
 from onboard.flight import takeover
 from onboard.flight.context import FlightContext
@@ -28,6 +28,7 @@ from onboard.px4.sensor_status import has_rc, unhealthy
 from onboard.safety.failsafe_table import Condition
 from onboard.safety.limits import POSITION_STALE_S
 from onboard.safety.snapshot_check import nonsense
+from onboard.tuples import Xyz
 from onboard.types import TICK_S
 
 _REPORT_EVERY_NS = 1_000_000_000
@@ -243,12 +244,12 @@ class PreflightReporter:
             loop_p99_ms=inputs.loop_p99_ms,
         )
 
-    def _spots_seen(self, view: FlightView) -> dict[str, Vec3]:
+    def _spots_seen(self, view: FlightView) -> dict[str, Xyz]:
         """Return where vehicles are seen that stand where people have put them [m], ENU.
 
         The names are those of their places. One that is out of service may have been carried away.
         """
-        spots: dict[str, Vec3] = {}
+        spots: dict[str, Xyz] = {}
         if self._own.age_s < POSITION_STALE_S and not self._has_flown:
             spots[self._place] = view.position_enu_m
         for name, telemetry in self._neighbours.telemetries().items():

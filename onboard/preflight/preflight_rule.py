@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from onboard.config.fleet import FleetConfig, Vec3, Vehicle
+from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.toml_reading import package_table
 from onboard.preflight.preflight_facts import PreflightFacts
+from onboard.tuples import Xyz
 
 _WORDS = package_table("onboard.preflight", "preflight.toml")
 
@@ -83,7 +84,7 @@ class PreflightRule:
         )
 
 
-def coordinates(position: Vec3) -> str:
+def coordinates(position: Xyz) -> str:
     """Return a position for a sentence, for instance "(1.00, 2.00, 0.00) m".
 
     Args:

@@ -22,7 +22,7 @@ from mavsdk.mavsdk import Configuration, Mavsdk
 from mavsdk.plugins.param import Param, ParamError, ParamResult
 from msgspec.structs import replace
 
-from onboard.autopilot import AUTOPILOT_COMPONENT, LinkError, Snapshot, Vec3, Vec4
+from onboard.autopilot import AUTOPILOT_COMPONENT, LinkError, Snapshot
 from onboard.frames import ned_frd_from_enu_flu, ned_from_enu
 from onboard.native_threads import keep_thread_state
 from onboard.px4 import modes
@@ -32,6 +32,7 @@ from onboard.px4.packets import MAVSDK_READS, MAVSDK_SENDS, NAMES, SENT, Packet,
 from onboard.px4.port_lock import PortClaim
 from onboard.px4.signing import Signer
 from onboard.security.mavlink_key import AGENT_LINK_ID
+from onboard.tuples import Wxyz, Xyz
 from onboard.types import AttitudeSetpoint
 
 _COMPONENT_ID = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
@@ -349,8 +350,8 @@ class Px4Link:
 
     def send_odometry(
         self,
-        position_enu_m: Vec3,
-        quaternion_enu_flu_wxyz: Vec4,
+        position_enu_m: Xyz,
+        quaternion_enu_flu_wxyz: Wxyz,
         std_m: float,
         reset_count: int = 0,
     ) -> None:

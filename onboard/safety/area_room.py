@@ -13,7 +13,8 @@ import numpy as np
 
 from onboard.arrays import Array, BoolArray
 from onboard.config import areas
-from onboard.config.areas import Area, Vec3
+from onboard.config.areas import Area
+from onboard.tuples import Xyz
 
 _SAMPLE_M = 0.05  # from one sample of a straight way to the next
 _MOST_SAMPLES = 5000
@@ -82,7 +83,7 @@ def is_breached(fleet_areas: Sequence[Area], positions_enu_m: Array) -> BoolArra
     return is_wrong
 
 
-def way_beyond_m(fleet_areas: Sequence[Area], begin_enu_m: Vec3, end_enu_m: Vec3) -> float:
+def way_beyond_m(fleet_areas: Sequence[Area], begin_enu_m: Xyz, end_enu_m: Xyz) -> float:
     """Return how much of a straight way lies within buffers or beyond edges [m].
 
     Args:

@@ -15,9 +15,8 @@ from typing import NamedTuple
 from onboard.config import areas
 from onboard.config.areas import Area
 from onboard.config.fleet import Geofence, Vehicle
+from onboard.tuples import Xyz
 from onboard.types import GRAVITY_M_S2
-
-Vec3 = tuple[float, float, float]
 
 _BRAKE_SHARE = 0.6  # of the acceleration at the largest tilt, assumed for braking before the fence
 
@@ -34,13 +33,13 @@ class FenceStatus(NamedTuple):
 class FenceBox:
     """A box, and how a vehicle brakes before its walls."""
 
-    low_enu_m: Vec3  # west, south and floor
-    high_enu_m: Vec3  # east, north and top
-    brake_m_s2: Vec3  # deceleration along each axis
+    low_enu_m: Xyz  # west, south and floor
+    high_enu_m: Xyz  # east, north and top
+    brake_m_s2: Xyz  # deceleration along each axis
     reaction_s: float  # for so long the vehicle goes on as it does now
     floor_tolerance_m: float = 0.5  # below the floor, where a landed vehicle may be measured
 
-    def status(self, position_enu_m: Vec3, velocity_enu_m_s: Vec3) -> FenceStatus:
+    def status(self, position_enu_m: Xyz, velocity_enu_m_s: Xyz) -> FenceStatus:
         """Return where a vehicle is; a position that is not finite counts as outside.
 
         Args:
@@ -73,7 +72,7 @@ class FenceBox:
         )
 
     def status_in(
-        self, fleet_areas: Sequence[Area], position_enu_m: Vec3, velocity_enu_m_s: Vec3
+        self, fleet_areas: Sequence[Area], position_enu_m: Xyz, velocity_enu_m_s: Xyz
     ) -> FenceStatus:
         """Return where a vehicle is, in the box and in further areas.
 
@@ -99,7 +98,7 @@ class FenceBox:
                 is_near = True
         return FenceStatus(is_near=is_near, is_outside=is_outside, is_above=is_above)
 
-    def _stop(self, position_enu_m: Vec3, velocity_enu_m_s: Vec3) -> Vec3:
+    def _stop(self, position_enu_m: Xyz, velocity_enu_m_s: Xyz) -> Xyz:
         """Return where a vehicle stops that brakes now."""
         vx, vy, vz = velocity_enu_m_s
         speed_m_s = math.hypot(vx, vy)
@@ -143,7 +142,7 @@ class FenceBox:
         return across_m, upwards_m
 
 
-def _leaves(area: Area, position_enu_m: Vec3, stop_enu_m: Vec3) -> bool:
+def _leaves(area: Area, position_enu_m: Xyz, stop_enu_m: Xyz) -> bool:
     """Return whether a way from an allowed position is about to leave what the area allows."""
     if area.keeps_in and stop_enu_m[2] > max(area.high_m, position_enu_m[2]):
         return True

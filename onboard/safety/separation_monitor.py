@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-Vec2 = tuple[float, float]
+Xy = tuple[float, float]
 
 _HORIZON_S = 2.0  # of two vehicles that pass each other
 _COMPARE_EVERY_S = 0.25  # a state that comes later than this is not of the predicted time
@@ -18,7 +18,7 @@ _LONGEST_LEAD_S = 1.0  # of a prediction that is compared
 
 
 def smallest_distance_m(
-    apart_m: Vec2, closing_velocity_m_s: Vec2, *, reaction_s: float, deceleration_m_s2: float
+    apart_m: Xy, closing_velocity_m_s: Xy, *, reaction_s: float, deceleration_m_s2: float
 ) -> float:
     """Return the distance that is left when both vehicles brake along their line of sight.
 
@@ -63,7 +63,7 @@ class PredictionMonitor:
 
     miss_m_s: float = 0.0  # between velocity and prediction, low-passed
     _due_ns: int = 0  # when the prediction can be compared; 0 without one
-    _predicted_m_s: Vec2 = (0.0, 0.0)  # horizontal velocity at that time
+    _predicted_m_s: Xy = (0.0, 0.0)  # horizontal velocity at that time
 
     @property
     def is_wrong(self) -> bool:
@@ -75,7 +75,7 @@ class PredictionMonitor:
         self.miss_m_s = 0.0
         self._due_ns = 0
 
-    def update(self, stamp_ns: int, velocity_m_s: Vec2, predicted_m_s: Vec2, lead_s: float) -> None:
+    def update(self, stamp_ns: int, velocity_m_s: Xy, predicted_m_s: Xy, lead_s: float) -> None:
         """Take one state of a neighbour that cooperates.
 
         Args:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-Vec4 = tuple[float, float, float, float]
+from onboard.tuples import Wxyz
 
 _MISS_TIME_S = 0.3  # time constant of the low-pass
 _MISS_SIN = math.sin(math.radians(9.0))
@@ -72,8 +72,8 @@ class TrackingMonitor:
 
     def update(
         self,
-        commanded_wxyz: Vec4,
-        measured_wxyz: Vec4,
+        commanded_wxyz: Wxyz,
+        measured_wxyz: Wxyz,
         thrust_frac: float,
         *,
         below_m: float,

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
-from onboard.config.fleet import FleetConfig, Vec3, Vehicle
+from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView
 from onboard.neighbours.plausibility import PlausibilityMonitor
@@ -19,6 +19,7 @@ from onboard.safety.held import Held
 from onboard.safety.limits import NEIGHBOUR_BLIND_S
 from onboard.safety.separation_monitor import PredictionMonitor, smallest_distance_m
 from onboard.supervision.condition_table import NEIGHBOUR_CHECKS
+from onboard.tuples import Xyz
 from onboard.types import GRAVITY_M_S2
 
 _BACK_NS = 2_000_000_000  # for so long it is said that a neighbour is heard again
@@ -130,7 +131,7 @@ class NeighbourMonitor:
         if active_neighbour >= 0:
             self._kept_off[active_neighbour] += 1
 
-    def kept_off_by(self, goal_enu_m: Vec3, view: FlightView) -> str:
+    def kept_off_by(self, goal_enu_m: Xyz, view: FlightView) -> str:
         """Return in words how far the goal is, and which neighbours the law avoided on the way."""
         rest = f"still {math.dist(goal_enu_m, view.position_enu_m):.2f} m to go"
 
@@ -141,7 +142,7 @@ class NeighbourMonitor:
             return rest
         return f"{rest}, kept off by {' and '.join(names)}"
 
-    def nearest_to(self, position_enu_m: Vec3, within_m: float, now_ns: int) -> str:
+    def nearest_to(self, position_enu_m: Xyz, within_m: float, now_ns: int) -> str:
         """Return the neighbour nearest to a point, as far as known and within a distance; empty for
         none.
         """

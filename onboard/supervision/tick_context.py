@@ -6,9 +6,9 @@ import math
 
 from msgspec import Struct
 
-from onboard.autopilot import Vec3, Vec4
 from onboard.corrections.status import CorrectionsStatus
 from onboard.localization.own_state import OwnEstimate
+from onboard.tuples import Wxyz, Xyz
 from onboard.types import TICK_S
 
 
@@ -41,9 +41,9 @@ class TickContext(Struct, frozen=True, kw_only=True):
     # the last pass of the pipeline
     law_status: int = 0
     active_neighbour: int = -1  # index of the neighbour that the law keeps it from; -1 for none
-    commanded_wxyz: Vec4 = (1.0, 0.0, 0.0, 0.0)  # attitude setpoint sent last, in the fleet frame
+    commanded_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)  # attitude setpoint sent last, in the fleet frame
     thrust_frac: float = 0.0  # throttle sent last
     below_m: float = 0.0  # height of the trajectory above the vehicle
     is_law_active: bool = False  # it changes the thrust
     setpoint_miss_m: float = 0.0  # horizontal, from the predicted position
-    disturbance_enu_m_s2: Vec3 = (0.0, 0.0, 0.0)  # that the observer has learned
+    disturbance_enu_m_s2: Xyz = (0.0, 0.0, 0.0)  # that the observer has learned

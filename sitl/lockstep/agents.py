@@ -31,7 +31,7 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from onboard.types import TICK_S
 from sitl.lockstep.bus import Node, SimBus
-from sitl.lockstep.link import EmulatedLink
+from sitl.lockstep.direct_link import EmulatedLink
 
 CONNECT_AFTER_NS = 1_000_000_000  # discovery and parameters of a real link
 

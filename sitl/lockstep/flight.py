@@ -40,8 +40,8 @@ from sitl.faults.catalogue import Fault
 from sitl.lockstep.agents import AgentShell
 from sitl.lockstep.bus import SimBus
 from sitl.lockstep.connections import BusSettings
-from sitl.lockstep.loop import VirtualLoop
-from sitl.lockstep.record import LockstepRecord
+from sitl.lockstep.lockstep_record import LockstepRecord
+from sitl.lockstep.simulated_event_loop import VirtualLoop
 from sitl.lockstep.simulation import EPOCH_NS, Simulation
 from sitl.px4.modes import BLIND_DESCENT, CommandResult, Mode
 

@@ -23,7 +23,7 @@ from sitl.faults.catalogue import Fault
 from sitl.lockstep.agents import AgentShell
 from sitl.lockstep.bus import SimBus
 from sitl.lockstep.connections import BusSettings
-from sitl.lockstep.link import LinkBank
+from sitl.lockstep.direct_link import LinkBank
 from sitl.lockstep.pipeline_rows import CompiledPipeline
 from sitl.physics.vehicle import STEP_S
 from sitl.server import TRUTH_EVERY_STEPS, Broadcast, answer_fault, emulator_of

@@ -14,7 +14,7 @@ from pathlib import Path
 from onboard.config.fleet import ConfigError
 from onboard.plain_text import drawing
 from onboard.rollout import batch as rollout_batch
-from sitl.monte_carlo import batch, results, scenarios, settings
+from sitl.monte_carlo import campaign_settings, process_chunks, results, scenarios
 
 _PICTURES = (".png", ".svg", ".pdf")
 _MOST_FAILURES = 10  # that are listed
@@ -23,7 +23,7 @@ _MOST_FAILURES = 10  # that are listed
 def run(
     names: list[str],
     seeds: range,
-    setup: settings.Setup,
+    setup: campaign_settings.Setup,
     *,
     jobs: int,
     is_json: bool,
@@ -65,7 +65,7 @@ def run(
     return records
 
 
-def _check_heights(name: str, setup: settings.Setup) -> None:
+def _check_heights(name: str, setup: campaign_settings.Setup) -> None:
     """Refuse vehicles above each other where no vertical separation is set."""
     fleet = setup.fleet(scenarios.vehicle_count(name)).fleet
     if scenarios.is_stacked(name) and fleet.vertical_separation_m is None:
@@ -104,7 +104,7 @@ def _make(folder: Path) -> None:
 def _fly(
     names: list[str],
     seeds: range,
-    setup: settings.Setup,
+    setup: campaign_settings.Setup,
     folder: Path | None,
     *,
     jobs: int,
@@ -112,7 +112,7 @@ def _fly(
 ) -> list[results.FlightRecord]:
     """Fly all flights and print them; return their records."""
     _warm_up()
-    chunks = batch.campaign(names, seeds, setup, jobs=jobs, trace_folder=folder)
+    chunks = process_chunks.campaign(names, seeds, setup, jobs=jobs, trace_folder=folder)
     if is_json:
         return _print_lines(chunks)
 
@@ -160,7 +160,7 @@ def _collect(
 
 
 def _print_table(
-    records: Sequence[results.FlightRecord], seeds: range, setup: settings.Setup
+    records: Sequence[results.FlightRecord], seeds: range, setup: campaign_settings.Setup
 ) -> None:
     """Print the summary of all flights, and which of them failed."""
     from rich.console import Console

@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from sitl.monte_carlo import flight, scenarios
+from sitl.monte_carlo import batch_flight, scenarios
+from sitl.monte_carlo.campaign_settings import Setup
 from sitl.monte_carlo.member_lie import LieKind, MemberLie
-from sitl.monte_carlo.settings import Setup
 
 # of each number of a lie: what may be searched; the places are those of MemberLie
 BOUNDS = {
@@ -155,7 +155,7 @@ def search(
 
 
 def _distances_m(plans: list[scenarios.FlightPlan], setup: Setup) -> Array:
-    flown = flight.fly(plans, setup)
+    flown = batch_flight.fly(plans, setup)
     return np.array([one.outcome.min_separation_m for one in flown])
 
 

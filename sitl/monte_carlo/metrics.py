@@ -18,9 +18,9 @@ from onboard.config.fleet import FleetConfig
 from onboard.flight.arrival import moved_by_gusts
 from onboard.rollout.rows import Rows
 from onboard.types import LawStatus
+from sitl.monte_carlo.campaign_settings import ErrorClass
 from sitl.monte_carlo.clutter import clearances_m
 from sitl.monte_carlo.scenarios import FlightPlan
-from sitl.monte_carlo.settings import ErrorClass
 from sitl.monte_carlo.vehicles import TICK_S, TrueMotions
 from sitl.physics.contacts import HEIGHT_OF_DIAMETER
 

@@ -11,7 +11,7 @@ from onboard.arrays import Array, BoolArray, IntArray
 from onboard.neighbours.table import SILENT_S
 from onboard.rollout import batch
 from onboard.rollout.rows import Rows
-from sitl.monte_carlo.settings import SimulatedErrors
+from sitl.monte_carlo.campaign_settings import SimulatedErrors
 from sitl.monte_carlo.vehicles import TICK_S
 
 # poses of a silent vehicle come this long after its last message: SILENT_AFTER_S, and what it takes

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from sitl.monte_carlo.flight import Flown
-from sitl.monte_carlo.settings import Setup
+from sitl.monte_carlo.batch_flight import Flown
+from sitl.monte_carlo.campaign_settings import Setup
 
 FlightRecord = dict[str, Any]  # one flight, as it is printed
 

@@ -13,8 +13,8 @@ from onboard.estimation import kalman
 from onboard.neighbours import mocap_tracker
 from onboard.rollout import batch
 from onboard.rollout.rows import Rows
+from sitl.monte_carlo.campaign_settings import ErrorClass
 from sitl.monte_carlo.noise import FlightNoise
-from sitl.monte_carlo.settings import ErrorClass
 from sitl.monte_carlo.vehicles import TICK_S, TrueMotions
 from sitl.physics.wind import wandered
 

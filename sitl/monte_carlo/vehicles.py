@@ -10,8 +10,8 @@ import numpy as np
 
 from onboard.arrays import Array, IntArray
 from onboard.config.fleet import Vehicle
+from sitl.monte_carlo.campaign_settings import SimulatedErrors
 from sitl.monte_carlo.noise import FlightNoise
-from sitl.monte_carlo.settings import SimulatedErrors
 from sitl.physics import frames
 from sitl.physics.contacts import Downwash, pushed_down_each
 from sitl.physics.vehicle import STEP_S, Commands, VehicleProfile, Vehicles

@@ -83,7 +83,7 @@ def _kind(text: str) -> str:
         "int": "whole number",
         "str": "text",
         "bool": "true or false",
-        "Vec3": "three numbers",
+        "Xyz": "three numbers",
     }
     base = text.removesuffix(" | None")
     if base.startswith("tuple[float"):

@@ -23,7 +23,7 @@ UNITS = (
 )  # fmt: skip
 # named one by one
 WITHOUT_UNIT = {"shortfall_gain", "static_gain", "attitude_zeta", "px4_params", "parameters"}
-NUMBERS = ("float", "Vec3", "Vec4", "Array")
+NUMBERS = ("float", "Vec3", "Xyz", "Wxyz", "Array")
 
 
 def public_fields() -> list[tuple[str, str, str]]:
@@ -54,7 +54,7 @@ def test_a_number_names_its_unit_and_a_vector_its_frame() -> None:
         if not any(re.search(rf"\b{number}\b", kind) for number in NUMBERS) or name in WITHOUT_UNIT:
             continue
         assert name.endswith(UNITS), f"{owner}.{name} does not say its unit"
-        is_vector = "Vec3" in kind and "inertia" not in name
+        is_vector = ("Vec3" in kind or "Xyz" in kind) and "inertia" not in name
         assert not is_vector or "_enu_" in name, f"{owner}.{name} does not say its frame"
 
 

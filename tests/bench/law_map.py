@@ -12,10 +12,10 @@ from pathlib import Path
 from groundstation.figures.style import LIMIT, SOFT, new_figure, styled
 from onboard.config.fleet import ConfigError
 from sitl.monte_carlo.law_map import cells as law_map_cells
-from sitl.monte_carlo.law_map import summary
+from sitl.monte_carlo.law_map import map_summary
 from sitl.monte_carlo.law_map.cells import AXES, ERRORS, Cell
-from sitl.monte_carlo.law_map.flights import MapRow
 from sitl.monte_carlo.law_map.results_file import digest, parsed
+from sitl.monte_carlo.law_map.unit_flights import MapRow
 
 _SUMMARY = Path(__file__).parents[2] / "onboard" / "feasibility" / "law_map.toml"
 _SHADES = {"holds": "#009E73", "failed": LIMIT, "screened": "#E69F00", "-": "#ffffff"}
@@ -45,22 +45,24 @@ def main(words: list[str]) -> int:
     figures.mkdir(parents=True, exist_ok=True)
     picture(cells, rows, figures / "law_map.png")
     (options.out / "law-map.md").write_text(page(cells, rows, head["version"]), encoding="utf-8")
-    options.summary.write_text(summary.toml_summary(cells, rows, head["version"]), encoding="utf-8")
+    options.summary.write_text(
+        map_summary.toml_summary(cells, rows, head["version"]), encoding="utf-8"
+    )
     print(f"{options.out / 'law-map.md'}, {figures / 'law_map.png'}, {options.summary}")
     return 0
 
 
 def page(cells: list[Cell], rows: dict[tuple[str, int], MapRow], version: str) -> str:
     """The page: how it was flown, what came of it, every cell."""
-    verdicts = [summary.verdict(summary.map_cell(cell, rows)) for cell in cells]
+    verdicts = [map_summary.verdict(map_summary.map_cell(cell, rows)) for cell in cells]
     count = Counter[str](verdicts)
     some = next(
         cell
         for cell in cells
         if cell.delay_ms == 200 and cell.loss_pct == 30 and cell.vehicles == 8
     )
-    table = [f"| {' | '.join(summary.COLUMNS)} |", "|---" * len(summary.COLUMNS) + "|"]
-    table += [f"| {' | '.join(summary.table_row(cell, rows))} |" for cell in cells]
+    table = [f"| {' | '.join(map_summary.COLUMNS)} |", "|---" * len(map_summary.COLUMNS) + "|"]
+    table += [f"| {' | '.join(map_summary.table_row(cell, rows))} |" for cell in cells]
     return "\n".join(
         [
             "# The map: up to which delay, loss, speed and number the law holds",
@@ -108,8 +110,10 @@ def picture(cells: Iterable[Cell], rows: dict[tuple[str, int], MapRow], path: Pa
                 axis.set_title(f"{count} vehicles, {errors}, {speed:g} m/s", fontsize=9.5)
                 for x, delay in enumerate(delays):
                     for y, loss in enumerate(losses):
-                        cell = summary.map_cell(by_place[errors, count, speed, delay, loss], rows)
-                        shade = _SHADES[summary.verdict(cell)]
+                        cell = map_summary.map_cell(
+                            by_place[errors, count, speed, delay, loss], rows
+                        )
+                        shade = _SHADES[map_summary.verdict(cell)]
                         axis.add_patch(_square(x, y, shade))
                         if cell.flights:
                             words = f"{cell.worst_m:.2f}" + (

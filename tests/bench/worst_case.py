@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from onboard.rollout import batch
-from sitl.monte_carlo import flight, scenarios, settings
+from sitl.monte_carlo import batch_flight, campaign_settings, scenarios
 
 KNOWN = Path(__file__).parents[1] / "sitl" / "monte_carlo" / "worst_cases.toml"
 SCENARIOS = (
@@ -63,14 +63,14 @@ def smallest_m(case: Case) -> float:
     """Fly a case; the smallest distance of any two centres."""
     by_key = dict(zip(BOUNDS, case.values, strict=True))
     fault_s = by_key.pop("fault_s")
-    setup = settings.setup_for(
+    setup = campaign_settings.setup_for(
         changes=[*(f"{key}={value!r}" for key, value in by_key.items()), _MARGIN]
     )
     plan = scenarios.plan(case.scenario, case.seed)
     if plan.lost is not None:
         index, _, kind = plan.lost
         plan = replace(plan, lost=(index, fault_s, kind))
-    return flight.fly([plan], setup)[0].outcome.min_separation_m
+    return batch_flight.fly([plan], setup)[0].outcome.min_separation_m
 
 
 def search(

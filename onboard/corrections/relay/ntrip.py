@@ -19,14 +19,14 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
 from typing import NamedTuple
 
-from onboard.corrections.relay.connection import (
+from onboard.corrections.relay.source_error import SourceError
+from onboard.corrections.relay.tcp_connection import (
     ANSWER_S,
     READ_BYTES,
     SILENCE_S,
     connected,
     reason,
 )
-from onboard.corrections.relay.source_error import SourceError
 
 _MOST_HEAD_BYTES = 8192
 _MOST_CHUNK_BYTES = 65_536

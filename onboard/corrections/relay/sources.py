@@ -20,16 +20,16 @@ from onboard.config.earth import Origin
 from onboard.config.file_reading import PASSWORD_FILE, RTCM_FILE, read_bytes, read_text
 from onboard.config.fleet_config import FleetConfig
 from onboard.corrections import rtcm
-from onboard.corrections.relay.connection import (
+from onboard.corrections.relay.framing import FrameCutter
+from onboard.corrections.relay.ntrip import NtripRequest, read_ntrip
+from onboard.corrections.relay.source_error import SourceError
+from onboard.corrections.relay.tcp_connection import (
     ANSWER_S,
     READ_BYTES,
     SILENCE_S,
     connected,
     reason,
 )
-from onboard.corrections.relay.framing import FrameCutter
-from onboard.corrections.relay.ntrip import NtripRequest, read_ntrip
-from onboard.corrections.relay.source_error import SourceError
 from onboard.security.private_files import refuse_open_to_others
 from onboard.serial_device import open_serial
 

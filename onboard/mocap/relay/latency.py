@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.bus.schema import Vec4
+from onboard.tuples import Wxyz
 
 _STEP_S = 0.004  # between two samples of a curve, and between two lags that are tried
 _EARLIEST_S = -0.1  # least lag that is tried
@@ -38,7 +38,7 @@ class TiltFit:
         return self.correlation >= _SAME_CORRELATION
 
 
-def gravity(quaternions_wxyz: Sequence[Vec4]) -> Array:
+def gravity(quaternions_wxyz: Sequence[Wxyz]) -> Array:
     """Return the horizontal components (n, 2) of the vertical, in the body's axes."""
     w, x, y, z = np.array(quaternions_wxyz, dtype=np.float64).reshape(-1, 4).T
     return np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x)], axis=-1)

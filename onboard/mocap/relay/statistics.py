@@ -6,7 +6,8 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from onboard.bus.schema import MocapPose, Vec3, Vec4
+from onboard.bus.schema import MocapPose
+from onboard.tuples import Wxyz, Xyz
 
 # Faster than this a body jumps or flips: a part for each sample, and one for each second.
 _NOISE_M = 0.05
@@ -23,7 +24,7 @@ class BodyStatistics:
     """Statistics of one body; counts are since the start."""
 
     name: str
-    position_enu_m: Vec3 = (math.nan, math.nan, math.nan)
+    position_enu_m: Xyz = (math.nan, math.nan, math.nan)
     heading_deg: float = math.nan
     rate_hz: float = 0.0  # in the last finished window
     samples: int = 0
@@ -36,7 +37,7 @@ class BodyStatistics:
     # for so long the same numbers have come; a body that is measured always has noise
     still_s: float = 0.0
     is_tracked: bool = False
-    _quaternion: Vec4 = (0.0, 0.0, 0.0, 0.0)
+    _quaternion: Wxyz = (0.0, 0.0, 0.0, 0.0)
     _stamp_ns: int = 0  # of the newest sample
     _changed_ns: int = 0  # stamp of the first sample with the present numbers
     _in_window: int = 0  # samples

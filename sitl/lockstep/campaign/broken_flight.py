@@ -13,10 +13,11 @@ from typing import NamedTuple
 from groundstation.mission_files.mission import Mission
 from groundstation.missions.api import OrderFailed
 from groundstation.verdict.verdict import Verdict
-from onboard.config.fleet import FleetConfig, Vec3
+from onboard.config.fleet import FleetConfig
 from onboard.config.wind_limit import GUST_SHARE
 from onboard.feasibility.blind_descent import blind_descent_findings
 from onboard.safety.failsafe_table import Condition, Situation
+from onboard.tuples import Xyz
 from sitl.emulator.emulator import Environment
 from sitl.lockstep.campaign.injections import FIELD_INJECTIONS, INJECTIONS, Injection
 from sitl.lockstep.campaign.judge import ActionOf, Judge, action_of_table
@@ -205,7 +206,7 @@ def _promised_m(
         return body_m
 
     if has_lost_poses:
-        spots: dict[str, Vec3] = {}
+        spots: dict[str, Xyz] = {}
         for name in fleet.enabled_names:
             x, y, _ = fleet.vehicles[name].start_enu_m
             spots[name] = (x, y, height_m)

@@ -9,10 +9,11 @@ from __future__ import annotations
 import itertools
 import math
 
-from onboard.config.areas import Area, Point, Vec3
+from onboard.config.areas import Area, Point
+from onboard.tuples import Xyz
 
 
-def beyond_m(area: Area, position_enu_m: Vec3) -> float:
+def beyond_m(area: Area, position_enu_m: Xyz) -> float:
     """Return how far a vehicle is where it must not be; 0 where it may be.
 
     Args:

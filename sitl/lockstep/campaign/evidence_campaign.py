@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from groundstation.evidence.flights import NOTHING, FlightCase, FlownCase, KeptFlights
 from groundstation.evidence.hazards import claimed_action
+from groundstation.evidence.kept_flights import NOTHING, FlightCase, FlownCase, KeptFlights
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission import Mission
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet

@@ -18,7 +18,7 @@ from onboard.feasibility.pair_checks import (
     message_age_s,
     parking_m,
 )
-from sitl.monte_carlo import settings
+from sitl.monte_carlo import campaign_settings
 
 AXES: dict[str, tuple[float, ...]] = {
     "vehicles": (3, 8, 16),
@@ -175,7 +175,7 @@ def _with_least_tilt(cell: Cell) -> tuple[FleetConfig, tuple[str, ...]]:
     """
     for tilt_deg in _TILTS_DEG:
         given = (*_set_by_axes(cell), f"vehicle.max_tilt_deg={tilt_deg}")
-        fleet = settings.setup_for(errors=cell.errors, changes=given).fleet(cell.vehicles)
+        fleet = campaign_settings.setup_for(errors=cell.errors, changes=given).fleet(cell.vehicles)
         vehicle = next(iter(fleet.vehicles.values()))
         margin_m = effective_margin_m(fleet, ACCURACIES[cell.errors])
         if braking(fleet, vehicle, margin_m).status != "refused":
@@ -195,12 +195,12 @@ def _rounded_up(value: float, step: float) -> float:
     return round(math.ceil(value / step - 1e-9) * step, 6)
 
 
-def setup(cell: Cell, scenario: str) -> settings.Setup:
+def setup(cell: Cell, scenario: str) -> campaign_settings.Setup:
     """Return the setup of a scenario in a cell.
 
     Its lengths are scaled so that the top speed is held, and that all vehicles can park.
     """
-    plain = settings.setup_for(errors=cell.errors, changes=changes(cell))
+    plain = campaign_settings.setup_for(errors=cell.errors, changes=changes(cell))
     fleet = plain.fleet(cell.vehicles)
 
     if scenario.startswith("swap"):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from onboard.config.fleet import ConfigError
 from onboard.plain_text import drawing
-from sitl.monte_carlo.law_map import flights, run, summary
+from sitl.monte_carlo.law_map import map_summary, run, unit_flights
 from sitl.monte_carlo.law_map.cells import STAGES, Cell, Unit, cells
 from sitl.monte_carlo.law_map.results_file import ResultsFile, digest
 
@@ -38,7 +38,7 @@ def fly_map(
     selected = cells(selection)
     stages = _stages(least_flights, selected[0])
 
-    with ResultsFile(path, flights.version(), is_anew=is_anew) as file:
+    with ResultsFile(path, unit_flights.version(), is_anew=is_anew) as file:
         try:
             run.run(selected, file, stages=stages, jobs=jobs, scheduler=scheduler)
         except KeyboardInterrupt:
@@ -75,10 +75,10 @@ def _print(selected: list[Cell], file: ResultsFile) -> None:
     from rich.table import Table
 
     table = Table(title=f"map of the law, version {file.version}")
-    for index, column in enumerate(summary.COLUMNS):
+    for index, column in enumerate(map_summary.COLUMNS):
         table.add_column(column, justify="left" if index < 2 else "right")
     for cell in selected:
-        table.add_row(*summary.table_row(cell, file.rows))
+        table.add_row(*map_summary.table_row(cell, file.rows))
 
     width = 140
     if sys.stdout.isatty():

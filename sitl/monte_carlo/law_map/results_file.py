@@ -14,7 +14,7 @@ from types import TracebackType
 
 from onboard.config.file_reading import RESULTS_FILE, json_values, opened, read_bytes
 from onboard.config.fleet import ConfigError
-from sitl.monte_carlo.law_map.flights import SCHEMA, MapRow
+from sitl.monte_carlo.law_map.unit_flights import SCHEMA, MapRow
 
 _BEGIN = b'{"law_map": '
 # of a row, all numbers

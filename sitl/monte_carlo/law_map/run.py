@@ -23,7 +23,7 @@ from typing import Any
 
 from onboard.config.fleet import ConfigError
 from onboard.rollout import batch as rollout_batch
-from sitl.monte_carlo.law_map import flights
+from sitl.monte_carlo.law_map import unit_flights
 from sitl.monte_carlo.law_map.cells import STAGES, Cell, Unit
 from sitl.monte_carlo.law_map.results_file import ResultsFile
 
@@ -116,19 +116,19 @@ def run(
 
 def _flown(
     executor: Executor, width: int, cells: list[Cell], stages: int, file: ResultsFile
-) -> Iterator[flights.MapRow]:
+) -> Iterator[unit_flights.MapRow]:
     """Yield rows as they are ready, each to be kept before the next.
 
     A stage of a cell is flown after the one before it, at most ``width`` units at a time.
     """
-    pending: dict[Future[flights.MapRow], Unit] = {}
+    pending: dict[Future[unit_flights.MapRow], Unit] = {}
     while True:
         under_way = {unit.cell for unit in pending.values()}
         for unit in missing(cells, stages, file):
             if len(pending) >= width:
                 break
             if unit.cell not in under_way:
-                pending[executor.submit(flights.fly, unit)] = unit
+                pending[executor.submit(unit_flights.fly, unit)] = unit
                 under_way.add(unit.cell)
 
         if not pending:
@@ -248,9 +248,9 @@ def _cluster(address: str) -> tuple[Executor, int]:
         client.wait_for_workers(1, timeout=_WORKERS_S)
         tasks = []
         for worker in client.ncores():
-            tasks.append(client.submit(flights.version, workers=[worker], pure=False))
+            tasks.append(client.submit(unit_flights.version, workers=[worker], pure=False))
         distributed.wait(tasks, timeout=_ANSWER_S)
-        others = {*client.gather(tasks)} - {flights.version()}
+        others = {*client.gather(tasks)} - {unit_flights.version()}
     except Exception as error:  # noqa: BLE001 whatever a worker has raised
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         raise ConfigError(
@@ -261,7 +261,7 @@ def _cluster(address: str) -> tuple[Executor, int]:
     if others:
         raise ConfigError(
             f"--scheduler {address}: a worker flies version {', '.join(sorted(others))} of law, "
-            f"vehicles or processor, and here it is {flights.version()}: such flights are not "
+            f"vehicles or processor, and here it is {unit_flights.version()}: such flights are not "
             "added up. Install the same there."
         )
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from onboard.arrays import Array
 from onboard.avoidance.params import Capsule
 from onboard.control.pipeline import PipelineParams
-from sitl.monte_carlo import flight, scenarios, settings
+from sitl.monte_carlo import batch_flight, campaign_settings, scenarios
 from tests.bench.peers.contestants import Contestant, Hearing
 from tests.bench.peers.report import Outcome
 
@@ -104,16 +104,16 @@ def _flown(
     scenario: str,
     seeds: Sequence[int],
     errors: str,
-    controller: flight.MakeController,
+    controller: batch_flight.MakeController,
     *,
     types: str | None = None,
     has_trace: bool = False,
-) -> list[flight.Flown]:
-    setup = settings.setup_for(
+) -> list[batch_flight.Flown]:
+    setup = campaign_settings.setup_for(
         law=contestant.built_in, types=types, errors=errors, changes=contestant.sets
     )
     plans = [scenarios.plan(scenario, seed) for seed in seeds]
-    flown = flight.fly(plans, setup, controller=controller, has_trace=has_trace)
+    flown = batch_flight.fly(plans, setup, controller=controller, has_trace=has_trace)
     for one in flown:
         if one.law_refusal:
             raise RuntimeError(

@@ -19,12 +19,12 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from onboard.config.fleet import ConfigError
-from sitl.monte_carlo import settings
+from sitl.monte_carlo import campaign_settings
+from sitl.monte_carlo.campaign_settings import SimulatedErrors
 from sitl.monte_carlo.law_map.cells import Cell as MapCell
 from sitl.monte_carlo.law_map.cells import changes
-from sitl.monte_carlo.law_map.flights import version
 from sitl.monte_carlo.law_map.results_file import ResultsFile
-from sitl.monte_carlo.settings import SimulatedErrors
+from sitl.monte_carlo.law_map.unit_flights import version
 from tests.bench.peers import arena, explain, pages, pictures
 from tests.bench.peers.ablation import VARIANTS
 from tests.bench.peers.contestants import (
@@ -115,7 +115,7 @@ def fly_all(
     if keep is None:
         found = dict(_flown(cells, jobs))
         return [(cell, found[cell]) for cell in cells]
-    law = settings.setup_for(law="tests.bench.peers.laws:orca").fleet(2).own_law
+    law = campaign_settings.setup_for(law="tests.bench.peers.laws:orca").fleet(2).own_law
     methods = "" if law is None else law.source_hash  # of all files of this folder
     with ResultsFile(keep, f"bench {version()} {methods}") as file:
         missing = [cell for cell in cells if (repr(cell), 0) not in file.rows]

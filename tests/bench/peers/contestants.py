@@ -19,7 +19,7 @@ from onboard.control.pipeline import PipelineParams
 from onboard.rollout import batch
 from onboard.rollout.own_law_fleet import OwnLawFleet
 from onboard.rollout.rows import Rows
-from sitl.monte_carlo import settings
+from sitl.monte_carlo import campaign_settings
 from tests.bench.peers import stage
 from tests.bench.peers.encounter import Step
 from tests.bench.peers.methods import METHODS, Method
@@ -171,7 +171,7 @@ def named(name: str) -> Contestant:
     """
     if name in PEERS:
         return PEERS[name]
-    law = settings.setup_for(law=name).fleet(1).own_law
+    law = campaign_settings.setup_for(law=name).fleet(1).own_law
     if law is None:
         raise ConfigError(
             f"--law is '{name}'; name a law of your own as module:function (docs/own-law.md)."

@@ -10,7 +10,7 @@ import pytest
 
 from groundstation import cli
 from onboard.control import pipeline
-from sitl.monte_carlo import flight, scenarios, settings
+from sitl.monte_carlo import batch_flight, campaign_settings, scenarios
 from tests.bench.__main__ import main as run_benchmark
 from tests.bench.peers import arena, bench, pages
 from tests.bench.peers.ablation import VARIANTS
@@ -66,7 +66,7 @@ def test_the_quick_bench_flies_everybody_and_its_table_says_who_kept_the_distanc
     "contestant", [*VARIANTS.values(), *PEERS.values()], ids=lambda one: one.title
 )
 def test_what_a_contestant_sets_exists(contestant):
-    fleet = settings.setup_for(law=contestant.built_in, changes=contestant.sets).fleet(4)
+    fleet = campaign_settings.setup_for(law=contestant.built_in, changes=contestant.sets).fleet(4)
     params = pipeline.pipeline_params(fleet, "v0")
     changed = contestant.change(params)
     is_alike = changed == params and not contestant.sets and contestant.built_in == COVEY.built_in
@@ -77,9 +77,11 @@ def test_what_a_contestant_sets_exists(contestant):
 def test_coveys_law_through_the_door_of_own_laws_flies_as_it_does_without():
     """Nothing that it needs is missing, and who flies through it is flown as Covey's law is."""
     plans = [scenarios.plan("swap2", 3)]
-    setup = settings.setup_for()
-    (plain,) = flight.fly(plans, setup)
-    (ours,) = flight.fly(plans, settings.setup_for(law="tests.bench.peers.laws:covey"))
+    setup = campaign_settings.setup_for()
+    (plain,) = batch_flight.fly(plans, setup)
+    (ours,) = batch_flight.fly(
+        plans, campaign_settings.setup_for(law="tests.bench.peers.laws:covey")
+    )
     assert ours.law_refusal == ""
     assert ours.outcome.min_separation_m == pytest.approx(plain.outcome.min_separation_m, abs=1e-6)
     assert ours.outcome.makespan_s == plain.outcome.makespan_s
@@ -100,7 +102,7 @@ def test_a_law_of_somebodys_own_flies_in_the_bench_and_an_unknown_one_is_refused
     "name", ["orca", "cells", "certificate", "robust_certificate", "potential"]
 )
 def test_a_peer_has_a_name_that_a_fleet_file_can_give(name):
-    law = settings.setup_for(law=f"tests.bench.peers.laws:{name}").fleet(2).own_law
+    law = campaign_settings.setup_for(law=f"tests.bench.peers.laws:{name}").fleet(2).own_law
     assert law is not None
     assert law.source_hash
 

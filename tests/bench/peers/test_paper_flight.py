@@ -9,7 +9,7 @@ import pytest
 
 from groundstation import cli
 from onboard.config.fleet import load_fleet
-from sitl.monte_carlo import flight, scenarios, settings
+from sitl.monte_carlo import batch_flight, campaign_settings, scenarios
 from tests.bench.peers import ideal_ring
 
 ROOT = Path(__file__).parents[3]
@@ -43,12 +43,14 @@ OBEDIENT = (
 )
 
 
-def ring_flights(changes: tuple[str, ...], errors: str, count: int) -> list[flight.Flown]:
+def ring_flights(changes: tuple[str, ...], errors: str, count: int) -> list[batch_flight.Flown]:
     """``covey simulate form3 --seeds 0:COUNT --law paper --type ardrone``; six are every
     permutation of the slots.
     """
-    setup = settings.setup_for(law="paper", types="ardrone", errors=errors, changes=changes)
-    return flight.fly([scenarios.plan("form3", seed) for seed in range(count)], setup)
+    setup = campaign_settings.setup_for(
+        law="paper", types="ardrone", errors=errors, changes=changes
+    )
+    return batch_flight.fly([scenarios.plan("form3", seed) for seed in range(count)], setup)
 
 
 def test_the_papers_ring_keeps_080_m_but_for_its_sampling_when_vehicles_obey_at_once():

@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from groundstation.client.scheduled_wait import LONGEST_LATE_S, wait_scheduled
-from sitl.lockstep.loop import VirtualLoop
+from sitl.lockstep.simulated_event_loop import VirtualLoop
 
 
 class World:

@@ -6,9 +6,9 @@ from typing import Any
 
 import msgspec
 
-from groundstation.evidence.flights import FlightCase, FlownCase
+from groundstation.evidence.evidence_summary import Evidence, summarized
+from groundstation.evidence.kept_flights import FlightCase, FlownCase
 from groundstation.evidence.provenance import Provenance
-from groundstation.evidence.summary import Evidence, summarized
 from onboard.config.fleet import FleetConfig
 
 SQUARE = ((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0))

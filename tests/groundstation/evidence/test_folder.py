@@ -8,10 +8,10 @@ import re
 import msgspec
 import pytest
 
-from groundstation.evidence.comparison import compared
+from groundstation.evidence.evidence_comparison import compared
+from groundstation.evidence.evidence_summary import read_evidence
 from groundstation.evidence.folder import write_folder
 from groundstation.evidence.hazards import HAZARDS, NOT_SHOWN
-from groundstation.evidence.summary import read_evidence
 from tests.groundstation.evidence.campaigns import evidence, flown
 
 

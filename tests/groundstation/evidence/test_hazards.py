@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from groundstation.evidence.flights import NOTHING
 from groundstation.evidence.hazards import CLAIMS, HAZARDS, claimed_action
+from groundstation.evidence.kept_flights import NOTHING
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation
 from sitl.lockstep.campaign.injections import FIELD_INJECTIONS, INJECTIONS
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from groundstation.evidence.flights import KeptFlights
+from groundstation.evidence.kept_flights import KeptFlights
 from onboard.config.fleet import ConfigError
 from tests.groundstation.evidence.campaigns import flown
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from groundstation.evidence.flights import digest
+from groundstation.evidence.kept_flights import digest
 from groundstation.evidence.matrix import NOT_SHOWN, SHOWN, WRONG, conditions_never_seen, matrix
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation
 from tests.groundstation.evidence.campaigns import flown

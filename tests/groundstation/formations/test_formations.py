@@ -13,14 +13,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from groundstation.formations import drawing, shapes
+from groundstation.formations import shapes, slot_drawing
 from groundstation.formations.assignment import least_longest, least_sum, spots_without_crossing
 from groundstation.formations.slots import formation_slots
 from groundstation.orders.grammar import OrderError, parse
 from groundstation.orders.held_formation import HeldFormation
 from groundstation.orders.intents import Formation
 from groundstation.orders.plan import PlannedOrder, plan_order
-from groundstation.starter.files import Answers, starter
+from groundstation.starter.starter_files import Answers, starter
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, parking_distance_m
 
 TWELVE = tomllib.loads(starter(Answers(vehicles=12)).fleet_text)
@@ -98,9 +98,9 @@ def test_layers_that_stand_above_each_other_are_refused_with_the_reason() -> Non
 def test_a_text_and_an_image_are_drawn_by_their_slots(tmp_path: Path) -> None:
     from matplotlib.image import imsave
 
-    letter = drawing.text_slots("I", None, 5)
+    letter = slot_drawing.text_slots("I", None, 5)
     assert np.ptp(letter[:, 0]) < 0.2 * np.ptp(letter[:, 1])  # a line from south to north
-    assert drawing.text_slots("-", None, 4)[:, 1].std() < 1.5
+    assert slot_drawing.text_slots("-", None, 4)[:, 1].std() < 1.5
     picture = np.ones((40, 60, 3))
     picture[5:10, 10:55] = 0.0
     imsave(tmp_path / "bar.png", picture)

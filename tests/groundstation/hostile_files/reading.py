@@ -35,7 +35,7 @@ def _show(path: Path) -> None:
 
 
 def _path(path: Path) -> None:
-    from groundstation.paths.files import load_path
+    from groundstation.paths.path_files import load_path
 
     load_path(path)
 
@@ -47,13 +47,13 @@ def _lights(path: Path) -> None:
 
 
 def _picture(path: Path) -> None:
-    from groundstation.formations.drawing import image_slots
+    from groundstation.formations.slot_drawing import image_slots
 
     image_slots(str(path), 4)
 
 
 def _font(path: Path) -> None:
-    from groundstation.formations.drawing import text_slots
+    from groundstation.formations.slot_drawing import text_slots
 
     text_slots("PX4", str(path), 4)
 
@@ -115,13 +115,13 @@ def _report(path: Path) -> None:
 
 
 def _evidence(path: Path) -> None:
-    from groundstation.evidence.summary import read_evidence
+    from groundstation.evidence.evidence_summary import read_evidence
 
     read_evidence(path)
 
 
 def _kept_flights(path: Path) -> None:
-    from groundstation.evidence.flights import KeptFlights
+    from groundstation.evidence.kept_flights import KeptFlights
 
     KeptFlights(path, {"fleet": "a"})
 
@@ -267,6 +267,6 @@ def warm_up() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for door in DOORS:
             outcome_of(door, Path(folder) / "none")
-    from groundstation.formations import drawing
+    from groundstation.formations import slot_drawing
 
-    drawing.text_slots("A", None, 2)
+    slot_drawing.text_slots("A", None, 2)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from groundstation.identification.attitude_fit import step_response
-from groundstation.identification.flight_log import Log, TooLittleFlown, tilt_vector_rad
 from groundstation.identification.identify import Identified, identify
+from groundstation.identification.logged_stretch import Log, TooLittleFlown, tilt_vector_rad
 from onboard.arrays import Array
 from onboard.types import GRAVITY_M_S2
 

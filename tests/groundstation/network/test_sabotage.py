@@ -100,10 +100,10 @@ SABOTAGES = {
     ),
     "who opens a link": Sabotage(
         patch="""
-            from onboard.bus import settings
+            from onboard.bus import zenoh_settings
             from onboard.security import access_control, credentials, order_signature
-            real = settings._security
-            settings._security = lambda given: [
+            real = zenoh_settings._security
+            zenoh_settings._security = lambda given: [
                 (name, value)
                 for name, value in real(given)
                 if name != "access_control" and not name.endswith("enable_mtls")
@@ -159,8 +159,8 @@ SABOTAGED_TESTS = {
     ),
     "who opens a link, on the bus": SabotagedTest(
         patch="""
-            from onboard.bus import settings
-            settings._security = lambda given: []
+            from onboard.bus import zenoh_settings
+            zenoh_settings._security = lambda given: []
         """,
         test=f"{_LOCKED_BUS}::test_nobody_without_a_key_of_this_authority_is_heard_or_hears",
     ),

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from groundstation.fleet.state import FleetState, fold, initial
 from groundstation.orders.falling import below_words
-from onboard.config.fleet import FleetConfig, Vec3
+from onboard.config.fleet import FleetConfig
+from onboard.tuples import Xyz
 from tests.groundstation.conftest import telemetry
 
 COLUMN = {"mav0": (0.0, 0.0, 1.0), "mav1": (0.1, 0.0, 2.5), "mav2": (0.0, 0.1, 4.0)}
 
 
-def at(fleet: FleetConfig, spots: dict[str, Vec3], *, flies: bool = True) -> FleetState:
+def at(fleet: FleetConfig, spots: dict[str, Xyz], *, flies: bool = True) -> FleetState:
     state = initial(fleet)
     for name, spot in spots.items():
         message = telemetry(name, state="flying", is_airborne=flies, position_enu_m=spot)

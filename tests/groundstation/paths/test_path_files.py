@@ -7,7 +7,7 @@ from pathlib import Path as FilePath
 import numpy as np
 import pytest
 
-from groundstation.paths.files import load_path, write_path
+from groundstation.paths.path_files import load_path, write_path
 from onboard.config.fleet import ConfigError
 from onboard.control.path import point_at, sampled
 

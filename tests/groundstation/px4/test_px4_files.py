@@ -11,16 +11,16 @@ from msgspec.structs import replace
 
 from groundstation.cli import main
 from groundstation.commands.px4 import measured_px4
-from groundstation.px4 import comparison
+from groundstation.px4 import version_comparison
 from groundstation.px4.parameter_file import read_file, write_file
 from groundstation.px4.parameter_sets import differences
 from groundstation.px4.vehicle_links import is_device_of_another_computer, opened
-from groundstation.starter.files import Answers, starter
+from groundstation.starter.starter_files import Answers, starter
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet
 
 
-def compared(fleet: FleetConfig, old: str, new: str) -> comparison.Comparison:
-    return comparison.compare(fleet, old, new, measured_px4())
+def compared(fleet: FleetConfig, old: str, new: str) -> version_comparison.Comparison:
+    return version_comparison.compare(fleet, old, new, measured_px4())
 
 
 def test_a_file_keeps_every_value_of_every_vehicle(tmp_path: Path) -> None:
@@ -129,7 +129,7 @@ def test_a_demand_concerns_nobody_and_a_parameter_that_is_gone_is_named() -> Non
     same = compared(fleet, "1.17", "1.17")
     assert not same.parameters
     assert not same.facts
-    assert "nothing changes." in comparison.as_text(same)
+    assert "nothing changes." in version_comparison.as_text(same)
 
 
 def test_versions_that_nobody_measured_are_named_and_nonsense_is_refused() -> None:

@@ -13,8 +13,8 @@ import pytest
 from groundstation.cli import main
 from groundstation.px4_logs import px4_log
 from groundstation.px4_logs.flight_logs import logs_of_flight
+from groundstation.px4_logs.log_summary import fleet_lines, lines
 from groundstation.px4_logs.px4_log import read_log
-from groundstation.px4_logs.summary import fleet_lines, lines
 from groundstation.recording.flight_reading import read_flight
 from groundstation.report.payload import payload
 from onboard.config.fleet import ConfigError

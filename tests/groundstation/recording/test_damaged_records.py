@@ -17,7 +17,7 @@ from groundstation.recording.reader import read
 from groundstation.recording.writer import MAX_CHANNELS, RecordFiles, RecordWriter
 from onboard.bus.schema import Event, Message, OrderReply, Truth
 from onboard.bus.topics import Topic
-from sitl.lockstep.record import LockstepRecord
+from sitl.lockstep.lockstep_record import LockstepRecord
 from tests.groundstation.recorded import SECOND, record, tick
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.cli import main
-from groundstation.paths.files import load_path
+from groundstation.paths.path_files import load_path
 from onboard.control.path import point_at
 from tests.groundstation.recorded import record, spot
 

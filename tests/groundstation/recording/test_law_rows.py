@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from groundstation.cli import main
-from groundstation.recording.flight import Flight
 from groundstation.recording.flight_reading import read_flight
 from groundstation.recording.law_rows import RecordedLaw
+from groundstation.recording.recorded_flight import Flight
 from groundstation.report.payload import payload
 from onboard.bus.topics import Topic
 from onboard.config.fleet import load_fleet

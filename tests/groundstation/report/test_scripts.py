@@ -13,8 +13,8 @@ import pytest
 
 from groundstation.recording.flight_reading import read_flight
 from groundstation.report.flight_page import write_page
-from groundstation.report.page import OWN_SCRIPTS, _own
 from groundstation.report.payload import payload
+from groundstation.report.report_page import OWN_SCRIPTS, _own
 from groundstation.scene.static_files import SCRIPTS, text_of
 from tests.groundstation.px4_logs.made_up_logs import write_flight_with_logs
 from tests.groundstation.report.made_up import opened, rows, story, write

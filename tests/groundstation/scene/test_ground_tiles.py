@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from groundstation.report.page import policy
+from groundstation.report.report_page import policy
 from groundstation.scene.ground_tiles import (
     MOST_TILES,
     GroundTiles,

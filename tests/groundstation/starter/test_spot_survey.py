@@ -19,15 +19,14 @@ from groundstation.starter.spot_survey import (
     surveyed,
 )
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.tuples import Xyz
 from tests.groundstation.conftest import FakeBus
 
 ROOT = Path(__file__).resolve().parents[3]
 PAPER = ROOT / "configs" / "fleets" / "paper.toml"
 
-Vec3 = tuple[float, float, float]
 
-
-def around(east_m: float, north_m: float, std_m: float = 0.02, count: int = 200) -> list[Vec3]:
+def around(east_m: float, north_m: float, std_m: float = 0.02, count: int = 200) -> list[Xyz]:
     """Positions that wander around a place."""
     rng = np.random.default_rng(7)
     noise = rng.normal(0.0, std_m, (count, 2)).tolist()
@@ -35,7 +34,7 @@ def around(east_m: float, north_m: float, std_m: float = 0.02, count: int = 200)
 
 
 @pytest.fixture
-def stand() -> dict[str, list[Vec3]]:
+def stand() -> dict[str, list[Xyz]]:
     """Three vehicles beside their spots of the file."""
     return {
         "mav0": around(-1.62, -1.40),
@@ -44,7 +43,7 @@ def stand() -> dict[str, list[Vec3]]:
     }
 
 
-def test_a_spot_is_the_mean_and_its_spread_is_told(stand: dict[str, list[Vec3]]) -> None:
+def test_a_spot_is_the_mean_and_its_spread_is_told(stand: dict[str, list[Xyz]]) -> None:
     fleet = load_fleet(PAPER)
     first, second, _ = surveyed(stand, fleet)
     assert (first.east_m, first.north_m) == pytest.approx((-1.62, -1.40), abs=0.011)
@@ -56,7 +55,7 @@ def test_a_spot_is_the_mean_and_its_spread_is_told(stand: dict[str, list[Vec3]])
 
 
 def test_only_the_spots_of_the_file_change_and_heights_stay(
-    stand: dict[str, list[Vec3]], tmp_path: Path
+    stand: dict[str, list[Xyz]], tmp_path: Path
 ) -> None:
     fleet = load_fleet(PAPER)
     text = PAPER.read_text(encoding="utf-8")
@@ -68,7 +67,7 @@ def test_only_the_spots_of_the_file_change_and_heights_stay(
     assert all(line.startswith("start_enu_m = [") and line.endswith("0.0]") for line in different)
 
 
-def test_a_spread_position_is_refused_with_the_worst(stand: dict[str, list[Vec3]]) -> None:
+def test_a_spread_position_is_refused_with_the_worst(stand: dict[str, list[Xyz]]) -> None:
     fleet = load_fleet(PAPER)
     spots = surveyed({**stand, "mav1": around(0.0, -1.5, std_m=0.5)}, fleet)
     with pytest.raises(ConfigError, match=r"mav1's positions are spread by 0\.\d+ m; 0\.3 m"):
@@ -77,7 +76,7 @@ def test_a_spread_position_is_refused_with_the_worst(stand: dict[str, list[Vec3]
 
 
 def test_two_that_stand_too_near_are_refused_also_beside_one_that_was_not_surveyed(
-    stand: dict[str, list[Vec3]],
+    stand: dict[str, list[Xyz]],
 ) -> None:
     fleet = load_fleet(PAPER)
     near = surveyed({"mav1": around(-1.0, -1.5)}, fleet)

@@ -16,7 +16,7 @@ from groundstation import cli
 from groundstation.cli import main
 from groundstation.file_checks.examination import examine
 from groundstation.processes.supervisor import most_agents
-from groundstation.starter.files import Answers, Position, companion_addresses, starter
+from groundstation.starter.starter_files import Answers, Position, companion_addresses, starter
 from onboard.config.fleet import ConfigError, fleet_from_mapping, parking_distance_m
 from sitl.lockstep.flight import Lockstep
 

@@ -16,11 +16,11 @@ from onboard.control import pipeline
 from onboard.control.pipeline import PipelineMemory
 from onboard.flight.types import FlightStep
 from onboard.safety.failsafe_table import Condition
+from onboard.tuples import Xyz
 from onboard.types import LawStatus, Tick
 from tests.onboard.agent.rig import Rig, fleet, hovering_rig, ready_rig
 
-Vec3 = tuple[float, float, float]
-STILL: Vec3 = (0.0, 0.0, 0.0)
+STILL: Xyz = (0.0, 0.0, 0.0)
 
 
 def told(rig: Rig, condition: Condition) -> list[str]:
@@ -42,7 +42,7 @@ class Other:
         self._name = name
         self._sequence = 0
 
-    def says(self, position: Vec3, velocity: Vec3 = STILL, **fields: object) -> None:
+    def says(self, position: Xyz, velocity: Xyz = STILL, **fields: object) -> None:
         """Let it send one state."""
         rig = self._rig
         assert rig.state is not None
@@ -73,7 +73,7 @@ class Other:
         rig.core.handle(agent_inputs.NeighbourReceived(message, rig.now_ns), rig.now_ns)
 
 
-def beside(rig: Rig, east_m: float) -> Vec3:
+def beside(rig: Rig, east_m: float) -> Xyz:
     """Return a position at the height of the rig's vehicle."""
     x, y, z = rig.position.tolist()
     return (x + east_m, y, z)

@@ -25,8 +25,8 @@ from onboard.bus.protocol import NoRouterError, UntrustedOrder
 from onboard.bus.router import Router, router_endpoint, router_settings
 from onboard.bus.schema import MocapPose, MocapPoses, Order, OrderReply
 from onboard.bus.session import BusSession
-from onboard.bus.settings import Setting
 from onboard.bus.topics import Topic
+from onboard.bus.zenoh_settings import Setting
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet
 from onboard.security.credentials import credentials_of, router_credentials
 from tests.onboard.bus.sessions import started, until

@@ -14,10 +14,10 @@ from onboard.control import pipeline
 from onboard.control.control_mode import ControlMode
 from onboard.types import TICK_S, Goal, Thrust
 from onboard.vectors import Vec3
-from sitl.monte_carlo import settings
+from sitl.monte_carlo import campaign_settings
 from tests.onboard.control.test_pipeline import state_of
 
-FLEET = settings.setup_for().fleet(2)
+FLEET = campaign_settings.setup_for().fleet(2)
 PARAMS = pipeline.pipeline_params(FLEET, "v0")
 GOAL = Goal(Vec3(1.0, 0.0, 1.0), 2.0, 1)
 

@@ -8,7 +8,7 @@ from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility import bounds, inequality
 from onboard.feasibility.law_map import MapCell, shipped
 from onboard.feasibility.pair_checks import message_age_s
-from sitl.monte_carlo import settings
+from sitl.monte_carlo import campaign_settings
 from sitl.monte_carlo.law_map.cells import Cell, changes
 
 CELLS = shipped().cells
@@ -22,7 +22,7 @@ def _holds(cell: MapCell) -> bool:
         delay_ms=1e3 * cell.delay_s,
         loss_pct=1e2 * cell.loss_frac,
     )
-    setup = settings.setup_for(errors=flown.errors, changes=changes(flown))
+    setup = campaign_settings.setup_for(errors=flown.errors, changes=changes(flown))
     fleet = setup.fleet(flown.vehicles)
     finding = inequality.inequality_finding(
         fleet,

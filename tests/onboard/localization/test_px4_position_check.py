@@ -10,14 +10,15 @@ import pytest
 from msgspec.structs import replace
 
 from onboard import agent_commands
-from onboard.autopilot import Landed, Snapshot, Vec3
+from onboard.autopilot import Landed, Snapshot
 from onboard.localization.px4_position_check import Px4PositionCheck
+from onboard.tuples import Xyz
 from tests.onboard.agent.rig import hovering_rig
 
 _TENTH_NS = 100_000_000
 
 
-def _seen(tenth: int, enu_m: Vec3, **changes: object) -> Snapshot:
+def _seen(tenth: int, enu_m: Xyz, **changes: object) -> Snapshot:
     east, north, up = enu_m
     seen = Snapshot(
         local_position_ns=tenth * _TENTH_NS,

@@ -10,7 +10,7 @@ from collections import deque
 import numpy as np
 import pytest
 
-from onboard.mocap.relay.check import BodyFinding, Samples, judge
+from onboard.mocap.relay.body_check import BodyFinding, Samples, judge
 from onboard.mocap.relay.statistics import MocapStatistics
 from tests.onboard.mocap.test_latency import quaternions, smooth
 from tests.onboard.mocap.test_mocap_relay import body_pose

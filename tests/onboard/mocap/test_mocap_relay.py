@@ -17,13 +17,14 @@ import pytest
 
 from groundstation.processes.free_ports import toml_text, with_free_ports
 from onboard.bus.codec import Malformed
-from onboard.bus.schema import Message, MocapPose, Vec4
+from onboard.bus.schema import Message, MocapPose
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, fleet_from_mapping, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
 from onboard.mocap.relay.mocap_relay import MocapRelay
 from onboard.mocap.relay.statistics import MocapStatistics
+from onboard.tuples import Wxyz
 from tests.onboard.mocap.natnet import NatNetServer, Pose
 
 _PAPER = Path(__file__).parents[3] / "configs/fleets/paper.toml"
@@ -176,7 +177,7 @@ def test_unknown_missing_unnameable_and_emulated_bodies_are_reported_and_the_res
 
 
 def body_pose(
-    at_s: float, x_m: float, *, is_tracked: bool = True, quaternion: Vec4 = _LEVEL
+    at_s: float, x_m: float, *, is_tracked: bool = True, quaternion: Wxyz = _LEVEL
 ) -> MocapPose:
     return MocapPose(
         body="a",

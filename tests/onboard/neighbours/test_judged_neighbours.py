@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from onboard.bus.schema import MocapPose, StateMessage, Vec3
+from onboard.bus.schema import MocapPose, StateMessage
 from onboard.neighbours.table import NeighbourTable
+from onboard.tuples import Xyz
 from tests.onboard.agent.rig import fleet
 from tests.onboard.state_messages import state_message
 
@@ -31,7 +32,7 @@ def _says(sequence: int, now_ns: int) -> StateMessage:
     )
 
 
-def _pose(sequence: int, now_ns: int, position_enu_m: Vec3) -> MocapPose:
+def _pose(sequence: int, now_ns: int, position_enu_m: Xyz) -> MocapPose:
     x, y, z = position_enu_m
     return MocapPose(
         body="mav1",
@@ -44,7 +45,7 @@ def _pose(sequence: int, now_ns: int, position_enu_m: Vec3) -> MocapPose:
     )
 
 
-def _hear_for_half_a_second(table: NeighbourTable, seen_enu_m: Vec3) -> tuple[int, set[str]]:
+def _hear_for_half_a_second(table: NeighbourTable, seen_enu_m: Xyz) -> tuple[int, set[str]]:
     """Let mav1 say one position and the mocap see another; return the time, and whom we watch."""
     watched_bodies: set[str] = set()
     now_ns = 10 * S
@@ -111,7 +112,7 @@ def test_a_watched_neighbour_cooperates_where_it_says_while_its_body_is_watched(
 
 @pytest.mark.parametrize(("seen_enu_m", "counts_at_m"), [(SEEN_ENU_M, 2.0), ((7.0, 0.0, 1.0), 4.0)])
 def test_a_contradicted_neighbour_counts_at_the_nearer_position_and_promises_nothing(
-    seen_enu_m: Vec3, counts_at_m: float
+    seen_enu_m: Xyz, counts_at_m: float
 ) -> None:
     table = _table()
     table.judged.set_watched(table.indices["mav1"], True)

@@ -13,7 +13,7 @@ import pytest
 from msgspec.structs import replace
 
 from groundstation.keys.secured_fleet import secure_fleet
-from groundstation.starter.files import Answers, starter
+from groundstation.starter.starter_files import Answers, starter
 from onboard.agent.main import main
 from onboard.process.deploy import deployment, parser
 

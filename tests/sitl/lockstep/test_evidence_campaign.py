@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from groundstation.evidence.flights import FlownCase, KeptFlights, digest
+from groundstation.evidence.kept_flights import FlownCase, KeptFlights, digest
 from groundstation.evidence.matrix import SHOWN, WRONG, matrix
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation

@@ -12,7 +12,7 @@ from groundstation import cli
 from groundstation.file_checks.examination import examine
 from groundstation.mission_files.loading import load_mission
 from onboard.config.fleet import load_fleet
-from sitl.monte_carlo import batch, settings
+from sitl.monte_carlo import campaign_settings, process_chunks
 
 FAILING = """
 
@@ -66,9 +66,11 @@ def test_a_campaign_flies_it_and_tells_of_each_flight_in_which_covey_took_over(f
     path.write_text(path.read_text() + FAILING)
     fleet_path = str(folder / "fleet.toml")
     for law, is_refused in (("my_law:law", False), ("my_law:failing", True)):
-        setup = settings.setup_for(law=law, fleet_path=fleet_path)
+        setup = campaign_settings.setup_for(law=law, fleet_path=fleet_path)
         (record,) = [
-            record for part in batch.campaign(["swap2"], range(1), setup) for record in part
+            record
+            for part in process_chunks.campaign(["swap2"], range(1), setup)
+            for record in part
         ]
         assert record["law"] == law
         assert record["success"]

@@ -12,7 +12,7 @@ import pytest
 
 from groundstation.orders.result import OrderFailed
 from groundstation.paths.pieces import fitted
-from groundstation.starter.files import Answers, starter
+from groundstation.starter.starter_files import Answers, starter
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
 from onboard.control.path import Path, point_at
 from sitl.lockstep.flight import Lockstep

@@ -18,8 +18,8 @@ from groundstation.cli import main
 from onboard.config.fleet import ConfigError
 from onboard.feasibility.fleet_checks import fleet_findings
 from onboard.feasibility.law_map import law_map_of
-from sitl.monte_carlo import settings
-from sitl.monte_carlo.law_map import cells, flights, run, summary
+from sitl.monte_carlo import campaign_settings
+from sitl.monte_carlo.law_map import cells, map_summary, run, unit_flights
 from sitl.monte_carlo.law_map.results_file import ResultsFile, digest
 
 SMALL = ["vehicles=3", "speed_m_s=1", "delay_ms=20,50,100"]
@@ -75,7 +75,7 @@ def test_the_map_has_the_cells_of_all_axes_the_screening_first_and_the_easy_ones
 def test_interrupted_at_every_unit_and_continued_it_has_the_digest_of_one_that_was_not(
     tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(flights, "fly", flown)
+    monkeypatch.setattr(unit_flights, "fly", flown)
     whole = fly_all(tmp_path / "whole.jsonl")
     # the bad cell ended after its second stage
     assert sum(row["flights"] for row in whole.values()) == 8 * 504 + 102
@@ -86,7 +86,7 @@ def test_interrupted_at_every_unit_and_continued_it_has_the_digest_of_one_that_w
             raise KeyboardInterrupt
         return flown(unit)
 
-    monkeypatch.setattr(flights, "fly", _once)
+    monkeypatch.setattr(unit_flights, "fly", _once)
     path = tmp_path / "often.jsonl"
     interruptions = 0
     while True:
@@ -108,7 +108,7 @@ def test_interrupted_at_every_unit_and_continued_it_has_the_digest_of_one_that_w
 
 
 def test_half_a_line_of_a_killed_run_is_cut_off_and_flown_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(flights, "fly", flown)
+    monkeypatch.setattr(unit_flights, "fly", flown)
     path = tmp_path / "map.jsonl"
     rows = fly_all(path, stages=1)
 
@@ -140,7 +140,7 @@ class Dying(Executor):
 def test_a_scheduler_that_dies_is_said_in_words_and_its_flights_are_flown_again_here(
     tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(flights, "fly", flown)
+    monkeypatch.setattr(unit_flights, "fly", flown)
     whole = fly_all(tmp_path / "whole.jsonl")
 
     monkeypatch.setattr(run, "_cluster", lambda _: (Dying(5), 4))
@@ -158,7 +158,7 @@ def test_a_scheduler_that_dies_is_said_in_words_and_its_flights_are_flown_again_
 def test_a_cluster_whose_workers_die_is_said_in_words_and_one_can_be_interrupted(
     tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(flights, "fly", flown)
+    monkeypatch.setattr(unit_flights, "fly", flown)
     for error, goes_on in ((RuntimeError("KilledWorker"), True), (KeyboardInterrupt(), False)):
         monkeypatch.setattr(run, "_cluster", lambda _, error=error: (Dying(5, error), 4))
         sentences: list[str] = []
@@ -287,7 +287,7 @@ def test_one_cell_flown_by_the_command_holds_and_its_own_commands_fly_the_same_f
 
 def test_a_cell_flies_with_what_check_demands_and_holds_its_top_speed():
     for cell in cells.cells(["vehicles=8", "errors=mocap", "loss_pct=30"]):
-        fleet = settings.setup_for(changes=cells.changes(cell)).fleet(8)
+        fleet = campaign_settings.setup_for(changes=cells.changes(cell)).fleet(8)
         refused = [finding.name for finding in fleet_findings(fleet) if finding.status == "refused"]
         assert set(refused) <= {"map of the law"}, (cell, refused)
 
@@ -296,11 +296,11 @@ def test_a_cell_flies_with_what_check_demands_and_holds_its_top_speed():
 def test_summary_is_what_check_reads(tmp_path, monkeypatch):
     import tomllib
 
-    monkeypatch.setattr(flights, "fly", flown)
+    monkeypatch.setattr(unit_flights, "fly", flown)
 
     rows = fly_all(tmp_path / "map.jsonl")
-    law_map = law_map_of(tomllib.loads(summary.toml_summary(cells.cells(), rows, "a")))
-    by_verdict = [summary.verdict(cell) for cell in law_map.cells]
+    law_map = law_map_of(tomllib.loads(map_summary.toml_summary(cells.cells(), rows, "a")))
+    by_verdict = [map_summary.verdict(cell) for cell in law_map.cells]
     assert (by_verdict.count("holds"), by_verdict.count("failed"), len(by_verdict)) == (8, 1, 9)
     assert law_map.law["mocap"]["kappa_1_1_s"] == 4.0
 
@@ -356,7 +356,7 @@ def test_killed_by_force_with_two_processes_and_continued_it_has_the_same_digest
 @pytest.mark.long
 def test_cells_that_the_shipped_map_promises_hold_in_flights_of_other_seeds():
     from onboard.feasibility.law_map import shipped
-    from sitl.monte_carlo import batch
+    from sitl.monte_carlo import process_chunks
 
     promised = [cell for cell in shipped().cells if cell.is_promised]
     for kept in promised[:: max(1, len(promised) // 6)]:
@@ -368,5 +368,7 @@ def test_cells_that_the_shipped_map_promises_hold_in_flights_of_other_seeds():
             loss_pct=1e2 * kept.loss_frac,
         )
         for name in cell.scenarios:
-            for records in batch.campaign([name], range(2000, 2008), cells.setup(cell, name)):
+            for records in process_chunks.campaign(
+                [name], range(2000, 2008), cells.setup(cell, name)
+            ):
                 assert all(record["violation_s"] == 0.0 for record in records), (cell.key, name)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sitl.monte_carlo import flight, scenarios, settings
+from sitl.monte_carlo import batch_flight, campaign_settings, scenarios
 from sitl.monte_carlo.lie_search import search
 from sitl.monte_carlo.member_lie import LieKind, MemberLie, MemberLies
 
@@ -41,20 +41,20 @@ def test_an_offset_rises_stays_and_ends_for_the_liar_only() -> None:
 
 @pytest.mark.long
 def test_only_the_distances_of_the_others_are_judged() -> None:
-    setup = settings.setup_for(law="off", changes=["delay_s=0.02"])
-    honest, lying = (flight.fly([_plan(kind)], setup)[0].outcome for kind in (None, "lie"))
+    setup = campaign_settings.setup_for(law="off", changes=["delay_s=0.02"])
+    honest, lying = (batch_flight.fly([_plan(kind)], setup)[0].outcome for kind in (None, "lie"))
     # without a law all fly straight: the pair of the others is farther apart than the closest one
     assert lying.min_separation_m > honest.min_separation_m
 
 
 def test_who_is_spoofed_flies_elsewhere_and_who_lies_does_not() -> None:
-    setup = settings.setup_for(law="off")
+    setup = campaign_settings.setup_for(law="off")
     ends = {}
     for kind in (None, "lie", "spoof"):
         plan = _plan(kind)
         if plan.lie is not None:
             plan = replace(plan, lie=plan.lie._replace(lasts_s=100.0))
-        trace = flight.fly([plan], setup, has_trace=True)[0].outcome.trace
+        trace = batch_flight.fly([plan], setup, has_trace=True)[0].outcome.trace
         assert trace is not None
         ends[kind] = trace.position_enu_m[-1, 1]
     honest = ends[None]
@@ -65,7 +65,7 @@ def test_who_is_spoofed_flies_elsewhere_and_who_lies_does_not() -> None:
 @pytest.mark.long
 @pytest.mark.timeout(1200)
 def test_the_search_finds_worse_than_chance_and_nobody_else_is_touched() -> None:
-    report = search(settings.setup_for(), tries=1000)
+    report = search(campaign_settings.setup_for(), tries=1000)
     assert report.tries >= 1000
     assert min(found.others_m for found in report.worst.values()) < report.random_m
     assert report.is_right, report.lines

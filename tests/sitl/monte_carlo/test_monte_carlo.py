@@ -10,7 +10,7 @@ from groundstation.cli import main
 from groundstation.cli import main as covey
 from onboard.control.pipeline import pipeline_params
 from onboard.rollout import batch as rollout_batch
-from sitl.monte_carlo import flight, radio, results, scenarios, settings
+from sitl.monte_carlo import batch_flight, campaign_settings, radio, results, scenarios
 
 KEYS = {
     *(
@@ -38,8 +38,8 @@ STILL = ("delay_s=0", "loss_share=0", "gust_m_s2=0", "lag_mismatch=0", "gain=0")
 
 
 def fly(name, seeds, *, setup=None, has_trace=True):
-    setup = setup or settings.setup_for()
-    return flight.fly(
+    setup = setup or campaign_settings.setup_for()
+    return batch_flight.fly(
         [scenarios.plan(name, seed, scale=setup.scale) for seed in seeds],
         setup,
         has_trace=has_trace,
@@ -68,7 +68,7 @@ def judged(trace, limit_m, body_m):
     ],
 )
 def test_flight_alone_is_bit_for_bit_the_same_flight_in_a_batch(name, errors, types):
-    setup = settings.setup_for(errors=errors, types=types)
+    setup = campaign_settings.setup_for(errors=errors, types=types)
     together = fly(name, range(5, 8), setup=setup)
     alone = fly(name, [6], setup=setup)
     assert (
@@ -128,7 +128,7 @@ def test_trace_shows_what_the_line_says_and_without_the_law_they_collide(tmp_pat
 
 @pytest.mark.long
 def test_law_off_takes_the_straight_line_time_and_the_law_at_least_that():
-    setup = settings.setup_for(law="off")
+    setup = campaign_settings.setup_for(law="off")
     for flown in fly("swap3x", [1, 2], setup=setup, has_trace=False):
         assert flown.outcome.makespan_s == flown.straight_line_s
     for flown in fly("swap3x", [1, 2], has_trace=False):
@@ -139,7 +139,7 @@ def test_law_off_takes_the_straight_line_time_and_the_law_at_least_that():
 
 def test_two_laws_meet_the_same_vehicles_noise_and_straight_line():
     covey_ = fly("rand4", [3])
-    off = fly("rand4", [3], setup=settings.setup_for(law="off"))
+    off = fly("rand4", [3], setup=campaign_settings.setup_for(law="off"))
     assert covey_[0].straight_line_s == off[0].straight_line_s
     first, second = (flown[0].outcome.trace.position_enu_m[:10] for flown in (covey_, off))
     np.testing.assert_allclose(first, second, atol=1e-3)
@@ -147,17 +147,17 @@ def test_two_laws_meet_the_same_vehicles_noise_and_straight_line():
 
 @pytest.mark.long
 def test_goal_that_nobody_reaches_in_time_is_a_failure_with_a_reason():
-    setup = settings.setup_for(changes=["law.design_margin_m=1.5"])
+    setup = campaign_settings.setup_for(changes=["law.design_margin_m=1.5"])
     plan = scenarios.plan("squeeze", 0)
-    outcome = flight.fly([plan], setup)[0].outcome
+    outcome = batch_flight.fly([plan], setup)[0].outcome
     assert not outcome.is_success
     assert outcome.reason in ("deadlock", "livelock", "time")
     assert outcome.duration_s > 12.0
 
 
 def test_lone_vehicle_has_no_separation_and_arrives_without_errors_to_fight():
-    flown = fly("rand1", [10], setup=settings.setup_for(errors="none", changes=STILL))[0]
-    values = results.record(flown, settings.setup_for())
+    flown = fly("rand1", [10], setup=campaign_settings.setup_for(errors="none", changes=STILL))[0]
+    values = results.record(flown, campaign_settings.setup_for())
     assert values["min_separation_m"] is None
     assert values["success"]
     assert values["ratio"] == 1.0
@@ -166,9 +166,9 @@ def test_lone_vehicle_has_no_separation_and_arrives_without_errors_to_fight():
 
 def test_perturbations_and_vehicle_values_have_their_effect():
     def spread(*changes, **options):
-        flown = fly("rand1", [10], setup=settings.setup_for(changes=[*STILL, *changes], **options))[
-            0
-        ]
+        flown = fly(
+            "rand1", [10], setup=campaign_settings.setup_for(changes=[*STILL, *changes], **options)
+        )[0]
         return flown.outcome.trace.position_enu_m[:50]
 
     calm = spread(errors="none")
@@ -187,18 +187,20 @@ def test_perturbations_and_vehicle_values_have_their_effect():
 
 @pytest.mark.long
 def test_vehicles_that_gusts_move_about_their_goals_have_arrived():
-    gusty = settings.setup_for(changes=[*STILL, "wind_m_s=3", "gust_m_s=0.45"])
+    gusty = campaign_settings.setup_for(changes=[*STILL, "wind_m_s=3", "gust_m_s=0.45"])
     assert all(one.outcome.is_success for one in fly("swap4", [1, 2], setup=gusty))
 
 
 @pytest.mark.parametrize("changes", [["loss_share=1"], ["burst_s=60", "burst_every_s=0.1"]])
 def test_messages_that_never_arrive_let_the_vehicles_fly_into_each_other(changes):
-    outcome = fly("form3", [4], setup=settings.setup_for(changes=changes, errors="none"))[0].outcome
+    outcome = fly("form3", [4], setup=campaign_settings.setup_for(changes=changes, errors="none"))[
+        0
+    ].outcome
     assert outcome.is_collision
 
 
 def test_poses_of_the_mocap_keep_vehicles_apart_that_hear_nobody():
-    setup = settings.setup_for(changes=["loss_share=1"])
+    setup = campaign_settings.setup_for(changes=["loss_share=1"])
     assert all(one.outcome.min_separation_m > 0.8 for one in fly("form3", range(6), setup=setup))
 
 
@@ -208,7 +210,7 @@ def test_a_forest_and_a_gap_are_flown_through_and_hit_by_whoever_knows_no_obstac
         flown = fly(name, range(3))
         assert all(one.outcome.is_success and not one.outcome.is_collision for one in flown), name
         assert min(one.outcome.min_clearance_m for one in flown) > 0.05, name
-    (alone,) = fly("forest4", [0], setup=settings.setup_for(law="off"))
+    (alone,) = fly("forest4", [0], setup=campaign_settings.setup_for(law="off"))
     assert alone.outcome.min_clearance_m < 0.0
     assert alone.outcome.is_collision
 
@@ -217,7 +219,7 @@ def test_a_forest_and_a_gap_are_flown_through_and_hit_by_whoever_knows_no_obstac
 def test_vehicle_that_dies_in_a_crossing_is_avoided_by_its_poses():
     flown = fly("lost8@dead", range(3))
     assert all(one.outcome.min_separation_m > 0.8 for one in flown)
-    blind = fly("lost8@dead", range(3), setup=settings.setup_for(errors="none"))
+    blind = fly("lost8@dead", range(3), setup=campaign_settings.setup_for(errors="none"))
     assert any(one.outcome.min_separation_m < 0.8 for one in blind)
 
 
@@ -230,9 +232,9 @@ def test_message_is_as_old_as_it_says(delay_s, ticks):
 
     nobody = np.zeros((1, 2), bool)
     station = radio.Radio(
-        moved(0), nobody, settings.SimulatedErrors(delay_s=delay_s, loss_share=0.0)
+        moved(0), nobody, campaign_settings.SimulatedErrors(delay_s=delay_s, loss_share=0.0)
     )
-    vehicles = settings.setup_for().fleet(2)
+    vehicles = campaign_settings.setup_for().fleet(2)
     pilots = rollout_batch.FleetPipeline(
         [pipeline_params(vehicles, name) for name in vehicles.vehicles], np.zeros((1, 2, 3))
     )
@@ -255,7 +257,7 @@ def test_intruder_moves_as_announced_and_the_formation_makes_way():
     plan = flown.plan
     expected = plan.start_enu_m[-1] + trace.t_s[:, None] * plan.intruder_m_s
     np.testing.assert_allclose(trace.position_enu_m[:, -1], expected, atol=1e-9)
-    off = fly("intruder4@2", [3], setup=settings.setup_for(law="off"))[0]
+    off = fly("intruder4@2", [3], setup=campaign_settings.setup_for(law="off"))[0]
     assert flown.outcome.min_separation_m > off.outcome.min_separation_m
 
 
@@ -313,7 +315,7 @@ def test_bad_input_is_a_sentence_and_status_2(words, said, capsys):
     ("text", "value"), [(".7", 0.7), ("+.7", 0.7), ("0.7", 0.7), ("7e-1", 0.7), ("1", 1)]
 )
 def test_numbers_of_set_may_be_written_as_anybody_writes_them(text, value):
-    setup = settings.setup_for(
+    setup = campaign_settings.setup_for(
         changes=[f"law.shortfall_gain={text}", f"vehicle.drag_1_s={text}", f"delay_s={text}"]
     )
     assert setup.law_table["shortfall_gain"] == value
@@ -323,7 +325,7 @@ def test_numbers_of_set_may_be_written_as_anybody_writes_them(text, value):
 
 
 def test_last_of_two_values_for_a_key_counts():
-    setup = settings.setup_for(
+    setup = campaign_settings.setup_for(
         changes=["tilt_deg=20", "vehicle.max_tilt_deg=22", "delay_s=0.1", "delay_s=0.2"]
     )
     assert setup.fleet(2).vehicles["v0"].max_tilt_deg == 22
@@ -348,19 +350,21 @@ def test_fleet_file_gives_types_law_and_distances(tmp_path):
         "[defaults]", "[defaults]\nmax_acceleration_m_s2 = 1.25"
     )
     (tmp_path / "fleet.toml").write_text(text, encoding="utf-8")
-    setup = settings.setup_for(fleet_path=str(tmp_path / "fleet.toml"))
+    setup = campaign_settings.setup_for(fleet_path=str(tmp_path / "fleet.toml"))
     assert setup.types == ("ardrone",)
     fleet = setup.fleet(4)
     assert {vehicle.hover_thrust_frac for vehicle in fleet.vehicles.values()} == {0.75}
     assert {vehicle.max_acceleration_m_s2 for vehicle in fleet.vehicles.values()} == {1.25}
     assert fleet.fleet.safety_distance_m == 0.9
     assert fleet.law.kappa_1_1_s == 3.5
-    changed = settings.setup_for(
+    changed = campaign_settings.setup_for(
         fleet_path=str(tmp_path / "fleet.toml"), changes=["law.kappa_1_1_s=4", "tilt_deg=20"]
     )
     assert changed.fleet(2).law.kappa_1_1_s == 4.0
     assert changed.fleet(2).vehicles["v1"].max_tilt_deg == 20.0
-    assert settings.setup_for(types="sih,ardrone").fleet(3).vehicles["v1"].type == "ardrone"
+    assert (
+        campaign_settings.setup_for(types="sih,ardrone").fleet(3).vehicles["v1"].type == "ardrone"
+    )
 
 
 @pytest.mark.long

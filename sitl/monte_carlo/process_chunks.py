@@ -11,8 +11,8 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from sitl.monte_carlo import results, scenarios
-from sitl.monte_carlo.flight import fly
-from sitl.monte_carlo.settings import Setup
+from sitl.monte_carlo.batch_flight import fly
+from sitl.monte_carlo.campaign_settings import Setup
 
 CHUNK_VEHICLES = 768  # wide enough to outweigh the interpreter, small enough for the caches
 _CHUNK_LINKS = 60_000

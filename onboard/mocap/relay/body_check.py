@@ -18,7 +18,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
-from onboard.bus.schema import Message, MocapPose, TickBatch, Vec4
+from onboard.bus.schema import Message, MocapPose, TickBatch
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
@@ -28,12 +28,13 @@ from onboard.mocap.relay.mocap_relay import bodies_of, report_times
 from onboard.mocap.relay.statistics import MocapStatistics
 from onboard.security.credentials import credentials_of
 from onboard.security.node_roles import NodeRole
+from onboard.tuples import Wxyz
 
 GOOD_LAG_S = 0.015  # of stamps that need no correction
 _MAX_SAMPLES = 6000  # of a body or a vehicle; of more, the newest
 _QUARTERS_DEG = (90, 180, 270)  # turns of a body's axes that are tried
 
-Samples = deque[tuple[float, Vec4]]  # time [s] on our clock, quaternion
+Samples = deque[tuple[float, Wxyz]]  # time [s] on our clock, quaternion
 Curve = tuple[Array, Array]  # times (n,) [s], and latency.gravity (n, 2) at them
 
 

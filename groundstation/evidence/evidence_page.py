@@ -9,9 +9,9 @@ import base64
 import html
 from collections.abc import Iterable, Sequence
 
-from groundstation.evidence.comparison import Agreement
+from groundstation.evidence.evidence_comparison import Agreement
+from groundstation.evidence.evidence_summary import Evidence
 from groundstation.evidence.matrix import NOT_SHOWN, SHOWN, WRONG, FailsafeRow, MatrixRow
-from groundstation.evidence.summary import Evidence
 
 PAGE_NAME = "evidence.html"
 _MOST_REASONS = 8  # of a row that are shown

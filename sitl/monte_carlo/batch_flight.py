@@ -20,13 +20,13 @@ from onboard.control import pipeline, trajectory
 from onboard.rollout import batch
 from onboard.rollout.own_law_fleet import OwnLawFleet
 from onboard.rollout.rows import Rows
+from sitl.monte_carlo.campaign_settings import Setup
 from sitl.monte_carlo.member_lie import MemberLies, shifted
 from sitl.monte_carlo.metrics import FlightMetrics, FlightOutcome
 from sitl.monte_carlo.noise import FlightNoise
 from sitl.monte_carlo.radio import Radio
 from sitl.monte_carlo.scenarios import FlightPlan
 from sitl.monte_carlo.sensing import sensing
-from sitl.monte_carlo.settings import Setup
 from sitl.monte_carlo.vehicles import TICK_S, Physics, TrueMotions
 
 MakeController = Callable[

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from groundstation.evidence.evidence_summary import Evidence
 from groundstation.evidence.intervals import two_sided
-from groundstation.evidence.summary import Evidence
 
 
 class Agreement(NamedTuple):

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.cli import main
-from groundstation.recording.catalogue import channels, flight_folders, summary
+from groundstation.recording.record_list import channels, flight_folders, summary
 from tests.groundstation.report.made_up import rows, story, write
 
 

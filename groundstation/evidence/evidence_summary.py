@@ -8,8 +8,8 @@ from typing import Any
 
 import msgspec
 
-from groundstation.evidence.flights import NOTHING, FlownCase, digest
 from groundstation.evidence.hazards import NOT_SHOWN
+from groundstation.evidence.kept_flights import NOTHING, FlownCase, digest
 from groundstation.evidence.matrix import WRONG, MatrixRow, conditions_never_seen, matrix
 from groundstation.evidence.proofs import tests_by_condition
 from groundstation.evidence.provenance import Provenance

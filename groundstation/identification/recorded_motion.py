@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from groundstation.identification.flight_log import Log
+from groundstation.identification.logged_stretch import Log
 from groundstation.recording.reader import Sample, read
 from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig

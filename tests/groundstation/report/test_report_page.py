@@ -9,7 +9,7 @@ import pytest
 
 from groundstation.cli import main
 from groundstation.report.flight_page import write_page
-from groundstation.report.page import OWN_SCRIPTS, _own
+from groundstation.report.report_page import OWN_SCRIPTS, _own
 from tests.groundstation.report.made_up import opened, rows, story, write
 
 MARKUP = '</script><img src=x onerror="globalThis.hacked = true"><b>'

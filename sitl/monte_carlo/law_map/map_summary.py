@@ -12,10 +12,10 @@ from typing import Literal
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.law_map import SCHEMA, MapCell, values_of
 from onboard.feasibility.pair_checks import effective_margin_m
+from sitl.monte_carlo.campaign_settings import setup_for
 from sitl.monte_carlo.law_map.cells import AXES, ERRORS, STAGES, Cell, changes
-from sitl.monte_carlo.law_map.flights import MapRow
+from sitl.monte_carlo.law_map.unit_flights import MapRow
 from sitl.monte_carlo.results import upper_bound
-from sitl.monte_carlo.settings import setup_for
 
 CellVerdict = Literal["holds", "failed", "screened", "-"]
 COLUMNS = (

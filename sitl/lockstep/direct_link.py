@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from onboard.agent_inputs import ParamsRead
-from onboard.autopilot import Landed, Snapshot, Vec3, Vec4
+from onboard.autopilot import Landed, Snapshot
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.frames import (
     enu_flu_from_ned_frd,
@@ -28,6 +28,7 @@ from onboard.frames import (
 )
 from onboard.px4 import modes
 from onboard.px4.required_params import BATTERY_FLOOR, differences, required_params, unmet
+from onboard.tuples import Wxyz, Xyz
 from onboard.types import AttitudeSetpoint
 from sitl.emulator.emulator import Emulator
 from sitl.faults.lossy_channel import LossyChannel
@@ -207,7 +208,7 @@ class LinkBank:
 
         self._rows.append((steps + self._delay_steps, rows))
 
-    def _measured_attitudes(self) -> list[Vec4]:
+    def _measured_attitudes(self) -> list[Wxyz]:
         """Return the attitudes of all vehicles (ENU, FLU) as their PX4s measure them."""
         estimator = self.emulator.estimator
         count = len(self.links)
@@ -389,8 +390,8 @@ class EmulatedLink:
 
     def send_odometry(
         self,
-        position_enu_m: Vec3,
-        quaternion_enu_flu_wxyz: Vec4,
+        position_enu_m: Xyz,
+        quaternion_enu_flu_wxyz: Wxyz,
         std_m: float,
         reset_count: int = 0,
     ) -> None:

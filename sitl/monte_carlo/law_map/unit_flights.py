@@ -6,7 +6,7 @@ import hashlib
 import statistics
 from typing import Any
 
-from sitl.monte_carlo import batch, flight, results, scenarios, settings
+from sitl.monte_carlo import batch_flight, campaign_settings, process_chunks, results, scenarios
 from sitl.monte_carlo.law_map.cells import STAGES, Cell, Unit, setup
 
 MapRow = dict[str, Any]  # one line of the file of results
@@ -53,10 +53,10 @@ def _records(unit: Unit) -> list[results.FlightRecord]:
             plans.append(scenarios.plan(name, seed, scale=own.scale))
 
     any_setup = setups[plans[0].scenario]  # they are alike but for the scale, which is in the plans
-    size = max(1, batch.CHUNK_VEHICLES // unit.cell.vehicles)
+    size = max(1, process_chunks.CHUNK_VEHICLES // unit.cell.vehicles)
     records = []
     for first in range(0, len(plans), size):
-        for flown in flight.fly(plans[first : first + size], any_setup):
+        for flown in batch_flight.fly(plans[first : first + size], any_setup):
             records.append(results.record(flown, setups[flown.plan.scenario]))
     return records
 
@@ -71,8 +71,8 @@ def version() -> str:
     records: list[results.FlightRecord] = [{"schema": SCHEMA, "setups": setups}]
 
     for name, errors in _REFERENCE:
-        reference = settings.setup_for(errors=errors, changes=_REFERENCE_CHANGES)
-        for chunk in batch.campaign([name], [0, 1], reference):
+        reference = campaign_settings.setup_for(errors=errors, changes=_REFERENCE_CHANGES)
+        for chunk in process_chunks.campaign([name], [0, 1], reference):
             records += chunk
     return _digest(records)
 
