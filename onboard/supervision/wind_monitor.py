@@ -33,6 +33,7 @@ _RISE_S = 6.0  # over which a rise of the mean is measured
 _GOES_ON_S = 8.0  # for which a rise is taken to go on
 _SPENT_SHARE = 0.9  # of the wind that takes all of the tilt: so much is too much
 _SCATTER_TIME_S = 2.0  # over which the square of the scatter is averaged
+_RETURN_S = 3.0  # longest way back to the setpoint from where the law has moved the vehicle
 _AT_BOUND_SHARE = 0.99  # of the observer's bound
 
 # of the horizontal acceleration: gusts of so much drive a vehicle through its margin, and two
@@ -92,18 +93,37 @@ class WindMonitor:
             self._too_much_m_s = _SPENT_SHARE * full_tilt_wind_m_s
 
         self._mean_square_m2 = 0.0  # of the distance from the setpoint in hover
+        # Time that is left for the way back to the setpoint, after the law has moved the vehicle.
+        self._return_s = 0.0
         self._earlier_enu_m_s = (0.0, 0.0)  # the wind as it was about _RISE_S ago
         self._looks = 0  # on end, at a wind that is known
 
     def reset(self) -> None:
         """Forget the hover."""
         self._mean_square_m2 = 0.0
+        self._return_s = 0.0
 
     def update(self, context: TickContext, dt_s: float) -> None:
-        """Take one tick of a hover."""
+        """Take one tick of a hover.
+
+        Gusts do not cause the distance from the setpoint while the law moves the vehicle, nor on
+        the way back. The way back ends where the vehicle is as near to its setpoint as it was
+        before, and after ``_RETURN_S`` at the latest.
+        """
         square_m2 = context.setpoint_miss_m * context.setpoint_miss_m
-        if context.is_law_active or not math.isfinite(square_m2):
+        if not math.isfinite(square_m2):
             return
+
+        if context.is_law_active:
+            self._return_s = _RETURN_S
+            return
+
+        self._return_s = max(0.0, self._return_s - dt_s)
+        has_returned = self._return_s <= 0.0 or square_m2 <= self._mean_square_m2
+        if not has_returned:
+            return
+
+        self._return_s = 0.0
         blend = min(1.0, dt_s / _SCATTER_TIME_S)
         self._mean_square_m2 += blend * (square_m2 - self._mean_square_m2)
 

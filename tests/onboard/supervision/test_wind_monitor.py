@@ -70,6 +70,39 @@ def test_who_scatters_by_more_than_others_keep_in_its_gusts_is_pushed_about() ->
     assert hovering(0.9, 0.0).is_pushed_about
 
 
+def flown(
+    monitor: WindMonitor, miss_m: float, seconds: float, *, is_law_active: bool = False
+) -> WindFacts:
+    """Return the facts after some time at one distance from the setpoint, in gusts of 0.2 m/s^2."""
+    context = context_of(setpoint_miss_m=miss_m, is_law_active=is_law_active)
+    for _ in range(round(seconds / 0.02)):
+        monitor.update(context, 0.02)
+    return monitor.look(cast(OwnState, Own(0.2)), context)
+
+
+def test_the_way_back_after_the_law_has_moved_a_vehicle_is_no_scatter() -> None:
+    monitor = WindMonitor(FLEET, VEHICLE)
+    flown(monitor, 0.05, 5.0)
+    flown(monitor, 0.5, 1.0, is_law_active=True)
+    assert not flown(monitor, 0.45, 2.5).is_pushed_about
+    assert not flown(monitor, 0.04, 0.1).is_pushed_about
+
+
+def test_who_does_not_come_back_after_the_law_has_acted_is_pushed_about() -> None:
+    monitor = WindMonitor(FLEET, VEHICLE)
+    flown(monitor, 0.05, 5.0)
+    flown(monitor, 0.5, 1.0, is_law_active=True)
+    assert flown(monitor, 0.45, 5.0).is_pushed_about
+
+
+def test_scatter_counts_again_as_soon_as_the_vehicle_is_back() -> None:
+    monitor = WindMonitor(FLEET, VEHICLE)
+    flown(monitor, 0.05, 5.0)
+    flown(monitor, 0.5, 1.0, is_law_active=True)
+    flown(monitor, 0.04, 0.1)
+    assert flown(monitor, 0.45, 2.0).is_pushed_about
+
+
 def first_above(winds_m_s: Iterable[float]) -> float:
     """Return the mean wind at which it is above first, looked at ten times a second; NaN: never."""
     monitor = WindMonitor(FLEET, VEHICLE)
