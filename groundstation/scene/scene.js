@@ -17,30 +17,45 @@
 globalThis.Covey ??= {};
 
 (() => {
-  const LINE_NUMBERS = 11; // two ends of 3, colour and opacity of 4, width
+  // A line is three texels of four numbers: an end and the width, an end and the opacity, the colour.
+  const LINE_TEXELS = 3;
+  const LINE_NUMBERS = 4 * LINE_TEXELS;
+  const LINES_A_ROW = 512; // of the texture that holds the lines
   const BODY_NUMBERS = 12; // position of 3, quaternion of 4, colour and opacity of 4, scale
-  const RING_CORNERS = 48;
+  const RING_CORNERS = 48; // of a large one
+  const LEAST_RING_CORNERS = 12;
   const LEAST_BODY_PX = 17;
   const MOST_PIXELS_PER_POINT = 2;
   const PICTURE_OPACITY = 0.75;
   const CREDIT_MARGIN_PX = 6;
 
   const LINE_VERTEX = `#version 300 es
-    // A line is a rectangle of four corners, turned towards the picture.
-    layout(location = 0) in vec2 corner; // along 0..1, across -1..1
-    layout(location = 1) in vec3 first;
-    layout(location = 2) in vec3 second;
-    layout(location = 3) in vec4 colour;
-    layout(location = 4) in float width_px;
+    // A line is a rectangle of two triangles, turned towards the picture. Its numbers come from a
+    // texture: an instance for each line would be several times slower where no graphics card draws.
+    precision highp float;
+    uniform highp sampler2D lines;
     uniform mat4 matrix;
     uniform vec2 size_px;
     out vec4 tint;
     out float across_px;
     out float half_px;
 
+    // along 0..1, across -1..1
+    const vec2 CORNERS[6] = vec2[6](
+      vec2(0, -1), vec2(0, 1), vec2(1, -1), vec2(1, -1), vec2(0, 1), vec2(1, 1));
+
     void main() {
-      vec4 begin = matrix * vec4(first, 1.0);
-      vec4 end = matrix * vec4(second, 1.0);
+      int line = gl_VertexID / 6;
+      vec2 corner = CORNERS[gl_VertexID % 6];
+      ivec2 texel = ivec2(line % ${LINES_A_ROW} * ${LINE_TEXELS}, line / ${LINES_A_ROW});
+      vec4 first = texelFetch(lines, texel, 0);
+      vec4 second = texelFetch(lines, texel + ivec2(1, 0), 0);
+      vec3 colour = texelFetch(lines, texel + ivec2(2, 0), 0).rgb;
+      float width_px = first.w;
+      float opacity = second.w;
+
+      vec4 begin = matrix * vec4(first.xyz, 1.0);
+      vec4 end = matrix * vec4(second.xyz, 1.0);
 
       // What lies behind the camera is cut off.
       float near = 0.001;
@@ -62,7 +77,7 @@ globalThis.Covey ??= {};
       vec4 place = mix(begin, end, corner.x);
       place.xy += normal * across_px / (size_px * 0.5) * place.w;
       gl_Position = place;
-      tint = colour;
+      tint = vec4(colour, opacity);
     }`;
 
   const LINE_FRAGMENT = `#version 300 es
@@ -157,7 +172,7 @@ globalThis.Covey ??= {};
     };
 
     const rotor = (middle, radius) => {
-      const corners = 18;
+      const corners = 12;
       for (let k = 0; k < corners; k++) {
         const at = (index, height) => {
           const angle = (2 * Math.PI * index) / corners;
@@ -166,8 +181,7 @@ globalThis.Covey ??= {};
         };
         const [top, bottom] = [0.03, -0.03];
         const [a, b, c, d] = [at(k, top), at(k + 1, top), at(k + 1, bottom), at(k, bottom)];
-        triangle([middle[0], middle[1], middle[2] + top], a, b, 0.12);
-        triangle([middle[0], middle[1], middle[2] + bottom], c, d, 0);
+        triangle([middle[0], middle[1], middle[2] + top], a, b, 0.12); // seen from below, too
         triangle(a, d, b, 0);
         triangle(b, d, c, 0);
       }
@@ -223,6 +237,15 @@ globalThis.Covey ??= {};
     get written() {
       return this.values.subarray(0, this.length);
     }
+
+    /* Returns what is written, and so much of what lies behind it that the length is whole rows. */
+    wholeRows(row) {
+      const length = Math.ceil(this.length / row) * row;
+      const written = this.length;
+      this.more(length - written);
+      this.length = written;
+      return this.values.subarray(0, length);
+    }
   }
 
   // -- the scene -------------------------------------------------------------------------------------
@@ -243,7 +266,7 @@ globalThis.Covey ??= {};
       this._pictures = [];
       this._credit = "";
 
-      this._gl = canvas.getContext("webgl2", { antialias: true, alpha: true });
+      this._gl = canvas.getContext("webgl2", { antialias: hasGraphicsCard() });
       this._gpu = this._gl ? new Drawer(this._gl) : null;
       canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
       canvas.addEventListener("webglcontextrestored", () => {
@@ -273,9 +296,13 @@ globalThis.Covey ??= {};
       this._pictures = [];
       this._credit = "";
 
+      // Asked once a picture: the browser has to lay the page out to tell.
+      this._width_px = this._canvas.clientWidth;
+      this._height_px = this._canvas.clientHeight;
+
       const ratio = Math.min(globalThis.devicePixelRatio || 1, MOST_PIXELS_PER_POINT);
-      const width_px = Math.max(1, Math.round(this._canvas.clientWidth * ratio));
-      const height_px = Math.max(1, Math.round(this._canvas.clientHeight * ratio));
+      const width_px = Math.max(1, Math.round(this._width_px * ratio));
+      const height_px = Math.max(1, Math.round(this._height_px * ratio));
       for (const canvas of [this._canvas, this._overlay]) {
         if (canvas.width !== width_px) canvas.width = width_px;
         if (canvas.height !== height_px) canvas.height = height_px;
@@ -292,14 +319,14 @@ globalThis.Covey ??= {};
       values[at] = first[0];
       values[at + 1] = first[1];
       values[at + 2] = first[2];
-      values[at + 3] = second[0];
-      values[at + 4] = second[1];
-      values[at + 5] = second[2];
-      values[at + 6] = colour[0];
-      values[at + 7] = colour[1];
-      values[at + 8] = colour[2];
-      values[at + 9] = opacity;
-      values[at + 10] = width;
+      values[at + 3] = width;
+      values[at + 4] = second[0];
+      values[at + 5] = second[1];
+      values[at + 6] = second[2];
+      values[at + 7] = opacity;
+      values[at + 8] = colour[0];
+      values[at + 9] = colour[1];
+      values[at + 10] = colour[2];
     }
 
     /*
@@ -331,9 +358,15 @@ globalThis.Covey ??= {};
 
     /* Adds a level circle. */
     ring(middle, radius_m, colour, { opacity = 1, width = 1.5 } = {}) {
+      // With so many corners a ring of this size is off a circle by less than a third of a pixel.
+      const radius_px = radius_m * this._pixelsPerMetreAt(middle);
+      const corners = Math.ceil(
+        Math.min(Math.max(4 * Math.sqrt(radius_px), LEAST_RING_CORNERS), RING_CORNERS),
+      );
+
       let last = null;
-      for (let k = 0; k <= RING_CORNERS; k++) {
-        const angle = (2 * Math.PI * k) / RING_CORNERS;
+      for (let k = 0; k <= corners; k++) {
+        const angle = (2 * Math.PI * k) / corners;
         const x = middle[0] + radius_m * Math.cos(angle);
         const y = middle[1] + radius_m * Math.sin(angle);
         const point = [x, y, middle[2]];
@@ -412,10 +445,7 @@ globalThis.Covey ??= {};
      * A vehicle that is far away is drawn larger than it is, so that one still sees it.
      */
     body(position, quaternion, colour, { opacity = 1, diameter_m = 0.5 } = {}) {
-      const away_m = Math.hypot(...minus(position, this._eye)) || 1;
-      const near = this.camera.distance_m / away_m;
-      const perMetre_px = this.camera.pixelsPerMetre(this._canvas.clientHeight) * near;
-      const scale_m = Math.max(diameter_m, LEAST_BODY_PX / perMetre_px) / 2;
+      const scale_m = Math.max(diameter_m, LEAST_BODY_PX / this._pixelsPerMetreAt(position)) / 2;
 
       const isGhost = opacity < 1;
       const numbers = isGhost ? this._ghosts : this._solid;
@@ -437,6 +467,13 @@ globalThis.Covey ??= {};
       this._labels.push({ position, text, colour, shift, isQuiet, isStrong });
     }
 
+    /* Returns how many CSS pixels a metre takes at a position. */
+    _pixelsPerMetreAt(position) {
+      const away_m = Math.hypot(...minus(position, this._eye)) || 1;
+      const near = this.camera.distance_m / away_m;
+      return this.camera.pixelsPerMetre(this._height_px) * near;
+    }
+
     /* Returns where a position is in the picture, in CSS pixels; null behind the camera. */
     project(position) {
       const m = this._matrix;
@@ -446,8 +483,8 @@ globalThis.Covey ??= {};
       const right = (m[0] * x + m[4] * y + m[8] * z + m[12]) / w;
       const up = (m[1] * x + m[5] * y + m[9] * z + m[13]) / w;
       return [
-        ((right + 1) / 2) * this._canvas.clientWidth,
-        ((1 - up) / 2) * this._canvas.clientHeight,
+        ((right + 1) / 2) * this._width_px,
+        ((1 - up) / 2) * this._height_px,
         w,
       ];
     }
@@ -477,8 +514,8 @@ globalThis.Covey ??= {};
       context.lineWidth = 4;
       context.strokeStyle = Covey.colour("scene");
       context.fillStyle = Covey.colour("soft");
-      const right = this._canvas.clientWidth - CREDIT_MARGIN_PX;
-      const bottom = this._canvas.clientHeight - CREDIT_MARGIN_PX;
+      const right = this._width_px - CREDIT_MARGIN_PX;
+      const bottom = this._height_px - CREDIT_MARGIN_PX;
       context.strokeText(this._credit, right, bottom);
       context.fillText(this._credit, right, bottom);
     }
@@ -487,18 +524,18 @@ globalThis.Covey ??= {};
 
     _drawFlat() {
       const context = this._context;
-      const style = (values, at) => {
-        const parts = [values[at], values[at + 1], values[at + 2]].map((v) => Math.round(255 * v));
-        return `rgb(${parts.join(" ")} / ${values[at + 3]})`;
+      const style = ([red, green, blue], opacity) => {
+        const parts = [red, green, blue].map((share) => Math.round(255 * share));
+        return `rgb(${parts.join(" ")} / ${opacity})`;
       };
 
       const lines = this._lines.written;
       for (let at = 0; at < lines.length; at += LINE_NUMBERS) {
         const begin = this.project(lines.subarray(at, at + 3));
-        const end = this.project(lines.subarray(at + 3, at + 6));
+        const end = this.project(lines.subarray(at + 4, at + 7));
         if (!begin || !end) continue;
-        context.strokeStyle = style(lines, at + 6);
-        context.lineWidth = lines[at + 10];
+        context.strokeStyle = style(lines.subarray(at + 8, at + 11), lines[at + 7]);
+        context.lineWidth = lines[at + 3];
         context.beginPath();
         context.moveTo(begin[0], begin[1]);
         context.lineTo(end[0], end[1]);
@@ -509,7 +546,7 @@ globalThis.Covey ??= {};
         for (let at = 0; at < bodies.length; at += BODY_NUMBERS) {
           const middle = this.project(bodies.subarray(at, at + 3));
           if (!middle) continue;
-          context.fillStyle = style(bodies, at + 7);
+          context.fillStyle = style(bodies.subarray(at + 7, at + 10), bodies[at + 10]);
           context.beginPath();
           context.arc(middle[0], middle[1], LEAST_BODY_PX / 2, 0, 2 * Math.PI);
           context.fill();
@@ -591,14 +628,33 @@ globalThis.Covey ??= {};
 
   // -- WebGL2 ----------------------------------------------------------------------------------------
 
+  const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
+
+  /*
+   * Returns whether a graphics card draws, and not the processor. For a processor the smooth edges of
+   * bodies would be more work than all the rest.
+   */
+  function hasGraphicsCard() {
+    const gl = document.createElement("canvas").getContext("webgl2");
+    if (!gl) return false;
+
+    const names = gl.getExtension("WEBGL_debug_renderer_info");
+    const renderer = gl.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER);
+    gl.getExtension("WEBGL_lose_context")?.loseContext(); // a browser has only a few contexts
+    return !SOFTWARE.test(renderer);
+  }
+
   class Drawer {
     constructor(gl) {
       this._gl = gl;
 
       this._lineProgram = program(gl, LINE_VERTEX, LINE_FRAGMENT);
-      this._lineBuffer = gl.createBuffer();
-      const corners = new Float32Array([0, -1, 0, 1, 1, -1, 1, 1]);
-      this._lineArray = this._array(corners, [2], this._lineBuffer, [3, 3, 4, 1]);
+      this._lineArray = gl.createVertexArray(); // without attributes
+      this._lineTexture = gl.createTexture();
+      gl.bindTexture(gl.TEXTURE_2D, this._lineTexture);
+      for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) {
+        gl.texParameteri(gl.TEXTURE_2D, filter, gl.NEAREST);
+      }
 
       this._bodyProgram = program(gl, BODY_VERTEX, BODY_FRAGMENT);
       this._bodyBuffer = gl.createBuffer();
@@ -701,9 +757,12 @@ globalThis.Covey ??= {};
       gl.uniformMatrix4fv(this._lineProgram.matrix, false, matrix);
       gl.uniform2f(this._lineProgram.size_px, width_px / ratio, height_px / ratio);
       gl.bindVertexArray(this._lineArray);
-      gl.bindBuffer(gl.ARRAY_BUFFER, this._lineBuffer);
-      gl.bufferData(gl.ARRAY_BUFFER, lines.written, gl.DYNAMIC_DRAW);
-      gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, lines.length / LINE_NUMBERS);
+      gl.bindTexture(gl.TEXTURE_2D, this._lineTexture);
+      const numbers = lines.wholeRows(LINES_A_ROW * LINE_NUMBERS);
+      const [columns, rows] = [LINES_A_ROW * LINE_TEXELS, numbers.length / (LINES_A_ROW * LINE_NUMBERS)];
+      gl.texImage2D(
+        gl.TEXTURE_2D, 0, gl.RGBA32F, columns, rows, 0, gl.RGBA, gl.FLOAT, numbers);
+      gl.drawArrays(gl.TRIANGLES, 0, 6 * (lines.length / LINE_NUMBERS));
 
       this._drawBodies(matrix, ghosts);
       gl.depthMask(true);

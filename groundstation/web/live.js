@@ -19,6 +19,7 @@
   const MOST_CARDS = 8;
   const RECONNECT_MS = 1000;
   const SILENT_MS = 1500; // without a state: the page says so
+  const TABLE_MS = 300; // from one table to the next: a hundred rows are more work than the scene
 
   const byId = (id) => document.getElementById(id);
   const aimed = new Set(); // names that the next order reaches; none: all
@@ -31,6 +32,9 @@
   let back_s = 0; // 0: now
   let lastState_ms = 0;
   let isDirty = false;
+  let areTextsDirty = false;
+  let isTableDirty = false;
+  let lastTable_ms = 0; // when the table was shown last; 0: it is shown anew at once
   let areCardsDirty = false;
   let isPressed = false; // a finger or a button of the mouse is down
 
@@ -92,26 +96,42 @@
     return states.findLast((state) => state.time_s <= wanted_s) ?? states[0];
   }
 
+  /* Shows everything anew at the next picture: something else than the fleet's state has changed. */
+  function showSoon() {
+    isDirty = true;
+    lastTable_ms = 0;
+  }
+
   function show() {
     requestAnimationFrame(show);
-    if (lastState_ms && performance.now() - lastState_ms > SILENT_MS) {
+    const now_ms = performance.now();
+    if (lastState_ms && now_ms - lastState_ms > SILENT_MS) {
       showLink("bad", "no news for a while: what you see is old");
     }
     const state = shown();
-    if (!isDirty || !state) return;
-    isDirty = false;
+    if (!state) return;
 
-    scene.draw(state, aimed, newestPreview());
-    if (isPressed) {
-      // A button that is replaced between press and release is never clicked.
-      isDirty = true;
-      return;
+    if (isDirty || scene.isOld) scene.draw(state, aimed, newestPreview());
+    if (isDirty) {
+      isDirty = false;
+      areTextsDirty = true;
+      isTableDirty = true;
+      showTop(state);
     }
-    if (areCardsDirty) showCards();
-    showVehicles(state);
-    showTop(state);
-    showAlarms(state);
-    showAim(state);
+
+    // A button that is replaced between press and release is never clicked.
+    if (isPressed) return;
+    if (areTextsDirty) {
+      areTextsDirty = false;
+      if (areCardsDirty) showCards();
+      showAlarms(state);
+      showAim(state);
+    }
+    if (isTableDirty && now_ms - lastTable_ms > TABLE_MS) {
+      isTableDirty = false;
+      lastTable_ms = now_ms;
+      showVehicles(state);
+    }
   }
 
   function showLink(kind, text) {
@@ -252,7 +272,7 @@
       on: {
         click: () => {
           seen.add(key);
-          isDirty = true;
+          showSoon();
         },
       },
     };
@@ -284,7 +304,7 @@
 
   function toggleAim(name) {
     if (!aimed.delete(name)) aimed.add(name);
-    isDirty = true;
+    showSoon();
   }
 
   function aimText() {
@@ -337,7 +357,7 @@
   function addCard(card) {
     cards.set(card.number, card);
     areCardsDirty = true;
-    isDirty = true;
+    showSoon();
   }
 
   /* Returns the newest card that waits for its confirmation. */
@@ -404,7 +424,7 @@
     byId("rewind").value = String(-back_s);
     byId("rewind_text").textContent = back_s ? `${clock(back_s, 0)} ago` : "now";
     byId("now").setAttribute("aria-pressed", String(back_s === 0));
-    isDirty = true;
+    showSoon();
   }
 
   function listen() {
@@ -418,7 +438,7 @@
     byId("rewind").addEventListener("input", (event) => look(-Number(event.target.value)));
     byId("show_ways").addEventListener("change", (event) => {
       scene.showsWays = event.target.checked;
-      isDirty = true;
+      showSoon();
     });
     byId("order_form").addEventListener("submit", (event) => {
       event.preventDefault();
@@ -441,10 +461,10 @@
       addEventListener(end, () => (isPressed = false), true);
     }
     addEventListener("resize", () => {
-      isDirty = true;
+      showSoon();
     });
     Covey.onThemeChange(() => {
-      isDirty = true;
+      showSoon();
     });
   }
 

@@ -8,6 +8,8 @@ globalThis.Covey ??= {};
 
 (() => {
   const TRAIL_S = 12;
+  const TRAIL_STEP_S = 0.5; // from one point of a trail to the next, at least
+  const TRAIL_STEP_M = 0.05;
   const RING_OPACITY = 0.5;
 
   class LiveScene {
@@ -16,9 +18,9 @@ globalThis.Covey ??= {};
       this.showsWays = true;
       this._fleet = fleet;
       this._trails = new Map(); // name -> list of [time_s, position]
-      Covey.moveByPointer(canvas, this.scene.camera, () => this.redraw());
-      this._last = null;
-      this._ground = new Covey.Ground(fleet.ground, () => this.redraw());
+      Covey.moveByPointer(canvas, this.scene.camera, () => (this.isOld = true));
+      this.isOld = true; // it has to be drawn anew
+      this._ground = new Covey.Ground(fleet.ground, () => (this.isOld = true));
       this.fit();
     }
 
@@ -26,12 +28,12 @@ globalThis.Covey ??= {};
     fit() {
       const [least, most] = this._fleet.fence_enu_m;
       this.scene.camera.fit(least, most, this.scene.aspect);
-      this.redraw();
+      this.isOld = true;
     }
 
     lookFromAbove() {
       this.scene.camera.lookFromAbove();
-      this.redraw();
+      this.isOld = true;
     }
 
     /* Adds a state to the trails. */
@@ -39,19 +41,17 @@ globalThis.Covey ??= {};
       for (const vehicle of state.vehicles) {
         if (!vehicle.position_enu_m) continue;
         const trail = this._trails.get(vehicle.name) ?? [];
-        trail.push([state.time_s, vehicle.position_enu_m]);
+        if (isNextPoint(trail.at(-1), state.time_s, vehicle.position_enu_m)) {
+          trail.push([state.time_s, vehicle.position_enu_m]);
+        }
         while (trail.length && state.time_s - trail[0][0] > TRAIL_S) trail.shift();
         this._trails.set(vehicle.name, trail);
       }
     }
 
-    redraw() {
-      if (this._last) this.draw(...this._last);
-    }
-
-    /* Draws a state; `aimed` are the names that the next order reaches, `goals` those of a card. */
+    /* Draws a state; `aimed` are the names that the next order reaches, `card` an order's preview. */
     draw(state, aimed, card) {
-      this._last = [state, aimed, card];
+      this.isOld = false;
       const scene = this.scene;
       const [least, most] = this._fleet.fence_enu_m;
 
@@ -86,7 +86,7 @@ globalThis.Covey ??= {};
         opacity: isAimed ? 0.9 : RING_OPACITY,
         width: isAimed ? 2.5 : 1,
       });
-      this._trail(vehicle.name, colour);
+      this._trail(vehicle.name, position, colour);
       if (this.showsWays && vehicle.way_enu_m.length) {
         scene.line(vehicle.way_enu_m[0], vehicle.way_enu_m[1], colour, { opacity: 0.6, width: 2 });
         scene.ring(vehicle.goal_enu_m, 0.1, colour, { opacity: 0.8 });
@@ -94,12 +94,14 @@ globalThis.Covey ??= {};
       scene.label(position, vehicle.name, { colour: text, isStrong: isAimed });
     }
 
-    _trail(name, colour) {
+    /* Draws a trail, and from its last point to where the vehicle is. */
+    _trail(name, position, colour) {
       const trail = this._trails.get(name) ?? [];
-      for (let k = 1; k < trail.length; k++) {
-        const opacity = (0.5 * k) / trail.length;
-        this.scene.line(trail[k - 1][1], trail[k][1], colour, { opacity, width: 2 });
-      }
+      trail.forEach(([, point], index) => {
+        const next = index + 1 < trail.length ? trail[index + 1][1] : position;
+        const opacity = (0.5 * (index + 1)) / trail.length;
+        this.scene.line(point, next, colour, { opacity, width: 2 });
+      });
     }
 
     /* Draws from each vehicle that avoids to the one that it avoids. */
@@ -144,6 +146,13 @@ globalThis.Covey ??= {};
         }
       }
     }
+  }
+
+  /* Whether a position is far enough from the last point of a trail, in time and in metres. */
+  function isNextPoint(last, time_s, position) {
+    if (!last) return true;
+    const moved_m = Math.hypot(...position.map((axis, k) => axis - last[1][k]));
+    return time_s - last[0] >= TRAIL_STEP_S && moved_m >= TRAIL_STEP_M;
   }
 
   /* Returns the attitude of a level vehicle with this heading. */

@@ -24,7 +24,7 @@ from tests.groundstation.conftest import FakeBus
 from tests.sitl.square_fleets import square_fleet
 
 EIGHT = Path(__file__).parents[2] / "configs/fleets/eight.toml"
-_PERIOD_S = 0.05
+_PERIOD_S = 0.1  # as agents send telemetry
 _TURN_RAD_S = 0.3
 _SETTLE_S = 4.0  # until the page shows something
 
