@@ -19,6 +19,7 @@ from groundstation.client.mavlink_port import (
     keep_link,
     open_as_companion,
     send_heartbeat,
+    send_to_autopilot,
     sign,
     take_link,
 )
@@ -191,15 +192,9 @@ class AutopilotLink:
 
         Args:
             name: of the message, in small letters.
-            values: of its fields; target system and component are put in where they belong: first,
-                or behind the first field of file transfers, the network.
+            values: of its fields, without target system and component.
         """
-        target = (self.system_id, AUTOPILOT)
-        if name == "file_transfer_protocol":
-            network, *others = values
-            self._link.mav.file_transfer_protocol_send(network, *target, *others)
-        else:
-            getattr(self._link.mav, f"{name}_send")(*target, *values)
+        send_to_autopilot(self._link.mav, self.system_id, name, values)
 
     def next_message(self, names: Iterable[str], timeout_s: float) -> Any | None:
         """Return the autopilot's next message of these names; None when none comes in time."""

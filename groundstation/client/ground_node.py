@@ -13,13 +13,14 @@ from onboard.security.credentials import credentials_of, files_of
 from onboard.security.node_roles import NodeRole
 
 
-def session(fleet: FleetConfig, role: str = GROUND) -> BusSession:
+def session(fleet: FleetConfig, role: str = GROUND, key_of: NodeRole | None = None) -> BusSession:
     """Return a new node on the fleet's bus.
 
     Args:
         fleet: its agents are connected to.
         role: whether the node may order, or only watches: without one that may, vehicles land after
             a while.
+        key_of: whose key it uses on a locked bus; None for the one that fits the role.
 
     Returns:
         The node, not started.
@@ -28,7 +29,7 @@ def session(fleet: FleetConfig, role: str = GROUND) -> BusSession:
         namespace=fleet.namespace,
         node=f"{role}-{os.getpid()}-{random_id()[:4]}",
         connect=[*(vehicle.agent for vehicle in fleet.vehicles.values()), *fleet.pose_endpoints],
-        credentials=credentials_of(fleet, _key_of(fleet, role)),
+        credentials=credentials_of(fleet, key_of or _key_of(fleet, role)),
         routers=fleet.fleet.routers,
     )
 

@@ -187,6 +187,36 @@ def open_as_companion(endpoint: str, system_id: int, key: bytes | None = None) -
     return link
 
 
+def message_codec(port: Any) -> Any:
+    """Return what encodes and decodes MAVLink for a port that is no socket and no device.
+
+    Args:
+        port: its ``write`` takes each packet that is sent.
+    """
+    with _opening:
+        codec = _mavutil().mavlink.MAVLink(port, GCS_SYSTEM, GCS_COMPONENT)
+    codec.robust_parsing = True
+    return codec
+
+
+def send_to_autopilot(codec: Any, system_id: int, name: str, values: tuple[object, ...]) -> None:
+    """Send a message that is addressed to an autopilot.
+
+    Args:
+        codec: of pymavlink.
+        system_id: of the vehicle.
+        name: of the message, in small letters.
+        values: of its fields; target system and component are put in where they belong: first, or
+            behind the first field of file transfers, the network.
+    """
+    target = (system_id, AUTOPILOT)
+    if name == "file_transfer_protocol":
+        network, *others = values
+        codec.file_transfer_protocol_send(network, *target, *others)
+    else:
+        getattr(codec, f"{name}_send")(*target, *values)
+
+
 def _mavutil() -> Any:
     # Else pymavlink begins with MAVLink 1, and forgets a key when it changes to MAVLink 2.
     os.environ["MAVLINK20"] = "1"

@@ -158,6 +158,7 @@ def fetch(
     """
     # Imported here: only this needs the libraries of MAVLink.
     from groundstation.px4 import log_fetch, parameter_sets
+    from groundstation.px4.agent_log_link import agent_log_links
     from groundstation.px4.fetch_progress import FetchProgress
     from groundstation.px4.vehicle_links import opened, selected_vehicles
     from groundstation.px4_logs.flight_logs import FOLDER
@@ -175,7 +176,11 @@ def fetch(
     progress = FetchProgress(sys.stderr)
     keys = mavlink_keys(config, [vehicle.name for vehicle in chosen])
     with opened(chosen, keys) as links:
-        reports = log_fetch.fetch(links, flight / FOLDER, newest=newest, progress=progress.show)
+        unreached = [link.vehicle for link in links if link.link is None]
+        with agent_log_links(config, unreached) as through_agents:
+            reports = log_fetch.fetch(
+                links, through_agents, flight / FOLDER, newest=newest, progress=progress.show
+            )
     progress.end()
 
     if json:

@@ -37,34 +37,51 @@ _TRUTH = frozenset({Topic.TRUTH})
 _SENTENCES = frozenset({Topic.EVENT})
 _LIGHTS = frozenset({Topic.LIGHT})
 _CLOCKS = frozenset({Topic.CLOCK})
+_LOG_REQUESTS = frozenset({Topic.LOG_REQUEST})  # to read PX4's card is for whoever may order
+_LOG_PIECES = frozenset({Topic.LOG_PIECES})
+_LOGS = _LOG_REQUESTS | _LOG_PIECES
 
 DENIED: dict[NodeRole, Denial] = {
     # a vehicle speaks for itself, and says nothing of what others measure
     NodeRole.VEHICLE: Denial(
-        as_itself=_POSES | _CORRECTIONS | _TRUTH | _LIGHTS,
-        as_another=_STATES | _SENTENCES | _POSES | _CORRECTIONS | _TRUTH | _LIGHTS | _CLOCKS,
+        as_itself=_POSES | _CORRECTIONS | _TRUTH | _LIGHTS | _LOG_REQUESTS,
+        as_another=_STATES
+        | _SENTENCES
+        | _POSES
+        | _CORRECTIONS
+        | _TRUTH
+        | _LIGHTS
+        | _CLOCKS
+        | _LOGS,
     ),
     # a ground orders, and is no vehicle and no motion capture
     NodeRole.GROUND: Denial(
-        as_itself=_STATES | _POSES | _CORRECTIONS | _TRUTH,
-        as_another=_STATES | _POSES | _CORRECTIONS | _TRUTH | _CLOCKS,
+        as_itself=_STATES | _POSES | _CORRECTIONS | _TRUTH | _LOG_PIECES,
+        as_another=_STATES | _POSES | _CORRECTIONS | _TRUTH | _CLOCKS | _LOG_PIECES,
     ),
     NodeRole.VIEWER: Denial(
-        as_itself=_STATES | _POSES | _CORRECTIONS | _TRUTH | _SENTENCES | _LIGHTS,
-        as_another=_STATES | _POSES | _CORRECTIONS | _TRUTH | _SENTENCES | _LIGHTS | _CLOCKS,
+        as_itself=_STATES | _POSES | _CORRECTIONS | _TRUTH | _SENTENCES | _LIGHTS | _LOGS,
+        as_another=_STATES
+        | _POSES
+        | _CORRECTIONS
+        | _TRUTH
+        | _SENTENCES
+        | _LIGHTS
+        | _CLOCKS
+        | _LOGS,
     ),
     # a motion capture measures bodies, whatever their names
     NodeRole.MOCAP: Denial(
-        as_itself=_STATES | _CORRECTIONS | _TRUTH | _SENTENCES | _LIGHTS,
-        as_another=_STATES | _CORRECTIONS | _TRUTH | _SENTENCES | _LIGHTS | _CLOCKS,
+        as_itself=_STATES | _CORRECTIONS | _TRUTH | _SENTENCES | _LIGHTS | _LOGS,
+        as_another=_STATES | _CORRECTIONS | _TRUTH | _SENTENCES | _LIGHTS | _CLOCKS | _LOGS,
     ),
     # a base corrects satellites, and measures no body
     NodeRole.CORRECTIONS: Denial(
-        as_itself=_STATES | _POSES | _TRUTH | _SENTENCES | _LIGHTS,
-        as_another=_STATES | _POSES | _TRUTH | _SENTENCES | _LIGHTS | _CLOCKS,
+        as_itself=_STATES | _POSES | _TRUTH | _SENTENCES | _LIGHTS | _LOGS,
+        as_another=_STATES | _POSES | _TRUTH | _SENTENCES | _LIGHTS | _CLOCKS | _LOGS,
     ),
     NodeRole.EMULATOR: Denial(
-        as_itself=_STATES | _CORRECTIONS | _SENTENCES | _LIGHTS,
-        as_another=_STATES | _CORRECTIONS | _SENTENCES | _LIGHTS | _CLOCKS,
+        as_itself=_STATES | _CORRECTIONS | _SENTENCES | _LIGHTS | _LOGS,
+        as_another=_STATES | _CORRECTIONS | _SENTENCES | _LIGHTS | _CLOCKS | _LOGS,
     ),
 }

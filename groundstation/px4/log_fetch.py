@@ -11,12 +11,13 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from groundstation.client.autopilot_link import AutopilotLink
+from groundstation.px4.agent_log_link import AgentLogLink
 from groundstation.px4.file_pieces import Pieces
 from groundstation.px4.log_transfer import (
     FileTransfer,
@@ -35,7 +36,8 @@ Progress = Callable[[str, int, int], None]
 
 SUFFIX = ".ulg"
 _PART_SUFFIX = ".part"
-_ROOTS = ("/fs/microsd/log", "/log")  # on a flight controller; PX4 on a computer
+# On a flight controller; of PX4 on a computer. An agent passes on requests below these alone.
+_ROOTS = ("/fs/microsd/log", "/log")
 _HEAD_BYTES = 16  # of a ULog: with the time of its begin they tell one flight from another
 _MOST_FAILURES = 2  # times in a row without a new byte, after which a way is given up
 _SMALL_GAP_BYTES = 5_000  # that is read piece by piece, rather than by a burst
@@ -65,10 +67,10 @@ class CheckedLink:
     """A link on which only a disarmed vehicle is listened to.
 
     Args:
-        link: to the vehicle's PX4.
+        link: to the vehicle's PX4, or to it through its agent.
     """
 
-    def __init__(self, link: AutopilotLink) -> None:
+    def __init__(self, link: AutopilotLink | AgentLogLink) -> None:
         self._link = link
 
     def send(self, name: str, *values: object) -> None:
@@ -92,29 +94,56 @@ class CheckedLink:
 
 
 def fetch(
-    links: Sequence[VehicleLink], folder: Path, *, newest: int, progress: Progress
+    links: Sequence[VehicleLink],
+    through_agents: Mapping[str, AgentLogLink],
+    folder: Path,
+    *,
+    newest: int,
+    progress: Progress,
 ) -> list[VehicleReport]:
     """Fetch the newest logs of vehicles.
 
     Args:
         links: to the vehicles.
+        through_agents: by name, for those whose PX4 is not reached otherwise.
         folder: to write into; a log is named VEHICLE-DATE_TIME.ulg.
         newest: how many of each vehicle.
         progress: called from several threads.
     """
-    return for_each(lambda link: _fetch_one(link, folder, newest, progress), links)
+
+    def fetch_one(link: VehicleLink) -> VehicleReport:
+        agent_link = through_agents.get(link.vehicle.name)
+        return _fetch_one(link, agent_link, folder, newest, progress)
+
+    return for_each(fetch_one, links)
 
 
-def _fetch_one(link: VehicleLink, folder: Path, newest: int, progress: Progress) -> VehicleReport:
+def _fetch_one(
+    link: VehicleLink,
+    agent_link: AgentLogLink | None,
+    folder: Path,
+    newest: int,
+    progress: Progress,
+) -> VehicleReport:
     name = link.vehicle.name
-    if link.link is None:
+    way: AutopilotLink | AgentLogLink
+    if link.link is not None:
+        way = link.link
+        is_armed = link.is_armed
+        way_words = link.version_text
+    elif agent_link is not None:
+        way = agent_link
+        is_armed = bool(agent_link.is_armed)
+        way_words = "through its agent"
+    else:
         return VehicleReport(name, False, _trouble(link), answers=False)
-    if link.is_armed:
+
+    if is_armed:
         headline = "nothing was fetched: it is armed. Land and disarm it."
         return VehicleReport(name, False, headline)
 
     lines: list[str] = []
-    checked = CheckedLink(link.link)
+    checked = CheckedLink(way)
     try:
         logs = listed(checked, newest)
         for log in logs:
@@ -135,7 +164,7 @@ def _fetch_one(link: VehicleLink, folder: Path, newest: int, progress: Progress)
     if not logs:
         headline = "its PX4 has no log, or gives none out: look at SDLOG_MODE and at its card."
         return VehicleReport(name, False, headline)
-    return VehicleReport(name, True, f"{link.version_text}", tuple(lines))
+    return VehicleReport(name, True, way_words, tuple(lines))
 
 
 def _trouble(link: VehicleLink) -> str:
@@ -145,9 +174,9 @@ def _trouble(link: VehicleLink) -> str:
 
     device = vehicle.autopilot.removeprefix("serial://").rpartition(":")[0]
     return (
-        f"Its PX4 is at {device} of {vehicle.host}, another computer, where this computer fetches"
-        f" no logs. Stop its agent there and run 'covey log fetch DIR --vehicles {vehicle.name}'"
-        " there, or take the card, or give a way past the companion as"
+        f"Its PX4 is at {device} of {vehicle.host}, another computer, and its agent, through which"
+        f" the log would come, is not heard. Start the agent, or run 'covey log fetch DIR"
+        f" --vehicles {vehicle.name}' there, or take the card, or give a way past the companion as"
         f" vehicles.{vehicle.name}.direct (docs/deployment.md)."
     )
 

@@ -20,6 +20,7 @@ from onboard.agent.command_executor import CommandExecutor
 from onboard.agent.core import AgentCore
 from onboard.agent.inbox import Inbox
 from onboard.agent.link_upkeep import LinkUpkeep
+from onboard.agent.log_relay import LogRelay
 from onboard.agent.ticker import Ticker
 from onboard.agent.warm_up import warm_up
 from onboard.autopilot import LinkError
@@ -45,6 +46,7 @@ _SATELLITES_HZ = 5.0
 _STATISTICS_TICKS = 25
 _FAILED_TICKS_TO_LAND = 25
 _TIDY_TICKS = 500  # on the ground
+_HEARTBEAT_NS = 3_000_000_000  # age of PX4's heartbeat up to which it says whether it is armed
 _ROUTER_S = 1.0  # to look for a router, before signals are looked at again
 
 log = logging.getLogger("covey.agent")
@@ -127,6 +129,8 @@ class AgentProcess:
             applies_params=apply_params,
         )
 
+        self._log_relay = LogRelay(name, self._link, self._bus)
+
         # the vehicles tick one after the other, spread over the period
         offset_ns = vehicle.index * PERIOD_NS // max(1, len(fleet.vehicles))
         self._ticker = Ticker(PERIOD_NS, self._tick, offset_ns=offset_ns)
@@ -155,6 +159,7 @@ class AgentProcess:
                 return EXIT_OK
 
             self._inbox.start()
+            self._log_relay.start()
             self._bus.serve_orders(self._name, self._order_on_bus_thread)
             self._core.preflight.is_warm = True
 
@@ -299,6 +304,12 @@ class AgentProcess:
 
         execute(core.tick(now_ns))
         execute(for_px4)
+
+        is_on_ground = core.flight.step.situation is Situation.GROUND
+        snapshot = self._link.snapshot()
+        hears_px4 = now_ns - snapshot.heartbeat_ns < _HEARTBEAT_NS
+        is_disarmed = is_on_ground and hears_px4 and not snapshot.is_armed
+        self._log_relay.step(is_disarmed=is_disarmed, now_ns=now_ns)
 
         if self._ticks % _STATISTICS_TICKS == 0:
             inbox.clock.beat()

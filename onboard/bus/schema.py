@@ -395,6 +395,18 @@ class Corrections(Message, frozen=True, array_like=True, kw_only=True):
     frame: bytes  # preamble, length, message and checksum
 
 
+class LogRequest(Message, frozen=True, array_like=True, kw_only=True):
+    """One request for PX4's own logs, which the agent passes on to its PX4."""
+
+    packet: bytes  # a whole packet of MAVLink
+
+
+class LogPieces(Message, frozen=True, array_like=True, kw_only=True):
+    """PX4's answers to such requests, as it sent them."""
+
+    packets: tuple[bytes, ...]  # whole packets of MAVLink
+
+
 class HeardClock(msgspec.Struct, frozen=True, array_like=True):
     """Arrival of another node's clock message."""
 

@@ -65,7 +65,7 @@ _BLOCKING_PRIORITY = zenoh.Priority.INTERACTIVE_HIGH
 _URGENT = (Topic.STATE, Topic.MOCAP)
 
 # Topics that all others overtake: on a full radio they are dropped first.
-_LAST = (Topic.CORRECTIONS,)
+_LAST = (Topic.CORRECTIONS, Topic.LOG_PIECES)
 
 # Topics whose messages fit into one datagram. Over QUIC nothing of a larger one arrives, so all
 # others, ticks and preflight reports among them, travel in streams. A publisher of the newest still

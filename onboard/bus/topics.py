@@ -28,6 +28,8 @@ class Topic(str, Enum):
     CORRECTIONS = "corrections"  # RTK, of the fleet's base
     CLOCK = "clock"
     TRUTH = "truth"  # of the emulator
+    LOG_REQUEST = "logask"  # for PX4's own logs
+    LOG_PIECES = "logs"  # of PX4's own logs
     LIGHT = "light"  # colour of a vehicle in a show
     ALIVE = "alive"  # which nodes there are
     SIM = "sim"  # faults for the emulator
@@ -144,6 +146,20 @@ TOPICS: dict[Topic, TopicSpec] = {
         stale_after_s=1.0,
         delivery=Delivery.LATEST,
         from_to="emulator -> recorder, never an agent",
+    ),
+    Topic.LOG_REQUEST: TopicSpec(
+        message=schema.LogRequest,
+        rate_hz=0.0,
+        stale_after_s=2.0,
+        delivery=Delivery.LATEST,
+        from_to="ground -> agent of a disarmed vehicle",
+    ),
+    Topic.LOG_PIECES: TopicSpec(
+        message=schema.LogPieces,
+        rate_hz=0.0,
+        stale_after_s=2.0,
+        delivery=Delivery.LATEST,
+        from_to="agent of a disarmed vehicle -> ground, behind all others",
     ),
     Topic.LIGHT: TopicSpec(
         message=schema.Light,

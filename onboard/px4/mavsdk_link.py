@@ -28,7 +28,16 @@ from onboard.native_threads import keep_thread_state
 from onboard.px4 import modes
 from onboard.px4.mavlink_relay import Ids, MavlinkRelay
 from onboard.px4.message_parsers import PARSERS
-from onboard.px4.packets import MAVSDK_READS, MAVSDK_SENDS, NAMES, SENT, Packet, cut, fields_of
+from onboard.px4.packets import (
+    LOG_ANSWERS,
+    MAVSDK_READS,
+    MAVSDK_SENDS,
+    NAMES,
+    SENT,
+    Packet,
+    cut,
+    fields_of,
+)
 from onboard.px4.port_lock import PortClaim
 from onboard.px4.signing import Signer
 from onboard.security.mavlink_key import AGENT_LINK_ID
@@ -110,6 +119,10 @@ def _silent(*_: Any) -> bool:
     return True
 
 
+def _ignored(_: Packet) -> None:
+    """Take a packet that nobody has requested."""
+
+
 class Px4Link:
     """One PX4 at one endpoint.
 
@@ -162,6 +175,8 @@ class Px4Link:
         self._start_ns = 0
         self._poses_ns = 0  # last pose sent to PX4, by this program or one before it
         self.withholds_poses = False  # while PX4 is disarmed: see settle_global_origin
+        # Takes PX4's answers to requests for its logs, on the relay's thread.
+        self.on_log_answer: Callable[[Packet], object] = _ignored
 
     # -- life --------------------------------------------------------------------------------------
 
@@ -274,6 +289,9 @@ class Px4Link:
         if packet.number in MAVSDK_READS and mavsdk is not None:
             mavsdk.pass_received_raw_bytes(packet.data)
 
+        if packet.number in LOG_ANSWERS:
+            self.on_log_answer(packet)
+
     def _read(self, known: Snapshot) -> Snapshot:
         """Return the values after the messages that have come since."""
         changes: dict[str, Any] = {}
@@ -343,6 +361,10 @@ class Px4Link:
     def play_tune(self) -> None:
         """PLAY_TUNE: PX4 plays it on its buzzer or motors, and acknowledges nothing."""
         self._send("PLAY_TUNE", self.system_id, AUTOPILOT_COMPONENT, _TUNE.encode())
+
+    def request_log(self, number: int, payload: bytes) -> None:
+        """Pass on a request for PX4's own logs: one of :data:`onboard.px4.packets.LOG_REQUESTS`."""
+        self._relay.send(number, payload)
 
     def send_corrections(self, flags: int, data: bytes) -> None:
         """GPS_RTCM_DATA: PX4 hands it to its receiver, and acknowledges nothing."""

@@ -127,9 +127,23 @@ MAVSDK_SENDS = {
     76: 152,  # COMMAND_LONG
 }
 
+# What PX4's own logs are requested with, and come in; passed on and not read. Number -> seed.
+FILE_TRANSFER = 110  # FILE_TRANSFER_PROTOCOL
+LOG_REQUESTS = {
+    FILE_TRANSFER: 84,
+    117: 128,  # LOG_REQUEST_LIST
+    119: 116,  # LOG_REQUEST_DATA
+    122: 203,  # LOG_REQUEST_END
+}
+LOG_ANSWERS = {
+    FILE_TRANSFER: 84,
+    118: 56,  # LOG_ENTRY
+    120: 134,  # LOG_DATA
+}
+
 NAMES = {message.number: name for name, message in READ.items()}
 _SEEDS = {message.number: message.checksum_seed for message in (*READ.values(), *SENT.values())}
-_SEEDS |= MAVSDK_READS | MAVSDK_SENDS
+_SEEDS |= MAVSDK_READS | MAVSDK_SENDS | LOG_REQUESTS | LOG_ANSWERS
 
 
 class Packet(NamedTuple):
@@ -156,8 +170,8 @@ class Packet(NamedTuple):
 
 
 def is_read(number: int) -> bool:
-    """Whether the agent or its MAVSDK reads this kind of message."""
-    return number in NAMES or number in MAVSDK_READS
+    """Whether the agent or its MAVSDK reads this kind of message, or the agent passes it on."""
+    return number in NAMES or number in MAVSDK_READS or number in LOG_ANSWERS
 
 
 def checksum(data: bytes, seed: int) -> bytes:

@@ -62,6 +62,7 @@ GRANTS: dict[NodeRole, Grant] = {
             Topic.TICK: _OWN,
             Topic.EVENT: _OWN,
             Topic.PREFLIGHT: _OWN,
+            Topic.LOG_PIECES: _OWN,
             Topic.CLOCK: _OWN,
         },
         answers={Topic.ORDER: _OWN},
@@ -75,13 +76,19 @@ GRANTS: dict[NodeRole, Grant] = {
                 Topic.MOCAP,
                 Topic.ALL_POSES,
                 Topic.CORRECTIONS,
+                Topic.LOG_REQUEST,
                 Topic.CLOCK,
                 Topic.ALIVE,
             )
         ),
     ),
     NodeRole.GROUND: Grant(
-        publishes={Topic.EVENT: _ANY, Topic.LIGHT: _ANY, Topic.CLOCK: ("ground$*", "watcher$*")},
+        publishes={
+            Topic.EVENT: _ANY,
+            Topic.LIGHT: _ANY,
+            Topic.LOG_REQUEST: _ANY,
+            Topic.CLOCK: ("ground$*", "watcher$*"),
+        },
         answers={},
         asks={Topic.ORDER: _ANY, Topic.SIM: _ANY},
         tokens=("ground$*", "watcher$*", "recorder$*", "operator.$*", "asks.$*", "keeps.$*"),

@@ -220,6 +220,14 @@ SABOTAGED_TESTS = {
         test="tests/onboard/corrections/test_rtcm.py",
         fails=2,
     ),
+    "an agent passes on what reads logs, and nothing else": SabotagedTest(
+        patch="""
+            from onboard.px4 import log_requests
+            log_requests._only_reads_logs = lambda payload: True
+        """,
+        test="tests/onboard/px4/test_log_requests.py",
+        fails=21,
+    ),
     "nobody waits for who reads nothing": SabotagedTest(
         patch="""
             from onboard.bus import sockets

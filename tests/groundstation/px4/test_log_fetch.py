@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import io
 import json
 import random
+import socket
 import subprocess
 import sys
 import time
@@ -18,10 +20,11 @@ import pytest
 
 from groundstation.cli import main
 from groundstation.client.autopilot_link import AutopilotLink
-from groundstation.px4 import log_fetch, log_transfer
+from groundstation.px4 import agent_log_link, log_fetch, log_transfer
 from groundstation.px4.fetch_progress import FetchProgress
 from groundstation.px4.log_fetch import ArmedInBetween, IncompleteError, VehicleLog, listed
 from groundstation.px4.vehicle_links import VehicleLink
+from onboard.bus.protocol import BusError
 from onboard.config.fleet import FleetConfig, load_fleet
 from sitl.mavlink.log_transfer import FileServer, LogSender
 from sitl.px4.flight_log import FlightLogs, LogFile, LogWriter
@@ -224,9 +227,17 @@ def fleet_file(folder: Path, **changes: str) -> FleetConfig:
     return load_fleet(folder / "fleet.toml")
 
 
-def test_logs_behind_a_companions_serial_device_are_refused_with_what_to_do(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+class ClosedBus:
+    """A bus that cannot be opened."""
+
+    def start(self) -> None:
+        raise BusError("There is no network.")
+
+
+def test_logs_behind_a_companions_serial_device_without_its_agent_are_refused_with_what_to_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(agent_log_link, "session", lambda *_: ClosedBus())
     fleet = fleet_file(tmp_path)
     text = (tmp_path / "fleet.toml").read_text(encoding="utf-8")
     vehicle = fleet.vehicles["solo"]
@@ -257,7 +268,7 @@ def test_a_full_disk_is_said_of_the_vehicle(
     monkeypatch.setattr(log_fetch, "listed", lambda *_: [VehicleLog("a", 9)])
     fleet = fleet_file(tmp_path)
     link = VehicleLink(fleet.vehicles["solo"], link=SimpleNamespace())  # type: ignore[arg-type]
-    (report,) = log_fetch.fetch([link], tmp_path, newest=1, progress=lambda *_: None)
+    (report,) = log_fetch.fetch([link], {}, tmp_path, newest=1, progress=lambda *_: None)
     assert not report.is_fine
     assert "No space left on device" in report.headline
     assert "Make room" in report.headline
@@ -301,3 +312,64 @@ def test_the_log_of_a_flight_is_fetched_once_it_is_disarmed(
     assert path.name.startswith("solo-20")
     assert path.read_bytes().startswith(b"ULog")
     assert "opened" in said["rows"][0]
+
+
+def fly_shortly(fleet: FleetConfig) -> None:
+    """Arm and disarm the vehicle over its own link, so that its PX4 writes a log."""
+    vehicle = fleet.vehicles["solo"]
+    link = AutopilotLink(vehicle.autopilot, vehicle.system_id, is_own=True)
+    end_s = time.monotonic() + 40.0
+    while not link.is_armed(2.0):
+        assert time.monotonic() < end_s
+        link.command(400, 1.0)
+    link.command(400, 0.0)
+    while link.is_armed(2.0):
+        assert time.monotonic() < end_s
+        link.command(400, 0.0)
+    link.stop()
+
+
+def wait_for_listener(port: int) -> None:
+    """Wait until somebody listens on a TCP port of this computer."""
+    end_s = time.monotonic() + 40.0
+    while True:
+        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 1.0):
+            return
+        assert time.monotonic() < end_s
+        time.sleep(0.1)
+
+
+@pytest.mark.realtime
+def test_a_log_comes_through_the_agent_where_nothing_else_reaches_px4(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    agent_port = free_port(socket.SOCK_STREAM)
+    fleet = fleet_file(tmp_path, **{"tcp/127.0.0.1:24000": f"tcp/127.0.0.1:{agent_port}"})
+    text = Path(fleet.path).read_text(encoding="utf-8")
+    without_direct = "\n".join(
+        line for line in text.splitlines() if not line.startswith("direct =")
+    )
+    emulator = [sys.executable, "-m", "sitl", "--fleet", fleet.path, "--no-bus"]
+    agent = [sys.executable, "-m", "onboard", "--fleet", fleet.path, "--vehicle", "solo"]
+
+    with subprocess.Popen(
+        [*emulator, "--ftp-dies-after-kb", "9"], stdout=subprocess.PIPE, text=True
+    ) as sitl_process:
+        try:
+            assert sitl_process.stdout is not None
+            assert sitl_process.stdout.readline().startswith("ready")
+            fly_shortly(fleet)
+            Path(fleet.path).write_text(without_direct, encoding="utf-8")
+
+            with subprocess.Popen(agent, stderr=subprocess.DEVNULL) as agent_process:
+                try:
+                    wait_for_listener(agent_port)  # by then the agent has taken PX4's link
+                    assert main(["log", "fetch", str(tmp_path)]) == 0, capsys.readouterr().out
+                finally:
+                    agent_process.kill()
+        finally:
+            sitl_process.terminate()
+
+    assert "through its agent" in capsys.readouterr().out
+    (path,) = (tmp_path / "px4").iterdir()
+    assert path.read_bytes().startswith(b"ULog")

@@ -1,0 +1,83 @@
+"""Which requests for PX4's own logs an agent passes on to its PX4. Pure.
+
+A ground sends them as whole MAVLink packets. MAVLink's file transfer could write and delete files,
+and read any file of the card, so only what fetching a log needs is passed on: to list and to read
+below PX4's folders of logs, and the requests of LOG_DATA, which only read.
+
+Layout of a payload of file transfer, behind its three ids: sequence (2 bytes), session, operation,
+size, operation that is answered, whether a burst is complete, padding, offset (4 bytes), data.
+Described in MAVLink's documentation, "File Transfer Protocol".
+"""
+
+from __future__ import annotations
+
+from onboard.autopilot import AUTOPILOT_COMPONENT
+from onboard.px4.packets import FILE_TRANSFER, LOG_REQUESTS, Packet
+
+LOG_FOLDERS = ("/fs/microsd/log", "/log")  # on a flight controller; of PX4 on a computer
+LOG_SUFFIX = ".ulg"
+
+# where the ids of the system and the component stand that a request is for, in its payload
+_TARGET_AT = {
+    FILE_TRANSFER: 1,
+    117: 4,  # LOG_REQUEST_LIST
+    119: 10,  # LOG_REQUEST_DATA
+    122: 0,  # LOG_REQUEST_END
+}
+_MOST_BYTES = 255  # of a payload, without the zeros that are cut off at its end
+
+# in a payload of file transfer
+_OPERATION_AT = 6
+_SIZE_AT = 7
+_DATA_AT = 15
+
+# operations of file transfer
+_TERMINATE = 1
+_RESET = 2
+_LIST = 3
+_OPEN_TO_READ = 4
+_READ = 5
+_BURST = 15
+_WITHOUT_PATH = (_TERMINATE, _RESET, _READ, _BURST)
+
+
+def is_allowed(packet: Packet, system_id: int) -> bool:
+    """Return whether a request only reads logs of this vehicle's autopilot.
+
+    Args:
+        packet: of the ground.
+        system_id: MAVLink's, of the vehicle.
+    """
+    if packet.number not in LOG_REQUESTS or not packet.is_right:
+        return False
+
+    payload = packet.payload.ljust(_MOST_BYTES, b"\0")
+    target_at = _TARGET_AT[packet.number]
+    target = tuple(payload[target_at : target_at + 2])
+    if target != (system_id, AUTOPILOT_COMPONENT):
+        return False
+
+    if packet.number != FILE_TRANSFER:
+        return True
+    return _only_reads_logs(payload)
+
+
+def _only_reads_logs(payload: bytes) -> bool:
+    """Return whether a request of file transfer lists or reads logs, and nothing else."""
+    operation = payload[_OPERATION_AT]
+    if operation in _WITHOUT_PATH:
+        return True  # they read or close the file that is open, which is a log
+
+    size = payload[_SIZE_AT]
+    path = payload[_DATA_AT : _DATA_AT + size].rstrip(b"\0").decode("utf-8", "replace")
+    if operation == _LIST:
+        return _is_below_log_folder(path)
+    if operation == _OPEN_TO_READ:
+        return _is_below_log_folder(path) and path.endswith(LOG_SUFFIX)
+    return False
+
+
+def _is_below_log_folder(path: str) -> bool:
+    if ".." in path.split("/"):
+        return False
+    return any(path == folder or path.startswith(f"{folder}/") for folder in LOG_FOLDERS)
