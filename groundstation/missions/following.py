@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from groundstation.client.client import FleetClient
 from groundstation.missions.follow_pause import FollowPause
@@ -43,7 +43,7 @@ async def follow(
         duration_s: for how long [s].
 
     Returns:
-        One result per vehicle, of the order to hold.
+        One result per vehicle, of the order to hold; none of those that the mission has landed.
 
     Raises:
         ConfigError: the leader does not report where it is.
@@ -57,8 +57,8 @@ async def follow(
     end_ns = client.now_ns() + int(duration_s * 1e9)
     last_goals: dict[str, Xyz] = {}  # that were accepted
     last_good_ns = client.now_ns()  # when goals were accepted, or none were due
-    followers = tuple(offsets)
-    pause = FollowPause(ground, followers)
+    holding = tuple(offsets)  # those who hold in the end
+    pause = FollowPause(ground, holding)
     ground.follow_pauses.append(pause)
     try:
         while client.now_ns() < end_ns:
@@ -73,6 +73,14 @@ async def follow(
                 ground.say(f"  {', '.join(skipped)} skips the rest of following {leader}")
                 offsets = {name: offsets[name] for name in offsets if name not in skipped}
                 pause.leave_out(skipped)
+
+            landed = _landed_by_mission(client, offsets)
+            if landed:
+                ground.say(f"  {', '.join(landed)} lands and follows {leader} no longer")
+                offsets = {name: offsets[name] for name in offsets if name not in landed}
+                pause.leave_out(landed)
+                holding = tuple(name for name in holding if name not in landed)
+
             if not offsets:
                 break
 
@@ -92,9 +100,21 @@ async def follow(
         ground.follow_pauses.remove(pause)
         results: Results = {}
         # an operator who has taken the fleet has ordered the followers already
-        if ground.watch.look() is None and not pause.has_brought_home:
-            results = await ground.order(Hold(vehicles=followers), _HOLD_S)
+        if holding and ground.watch.look() is None and not pause.has_brought_home:
+            results = await ground.order(Hold(vehicles=holding), _HOLD_S)
     return results
+
+
+def _landed_by_mission(client: FleetClient, names: Iterable[str]) -> tuple[str, ...]:
+    """Return those whose newest order is this mission's to land."""
+    landed = []
+    for name in names:
+        telemetry = client.state.vehicles[name].telemetry
+        if telemetry is None or telemetry.order_kind != "land":
+            continue
+        if client.is_of_mission(telemetry.order_id):
+            landed.append(name)
+    return tuple(landed)
 
 
 async def _order_goals(ground: MissionGround, leader: str, goals: dict[str, Xyz]) -> OrderResult:

@@ -92,3 +92,18 @@ async def test_the_mission_goes_on_when_all_followers_skip_the_rest(flying: Any,
     assert list(skipped) == ["mav1"]
     await asyncio.wait_for(follow, 5.0)
     assert kinds_of(bus, "mav1")[-2:] == ["skip", "hold"]
+
+
+async def test_who_is_landed_by_the_same_script_follows_no_longer(flying: Any, bus: Any) -> None:
+    offsets = {"mav1": (0.0, 2.0, 0.0), "mav2": (0.0, -2.0, 0.0)}
+    follow = asyncio.create_task(flying.follow("mav0", 2.0, offsets=offsets))
+    await asyncio.sleep(0.1)
+    landed = await flying.land(["mav1"])
+    assert landed["mav1"].is_done
+    (order,) = (order for name, order in bus.orders if name == "mav1" and order.kind == "land")
+    bus.tell("mav1", order_kind="land", order_id=order.order_id)
+
+    results = await asyncio.wait_for(follow, 8.0)
+    assert set(results) == {"mav2"}
+    assert kinds_of(bus, "mav1")[-1] == "land"
+    assert kinds_of(bus, "mav2")[-1] == "hold"
