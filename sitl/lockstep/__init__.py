@@ -1,3 +1,3 @@
-"""Agents, emulated vehicles, bus and ground in one process and in virtual time: ``covey fly
---lockstep``.
+"""Lockstep flights: agents, emulated vehicles, bus and ground run in one process and in simulated
+time. ``covey fly --lockstep`` and the tests fly this way.
 """

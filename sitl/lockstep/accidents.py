@@ -1,18 +1,18 @@
-"""Four accidents of fleets that happened, each flown with its defence and without.
+"""Four real accidents of fleets, each flown with Covey's defence against it and without.
 
-A mission of the gallery flies each (``configs/missions``). Here stands what went wrong then, and
-the defence that Covey has against it. A defence is taken out by values of the fleet file, by flying
-without the law, or by rows of the failsafe table that then say "go on". Whether the accident has
-happened again is judged by the truth of the emulator: vehicles that touch, that leave the fence, or
-that do not come down.
+Each accident has a mission in the gallery (``configs/missions``). This file holds what went wrong
+in the real accident, and Covey's defence against it. To take the defence out, values of the fleet
+file are changed, the law is switched off, or rows of the failsafe table are set to "go on". The
+emulator's truth decides whether the accident has happened again: vehicles touch, leave the fence,
+or do not come down.
 
 The accidents, and what of each is flown here:
 
 * Orlando, 2024: the show's frame was turned by seven degrees, and the fence was near.
 * Docklands, 2023: the wind rose to twice what the fleet could fly in.
-* AAIB-29203: the controller's batteries were flat in the return of a swarm, and several vehicles
-  left the formation.
-* London, 2023: many vehicles were off their positions by two seconds.
+* AAIB-29203: the ground controller's batteries were empty while a swarm returned, and several
+  vehicles left the formation.
+* London, 2023: many vehicles flew their paths two seconds late.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ from sitl.physics.wind import WindSettings
 
 _LOOK_S = 0.04  # between two looks at the truth
 _READY_WITHIN_S = 20.0
-_INTO_STEP_S = 0.5  # at which the ground dies
-_LANDED_WITHIN_S = 90.0  # after the mission, or after the ground has gone
+_INTO_STEP_S = 0.5  # time in a mission step at which the ground dies
+_LANDED_WITHIN_S = 90.0  # time to land after the mission, or after the ground has gone
 
 TURN_DEG = 7.0
 WIND_TIMES_LIMIT = 2.0
@@ -54,27 +54,27 @@ _WIND_CONDITIONS = (
     Condition.PUSHED_ABOUT,
     Condition.DISTURBANCE_BOUND,
 )
-WIND_AT_S = 12.0
+WIND_AT_S = 12.0  # simulated time at which the wind begins to rise
 LATE_S = 2.0
-LATE = ("mav0", "mav1")
+LATE = ("mav0", "mav1")  # vehicles that follow their paths late
 
 
 class Accident(NamedTuple):
     """One accident."""
 
-    name: str  # of the mission
-    defence: str  # in words
-    # makes the mission's fleet the fleet of then
+    name: str  # name of its mission file
+    defence: str  # the defence in words
+    # changes the mission's fleet into that of the real accident
     fleet_of_then: Callable[[FleetConfig], FleetConfig]
     # takes the defence out of that fleet
     undefended: Callable[[FleetConfig], FleetConfig]
-    # plans what goes wrong, before the first step: called with the flight, and with whether the
+    # plans what goes wrong; called before the first step with the flight, and with whether the
     # defence is there
     happens: Callable[[Lockstep, bool], None]
-    # a context in which the defence is out, for what no fleet file says
+    # a context without the defence, for a defence that no value of a fleet file switches off
     without_defence: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext
-    room_turn_deg: float = 0.0  # of the true fence against the fleet's frame, clockwise
-    ground_ends_in: str = ""  # the step in which the ground dies
+    room_turn_deg: float = 0.0  # clockwise turn of the true fence against the fleet's frame
+    ground_ends_in: str = ""  # name of the mission step in which the ground dies; empty: none
 
 
 @dataclass(slots=True)
@@ -85,18 +85,18 @@ class FlownAccident:
     is_defended: bool
     seed: int
     took_off: bool = False
-    min_separation_m: float = math.inf  # by ground truth, while one of two flew
+    min_separation_m: float = math.inf  # by ground truth, over pairs of which at least one flew
     collisions: int = 0
-    outside_m: float = 0.0  # the farthest that a vehicle came outside the true fence, in the air
-    down: bool = False  # whether all vehicles are down at the end
-    reason: str = ""  # why the mission did not come true, in its own words
-    promised_m: float = 0.0  # the safety distance
-    # at each look: x and y of each vehicle, in the frame of the true fence
+    outside_m: float = 0.0  # greatest distance of a flying vehicle outside the true fence
+    down: bool = False  # whether all vehicles are on the ground at the end
+    reason: str = ""  # the sentence of the verdict that says why the mission failed; empty: passed
+    promised_m: float = 0.0  # the safety distance of the fleet file
+    # x and y of each vehicle in the frame of the true fence, every _LOOK_S seconds
     places_m: list[list[tuple[float, float]]] = field(default_factory=list)
 
     @property
     def harm(self) -> str:
-        """What happened, in words; empty where nobody was harmed."""
+        """What happened, in words; empty if there was no harm."""
         harms = []
         if self.collisions == 1:
             harms.append("a collision")
@@ -110,7 +110,7 @@ class FlownAccident:
 
     @property
     def line(self) -> str:
-        """The flight in a line."""
+        """One line that sums the flight up."""
         which = "with" if self.is_defended else "without"
 
         nearest = "nobody flew"
@@ -133,10 +133,10 @@ def fly(
 
     Args:
         accident: one of ACCIDENTS.
-        mission: of its name.
-        is_defended: whether its defence is there.
-        seed: of everything random.
-        folder: of the record; none without.
+        mission: the mission of the same name.
+        is_defended: whether the fleet has its defence.
+        seed: the seed of all random numbers.
+        folder: the folder of the record; None records nothing.
     """
     fleet = accident.fleet_of_then(mission.fleet)
     around_flight: contextlib.AbstractContextManager[None] = contextlib.nullcontext()
@@ -166,28 +166,28 @@ def fly_both(mission: Mission, *, seed: int) -> int:
     accident = ACCIDENTS[Path(mission.path).stem]
     print(f"The defence: {accident.defence}.", flush=True)
 
-    # with its defence nobody is harmed, and without it somebody is
-    is_right = True
+    # as expected: harm without the defence, and no harm with it
+    is_as_expected = True
     for is_defended in (False, True):
         flown = fly(accident, mission, is_defended=is_defended, seed=seed)
         print(flown.line, flush=True)
         if flown.reason and is_defended:
             print(f"  {flown.reason}", flush=True)
         is_harmed = bool(flown.harm)
-        is_right = is_right and is_harmed is not is_defended
+        is_as_expected = is_as_expected and is_harmed is not is_defended
 
-    if is_right:
+    if is_as_expected:
         return EXIT_OK
     return EXIT_FAILED
 
 
 def look_at(flight: Lockstep, flown: FlownAccident, room_turn_deg: float) -> None:
-    """Follow by the truth who leaves the ground, and how far outside the fence.
+    """Note, now and every _LOOK_S seconds, where the vehicles truly are.
 
     Args:
-        flight: that is followed.
-        flown: gets what was seen.
-        room_turn_deg: of the true fence against the fleet's frame, clockwise.
+        flight: the flight that is watched.
+        flown: its outcome, to which take-off, distance outside the fence and positions are written.
+        room_turn_deg: clockwise turn of the true fence against the fleet's frame.
     """
     cos = math.cos(math.radians(room_turn_deg))
     sin = math.sin(math.radians(room_turn_deg))
@@ -196,43 +196,47 @@ def look_at(flight: Lockstep, flown: FlownAccident, room_turn_deg: float) -> Non
     position, _, _ = simulation.emulator.world.truth_enu()
     on_ground = simulation.emulator.world.vehicles.states.on_ground.tolist()
 
-    here_m = []
+    positions_m = []
     for (east_m, north_m, _), is_on_ground in zip(position.tolist(), on_ground, strict=True):
         x = cos * east_m - sin * north_m
         y = sin * east_m + cos * north_m
-        here_m.append((x, y))
+        positions_m.append((x, y))
         if is_on_ground:
             continue
 
         flown.took_off = True
         beyond_m = max(fence.x[0] - x, x - fence.x[1], fence.y[0] - y, y - fence.y[1])
         flown.outside_m = max(flown.outside_m, beyond_m)
-    flown.places_m.append(here_m)
+    flown.places_m.append(positions_m)
 
     simulation.at(simulation.time_s + _LOOK_S, lambda: look_at(flight, flown, room_turn_deg))
 
 
 async def _mission(flight: Lockstep, mission: Mission, ground_ends_in: str) -> str:
-    """Fly the mission, as long as there is a ground; return what is wrong with it, in words."""
-    is_gone = asyncio.Event()
+    """Fly the mission until its end, or until the ground dies.
+
+    Returns:
+        Why the mission failed, in words; empty if it passed.
+    """
+    ground_is_gone = asyncio.Event()
 
     def lose_ground() -> None:
         flight.bus.partition([GROUND])
-        is_gone.set()
+        ground_is_gone.set()
 
     def hear(line: str) -> None:
         if ground_ends_in and line.startswith(f"{ground_ends_in} "):
             flight.at(flight.time_s + _INTO_STEP_S, lose_ground)
 
     run = MissionRun(mission, flight.client, say=hear, ready_timeout_s=_READY_WITHIN_S)
-    task = asyncio.create_task(run.run())
-    gone = asyncio.create_task(is_gone.wait())
-    await asyncio.wait({task, gone}, return_when=asyncio.FIRST_COMPLETED)
-    gone.cancel()
-    if not task.done():
+    mission_task = asyncio.create_task(run.run())
+    gone_task = asyncio.create_task(ground_is_gone.wait())
+    await asyncio.wait({mission_task, gone_task}, return_when=asyncio.FIRST_COMPLETED)
+    gone_task.cancel()
+    if not mission_task.done():
         return "the ground is gone"
 
-    verdict = task.result()
+    verdict = mission_task.result()
     if verdict.passed:
         return ""
     return verdict.sentences[-1]
@@ -252,12 +256,12 @@ def _near_fence(fleet: FleetConfig) -> FleetConfig:
 
 
 def _anywhere(fleet: FleetConfig) -> FleetConfig:
-    """Return a fleet whose vehicles may stand far from their spots: nobody compares them."""
+    """Return a fleet whose vehicles pass preflight also when they stand far from their spots."""
     return replace(fleet, fleet=replace(fleet.fleet, placing_m=1.0))
 
 
 def turn_places(flight: Lockstep, turn_deg: float = TURN_DEG) -> None:
-    """Turn the places of all vehicles about the origin, clockwise: as the frame is turned."""
+    """Turn the positions of all vehicles clockwise about the origin, as the frame was turned."""
     cos = math.cos(math.radians(turn_deg))
     sin = math.sin(math.radians(turn_deg))
     for place_m in flight.simulation.emulator.world.vehicles.states.position_ned_m:
@@ -285,7 +289,7 @@ def _let_wind_rise(flight: Lockstep, _is_defended: bool) -> None:
 
 @contextlib.contextmanager
 def _any_wind() -> Iterator[None]:
-    """Have vehicles fly on in any wind, however they are pushed about, while the block runs."""
+    """Change the failsafe table so that vehicles fly on in any wind while the block runs."""
     changed = {(Situation.FLYING, condition): Action.GO_ON for condition in _WIND_CONDITIONS}
     before = {row: TABLE[row] for row in changed}
     TABLE.update(changed)
@@ -299,27 +303,28 @@ def _any_wind() -> Iterator[None]:
 
 
 def _without_law(fleet: FleetConfig) -> FleetConfig:
-    """Return a fleet whose vehicles fly straight, whoever is in their way."""
+    """Return a fleet whose vehicles avoid nobody."""
     return fleet.with_law("off")
 
 
 def _without_law_or_landing(fleet: FleetConfig) -> FleetConfig:
-    """Return the same fleet, whose vehicles do not land by themselves when the ground is lost."""
-    alone = replace(fleet, fleet=replace(fleet.fleet, ground_lost_land_s=3600.0))
-    return _without_law(alone)
+    """Return a fleet whose vehicles avoid nobody, and do not land when the ground is lost."""
+    # longer than any flight
+    never_landing = replace(fleet, fleet=replace(fleet.fleet, ground_lost_land_s=3600.0))
+    return _without_law(never_landing)
 
 
 def _nothing_else(_flight: Lockstep, _is_defended: bool) -> None:
-    """Leave everything as it is: the ground dies by itself."""
+    """Do nothing: the death of the ground (``ground_ends_in``) is all that goes wrong."""
 
 
 # -- London ----------------------------------------------------------------------------------------
 
 
 def _start_late(flight: Lockstep, is_defended: bool) -> None:
-    """Let some follow their paths later than the rest.
+    """Let the vehicles of LATE follow their paths late.
 
-    Without the defence the vehicles do not compare their clocks of the show either.
+    Without the defence the vehicles also do not compare their show clocks with each other.
     """
     for name in LATE:
         flight.agents[name].path_delay_s = LATE_S

@@ -1,8 +1,8 @@
-"""An agent's shell in simulated time: calls do what threads and sockets do around a real agent.
+"""An agent's shell in simulated time: plain calls replace the threads and sockets of a real agent.
 
-The core is the real one, and this file replaces ``onboard.agent.loop``. Between two ticks messages
-wait in the inbox, orders are answered at once, and commands are executed in their order. The
-process around the core can be stopped, continued, killed and started anew.
+The core is the real one; this file replaces ``onboard.agent.loop``. Messages wait in an inbox until
+the next tick, orders are answered at once, and the commands of the core are executed in their
+order. The simulated process around the core can be stopped, continued, killed and started anew.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ from onboard.types import TICK_S
 from sitl.lockstep.bus import Node, SimBus
 from sitl.lockstep.direct_link import EmulatedLink
 
-CONNECT_AFTER_NS = 1_000_000_000  # discovery and parameters of a real link
+CONNECT_AFTER_NS = 1_000_000_000  # time that a real link takes for discovery and parameters
 
-_MAX_INPUTS = 2000  # that wait for a tick
+_MAX_INPUTS = 2000  # inputs that can wait for a tick; then the oldest ones are dropped
 _TICK_NS = round(1e9 * TICK_S)
 
-# how the loop of a real agent counts its periods
+# the loop statistics, as the loop of a real agent counts them
 _STATISTICS_TICKS = 25
 _STATISTICS_PERIODS = 500
 _PERIOD_MS = 1e3 * TICK_S
-_LATE_MS = 5.0
+_LATE_MS = 5.0  # a tick that comes later than this counts as late
 
 OnReply = Callable[[OrderReply], None]
 
@@ -52,10 +52,10 @@ class AgentShell:
 
     Args:
         fleet: the fleet file.
-        name: of its vehicle.
-        link: its PX4.
-        bus: where it becomes a node of the vehicle's name.
-        pipeline_step: how its passes are calculated.
+        name: name of its vehicle, and of its node on the bus.
+        link: the link to its PX4.
+        bus: the bus on which it becomes a node.
+        pipeline_step: computes one pass of its pipeline.
     """
 
     def __init__(
@@ -78,18 +78,19 @@ class AgentShell:
         self.is_hung = False
         self._starts = 0
 
-        # tests of shows: how late it starts its path, as one whose clock is behind, and whether it
-        # compares the show's clock with nobody's
+        # for tests of shows: how late it starts its path, as if its clock were behind, and whether
+        # it does not compare its show clock with those of the others
         self.path_delay_s = 0.0
         self.follows_alone = False
 
         self._inbox: deque[agent_inputs.AgentInput] = deque(maxlen=_MAX_INPUTS)
 
-        # orders that came while it was hung, and how to answer those that the core works on
+        # orders that came while it was hung
         self._waiting_orders: list[tuple[Order | Malformed | UntrustedOrder, OnReply]] = []
+        # id of an order that the core works on -> function that sends the reply
         self._replies: dict[str, OnReply] = {}
 
-        # the ticks of all its processes
+        # ticks since the start of the flight, also those before a restart
         self._ticks = 0
         self._late = 0
         self._last_ns = 0  # time of the last tick; 0: this process has not ticked yet
@@ -125,7 +126,7 @@ class AgentShell:
         self._bus.call_at(self._bus.now_ns() + CONNECT_AFTER_NS, self._connect, self._starts)
 
     def kill(self) -> None:
-        """SIGKILL: silence on the wire and on the bus, and the others see the connections close."""
+        """End the process as SIGKILL does: it falls silent, and the others see it leave the bus."""
         if not self.is_running:
             return
 
@@ -135,11 +136,11 @@ class AgentShell:
         self.node.stop()
 
     def hang(self) -> None:
-        """Stall the event loop; the connections live on."""
+        """Stall the event loop; the connections stay open."""
         self.is_hung = True
 
     def resume(self) -> None:
-        """Go on; what has arrived meanwhile is handled now."""
+        """Continue the event loop; orders that have arrived meanwhile are handled now."""
         self.is_hung = False
         waiting_orders = self._waiting_orders
         self._waiting_orders = []
@@ -147,7 +148,7 @@ class AgentShell:
             self._order_received(message, reply)
 
     def request_stop(self) -> None:
-        """SIGTERM: land first if in the air."""
+        """Ask the agent to end, as SIGTERM does: a flying vehicle lands first."""
         self._inbox.append(agent_inputs.ShutdownRequested())
 
     @property
@@ -157,7 +158,7 @@ class AgentShell:
 
     @property
     def is_ticking(self) -> bool:
-        """Whether its loop turns."""
+        """Whether its process runs and its event loop is not stalled."""
         return self.is_running and not self.is_hung
 
     # -- in ----------------------------------------------------------------------------------------
@@ -168,15 +169,15 @@ class AgentShell:
             self._inbox.append(self.link.connect())
 
     def _subscribe(self, node: Node) -> None:
-        """Fill the inbox from the bus."""
+        """Subscribe to all topics of an agent, so that their messages go to the inbox."""
         now_ns = self._bus.now_ns
         inbox = self._inbox
         vehicle = self.core.vehicle
 
         def is_interested(topic: object, other: object) -> bool:
-            """Return whether it would have subscribed to this topic of that vehicle.
+            """Return whether a real agent would have subscribed to this topic of that vehicle.
 
-            It hears the fast states of the vehicles that it follows, the slow ones of the others.
+            It receives fast states of the vehicles that it follows, and slow states of the others.
             """
             if topic is Topic.STATE:
                 return other in self._followed
@@ -208,7 +209,7 @@ class AgentShell:
         node.watch_alive(node_changed)
 
     def _subscribe_neighbours(self, node: Node) -> None:
-        """Fill the inbox with the messages of the other vehicles."""
+        """Subscribe to the states and the telemetry of the other vehicles."""
         now_ns = self._bus.now_ns
         inbox = self._inbox
         name = self.name
@@ -224,7 +225,7 @@ class AgentShell:
                 inbox.append(agent_inputs.MessagesCounted(refused=1))
                 return
 
-            # its own messages come back to it, and those of its predecessor count
+            # skip its own messages; those that its process sent before a restart do count
             if other != name or message.boot_id != boot_id:
                 inbox.append(agent_inputs.NeighbourReceived(message, now_ns()))
 
@@ -252,27 +253,28 @@ class AgentShell:
             return
 
         if isinstance(message, Order):
-            message = self._as_its_clock_tells(message)
+            message = self._with_path_fault(message)
             self._replies[message.order_id] = reply
             now_ns = self._bus.now_ns()
             self.core.handle(agent_inputs.SnapshotReceived(self.link.snapshot()), now_ns)
             self._execute(self.core.handle(agent_inputs.OrderReceived(message), now_ns))
 
-    def _as_its_clock_tells(self, order: Order) -> Order:
-        """Return an order whose path starts when this agent's clock says so."""
+    def _with_path_fault(self, order: Order) -> Order:
+        """Return an order to follow a path, changed by ``path_delay_s`` and ``follows_alone``."""
         path = order.path
         if path is None or order.kind != "follow_path":
             return order
 
         path = replace(path, start_ns=path.start_ns + round(1e9 * self.path_delay_s))
         if self.follows_alone:
+            # no other vehicle flies a show of this id, so there is no clock to compare with
             path = replace(path, show_id=self.name)
         return replace(order, path=path)
 
     # -- a tick ------------------------------------------------------------------------------------
 
     def receive(self, now_ns: int) -> None:
-        """Hand what has arrived since the last tick to the core."""
+        """Hand all messages since the last tick to the core."""
         inbox = self._inbox
         handle = self.core.handle
         while inbox:
@@ -283,7 +285,7 @@ class AgentShell:
         handle(agent_inputs.SnapshotReceived(self.link.snapshot()), now_ns)
 
     def period_ns(self, now_ns: int) -> int:
-        """Return the time since its last tick; before the first one a whole period."""
+        """Return the time since its last tick [ns], or the nominal period if it has not ticked."""
         if not self._last_ns:
             return _TICK_NS
         return now_ns - self._last_ns
@@ -317,7 +319,7 @@ class AgentShell:
 
     # one case for each command, each of a line or two
     def _execute(self, commands: list[agent_commands.Command]) -> None:  # noqa: C901
-        """Do what the core wants done, in its order."""
+        """Execute the commands of the core in their order."""
         link = self.link
         for command in commands:
             match command:
@@ -357,7 +359,7 @@ class AgentShell:
                     self.kill()
 
     def _watch_bodies(self, bodies: Iterable[str]) -> None:
-        """Hear the poses of the vehicle's own body and of some others."""
+        """Subscribe to the poses of the vehicle's own body and of these others."""
         vehicle = self.core.vehicle
         watched = list(bodies)
         if vehicle.mocap_required and vehicle.body:

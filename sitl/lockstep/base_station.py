@@ -1,6 +1,6 @@
-"""The node of corrections in simulated time: a base that is made up, and faults of it.
+"""The node that sends GNSS corrections in simulated time: an invented base station, and its faults.
 
-It sends once a second, as a real one does, under its own name on the simulated bus.
+It publishes frames once a second, as a real one does, as a node of its own on the simulated bus.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ _BOOT_ID = 7
 
 
 class BaseStation:
-    """Sends what a base would.
+    """Sends the corrections of an invented base.
 
     Args:
-        fleet: says where the base stands.
-        bus: on which it becomes a node.
+        fleet: the fleet file, which says where the base stands.
+        bus: the bus on which it becomes a node.
     """
 
     def __init__(self, fleet: FleetConfig, bus: SimBus) -> None:
         self.is_silent = False
         self._base = mock_base_of(fleet)
-        self._said = self._base  # with the place that it says
+        self._said = self._base  # the base whose frames are sent; a fault moves its position
         self._node = bus.node(NODE)
         self._node.start()
         self._bus = bus
@@ -38,7 +38,7 @@ class BaseStation:
         bus.call_at(bus.now_ns(), self._send)
 
     def move(self, east_m: float) -> None:
-        """Say a place to the east from now on; 0: the right one."""
+        """From now on send a position that lies east of the true one; 0 sends the true one."""
         self._said = self._base
         if east_m:
             self._said = self._base.moved(east_m)

@@ -1,12 +1,12 @@
-"""The bus in simulated time: pairs of nodes delay, lose, reorder and double messages. Seeded.
+"""The bus in simulated time: it delays, loses, reorders and duplicates messages between nodes.
 
-What the real one promises holds here too. Topics whose newest message matters lose messages;
-events, orders and answers travel on a connection, so what is lost is sent again and comes later,
-and in order. A pair of nodes that is cut apart notices after the lease; what was on its way until
-then arrives when the cut is healed in time, otherwise never.
+It keeps the promises of the real bus. Messages of topics of which only the newest one matters can
+be lost. Events, orders and replies travel on a connection: a lost one is sent again, so it comes
+later, and in order. Two nodes that are cut apart notice it after the lease. Messages on their way
+arrive if the cut is healed before that, otherwise never.
 
-Everything is a call with a time at which it is due, in one queue. Where nothing can happen to a
-message, one call serves all its receivers.
+Every message is a call with a due time, and all calls wait in one queue. Where no fault can touch a
+message, a single call serves all its receivers. The random numbers are seeded.
 """
 
 from __future__ import annotations
@@ -37,26 +37,28 @@ from sitl.lockstep.channel import Channel
 from sitl.lockstep.connections import BusSettings, Losses, Pair
 
 _LEASE_NS = LEASE_MS * 1_000_000
-_RECONNECT_NS = 300_000_000  # from the end of a cut until the nodes see each other again
-_RESEND_NS = 200_000_000  # TCP's shortest time until it sends again
+_RECONNECT_NS = 300_000_000  # time from the end of a cut until the nodes see each other again
+_RESEND_NS = 200_000_000  # TCP's shortest time until it sends a segment again
 _MAX_RESENDS = 8
 _DUPLICATE_AFTER_NS = 3_000_000
 
-# a call for a receiver, and what it is called with
+# a call at a receiver, and its arguments
 Call = Callable[..., None]
 Arguments = tuple[object, ...]
 
-# no connection of the bus: what has it is never cut
+# stands for "no connection of the bus": a call with this pair is never cut
 _NO_PAIR: Pair = ("", "")
 
 
 class SimBus:
-    """All nodes and what is on its way between them.
+    """All nodes, and the messages on their way between them.
 
     Args:
-        settings: of every pair; :meth:`set_link` gives a pair its own.
-        now_ns: the simulated time.
-        radio: the one channel that all share, and the nodes that have a radio; None without limits.
+        settings: quality of every connection; :meth:`set_link` gives a connection its own.
+        now_ns: returns the simulated time.
+        seed: the seed of all random numbers.
+        radio: the radio channel that the fleet shares, and the names of the nodes that have a
+            radio; None if the bit rate has no limit.
     """
 
     def __init__(
@@ -72,7 +74,7 @@ class SimBus:
         self.subscribers: dict[tuple[Topic, str], list[tuple[Node, OnMessage]]] = defaultdict(list)
         self.lost = 0  # messages so far
 
-        # quality: of every pair, and of those that have their own
+        # quality of every pair, and of the pairs that have their own
         self.settings = settings
         self._delay_ns = round(settings.delay_s * 1e9)
         self._links: dict[Pair, BusSettings] = {}
@@ -83,23 +85,27 @@ class SimBus:
         if radio is not None:
             self.channel = Channel(*radio, now_ns, seed=seed)
 
-        # what is on its way, as a heap: when it is due, and a number that keeps the order
+        # messages on their way, as a heap: the due time [ns], a number that keeps the order of
+        # those due at the same time, and the call
         self._queue: list[tuple[int, int, Pair, Call, Arguments]] = []
         self._count = itertools.count()
 
-        # when the newest message of a pair arrives, of LATEST ones and of the others
+        # pair, and whether the message is a LATEST one -> when its newest message arrives
         self._newest_ns: dict[tuple[Pair, bool], int] = {}
 
-        self._cut: dict[Pair, int] = {}  # since when
-        self._held: list[tuple[int, Pair, Call, Arguments]] = []  # since when, in senders' buffers
-        self._unseen: set[Pair] = set()  # pairs that have noticed their cut
+        self._cut: dict[Pair, int] = {}  # pair -> time [ns] at which it was cut
+
+        # calls that wait in their senders' buffers for the end of a cut, each with the time [ns] at
+        # which it began to wait
+        self._held: list[tuple[int, Pair, Call, Arguments]] = []
+        self._unseen: set[Pair] = set()  # pairs whose cut has lasted longer than the lease
 
     def node(self, name: str) -> Node:
-        """Return a new node; it takes part from its ``start`` on."""
+        """Return a new node, which joins the bus when its ``start`` is called."""
         return Node(self, name)
 
     def change_settings(self, settings: BusSettings) -> None:
-        """Give all pairs that have no quality of their own another one from now on."""
+        """Change the quality of all pairs that have none of their own, from now on."""
         self.settings = settings
         self._delay_ns = round(settings.delay_s * 1e9)
 
@@ -109,7 +115,7 @@ class SimBus:
         self._links[second, first] = settings
 
     def reset_link(self, first: str, second: str) -> None:
-        """Give two nodes the quality of every pair again."""
+        """Give the connection of two nodes the common quality again."""
         for pair in ((first, second), (second, first)):
             self._links.pop(pair, None)
 
@@ -117,15 +123,15 @@ class SimBus:
         """Cut groups of nodes apart.
 
         Args:
-            groups: names of nodes; the nodes that are in none form one group more.
-            bridging: names of nodes whom all groups still hear.
+            groups: names of nodes; the nodes that are named nowhere form one more group.
+            bridging: names of nodes that stay connected with all groups.
         """
-        sets = [set(group) for group in groups]
-        named = set().union(*sets, bridging)
-        sets.append({name for name in self.nodes if name not in named})
+        parts = [set(group) for group in groups]
+        named = set().union(*parts, bridging)
+        parts.append({name for name in self.nodes if name not in named})
 
-        for one, two in itertools.combinations(sets, 2):
-            for first, second in itertools.product(sorted(one), sorted(two)):
+        for one_part, other_part in itertools.combinations(parts, 2):
+            for first, second in itertools.product(sorted(one_part), sorted(other_part)):
                 self.cut(first, second)
 
     def cut(self, first: str, second: str) -> None:
@@ -137,14 +143,14 @@ class SimBus:
                 self.call_at(now_ns + _LEASE_NS, self._expire, pair, now_ns)
 
     def heal(self, *pairs: Pair) -> None:
-        """End the cuts between these pairs of nodes; without any, all cuts."""
+        """End the cuts of these pairs of nodes; without an argument, end all cuts."""
         now_ns = self.now_ns()
 
         healed = set(self._cut)
         if pairs:
             healed = {*pairs, *((second, first) for first, second in pairs)}
 
-        # what the senders have kept arrives, unless their connection has ended meanwhile
+        # messages that the senders have kept arrive, unless the lease has ended meanwhile
         held = self._held
         self._held = [entry for entry in held if entry[1] not in healed]
         for sent_ns, pair, function, args in held:
@@ -162,11 +168,11 @@ class SimBus:
         return (first, second) in self._cut
 
     def call_at(self, due_ns: int, function: Call, *args: object) -> None:
-        """Call a function at a time, whatever the faults of the bus are."""
+        """Call a function at a time [ns]; faults of the bus do not affect the call."""
         self._push(due_ns, _NO_PAIR, function, args)
 
     def deliver(self) -> None:
-        """Call everything that is due now, in the order of arrival."""
+        """Make all calls that are due now, in the order of their due times."""
         now_ns = self.now_ns()
         if self.channel is not None:
             self.channel.advance(now_ns)
@@ -181,19 +187,27 @@ class SimBus:
                 function(*args)
 
     def send(self, pair: Pair, delivery: Delivery, function: Call, *args: object) -> None:
-        """Put a call for the receiver on its way from ``pair[0]`` to ``pair[1]``."""
+        """Send a message from node ``pair[0]`` to node ``pair[1]``.
+
+        Args:
+            pair: names of sender and receiver.
+            delivery: whether the message may be lost.
+            function: is called when the message arrives.
+            args: arguments of that call.
+        """
         now_ns = self.now_ns()
         settings = self._of(pair)
         is_latest = delivery is Delivery.LATEST
         is_cut = bool(self._cut) and pair in self._cut
 
-        # nobody keeps a message that matters only while it is new
+        # no sender keeps a message that matters only while it is new
         if is_cut and is_latest:
             return
 
         due_ns = now_ns + round(settings.delay_s * 1e9)
 
-        # four numbers for each message, whatever it is, so that one fault changes no other
+        # every message draws four numbers, so that a change of one fault (loss, say) leaves the
+        # random numbers of the others as they are
         draw = None
         if settings.is_random:
             draw = self._rng.random(4)
@@ -212,7 +226,7 @@ class SimBus:
             if not is_latest:
                 due_ns += _RESEND_NS * self._resends(settings.loss)
 
-            # what is not reordered on purpose keeps its order
+            # messages that are not reordered above keep their order
             due_ns = max(due_ns, self._newest_ns.get((pair, is_latest), 0))
             self._newest_ns[pair, is_latest] = due_ns
 
@@ -223,7 +237,7 @@ class SimBus:
         if self.channel is not None:
 
             def leave_channel(end_ns: int) -> None:
-                """Go on with the delay of the connection."""
+                """Add the delay of the connection to the time on the channel."""
                 self._push(end_ns + due_ns - now_ns, pair, function, args)
 
             self.channel.send(pair, args, leave_channel, is_latest)
@@ -235,14 +249,17 @@ class SimBus:
 
     @property
     def is_quiet(self) -> bool:
-        """Whether all messages arrive, each after the same time."""
+        """Whether no fault can touch a message: all arrive, each after the same time."""
         has_fault = self._cut or self._links or self.settings.is_random
         return not has_fault and self.channel is None
 
     def send_latest(
         self, sender: str, receivers: list[tuple[Node, OnMessage]], args: Arguments
     ) -> None:
-        """Send a LATEST message to its subscribers, by one call where nothing can happen to it."""
+        """Send a LATEST message to its subscribers.
+
+        On a quiet bus one call serves all of them.
+        """
         if self.is_quiet:
             due_ns = self.now_ns() + self._delay_ns
             all_at_once = (sender, tuple(receivers), args)
@@ -262,7 +279,7 @@ class SimBus:
             if node.name == sender:
                 continue
 
-            # the cut may have come while the message was on its way
+            # the pair may have been cut while the message was on its way
             if cut and (sender, node.name) in cut:
                 self._held.append((self.now_ns(), (sender, node.name), on_message, args))
             else:
@@ -275,7 +292,7 @@ class SimBus:
             listeners[:] = [entry for entry in listeners if entry[0] is not node]
 
     def _resends(self, loss: float) -> int:
-        """Return how often a connection sends a message again until it is there."""
+        """Return how often a connection sends a message again until it arrives."""
         count = 0
         while count < _MAX_RESENDS and self._rng.random() < loss:
             count += 1
@@ -291,7 +308,12 @@ class SimBus:
         heappush(self._queue, (due_ns, next(self._count), pair, function, args))
 
     def _expire(self, pair: Pair, since_ns: object) -> None:
-        """Let a pair notice its cut, unless the cut has ended and another begun meanwhile."""
+        """Let a pair notice its cut, unless that cut has ended meanwhile.
+
+        Args:
+            pair: the pair that was cut.
+            since_ns: the time of the cut, which tells this cut from a later one.
+        """
         if self._cut.get(pair) == since_ns and pair not in self._unseen:
             self._unseen.add(pair)
             self._notify_of_all_names(pair, False)
@@ -304,7 +326,7 @@ class SimBus:
                 self._notify_of_all_names(pair, True)
 
     def _notify_of_all_names(self, pair: Pair, is_alive: bool) -> None:
-        """Let the second node learn that the first one is there or gone, under all its names."""
+        """Let a listener learn that a node is alive or gone, under all names of that node."""
         seen, listener = pair
         names = [seen]
         if seen in self.nodes:
@@ -314,7 +336,7 @@ class SimBus:
             self.notify(listener, name, is_alive)
 
     def notify(self, listener: str, node: str, is_alive: bool) -> None:
-        """Let one node learn that another is there or gone."""
+        """Let one node learn that another one is alive or gone."""
         receiver = self.nodes.get(listener)
         if receiver is not None:
             for on_alive in receiver.alive_listeners:
@@ -322,7 +344,7 @@ class SimBus:
 
 
 class Node:
-    """One node, as :class:`onboard.bus.protocol.Bus` describes."""
+    """One node; it has the methods of :class:`onboard.bus.protocol.Bus`."""
 
     is_simulated = True
 
@@ -334,8 +356,8 @@ class Node:
         self.order_server: OnOrder | None = None
         self.fault_server: OnFault | None = None
 
-        # by topic and name: false where a real node would not have subscribed; its subscriptions
-        # here are wider, because changing them costs time
+        # Returns for a topic and a name whether a real node would have subscribed to them. In
+        # lockstep a node subscribes to more than that, because changing subscriptions costs time.
         self.is_interested: Callable[[object, object], bool] = lambda topic, name: True
 
         self._is_open = False
@@ -346,7 +368,7 @@ class Node:
         return self.name
 
     def start(self) -> None:
-        """Join; the others learn of it."""
+        """Join the bus; the other nodes learn of it."""
         if self._is_open:
             return
         self._is_open = True
@@ -354,7 +376,7 @@ class Node:
         self._notify_others(self.name, True)
 
     def stop(self) -> None:
-        """Leave as a process that ends: its connections close, and the others notice at once."""
+        """Leave the bus as a process that ends: the other nodes notice at once."""
         if not self._is_open:
             return
 
@@ -368,7 +390,7 @@ class Node:
         self.order_server = None
 
     def publish(self, topic: Topic, name: str, message: Message) -> None:
-        """Send to all who subscribed."""
+        """Send a message to all subscribers."""
         delivery = TOPICS[topic].delivery
         for key in ((topic, "*"), (topic, name)):
             receivers = self.bus.subscribers.get(key)
@@ -385,20 +407,20 @@ class Node:
                     self.bus.send(pair, delivery, on_message, topic, name, message)
 
     def subscribe(self, topic: Topic, name: str, on_message: OnMessage) -> None:
-        """Hear ``topic/name``; ``name`` may be ``*``."""
+        """Receive the messages of ``topic/name``; ``name`` may be ``*``."""
         self.bus.subscribers[topic, name].append((self, on_message))
 
     def collect(
         self, topic: Topic, name: str, on_message: OnMessage, *, most: int = MAX_COLLECTED
     ) -> None:
-        """Hear ``topic/name`` as with :meth:`subscribe`: here nothing waits to be collected."""
+        """Do the same as :meth:`subscribe`: in lockstep no message waits to be collected."""
         self.subscribe(topic, name, on_message)
 
     def deliver(self) -> None:
-        """Do nothing: the simulation delivers."""
+        """Do nothing: the simulation delivers the messages."""
 
     def follow(self, topic: Topic, names: Iterable[str], on_message: OnMessage) -> None:
-        """Hear ``topic`` of exactly these names, of each once."""
+        """Receive the messages of ``topic`` under exactly these names, and no others."""
         for (other, _), listeners in self.bus.subscribers.items():
             if other is topic:
                 listeners[:] = [entry for entry in listeners if entry != (self, on_message)]
@@ -413,7 +435,7 @@ class Node:
     def order(
         self, vehicle: str, order: Order, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd
     ) -> None:
-        """Send an order to one vehicle; answers after the timeout are not heard."""
+        """Send an order to one vehicle; replies after the timeout are dropped."""
         deadline_ns = self.bus.now_ns() + round(timeout_s * 1e9)
 
         def reply_arrived(reply: OrderReply) -> None:
@@ -438,7 +460,7 @@ class Node:
     def fault(
         self, order: FaultOrder, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd
     ) -> None:
-        """Order a fault from the emulator, whichever node it is; no fault of the bus delays it."""
+        """Send an order for a fault to the emulator's node; no fault of the bus delays it."""
         now_ns = self.bus.now_ns()
 
         def send_back(reply: OrderReply) -> None:
@@ -452,7 +474,7 @@ class Node:
         self.bus.call_at(now_ns + round(timeout_s * 1e9), on_end)
 
     def watch_alive(self, on_alive: OnAlive) -> None:
-        """Hear of every node, those already there included."""
+        """Report every node that joins or leaves, and those that are there already."""
         self.alive_listeners.append(on_alive)
 
         for other in list(self.bus.nodes):
@@ -462,13 +484,13 @@ class Node:
                 self.bus.send((other, self.name), Delivery.TOKEN, on_alive, name, True)
 
     def claim(self, token: str) -> None:
-        """Be seen under another name too."""
+        """Let the other nodes see this node under a further name, too."""
         if token not in self.claims:
             self.claims.add(token)
             self._notify_others(token, True)
 
     def release(self, token: str) -> None:
-        """Give up such a name."""
+        """Give up a name that was claimed."""
         if token in self.claims:
             self.claims.remove(token)
             self._notify_others(token, False)

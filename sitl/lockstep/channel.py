@@ -1,11 +1,14 @@
-"""One radio channel that a whole fleet shares, in simulated time. Seeded.
+"""One radio channel that a whole fleet shares, in simulated time and with seeded random numbers.
 
-Stations take turns by the distributed coordination function of 802.11: each counts down a random
-number of free slots, whoever is at zero first sends, two at once collide and draw from a window
-twice as large. In its turn a station sends what waits for one receiver in one aggregate, as 802.11n
-does, so that a channel that is nearly full carries more in each turn, later. An access point is a
-station like the others, with a queue for each vehicle and a window that grows less, as 802.11e lets
-it; what a vehicle sends to another goes to it first. Times: onboard/feasibility/airtime.py.
+Stations take turns by the distributed coordination function of 802.11. Each station counts down a
+random number of free slots, and the first one at zero sends. Stations that reach zero at once
+collide, and draw again from a window twice as large. In its turn a station sends all packets that
+wait for one receiver as one aggregate, as in 802.11n. A nearly full channel therefore carries more
+packets in each turn, but later.
+
+The access point is a station like the others. It has a queue for each vehicle, and its window grows
+less, as 802.11e allows. Messages from vehicle to vehicle go through it. The durations come from
+onboard/feasibility/airtime.py.
 """
 
 from __future__ import annotations
@@ -23,13 +26,13 @@ from onboard.bus.schema import Message
 from onboard.config.radio import RadioConfig
 from onboard.feasibility.airtime import MOST_IN_TURN, OFDM, OVERHEAD_BYTES, message_packets, turn_s
 
-_ACCESS_POINT = ""  # its name as a station
-_SMALL_BYTES = 100  # of tokens, and of what is no message
-_MOST_WAITING_NS = 300_000_000  # then the sender drops what only matters while it is new
+_ACCESS_POINT = ""  # the station name of the access point; no node has this name
+_SMALL_BYTES = 100  # size of a liveliness token, and of a call that carries no message
+_MOST_WAITING_NS = 300_000_000  # a message of which only the newest matters is dropped after this
 
 FIRST_WINDOW = 16  # slots
 
-# after so many collisions in a row a station's window grows no more
+# a station's window is doubled at most so many times, once for each collision in a row
 MOST_DOUBLED = 6
 _MOST_DOUBLED_ACCESS_POINT = 2
 
@@ -37,29 +40,29 @@ _MOST_DOUBLED_ACCESS_POINT = 2
 class _Packet(NamedTuple):
     """One message on its way."""
 
-    to: str  # the node that is to have it
+    to: str  # name of the receiving node
     message_bytes: int
     sent_ns: int
-    is_latest: bool  # dropped when it has waited for long
-    deliver: Callable[[int], None]  # with the time of its arrival
+    is_latest: bool  # whether only the newest message matters: then it is dropped if it waits long
+    deliver: Callable[[int], None]  # called with the time of arrival [ns]
 
 
 class _Aggregate(NamedTuple):
-    """What a station sends in its turn."""
+    """The packets that a station sends in its turn."""
 
-    following: str  # the station that gets it
+    next_station: str  # the station that receives them
     packets: list[_Packet]
-    turn_ns: int  # for so long the channel is busy with it
+    turn_ns: int  # time for which the channel is busy with them
 
 
 class Channel:
     """The channel.
 
     Args:
-        radio: its quality.
-        vehicles: nodes with a radio; all others are wired to the access point, or share a radio of
-            their own.
-        now_ns: the simulated time.
+        radio: its bit rate, and whether vehicles send directly or over the access point.
+        vehicles: names of the nodes with a radio; all other nodes are wired to the access point.
+        now_ns: returns the simulated time.
+        seed: the seed of all random numbers.
     """
 
     def __init__(
@@ -70,17 +73,17 @@ class Channel:
         self._now_ns = now_ns
         self._rng = np.random.default_rng([seed, 13])
 
-        # station -> next station -> what waits
+        # station -> next station -> waiting packets
         self._queues: dict[str, dict[str, deque[_Packet]]] = {}
         self._slots_left: dict[str, int] = {}  # station -> free slots until it may send
-        self._in_a_row: dict[str, int] = {}  # station -> collisions of its turn
-        self._free_ns = 0  # end of the turn that was begun last
+        self._in_a_row: dict[str, int] = {}  # station -> its collisions since it last got through
+        self._free_ns = 0  # end of the turn that began last
 
         # the message whose size was measured last, and that size
         self._measured_message: object = None
         self._measured_bytes = 0
 
-        # so far
+        # totals since the start
         self.busy_ns = 0
         self.packets = 0
         self.dropped = 0
@@ -93,13 +96,13 @@ class Channel:
         deliver: Callable[[int], None],
         is_latest: bool,
     ) -> None:
-        """Take a message to the queue of its sender's station.
+        """Put a message into the queue of its sender's station.
 
         Args:
             pair: names of sender and receiver.
-            args: the last one is the message.
-            deliver: called with the time at which the receiver has it.
-            is_latest: whether it is dropped when it has waited for long.
+            args: arguments of the receiver's callback; if there is a message, it is the last one.
+            deliver: called with the time [ns] at which the message arrives.
+            is_latest: whether only the newest message matters: then it is dropped if it waits long.
         """
         sender, receiver = pair
 
@@ -118,29 +121,31 @@ class Channel:
         station = _ACCESS_POINT
         if sender in self._vehicles:
             station = sender
-        following = self._following(station, receiver)
+        next_station = self._next_station(station, receiver)
 
         # both ends are wired
-        if station == following:
+        if station == next_station:
             deliver(packet.sent_ns)
             return
-        self._enqueue(station, following, packet)
+        self._enqueue(station, next_station, packet)
 
-    def _enqueue(self, station: str, following: str, packet: _Packet) -> None:
+    def _enqueue(self, station: str, next_station: str, packet: _Packet) -> None:
         queues = self._queues.setdefault(station, {})
-        queues.setdefault(following, deque()).append(packet)
+        queues.setdefault(next_station, deque()).append(packet)
 
     def advance(self, now_ns: int) -> None:
         """Begin all turns that are due up to now."""
         while True:
-            # station -> when the oldest of its packets was sent; none of those with nothing to send
+            # station with waiting packets -> when the oldest of them was sent
             oldest_ns = {}
             for station, queues in self._queues.items():
                 self._drop_old(queues)
                 if queues:
                     oldest_ns[station] = min(queue[0].sent_ns for queue in queues.values())
 
-            begin_ns = max(self._free_ns, min(oldest_ns.values(), default=now_ns + 1))
+            # without a waiting packet no turn begins now
+            first_sent_ns = min(oldest_ns.values(), default=now_ns + 1)
+            begin_ns = max(self._free_ns, first_sent_ns)
             if begin_ns > now_ns:
                 return
 
@@ -159,7 +164,7 @@ class Channel:
         for station in waiting:
             left[station] -= slots
 
-        # of those that collide the longest one holds the channel
+        # when several collide, the longest aggregate keeps the channel busy
         aggregates = [self._aggregate(station, slots) for station in first]
         turn_ns = max(aggregate.turn_ns for aggregate in aggregates)
         self.busy_ns += turn_ns
@@ -179,19 +184,19 @@ class Channel:
             self._pass_on(first[0], aggregates[0])
 
     def _pass_on(self, station: str, aggregate: _Aggregate) -> None:
-        """Take an aggregate out of its station's queue to the receivers or to the next station."""
-        following = aggregate.following
-        queue = self._queues[station][following]
+        """Move an aggregate from its station's queue to the receivers or to the next station."""
+        next_station = aggregate.next_station
+        queue = self._queues[station][next_station]
         for _ in aggregate.packets:
             queue.popleft()
         self.packets += sum(message_packets(packet.message_bytes) for packet in aggregate.packets)
 
         for packet in aggregate.packets:
-            is_wired = following == _ACCESS_POINT and packet.to not in self._vehicles
-            if packet.to == following or is_wired:
+            is_wired = next_station == _ACCESS_POINT and packet.to not in self._vehicles
+            if packet.to == next_station or is_wired:
                 packet.deliver(self._free_ns)
             else:
-                self._enqueue(following, packet.to, packet)
+                self._enqueue(next_station, packet.to, packet)
 
     def _draw(self, station: str) -> int:
         """Return the free slots that a station waits for before it sends."""
@@ -203,20 +208,23 @@ class Channel:
         return int(self._rng.integers(FIRST_WINDOW << doubled))
 
     def _aggregate(self, station: str, slots: int) -> _Aggregate:
-        """Return what a station sends in its turn: first to whom a packet has waited longest."""
+        """Return the packets that a station sends in its turn.
+
+        They all go to the receiver of the packet that has waited longest.
+        """
         queues = self._queues[station]
-        following = min(queues, key=lambda name: queues[name][0].sent_ns)
-        packets = list(islice(queues[following], MOST_IN_TURN))
+        next_station = min(queues, key=lambda name: queues[name][0].sent_ns)
+        packets = list(islice(queues[next_station], MOST_IN_TURN))
 
         count = sum(message_packets(packet.message_bytes) for packet in packets)
         size_bytes = sum(packet.message_bytes for packet in packets) + count * OVERHEAD_BYTES
         phy = OFDM._replace(backoff_slots=float(slots))
         busy_s = turn_s(count, size_bytes, self._radio.rate_mbit_s, phy)
 
-        return _Aggregate(following, packets, round(busy_s * 1e9))
+        return _Aggregate(next_station, packets, round(busy_s * 1e9))
 
-    def _following(self, station: str, receiver: str) -> str:
-        """Return the station that gets a packet next."""
+    def _next_station(self, station: str, receiver: str) -> str:
+        """Return the station to which this station sends a packet for a receiver."""
         is_direct = self._radio.link == "direct" or station == _ACCESS_POINT
         if is_direct and receiver in self._vehicles:
             return receiver
@@ -224,19 +232,19 @@ class Channel:
 
     def _size_of(self, message: Struct) -> int:
         """Return the encoded size [byte] of a message."""
-        # one message goes to many receivers, one after the other
+        # the same message is sent to many receivers in a row, so its size is kept
         if message is not self._measured_message:
             self._measured_message = message
             self._measured_bytes = len(encode(cast(Message, message)))
         return self._measured_bytes
 
     def _drop_old(self, queues: dict[str, deque[_Packet]]) -> None:
-        """Drop what has waited too long, and queues that are empty."""
+        """Drop packets that have waited too long, and then empty queues."""
         oldest_ns = self._now_ns() - _MOST_WAITING_NS
-        for following in list(queues):
-            queue = queues[following]
+        for next_station in list(queues):
+            queue = queues[next_station]
             while queue and queue[0].is_latest and queue[0].sent_ns < oldest_ns:
                 queue.popleft()
                 self.dropped += 1
             if not queue:
-                del queues[following]
+                del queues[next_station]

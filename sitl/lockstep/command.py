@@ -17,9 +17,9 @@ def fly_mission(mission: Mission, folder: Path, simulation: SimulationSettings) 
     """Fly a mission and print its progress; return the exit status of its verdict.
 
     Args:
-        mission: checked, with its fleet.
-        folder: of the flight.
-        simulation: seed, weather, faults, orders of others and bus.
+        mission: a mission that has passed the checks.
+        folder: the folder of the record.
+        simulation: seed, weather, faults, orders of another ground, and quality of the bus.
 
     Raises:
         ConfigError: a fault or an order is impossible.

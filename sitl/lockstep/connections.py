@@ -1,4 +1,4 @@
-"""Quality of the simulated bus's connections, and which of their messages are lost."""
+"""The quality of a simulated bus connection, and the choice of the messages that it loses."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from onboard.config.fleet import ConfigError, RadioConfig
 
 Pair = tuple[str, str]
 
-_PERIOD_NS = 20_000_000  # of messages of 50 Hz
-_FORGOTTEN_NS = 10_000_000_000  # a connection without a message so far: as if one were so old
+_PERIOD_NS = 20_000_000  # period of messages of 50 Hz
+# a connection without a message so far counts as if its last one were so old
+_FORGOTTEN_NS = 10_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,13 +18,13 @@ class BusSettings:
     """Quality of every connection."""
 
     delay_s: float = 0.001  # shortest time from sender to receiver
-    jitter_s: float = 0.0  # mean of what comes on top, exponentially distributed
-    loss: float = 0.0  # share of the messages
-    # mean number of messages of 50 Hz that a connection loses in a row; 1: each loss by itself
+    jitter_s: float = 0.0  # mean of the additional delay, which is exponentially distributed
+    loss: float = 0.0  # share of the messages that are lost
+    # mean number of messages of 50 Hz that a connection loses in a row; 1: losses are independent
     burst: float = 1.0
-    reorder: float = 0.0  # chance of each message
-    reorder_s: float = 0.04  # a reordered message is held back for so long, so that others overtake
-    duplicate: float = 0.0  # chance of each message
+    reorder: float = 0.0  # chance that a message is reordered
+    reorder_s: float = 0.04  # a reordered message is held back for so long, and others overtake it
+    duplicate: float = 0.0  # chance that a message arrives twice
 
     def __post_init__(self) -> None:
         for name in ("delay_s", "jitter_s", "reorder_s"):
@@ -46,11 +47,11 @@ class BusSettings:
 
     @property
     def is_random(self) -> bool:
-        """Whether messages differ in what happens to them."""
+        """Whether messages need random numbers, because they are not all treated alike."""
         return self.jitter_s > 0.0 or self.loss > 0.0 or self.reorder > 0.0 or self.duplicate > 0.0
 
     def over(self, radio: RadioConfig | None) -> BusSettings:
-        """Return the settings with what the fleet's radio adds to them."""
+        """Return these settings combined with the quality of the fleet's radio."""
         if radio is None:
             return self
 
@@ -65,12 +66,12 @@ class BusSettings:
 
 
 class Losses:
-    """Memory of the connections that lose messages in a row.
+    """Chooses the messages that are lost, and remembers the last one of each connection.
 
-    Each connection is the two-state chain of Gilbert and Elliott: in one state it loses everything,
-    in the other nothing. The states last for times, and messages of 50 Hz are lost as settings say:
-    of those that come less often fewer are lost in a row, and of those sent at one instant all or
-    none.
+    Each connection is the two-state chain of Gilbert and Elliott: in one state it loses every
+    message, in the other none. How long a state lasts is a time, not a number of messages. The
+    settings count messages of 50 Hz; of messages that come less often fewer are lost in a row, and
+    of those sent at one instant all are lost or none.
     """
 
     def __init__(self) -> None:
@@ -93,17 +94,18 @@ class Losses:
         newest_ns, was_lost = self._newest.get(pair, (-_FORGOTTEN_NS, False))
         periods = (now_ns - newest_ns) / _PERIOD_NS
 
-        # chances to change the state within a period: out of the loss 1 / burst, and into it so
-        # that the chain is in it for the share `loss` of the time. What the two leave of 1 is the
-        # correlation of two messages that are one period apart.
+        # Within a period the chain leaves the state of loss with the chance 1 / burst. It enters
+        # that state with the chance leave * loss / (1 - loss), so that it is there for the share
+        # `loss` of the time. One minus both chances is the correlation of two messages that are one
+        # period apart.
         leave = 1.0 / settings.burst
         correlation = max(0.0, 1.0 - leave - leave * loss / (1.0 - loss)) ** periods
 
-        # the chance after the newest message, which approaches the share with time
-        chance_then = 0.0
+        # right after the newest message the chance is 0 or 1; with time it approaches `loss`
+        newest_chance = 0.0
         if was_lost:
-            chance_then = 1.0
-        chance = loss + (chance_then - loss) * correlation
+            newest_chance = 1.0
+        chance = loss + (newest_chance - loss) * correlation
 
         is_lost = bool(draw < chance)
         self._newest[pair] = (now_ns, is_lost)

@@ -1,12 +1,12 @@
-"""The agents' links to the emulated PX4s, without MAVLink: what a client on the wire would see.
+"""The agents' links to the emulated PX4s: the values of MAVLink messages, without their bytes.
 
-Telemetry comes at the rates that the agent asks for: attitude at 50 Hz, local position at 50 Hz or,
-beside a motion capture, 10 Hz, landed state at 10 Hz, accuracy and satellites at 5 Hz, battery at 2
-Hz, and armed and mode once a second, with the heartbeat. Everything takes ``delay_s``, both ways.
-Whether a command did anything is only seen in what PX4 reports afterwards.
+Telemetry comes at the rates that the agent asks for: attitude at 50 Hz; local position at 50 Hz, or
+at 10 Hz for a vehicle with motion capture; landed state at 10 Hz; accuracy and satellites at 5 Hz;
+battery at 2 Hz; armed and mode once a second, with the heartbeat. Every message takes ``delay_s``,
+in both directions. Commands return nothing: only later reports of PX4 show their effect.
 
-Values stay typed. Bytes would cost more than all the rest of the flight; packing and unpacking them
-is tested by the emulator's and the real link's own tests.
+To pack and unpack bytes would take longer than all the rest of the flight. The tests of the
+emulator and of the real link cover that.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _ATTITUDE_EVERY_STEPS = 5
 _ATTITUDE_PHASE_STEPS = 3
 
 _LANDED_EVERY_STEPS = 25
-_CHECKED_POSITION_EVERY_STEPS = 25  # of who flies by a motion capture
+_CHECKED_POSITION_EVERY_STEPS = 25  # local position of vehicles with motion capture
 _BATTERY_EVERY_STEPS = 125
 _ACCURACY_EVERY_STEPS = 50
 _HEARTBEAT_EVERY_STEPS = 250
@@ -52,13 +52,13 @@ _HEARTBEAT_EVERY_FRAMES = _HEARTBEAT_EVERY_STEPS // _ATTITUDE_EVERY_STEPS
 _TYPE_MASK_ATTITUDE_AND_THRUST = 7
 _NO_RATES = [0.0, 0.0, 0.0]
 
-# names and values of a snapshot, as far as they are known or new
+# some fields of a Snapshot: name -> value
 Fields = dict[str, Any]
 
-# something that is done at PX4's end
+# a call that acts on the emulated PX4
 Px4Call = Callable[[], object]
 
-# the time of an input, and the field that comes with it
+# snapshot field with a time of arrival -> field whose arrival it notes
 _TIMES = {
     "attitude_ns": "px4_boot_ms",
     "local_position_ns": "position_local_ned_m",
@@ -72,7 +72,7 @@ _TIMES = {
 
 
 class _Ends(NamedTuple):
-    """A link between its two channels."""
+    """A link and its two channels, which the emulator's faults can disturb."""
 
     link: EmulatedLink
     up: LossyChannel[bytes]  # to PX4
@@ -83,12 +83,12 @@ class LinkBank:
     """The links of all vehicles; the emulator's faults of the companion link act on them.
 
     Args:
-        emulator: the PX4s.
+        emulator: the emulator with all PX4s.
         fleet: the fleet file.
-        vehicles: in the order of the PX4s.
-        now_ns: the simulated time.
-        seed: of the noise of attitude.
-        delay_s: from one end of a link to the other, rounded up to whole physics steps.
+        vehicles: the vehicles in the order of the emulator's PX4s.
+        now_ns: returns the simulated time.
+        seed: the seed of the attitude noise.
+        delay_s: time from one end of a link to the other, rounded up to whole physics steps.
     """
 
     def __init__(
@@ -105,6 +105,7 @@ class LinkBank:
         self.fleet = fleet
         self.now_ns = now_ns
         self.links = [EmulatedLink(self, index, vehicle) for index, vehicle in enumerate(vehicles)]
+        # 1e-9 keeps rounding errors of a whole number of steps from adding a step
         self._delay_steps = max(1, int(np.ceil(delay_s / STEP_S - 1e-9)))
         self._rng = np.random.default_rng([seed, 12])
 
@@ -113,13 +114,14 @@ class LinkBank:
         phases = phase_rng.integers(_HEARTBEAT_EVERY_FRAMES, size=len(vehicles))
         self._phase_steps: list[int] = (_ATTITUDE_EVERY_STEPS * phases).tolist()
 
-        # the channels hold back or lose what the emulator's faults touch
+        # the emulator's faults make these channels delay or lose messages
         self._ends = [
             _Ends(link, channels["companion", "in"], channels["companion", "out"])
             for link, channels in zip(self.links, emulator.disturbances.wires, strict=True)
         ]
 
-        # what is on its way, by the step at which it arrives: one link's call, or fields of each
+        # messages on their way, each with the physics step at which it arrives: calls to the PX4 of
+        # one vehicle (step, index, call), and fields for the agents of all vehicles (step, rows)
         self._calls: deque[tuple[int, int, Px4Call]] = deque()
         self._rows: deque[tuple[int, list[Fields | None]]] = deque()
 
@@ -137,11 +139,11 @@ class LinkBank:
             self._sample(steps)
 
     def send(self, index: int, call: Px4Call) -> None:
-        """Call something at PX4's end when it gets there."""
+        """Send a call to one vehicle's PX4, where it is made after the delay."""
         self._calls.append((self._steps + self._delay_steps, index, call))
 
     def answer(self, index: int, fields: Fields) -> None:
-        """Send one agent what it has requested."""
+        """Send one agent the fields that it has requested."""
         rows: list[Fields | None] = [None] * len(self.links)
         rows[index] = fields
         self._rows.append((self._steps + self._delay_steps, rows))
@@ -167,7 +169,7 @@ class LinkBank:
                     ends.down.push(self.emulator.time_s, cast(Any, fields))
 
     def _release_delayed(self) -> None:
-        """Deliver what arrives from channels that hold something back."""
+        """Deliver messages that a disturbed channel has held back until now."""
         now_s = self.emulator.time_s
         for ends in self._ends:
             if not ends.up.is_clear:
@@ -178,7 +180,7 @@ class LinkBank:
                     ends.link.receive(cast(Fields, fields))
 
     def _sample(self, steps: int) -> None:
-        """Send what is due of all PX4s; one that hangs sends nothing."""
+        """Send the reports of all PX4s that are due; a PX4 that hangs sends nothing."""
         frame = steps - _ATTITUDE_PHASE_STEPS
 
         rows: list[Fields | None] = []
@@ -229,7 +231,10 @@ class LinkBank:
         return round(up_s * 1e3)
 
     def _add_positions(self, rows: Sequence[Fields | None], *, has_checked: bool) -> None:
-        """Add LOCAL_POSITION_NED of who flies by it, and of the others with ``has_checked``."""
+        """Add LOCAL_POSITION_NED to the rows of vehicles without motion capture.
+
+        With ``has_checked``, it is added to the rows of all vehicles.
+        """
         positions = self.emulator.estimator.position_ned_m.tolist()
         velocities = self.emulator.estimator.velocity_ned_m_s.tolist()
         for row, link, position, velocity in zip(
@@ -252,13 +257,13 @@ class LinkBank:
         }
 
     def _sticks(self, index: int) -> Fields:
-        """Return MANUAL_CONTROL, which comes while sticks are heard; its time is of its arrival."""
+        """Return MANUAL_CONTROL; PX4 sends it only while a transmitter sends stick positions."""
         if not self.emulator.autopilots[index].has_sticks(self.emulator.clock_s(index)):
             return {}
         return {"sticks_ns": self.now_ns()}
 
     def _accuracy(self, index: int) -> Fields:
-        """Return ESTIMATOR_STATUS, and of who flies by satellites GPS_RAW_INT."""
+        """Return ESTIMATOR_STATUS, and GPS_RAW_INT of a vehicle without motion capture."""
         estimator = self.emulator.estimator
         now_s = self.emulator.time_s
 
@@ -273,7 +278,7 @@ class LinkBank:
         return fields
 
     def heartbeat(self, index: int) -> Fields:
-        """Return HEARTBEAT, and with it what PX4 sends as seldom."""
+        """Return HEARTBEAT, GPS_GLOBAL_ORIGIN and AUTOPILOT_VERSION."""
         autopilot = self.emulator.autopilots[index]
         view = View(self.emulator, index)
 
@@ -292,7 +297,7 @@ class LinkBank:
 
 
 class EmulatedLink:
-    """One agent's link; an :class:`onboard.autopilot.Autopilot`."""
+    """One agent's link to its PX4; implements :class:`onboard.autopilot.Autopilot`."""
 
     def __init__(self, bank: LinkBank, index: int, vehicle: Vehicle) -> None:
         self._bank = bank
@@ -300,14 +305,14 @@ class EmulatedLink:
         self._vehicle = vehicle
         self.has_mocap = vehicle.mocap_required
 
-        # the newest values, and a snapshot of them; None when newer ones have come
+        # the newest values, and a snapshot of them; None if newer values have come since
         self._fields: Fields = {"system_id": vehicle.system_id}
         self._snapshot: Snapshot | None = Snapshot()
 
     # -- in ----------------------------------------------------------------------------------------
 
     def receive(self, fields: Fields) -> None:
-        """Take values that PX4 has sent."""
+        """Store values that PX4 has sent."""
         now_ns = self._bank.now_ns()
         known = self._fields
         if "sticks_ns" in fields:
@@ -315,9 +320,9 @@ class EmulatedLink:
         known.update(fields)
 
         known["last_packet_ns"] = now_ns
-        for time, field in _TIMES.items():
+        for time_field, field in _TIMES.items():
             if field in fields:
-                known[time] = now_ns
+                known[time_field] = now_ns
 
         self._snapshot = None
 
@@ -330,7 +335,7 @@ class EmulatedLink:
     # -- out ---------------------------------------------------------------------------------------
 
     def send_attitude(self, setpoint: AttitudeSetpoint) -> None:
-        """SET_ATTITUDE_TARGET with attitude and thrust."""
+        """Send SET_ATTITUDE_TARGET with attitude and thrust."""
         take = self._bank.emulator.attitude_setpoint
         index = self._index
         quaternion_ned_frd = list(ned_frd_from_enu_flu(setpoint.quaternion_wxyz))
@@ -342,11 +347,11 @@ class EmulatedLink:
         self._bank.send(index, arrive)
 
     def set_offboard(self) -> None:
-        """DO_SET_MODE to OFFBOARD."""
+        """Send DO_SET_MODE to OFFBOARD."""
         self._request(lambda px4, now_s: px4.request_mode(now_s, modes.MAIN_MODE_OFFBOARD, 0))
 
     def land(self) -> None:
-        """PX4's own landing."""
+        """Ask PX4 to land by itself."""
         self._request(lambda px4, now_s: px4.request(now_s, Mode.LAND))
 
     def arm(self) -> None:
@@ -362,7 +367,7 @@ class EmulatedLink:
         self._request(lambda px4, now_s: px4.request_arm(now_s, False, modes.FORCE_DISARM_MAGIC))
 
     def request_heartbeat(self) -> None:
-        """REQUEST_MESSAGE of HEARTBEAT."""
+        """Send REQUEST_MESSAGE for HEARTBEAT."""
 
         def send_heartbeat(px4: Any, now_s: float) -> None:
             self._bank.answer(self._index, self._bank.heartbeat(self._index))
@@ -370,20 +375,20 @@ class EmulatedLink:
         self._request(send_heartbeat)
 
     def reboot(self) -> None:
-        """PREFLIGHT_REBOOT_SHUTDOWN, which PX4 refuses while it is armed."""
+        """Send PREFLIGHT_REBOOT_SHUTDOWN, which PX4 refuses while it is armed."""
 
-        def start_anew(px4: Any, now_s: float) -> None:
+        def reboot_px4(px4: Any, now_s: float) -> None:
             if not px4.is_armed:
                 self._bank.emulator.reboot(self._index)
 
-        self._request(start_anew)
+        self._request(reboot_px4)
 
     def play_tune(self) -> None:
-        """Let it play a tune."""
+        """Ask PX4 to play a tune."""
         self._request(lambda px4, now_s: px4.play_tune())
 
     def send_corrections(self, flags: int, data: bytes) -> None:
-        """GPS_RTCM_DATA with a fragment of a frame."""
+        """Send GPS_RTCM_DATA with a fragment of an RTCM frame."""
         take = self._bank.emulator.corrections
         index = self._index
         self._bank.send(index, lambda: take(index, flags, data))
@@ -395,7 +400,7 @@ class EmulatedLink:
         std_m: float,
         reset_count: int = 0,
     ) -> None:
-        """ODOMETRY with the mocap's position and heading."""
+        """Send ODOMETRY with position and heading of the motion capture."""
         take = self._bank.emulator.vision
         index = self._index
         position_ned_m = np.array(ned_from_enu(position_enu_m))
@@ -407,7 +412,11 @@ class EmulatedLink:
         self._bank.send(index, arrive)
 
     def connect(self) -> ParamsRead:
-        """Set origin and parameters, as the shell does; return what it reads from PX4 then."""
+        """Set origin and required parameters, as a real link does when it connects.
+
+        Returns:
+            The parameters as PX4 has them then.
+        """
         emulator = self._bank.emulator
         params = emulator.autopilots[self._index].params
         version = params.version.number
@@ -424,7 +433,7 @@ class EmulatedLink:
         return ParamsRead(differences(required, actual), 0.01 * params[BATTERY_FLOOR])
 
     def _request(self, command: Callable[[Any, float], object]) -> None:
-        """Let PX4 do something when the request gets there, unless it hangs."""
+        """Send a command to PX4, which executes it on arrival unless it hangs."""
         emulator = self._bank.emulator
         index = self._index
 

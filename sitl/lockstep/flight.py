@@ -1,7 +1,8 @@
-"""A flight in lockstep: the simulation, and in its time the ground with record and verdict.
+"""A flight in lockstep: the simulated fleet, and a ground station with its record and verdict.
 
-The ground's client and mission runner are the real ones. They are asyncio code and run in a loop
-whose clock is the simulation's, so a test or a script flies as a person would, only faster.
+The ground's client and mission runner are the real ones. They are asyncio code, and run in an event
+loop whose clock is the simulated time. So a test or a script gives orders and waits for results as
+a person would, only faster. Tests, ``covey fly --lockstep`` and the campaigns fly by this class.
 """
 
 from __future__ import annotations
@@ -48,29 +49,29 @@ from sitl.px4.modes import BLIND_DESCENT, CommandResult, Mode
 GROUND = "ground-1"
 _DIRECT_DELAY_S = 0.01
 _WATCH_S = 0.2
-_FORCE = 21196.0  # of MAV_CMD_COMPONENT_ARM_DISARM: also in the air
+_FORCE = 21196.0  # parameter 2 of MAV_CMD_COMPONENT_ARM_DISARM: disarm also in the air
 
-# objects until Python collects garbage; with its own 700 it looks at the messages of one tick again
-# and again, for a fifth of the time
+# new objects until Python collects garbage; with Python's own 700 the collector takes a fifth of
+# the time of a flight, because it looks at the messages of one tick again and again
 _COLLECT_EVERY = 50_000
 
 T = TypeVar("T")
 
 
 class Lockstep:
-    """One fleet and its ground, to be flown step by step or by whole missions.
+    """One fleet and its ground station, flown order by order or by whole missions.
 
     Args:
         fleet: a fleet file or its path.
-        seed: of everything random.
-        law: flies instead of the fleet file's.
-        bus: quality of the connections.
+        seed: the seed of all random numbers.
+        law: name of the avoidance law that flies instead of the fleet file's; None keeps that one.
+        bus: quality of the bus connections.
         mocap: quality of the motion capture.
         environment: wind, downwash and errors; a calm room by default.
-        folder: where the record goes; none without.
-        as_if_recorded: the ground hears and tells all that it does beside a record, also without
-            one, so that the flight is the same.
-        say: hears the progress in words.
+        folder: the folder of the record; None records nothing.
+        as_if_recorded: whether the ground subscribes and publishes as if the flight were recorded,
+            also without a folder, so that both flights are the same.
+        say: called with each line of progress.
         is_compiled: see :class:`Simulation`.
     """
 
@@ -97,7 +98,7 @@ class Lockstep:
         gc.set_threshold(_COLLECT_EVERY, *self._collect_thresholds[1:])
 
         self.config = config
-        self.may_land_hard = False  # a test's word that a hard landing is what it is about
+        self.may_land_hard = False  # a test sets it if a hard landing is part of the test
         self.folder = folder
         self.say = say
         self.simulation = Simulation(
@@ -109,7 +110,7 @@ class Lockstep:
             is_compiled=is_compiled,
         )
 
-        # who records needs more topics than who only flies
+        # a record needs more topics than a flight
         extra_topics: Sequence[Topic] = ()
         if folder is not None or as_if_recorded:
             extra_topics = RECORDED
@@ -117,7 +118,8 @@ class Lockstep:
             config,
             bus=self.simulation.bus.node(GROUND),
             extra_topics=extra_topics,
-            send=cast(Any, self._send_directly),  # a coroutine, where a thread would block
+            # a coroutine; a real ground station makes a blocking call in a thread instead
+            send=cast(Any, self._send_directly),
             clock_ns=self.simulation.clock_ns,
         )
 
@@ -127,7 +129,7 @@ class Lockstep:
             self.client.add_sink(self.record.put)
 
         self.fleet = Fleet(self.client, say=self._say_as_event)
-        self.run_under_way: MissionRun | None = None  # of the newest mission
+        self.run_under_way: MissionRun | None = None  # the run of the newest mission
         self._loop = VirtualLoop(self.simulation.clock_ns, self.simulation.step)
         self._started: set[asyncio.Task[object]] = set()  # asyncio itself keeps no tasks alive
         self._runner = asyncio.Runner(loop_factory=lambda: self._loop)
@@ -154,7 +156,7 @@ class Lockstep:
         """Do nothing: scripts run in the flight's own thread."""
 
     def end_record(self) -> RecordEnd | None:
-        """Finish the record; return how it has ended, None without one."""
+        """Finish the record and return how it has ended, or None if nothing was recorded."""
         if self.record is None:
             return None
 
@@ -162,9 +164,9 @@ class Lockstep:
         return self.record.end
 
     def run_script(self, path: str | Path, *arguments: str) -> None:
-        """Run a Python script that connects with this fleet, plain or with ``asyncio.run``.
+        """Run a Python script that connects with this fleet, with or without ``asyncio.run``.
 
-        Its exceptions come out.
+        Exceptions of the script are passed on.
         """
         in_real_time = asyncio.run
         asyncio.run = lambda main, **_: self.wait_for(main)
@@ -176,15 +178,15 @@ class Lockstep:
     # -- time --------------------------------------------------------------------------------------
 
     def wait_for(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine of the ground to its end, in simulated time.
+        """Run a coroutine of the ground to its end, in simulated time, and return its result.
 
-        Its ``Fleet.connect`` means this flight.
+        ``Fleet.connect`` in the coroutine connects with this flight.
         """
         with hosted(self):
             return self._runner.run(coroutine)
 
     def start_soon(self, coroutine: Coroutine[Any, Any, object]) -> None:
-        """Begin a coroutine beside whatever the ground does; also from inside the world."""
+        """Start a coroutine beside what the ground does; a planned call may use this, too."""
         self._loop.call_soon(self._start, coroutine)
 
     def _start(self, coroutine: Coroutine[Any, Any, object]) -> None:
@@ -193,15 +195,15 @@ class Lockstep:
         task.add_done_callback(self._started.discard)
 
     def run(self, duration_s: float) -> None:
-        """Let time pass."""
+        """Let simulated time pass."""
         self.wait_for(asyncio.sleep(duration_s))
 
     def until(self, condition: Callable[[FleetState], bool], timeout_s: float = 60.0) -> bool:
-        """Let time pass until the ground sees a condition; return whether it did."""
+        """Let time pass until the ground sees a condition; return whether it saw it in time."""
         return self.wait_for(self.client.wait_for(condition, timeout_s))
 
     def at(self, time_s: float, function: Callable[[], object]) -> None:
-        """Do something at a time since the start: break something, or mend it."""
+        """Call a function at a time [s since the start], for instance to begin or end a fault."""
         self.simulation.at(time_s, function)
 
     def inject(self, fault: Fault) -> Fault:
@@ -212,9 +214,9 @@ class Lockstep:
         """Let the ground's process stand still for a time.
 
         Args:
-            duration_s: for how long.
-            is_stopped: as by SIGSTOP: neither does it hear anything. Otherwise its computer is too
-                busy for its event loop, and messages go on arriving.
+            duration_s: how long it stands still.
+            is_stopped: True cuts it from the bus as well, as SIGSTOP does. With False its computer
+                is too busy for its event loop, and messages go on arriving.
         """
         self._loop.stand_still(duration_s)
         if is_stopped:
@@ -223,7 +225,7 @@ class Lockstep:
 
     @property
     def agents(self) -> dict[str, AgentShell]:
-        """The agents' processes, which can be killed, stopped, continued and started again."""
+        """The agents' simulated processes, which can be killed, stopped and started again."""
         return self.simulation.agents
 
     @property
@@ -239,16 +241,20 @@ class Lockstep:
     # -- orders ------------------------------------------------------------------------------------
 
     def ready(self, timeout_s: float = READY_TIMEOUT_SIM_S) -> None:
-        """Wait until all may fly."""
+        """Wait until all vehicles are ready to fly."""
         self.wait_for(self.fleet.ready(timeout_s))
 
     def takeoff(self, height_m: float = 1.0, vehicles: str = "all") -> dict[str, VehicleResult]:
-        """Take off, when everybody is ready."""
+        """Wait until all vehicles are ready, and take off."""
         self.ready()
         return self.wait_for(self.fleet.takeoff(height_m, vehicles))
 
     def order(self, text: str, timeout_s: float = 40.0) -> dict[str, VehicleResult]:
-        """Give an order as in the console, for instance ``move mav1 0 1 1``; wait for its end."""
+        """Give an order as in the console, for instance ``move mav1 0 1 1``, and wait for its end.
+
+        Returns:
+            The results by vehicle.
+        """
         return self.wait_for(self.client.order(text, timeout_s))
 
     def land(self, vehicles: str = "all") -> dict[str, VehicleResult]:
@@ -258,14 +264,13 @@ class Lockstep:
     def fly(
         self, mission: Mission | str | Path, *, stays: bool = False, **arguments: object
     ) -> Verdict:
-        """Fly a mission, from the first step to the verdict.
-
-        With a folder, the record is finished with it.
+        """Fly a mission from the first step to the verdict, and finish the record if there is one.
 
         Args:
             mission: the mission or its file.
-            stays: stay beside a fleet that somebody has taken from the mission, as ``covey fly``.
-            arguments: those of a Python mission.
+            stays: whether the run goes on after an operator has taken the fleet from the mission,
+                as that of ``covey fly`` does.
+            arguments: arguments of a Python mission.
         """
         if not isinstance(mission, Mission):
             mission = load_mission(mission, self.config)
@@ -294,7 +299,7 @@ class Lockstep:
         if self.record is None or self.folder is None:
             return verdict
 
-        # the record knows more than the run: its verdict is final
+        # the record holds more than the run has seen, so the verdict from the record is final
         self.record.stop()
         return final_verdict(
             run.flown(),
@@ -305,11 +310,11 @@ class Lockstep:
 
     async def _watch(self, run: MissionRun) -> None:
         """End the mission when the vehicles fall silent."""
-        while not run.look_after():  # noqa: ASYNC110 - silence is no event
+        while not run.look_after():  # noqa: ASYNC110 - no event comes when vehicles fall silent
             await asyncio.sleep(_WATCH_S)
 
     def _say_as_event(self, line: str) -> None:
-        """Say a line, and publish it as an event of the mission."""
+        """Report a line of progress, and publish it as an event of the mission."""
         self.say(line)
         self.client.publish_event("info", "mission", line.strip())
 
@@ -327,7 +332,10 @@ class Lockstep:
 
     @property
     def min_separation_m(self) -> float:
-        """Smallest distance so far by ground truth, while one of the two flew; infinite before."""
+        """Smallest distance [m] of two vehicles so far, by ground truth.
+
+        Pairs of which at least one flew count; infinite if there was none.
+        """
         smallest = self.client.state.smallest_truth
         if smallest is None:
             return math.inf
@@ -335,12 +343,12 @@ class Lockstep:
 
     @property
     def touchdowns(self) -> tuple[Touchdown, ...]:
-        """First contacts with the ground so far, each with its vertical speed, oldest first."""
+        """First ground contact of each landing so far, with its vertical speed, oldest first."""
         return self.client.state.touchdowns
 
     @property
     def hard_touchdowns(self) -> list[str]:
-        """Sentences about vehicles that came down faster than they may with all their thrust."""
+        """Sentences about vehicles that touched down too fast though they had all their thrust."""
         sentences = []
         for touchdown in self.touchdowns:
             vehicle = self.config.vehicles[touchdown.vehicle]
@@ -349,21 +357,21 @@ class Lockstep:
         return sentences
 
     def px4_position_error_m(self, vehicle: str) -> float:
-        """Return how far a vehicle is from where its PX4 believes it to be [m]."""
+        """Return the distance [m] between a vehicle's true position and its PX4's estimate."""
         emulator = self.simulation.emulator
         index = self.simulation.names.index(vehicle)
         truth_ned_m = emulator.world.vehicles.states.position_ned_m[index].tolist()
-        x, y, z = emulator.estimator.local(index).position_ned_m
+        north_m, east_m, down_m = emulator.estimator.local(index).position_ned_m
 
-        # without a motion capture its local frame begins where it started
+        # without a motion capture the origin of PX4's local frame is where the vehicle started
         config = self.config.vehicles[vehicle]
         if not config.mocap_required:
-            east, north, up = config.start_enu_m
-            x += north
-            y += east
-            z -= up
+            start_east_m, start_north_m, start_up_m = config.start_enu_m
+            north_m += start_north_m
+            east_m += start_east_m
+            down_m -= start_up_m
 
-        return math.dist(truth_ned_m, (x, y, z))
+        return math.dist(truth_ned_m, (north_m, east_m, down_m))
 
     def close(self) -> None:
         """End the flight and finish its record; a second call does nothing."""
@@ -391,7 +399,7 @@ class Lockstep:
         spares_pilot: bool = False,
         was_flown_by_hand: bool = False,
     ) -> DirectResult:
-        """Land or disarm past the agent; see ``groundstation.client.direct_mavlink``."""
+        """Land or disarm a vehicle past its agent; see ``groundstation.client.direct_mavlink``."""
         emulator = self.simulation.emulator
         system_ids = [spec.system_id for spec in emulator.specs]
         px4 = emulator.autopilots[system_ids.index(system_id)]

@@ -1,4 +1,7 @@
-"""The flight record without a thread: the files of real time, written as the messages come."""
+"""The flight record of a lockstep flight: the same files as in real time, written without a thread.
+
+Each message is written when it arrives, because in simulated time nobody waits for the disk.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +17,13 @@ class LockstepRecord:
     """Writes ``flight.mcap``, ``events.txt`` and ``orders.txt``.
 
     Args:
-        folder: where the files go; it is made.
-        begin_ns: zero of the texts' seconds.
-        say: called with severity, code and sentence, once when the disk refuses, and once when
+        folder: the folder of the files, which is created.
+        begin_ns: the time from which the seconds in the text files count.
+        say: called with severity, code and sentence of an event: once if writing fails, and once if
             there are too many channels.
+
     Raises:
-        OSError: when the folder cannot be made.
+        OSError: the folder cannot be created.
     """
 
     def __init__(
@@ -28,8 +32,8 @@ class LockstepRecord:
         self.folder = folder
         self._begin_ns = begin_ns
         self._say = say
-        self.failure: str | None = None  # in a sentence, when the record ended early
-        self.written = 0  # messages that are on the disk
+        self.failure: str | None = None  # a sentence, if the record ended early
+        self.written = 0  # number of messages on the disk
 
         folder.mkdir(parents=True, exist_ok=True)
         stream = (folder / RECORD_NAME).open("wb")
@@ -42,7 +46,7 @@ class LockstepRecord:
         )
 
     def put(self, topic: Topic, name: str, message: Message, received_ns: int) -> None:
-        """Take one message."""
+        """Write one message."""
         if self._files is None:
             return
         try:
@@ -52,7 +56,7 @@ class LockstepRecord:
 
     @property
     def end(self) -> RecordEnd:
-        """Return how it has ended."""
+        """How the record has ended."""
         return RecordEnd(begin_ns=self._begin_ns, written=self.written, failure=self.failure)
 
     def stop(self) -> None:
@@ -70,7 +74,7 @@ class LockstepRecord:
         files.close()
 
     def _fail(self, error: OSError) -> None:
-        """End the record and say so, once."""
+        """End the record after a failure of the disk, and report it once."""
         files = self._files
         self._files = None
         if files is None:

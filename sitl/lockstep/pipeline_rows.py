@@ -1,11 +1,11 @@
-"""The pipeline of the agents in lockstep, compiled: the same text as on a drone, some times faster.
+"""The agents' pipeline in lockstep: the same code as on a drone, but compiled and thus faster.
 
-An agent calls it like :func:`onboard.control.pipeline.step` and gets what that returns. Inside, the
-values are written to rows of floats, :mod:`onboard.rollout.batch` runs its compiled loop over the
-one row, and the results are read from the rows again. Where numba is not installed, the text is
-interpreted.
+An agent calls it like :func:`onboard.control.pipeline.step` and gets the same result. Inside, the
+values are written to rows of floats, the compiled loop of :mod:`onboard.rollout.batch` runs over
+them, and the result is read from the rows again. If numba is not installed, Python interprets the
+pipeline.
 
-What an agent hands over again unchanged keeps its row. The neighbours of a snapshot are rows
+Rows of values that an agent passes again unchanged are kept. The neighbours in a snapshot are rows
 already.
 """
 
@@ -37,27 +37,28 @@ class CompiledPipeline:
     """A pipeline step that is compiled, or interpreted as on a drone.
 
     Args:
-        is_wanted: False interprets every pass; the values differ by rounding only.
+        is_wanted: whether passes may be compiled; if False, every pass is interpreted, and the
+            values differ by rounding only.
     """
 
     def __init__(self, *, is_wanted: bool = True) -> None:
         self._can_compile = is_wanted and batch.is_compiled()
         self._compiles_this_tick = False
-        # by the identity of the memory returned last: an agent hands its own back unchanged
+        # id() of the memory returned last -> its agent, which passes that object in its next tick
         self._agents: dict[int, _Agent] = {}
-        # rows of what stays the same from tick to tick, by the identity of the values
+        # id() of values that stay the same from tick to tick -> these values and their rows
         self._params: dict[int, tuple[PipelineParams, Rows]] = {}
         self._obstacles: dict[int, tuple[Sequence[Capsule], Rows]] = {}
 
     def begin_tick(self, periods_ns: Sequence[int]) -> None:
-        """Choose how the passes of this tick are calculated.
+        """Choose whether the passes of this tick are compiled or interpreted.
 
-        They are compiled where several agents tick, all after the same time. A single agent, and
-        all agents in the tick in which one of them has stood still before, are interpreted: so both
-        ways are flown, and each flight repeats itself to the last bit.
+        They are compiled if several agents tick, and all of them after the same period. They are
+        interpreted for a single agent, and for all agents if one of them has stood still. So both
+        forms fly, and each flight is repeatable to the last bit.
 
         Args:
-            periods_ns: of each agent that ticks, the time since its last tick.
+            periods_ns: time since the last tick of each agent that ticks.
         """
         is_even = len(set(periods_ns)) == 1
         self._compiles_this_tick = self._can_compile and is_even and len(periods_ns) > 1

@@ -1,12 +1,12 @@
-"""A recorded flight, flown again: as it was, or with changes.
+"""A recorded lockstep flight, flown again: as it was, or with changes.
 
-A flight in lockstep is repeatable, so its record holds none of its state: the flight is flown once
-more from its start, from the files in its folder. Every two seconds a digest of all state is
-compared with the digest that was written then. As long as the two are equal, the flight is the
-recorded one. They differ where Covey, Python's libraries or the processor are others.
+A lockstep flight is repeatable, so its record needs no state of the simulation. It is flown again
+from its start, with the files in its folder. Every two seconds a digest of all state is compared
+with the digest in the record. As long as the digests are equal, the flight equals the recorded one.
+They differ if the version of Covey, a library or the processor is another one.
 
-Changes count from the start, or from a second on. Up to that second the flight must be the recorded
-one. If it is another one it ends there, because it would answer a question about another flight.
+Changes take effect at the start, or at a given second. Until that second the flight must equal the
+recorded one; otherwise it is ended, because the change would be tried on another flight.
 """
 
 from __future__ import annotations
@@ -44,16 +44,16 @@ class Reflown(NamedTuple):
     verdict: Verdict
     min_separation_m: float  # by ground truth, while one of the two flew; inf without a pair
     flown_s: float
-    equal_until_s: float  # up to here its state was the recorded one
+    equal_until_s: float  # until this second its state was equal to the recorded one
 
 
 class _Comparison:
-    """Writes the digests of a flight, and compares them with those of another one.
+    """Writes the digests of a flight, and compares them with those of a recorded one.
 
     Args:
-        flight: that is flown.
-        digests: of the other one; empty for none.
-        folder: where the own digests go; none without.
+        flight: the flight that is flown.
+        digests: the recorded digests by second; empty if there is no recorded flight.
+        folder: the folder to which the flight's own digests are written; None writes none.
     """
 
     def __init__(self, flight: Lockstep, digests: dict[str, str], folder: Path | None) -> None:
@@ -94,17 +94,18 @@ def fly_again(
     changes: Sequence[Change] = (),
     say: Say = lambda line: None,
 ) -> Reflown:
-    """Fly a recorded flight again, with changes.
+    """Fly a recorded flight again, as it was or with changes.
 
     Args:
         flown: the recorded flight.
-        folder: of the new flight, which exists; nothing is recorded without.
-        resume_at_s: second from which on the changes count; None: from the start.
-        changes: none for the same flight once more.
-        say: hears the progress in words.
+        folder: an existing folder for the record of the new flight; None records nothing.
+        resume_at_s: second at which the changes take effect; None: at the start.
+        changes: the changes; empty to repeat the same flight.
+        say: called with each line of progress.
 
     Raises:
-        ConfigError: a change is impossible, or the flight is another one before it is changed.
+        ConfigError: a change is impossible, or the flight differs from the recorded one before the
+            changes take effect.
     """
     origin = changed(flown.origin, changes, resume_at_s)
     fleet_path = flown.folder / "fleet.toml"
@@ -135,13 +136,13 @@ def fly_again(
 
 
 def _refuse_another_flight(comparison: _Comparison, resume_at_s: float) -> None:
-    """End a flight that is not the recorded one up to the second of its change."""
+    """Raise if the flight has differed from the recorded one before the changes take effect."""
     if comparison.differs_from_s <= resume_at_s:
         raise AnotherFlightError(comparison.differs_from_s)
 
 
 class AnotherFlightError(ConfigError):
-    """The flight is not the recorded one, before anything was changed."""
+    """The flight differs from the recorded one before any change has taken effect."""
 
     def __init__(self, from_s: float) -> None:
         super().__init__(

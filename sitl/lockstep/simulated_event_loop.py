@@ -1,8 +1,8 @@
-"""An asyncio event loop in simulated time: instead of waiting, it advances the world.
+"""An asyncio event loop in simulated time: instead of waiting, it advances the simulation.
 
 The ground's mission runner and its client are asyncio code. In this loop they run unchanged, in one
-thread and always in the same order: ``sleep`` and timeouts count simulated time, and what would go
-to another thread runs at once.
+thread and always in the same order. ``sleep`` and timeouts count simulated time, and functions for
+an executor run at once.
 """
 
 from __future__ import annotations
@@ -12,20 +12,21 @@ import inspect
 from collections.abc import Callable
 from typing import Any
 
-# nobody waits that long for a flight: somebody waits for what will never come
+# simulated time without any callback after which the loop raises: no flight waits so long, so a
+# coroutine waits for something that never happens
 _LONGEST_WAIT_S = 3600.0
 
 
 class StalledError(RuntimeError):
-    """Everything waits, and nothing that could end it is under way."""
+    """All coroutines wait, and nothing that could wake one of them is planned."""
 
 
 class VirtualLoop(asyncio.BaseEventLoop):
     """An event loop whose clock is the simulation's.
 
     Args:
-        now_ns: the simulated time.
-        advance: moves it on by one step; may call ``call_soon_threadsafe``.
+        now_ns: returns the simulated time.
+        advance: advances the simulation by one step; it may call ``call_soon_threadsafe``.
     """
 
     def __init__(self, now_ns: Callable[[], int], advance: Callable[[], None]) -> None:
@@ -41,11 +42,11 @@ class VirtualLoop(asyncio.BaseEventLoop):
         return self._now_ns() * 1e-9
 
     def stand_still(self, duration_s: float) -> None:
-        """Call nothing for a time: this process is not scheduled, and the world goes on."""
+        """Run no callback for a time while the simulation goes on, as a stopped process."""
         self._stands_until_s = max(self._stands_until_s, self.time() + duration_s)
 
     def select(self, timeout_s: float | None) -> list[Any]:
-        """Advance the world until a callback is due or the world has woken somebody."""
+        """Advance the simulation until a timer is due or a step of it has scheduled a callback."""
         if timeout_s is None or timeout_s > 0.0:
             self._wait(timeout_s)
         while self.time() < self._stands_until_s:
@@ -68,7 +69,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
     def call_soon(  # type: ignore[override]
         self, callback: Callable[..., object], *args: Any, context: Any = None
     ) -> asyncio.Handle:
-        """Call a function soon, as asyncio does; also from inside the world."""
+        """Schedule a callback, as asyncio does; a step of the simulation may call this, too."""
         self._is_woken = True
         return super().call_soon(callback, *args, context=context)
 
@@ -77,7 +78,8 @@ class VirtualLoop(asyncio.BaseEventLoop):
     ) -> asyncio.Future[Any]:
         """Run a function now.
 
-        What would block, waiting for the world, is written as a coroutine function instead.
+        A function that would block until the simulation has advanced is passed as a coroutine
+        function, which becomes a task.
         """
         result = func(*args)
         if inspect.iscoroutine(result):

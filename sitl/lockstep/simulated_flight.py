@@ -1,4 +1,4 @@
-"""A flight in lockstep as its settings say: weather, faults, orders of another ground, changes."""
+"""Opens a lockstep flight with its settings: weather, faults, orders of another ground, changes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ from sitl.physics.wind import WindSettings
 OTHER_GROUND = "ground-2"
 OTHER_AUTHOR = "another operator"
 
-_HEARS_ALL_S = 2.0  # after which a ground that has joined gives its order anyhow
+# a second ground waits at most so long for telemetry of all vehicles before it gives its order
+_HEARS_ALL_S = 2.0
 
 
 def open_flight(
@@ -37,13 +38,13 @@ def open_flight(
     *,
     say: Callable[[str], None] = lambda line: None,
 ) -> Lockstep:
-    """Return a flight that has not begun, with all that the settings plan.
+    """Return a flight that has not begun, with the faults, orders and changes of the settings.
 
     Args:
-        fleet: its vehicles fly.
-        settings: of the simulation.
-        folder: where the record goes; none without.
-        say: hears the progress in words.
+        fleet: the fleet file whose vehicles fly.
+        settings: settings of the simulation.
+        folder: the folder of the record; None records nothing.
+        say: called with each line of progress.
 
     Raises:
         ConfigError: a fault, an order or a change is impossible.
@@ -104,7 +105,7 @@ def _plan(flight: Lockstep, settings: SimulationSettings) -> None:
 
 
 def _prepared_change(flight: Lockstep, change: Change) -> Callable[[], None]:
-    """Return a function that makes a change in flight.
+    """Return a function that makes a change while the flight is under way.
 
     Raises:
         ConfigError: the change is impossible.
@@ -129,7 +130,7 @@ def _prepared_change(flight: Lockstep, change: Change) -> Callable[[], None]:
 
 
 def _prepared_law(flight: Lockstep, change: Change) -> Callable[[], None]:
-    """Return a function that lets all agents fly on with another number of the law."""
+    """Return a function that changes a parameter of the law in all agents."""
     fleet = flight.config
     other = fleet_of(edited_fleet(fleet.text, change), Path(fleet.path))
 
@@ -141,13 +142,14 @@ def _prepared_law(flight: Lockstep, change: Change) -> Callable[[], None]:
 
 
 class OtherGround:
-    """A second ground, of another person, that gives orders at times.
+    """A second ground station, of another person, that gives orders at planned times.
 
-    It joins the bus for its first order, and gives each order as soon as it has heard all vehicles.
-    It has no control of the fleet: it may hold, land and kill, and its other orders are refused.
+    It joins the bus for its first order, and gives the order as soon as it has telemetry of all
+    vehicles. It is not the operator: its orders to hold, land and kill are accepted, and its other
+    orders are refused.
 
     Args:
-        flight: whose bus it joins.
+        flight: the flight whose bus it joins.
     """
 
     def __init__(self, flight: Lockstep) -> None:
@@ -155,7 +157,7 @@ class OtherGround:
         self._client: FleetClient | None = None
 
     def plan(self, order: TimedOrder) -> None:
-        """Give an order at its time."""
+        """Plan an order at its time."""
         self._flight.at(order.at_s, lambda: self._flight.start_soon(self._give(order)))
 
     async def _give(self, order: TimedOrder) -> None:

@@ -1,9 +1,9 @@
 """Agents' cores, emulated vehicles, motion capture and bus, advanced together by steps of 4 ms.
 
-One step, always in this order: what was planned for this time, physics and autopilots, links,
-motion capture and ground truth, the bus, and every fifth step the agents. All agents tick at the
-same instant: what a neighbour sends is then one whole period old when it is used, the worst case of
-a real fleet, whose ticks lie anywhere.
+One step has always the same order: calls that were planned for this time, physics and autopilots,
+links, motion capture and ground truth, the bus, and in every fifth step the agents. All agents tick
+at the same instant, so a neighbour's message is one whole period old when it is used. That is the
+worst case of a real fleet, whose agents tick at different instants.
 """
 
 from __future__ import annotations
@@ -32,21 +32,22 @@ if TYPE_CHECKING:
     from sitl.lockstep.base_station import BaseStation
 
 STEP_NS = round(STEP_S * 1e9)
-EPOCH_NS = 1_000_000_000  # zero means never, to everybody
-TICK_STEPS = 5  # of physics, from one tick of the agents to the next
+EPOCH_NS = 1_000_000_000  # the time at the start; it is not 0, because a time of 0 means "never"
+TICK_STEPS = 5  # physics steps from one tick of the agents to the next
 _SIMULATOR = "sitl"
 
 
 class Simulation:
-    """A fleet without its ground.
+    """A simulated fleet without a ground station.
 
     Args:
         fleet: the fleet file; all its enabled vehicles fly.
-        seed: of everything random.
-        bus: quality of the connections.
+        seed: the seed of all random numbers.
+        bus: quality of the bus connections.
         mocap: quality of the motion capture.
         environment: wind, downwash and errors; a calm room by default.
-        is_compiled: compute the agents' passes by compiled code; the result differs by rounding.
+        is_compiled: whether compiled code computes the agents' pipeline; interpreted code gives the
+            same result up to rounding.
     """
 
     def __init__(
@@ -90,23 +91,25 @@ class Simulation:
             for name, link in zip(self.names, self.links.links, strict=True)
         }
 
-        self.base: BaseStation | None = None  # of the corrections, where the fleet takes some
+        # the node that sends GNSS corrections; None if the fleet file has no corrections
+        self.base: BaseStation | None = None
         if fleet.corrections is not None:
             self.base = _base_station(fleet, self.bus)
 
-        # calls to come, as a heap: when [ns since the start], and a number that keeps the order
+        # planned calls, as a heap: the time of the call [ns since the start], a number that keeps
+        # the order of calls at the same time, and the function
         self._planned: list[tuple[int, int, Callable[[], object]]] = []
         self._count = itertools.count()
 
     def _new_bus(self, settings: BusSettings, seed: int) -> SimBus:
-        """Return the bus with what the fleet's radio adds to its settings."""
+        """Return a bus with these settings, to which the fleet's radio adds delays and losses."""
         radio = None
         if self.fleet.radio is not None:
             radio = (self.fleet.radio, frozenset(self.names))
         return SimBus(settings.over(self.fleet.radio), self.clock_ns, seed=seed, radio=radio)
 
     def clock_ns(self) -> int:
-        """Return the simulated time on everybody's monotonic clock."""
+        """Return the simulated time [ns], which is the monotonic clock of all nodes."""
         return EPOCH_NS + self._vehicles.steps * STEP_NS
 
     @property
@@ -120,7 +123,7 @@ class Simulation:
         return self.emulator.time_s
 
     def state_parts(self) -> tuple[object, ...]:
-        """Return the objects that together are all of the simulation's state."""
+        """Return the objects that together hold all state of the simulation."""
         parts = (self.emulator, self._broadcast, self.links, self.bus, self._poses, self.agents)
         if self.base is None:
             return parts
@@ -129,26 +132,29 @@ class Simulation:
     def at(self, time_s: float, function: Callable[[], object]) -> None:
         """Call ``function`` before the first step at or after ``time_s``.
 
-        When that time has passed already, the next step calls it.
+        If that time [s since the start] has already passed, the next step calls it.
         """
         heapq.heappush(self._planned, (round(time_s * 1e9), next(self._count), function))
 
     def inject(self, fault: Fault) -> Fault:
-        """Plan a fault of emulator, link, motion capture, bus or agent.
+        """Plan a fault of emulator, link, motion capture, bus or agent; return it.
 
         Raises:
-            FaultError: when that is impossible.
+            FaultError: the fault is impossible.
         """
         return self.emulator.inject(fault)
 
     def _change_outside(self, fault: Fault, is_on: bool) -> None:
-        """Begin or end a fault of the bus or of an agent."""
+        """Begin or end a fault of something outside the emulator: the bus, an agent, the base."""
         if fault.name in ("agent_dead", "agent_hang"):
             self._change_agent(self.agents[fault.vehicle], fault.name, is_on)
             return
         if fault.name == "base_moved":
+            east_m = 0.0
+            if is_on:
+                east_m = fault.number("east_m")
             if self.base is not None:
-                self.base.move(fault.number("east_m") if is_on else 0.0)
+                self.base.move(east_m)
             return
 
         for other in self._others(fault):
@@ -181,7 +187,7 @@ class Simulation:
             agent.resume()
 
     def _others(self, fault: Fault) -> list[str]:
-        """Return the nodes to which the faulty vehicle's connections change."""
+        """Return the names of the nodes whose connection with the faulty vehicle changes."""
         which = "all"
         if fault.name == "bus_cut":
             which = fault.word("others")
@@ -210,7 +216,10 @@ class Simulation:
             self._tick_agents()
 
     def _tick_agents(self) -> None:
-        """Let all agents receive, and then tick: what one publishes the others hear later."""
+        """Let all agents receive, and then let all tick.
+
+        Messages that an agent publishes in its tick reach the others before their next tick.
+        """
         now_ns = self.now_ns
         for agent in self.agents.values():
             if agent.is_ticking:
@@ -229,13 +238,13 @@ class Simulation:
 
         for truth in truths:
             for _, on_message in self.bus.subscribers.get((Topic.TRUTH, "*"), ()):
-                # a judge's view: no fault of the bus touches it
+                # the truth is there to judge the flight, so no fault of the bus delays or loses it
                 on_message(Topic.TRUTH, truth.vehicle, truth)
 
 
 def _base_station(fleet: FleetConfig, bus: SimBus) -> BaseStation:
-    """Return the node of corrections of a fleet that takes some."""
-    # Imported here, because most fleets do without it, and it needs a library of its own.
+    """Return the node that sends GNSS corrections to this fleet."""
+    # Imported here, because most fleets have no corrections, and it needs a library of its own.
     from sitl.lockstep.base_station import BaseStation
 
     return BaseStation(fleet, bus)

@@ -1,11 +1,11 @@
-"""A digest of all that a flight in lockstep consists of, to compare it with another one.
+"""A digest of all state of a lockstep flight, to compare the flight with a repetition of it.
 
-Two flights with the same digest at one time go on alike. The digest goes through the objects of the
-simulation: vehicles, PX4s, links, motion capture, bus, agents and every random generator. It reads
-numbers, words and their containers, and the attributes of all other objects. Functions, and what
-only says what is to come (the plan of faults, planned calls), are no state.
+Two flights with the same digest at the same time continue in the same way. The digest covers the
+objects of the simulation: vehicles, PX4s, links, motion capture, bus, agents and every random
+generator. It reads numbers, words and their containers, and the attributes of all other objects.
+Functions, the plan of faults and planned calls are left out: they are no state.
 
-The ground is left out: what it does reaches the fleet as messages, and these are in the bus.
+The ground is left out, too. What it does reaches the fleet as messages, and these are in the bus.
 """
 
 from __future__ import annotations
@@ -44,21 +44,21 @@ def _digest_of(value: object) -> str:
 
 
 class _Walk:
-    """Goes through objects, each of them once, and writes down what it finds.
+    """Visits objects, each of them once, and writes their content as a list of words.
 
     Attributes:
-        words: of everything so far.
+        words: the words of all values so far.
     """
 
     def __init__(self) -> None:
         self.words: list[str] = []
-        # objects that were seen already -> their number; they stay alive, so that no identity is
-        # given twice
+        # id() of each visited object -> its number. The objects are kept alive, so that no other
+        # object gets the same id().
         self._numbers: dict[int, int] = {}
         self._alive: list[object] = []
 
     def add(self, value: Any) -> None:
-        """Add a value and all that hangs on it."""
+        """Add a value and all values that it contains."""
         kind = type(value)
         if kind in _PLAIN:
             self.words.append(repr(value))
@@ -94,7 +94,7 @@ class _Walk:
                 self.add(getattr(value, name, None))
 
     def _is_known(self, value: object) -> bool:
-        """Return whether an object was seen before; its number then stands for it."""
+        """Return whether an object was visited before; if so, write its number in its place."""
         number = self._numbers.get(id(value))
         if number is not None:
             self.words.append(str(number))

@@ -1,15 +1,16 @@
 """A pytest plugin with one fixture: ``lockstep`` makes flights in simulated time for a test.
 
-The flights end with the test, and the test fails when a vehicle with all its thrust has touched the
-ground faster than it may. A test that is about such a landing says so beforehand:
-``flight.may_land_hard = True``.
+The flights end with the test. The test fails if a vehicle with all its thrust has touched the
+ground too fast. A test in which this is expected sets ``flight.may_land_hard = True`` beforehand.
 
-pytest_plugins = ["sitl.lockstep.testing"]
+Example::
 
-def test_the_formation_keeps_its_distance(lockstep):
-    flight = lockstep("configs/fleets/paper.toml", seed=3)
-    assert flight.fly("configs/missions/paper.toml").passed
-    assert flight.min_separation_m > 0.8
+    pytest_plugins = ["sitl.lockstep.testing"]
+
+    def test_the_formation_keeps_its_distance(lockstep):
+        flight = lockstep("configs/fleets/paper.toml", seed=3)
+        assert flight.fly("configs/missions/paper.toml").passed
+        assert flight.min_separation_m > 0.8
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 @pytest.fixture
 def lockstep() -> Iterator[Callable[..., Lockstep]]:
     """Make a :class:`Lockstep` with its own arguments: fleet, seed, law, bus, mocap, folder."""
-    # here, so that the plugin costs nothing where it is not used
+    # imported here, so that the plugin costs no time in tests that do not use the fixture
     from sitl.lockstep.flight import Lockstep
 
     flights: list[Lockstep] = []

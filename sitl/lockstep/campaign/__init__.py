@@ -1,1 +1,1 @@
-"""Flights in which something breaks: what can break, and a judge who looks at every tick."""
+"""Flights in which a fault is injected: the faults, the flights, and a judge of every tick."""

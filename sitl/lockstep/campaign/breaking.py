@@ -1,5 +1,8 @@
-"""How something is broken in a flight in lockstep: functions that are called in flight with a
-vehicle's name.
+"""How each fault of a campaign is injected into a lockstep flight.
+
+An injection (``Inject``) is a function that is called during the flight, with the flight and the
+name of the vehicle that is to suffer the fault. Functions here are injections, or return one.
+``injections.py`` lists all of them, with what the vehicles have to notice.
 """
 
 from __future__ import annotations
@@ -7,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import msgspec
@@ -29,15 +32,15 @@ from sitl.lockstep.simulation import TICK_STEPS
 from sitl.physics.vehicle import STEP_S
 from sitl.px4.modes import Mode
 
-_BEYOND_M = 5.0  # of the fence
+_BEYOND_M = 5.0  # distance outside the fence
 _LEAST_HEIGHT_M = 0.5
 _WIND_RISES_IN_S = 20.0
-_STRONGEST_WIND_M_S = 30.0  # of the emulator's air
+_STRONGEST_WIND_M_S = 30.0  # the emulator accepts no more
 _SLOW_DELAY_S = 0.4
 _STARVED_FOR_S = 6.0
-# besides the time for which vehicles wait for a ground
+# in addition to the time for which vehicles wait for a lost ground
 _HANGS_LONGER_S = 8.0
-_DEAD_LONGER_S = 16.0  # by then everybody has landed
+_DEAD_LONGER_S = 16.0  # by then all vehicles have landed
 
 Inject = Callable[[Lockstep, str], None]
 
@@ -54,7 +57,7 @@ def fault(kind: str, duration_s: float = 0.0, **parameters: float | str) -> Inje
 
 
 def of_all(inject_one: Inject) -> Inject:
-    """Return what breaks the same thing for all vehicles at once, as where they share it."""
+    """Return an injection that does the same to all vehicles at once."""
 
     def inject(flight: Lockstep, _name: str) -> None:
         for name in flight.config.enabled_names:
@@ -64,7 +67,7 @@ def of_all(inject_one: Inject) -> Inject:
 
 
 def swap(duration_s: float) -> Inject:
-    """The motion capture takes the vehicle and the next one for each other."""
+    """Return an injection: the motion capture confuses the vehicle with the next one."""
 
     def inject(flight: Lockstep, name: str) -> None:
         names = flight.config.enabled_names
@@ -75,18 +78,18 @@ def swap(duration_s: float) -> Inject:
 
 
 def kill(flight: Lockstep, name: str) -> None:
-    """SIGKILL to the agent."""
+    """Kill the agent, as by SIGKILL."""
     flight.agents[name].kill()
 
 
 def kill_and_start(flight: Lockstep, name: str) -> None:
-    """SIGKILL to the agent, and a new one a second later."""
+    """Kill the agent, and start a new one a second later."""
     flight.agents[name].kill()
     flight.at(flight.time_s + 1.0, flight.agents[name].start)
 
 
 def hang(duration_s: float) -> Inject:
-    """The agent stands still for a time."""
+    """Return an injection: the agent's event loop stalls for a time; infinite: for good."""
 
     def inject(flight: Lockstep, name: str) -> None:
         flight.agents[name].hang()
@@ -97,26 +100,34 @@ def hang(duration_s: float) -> Inject:
 
 
 def stop_agent(flight: Lockstep, name: str) -> None:
-    """SIGTERM to the agent."""
+    """Ask the agent to stop, as by SIGTERM."""
     flight.agents[name].request_stop()
 
 
 def cut(duration_s: float, *, keeps: tuple[str, ...] = (), all_agents: bool = False) -> Inject:
-    """Cut the vehicle, or every agent, from all nodes but those it keeps."""
+    """Return an injection that cuts the vehicle from all nodes.
+
+    Args:
+        duration_s: time after which the cut is healed.
+        keeps: names of nodes from which it is not cut.
+        all_agents: whether every vehicle is cut off, instead of the one.
+    """
 
     def inject(flight: Lockstep, name: str) -> None:
-        names = flight.config.enabled_names if all_agents else (name,)
-        for one in names:
+        cut_names: Sequence[str] = (name,)
+        if all_agents:
+            cut_names = flight.config.enabled_names
+        for cut_name in cut_names:
             for other in [*flight.config.enabled_names, GROUND, "sitl"]:
-                if other != one and other not in keeps:
-                    flight.bus.cut(one, other)
+                if other != cut_name and other not in keeps:
+                    flight.bus.cut(cut_name, other)
         flight.at(flight.time_s + duration_s, flight.bus.heal)
 
     return inject
 
 
 def cut_ground(duration_s: float) -> Inject:
-    """Nothing passes between the ground and everybody else for a time."""
+    """Return an injection: the ground is cut from all nodes for a time; infinite: for good."""
 
     def inject(flight: Lockstep, _name: str) -> None:
         flight.bus.partition([GROUND])
@@ -127,13 +138,13 @@ def cut_ground(duration_s: float) -> Inject:
 
 
 def slow_ground(flight: Lockstep, _name: str) -> None:
-    """Every message of the ground takes its time, for the rest of the flight."""
+    """Delay every message between the ground and the vehicles for the rest of the flight."""
     for name in flight.config.enabled_names:
         flight.bus.set_link(GROUND, name, BusSettings(delay_s=_SLOW_DELAY_S))
 
 
 def starve_ground(flight: Lockstep, _name: str) -> None:
-    """Its computer is too busy: the event loop runs seldom, and not for long."""
+    """Let the ground's event loop run only now and then, as on a computer that is too busy."""
     rng = np.random.default_rng([round(flight.time_s / STEP_S), 20])
     begin_s = flight.time_s
     while begin_s < flight.time_s + _STARVED_FOR_S:
@@ -143,7 +154,7 @@ def starve_ground(flight: Lockstep, _name: str) -> None:
 
 
 def hang_ground(duration_s: float) -> Inject:
-    """SIGSTOP, and SIGCONT some time later."""
+    """Return an injection: the ground is stopped by SIGSTOP, and continued after a time."""
 
     def inject(flight: Lockstep, _name: str) -> None:
         flight.hold_ground(duration_s, is_stopped=True)
@@ -152,19 +163,19 @@ def hang_ground(duration_s: float) -> Inject:
 
 
 def hang_ground_for_long(flight: Lockstep, _name: str) -> None:
-    """SIGSTOP, and SIGCONT only after vehicles have begun to land because of it."""
+    """Stop the ground by SIGSTOP, and continue it only after vehicles have begun to land."""
     longest_s = flight.config.fleet.ground_lost_land_s + _HANGS_LONGER_S
     flight.hold_ground(longest_s, is_stopped=True)
 
 
 def kill_ground(flight: Lockstep, _name: str) -> None:
-    """The process ends: its connections close, and it does nothing any more."""
+    """End the ground's process: its connections close, and it does nothing any more."""
     flight.bus.nodes[GROUND].stop()
     flight.hold_ground(flight.config.fleet.ground_lost_land_s + _DEAD_LONGER_S)
 
 
 def bad_bus(flight: Lockstep, name: str) -> None:
-    """Messages between the vehicle and the others are lost, late, doubled and overtaken."""
+    """Lose, delay, duplicate and reorder messages between the vehicle and the others."""
     bad = BusSettings(delay_s=0.01, jitter_s=0.02, loss=0.3, reorder=0.2, duplicate=0.2)
     for other in flight.config.enabled_names:
         if other != name:
@@ -172,7 +183,7 @@ def bad_bus(flight: Lockstep, name: str) -> None:
 
 
 def pilot(mode: Mode) -> Inject:
-    """Somebody at the transmitter, or another ground station, takes the vehicle."""
+    """Return an injection: a pilot, or another ground station, switches PX4 to a mode."""
 
     def inject(flight: Lockstep, name: str) -> None:
         emulator = flight.simulation.emulator
@@ -183,7 +194,7 @@ def pilot(mode: Mode) -> Inject:
 
 
 def tick_fails(count: int) -> Inject:
-    """An error of our own: ticks without a result."""
+    """Return an injection: an internal error in the agent, so that some ticks have no result."""
 
     def inject(flight: Lockstep, name: str) -> None:
         def fail() -> None:
@@ -199,33 +210,36 @@ def tick_fails(count: int) -> Inject:
     return inject
 
 
-_FAR_AHEAD = 2**60
+_FAR_AHEAD = 2**60  # a sequence number that no sender reaches
 
 
 def nonsense(flight: Lockstep, name: str) -> None:
-    """Send bad states and poses in the name of others: not finite, huge, repeated, numbered far
-    ahead, of nobody.
+    """Publish bad states of another vehicle, and bad poses of all, for 1.2 seconds.
+
+    Their values are not finite, huge or repeated, have a sequence number far ahead, or are of a
+    vehicle that does not exist.
     """
     other = next(one for one in flight.config.enabled_names if one != name)
     liar = flight.bus.node("liar")
     liar.start()
-    heard: list[StateMessage] = []
+    newest_state: list[StateMessage] = []  # the newest state of the other vehicle; empty before
 
-    def listen(_topic: Topic, _name: str, message: object) -> None:
+    def keep_newest(_topic: Topic, _name: str, message: object) -> None:
         if isinstance(message, StateMessage) and message.sequence > 0:
-            heard[:] = [message]
+            newest_state[:] = [message]
 
-    def number_ahead(_topic: Topic, _name: str, message: object) -> None:
+    def publish_pose_ahead(_topic: Topic, _name: str, message: object) -> None:
         if isinstance(message, MocapPose) and message.sequence < _FAR_AHEAD:
-            lie = msgspec.structs.replace(
+            pose_ahead = msgspec.structs.replace(
                 message, sequence=_FAR_AHEAD, stamp_ns=message.stamp_ns + 1
             )
-            liar.publish(Topic.MOCAP, message.body, lie)
+            liar.publish(Topic.MOCAP, message.body, pose_ahead)
 
-    liar.subscribe(Topic.STATE, other, listen)
+    liar.subscribe(Topic.STATE, other, keep_newest)
     for vehicle in flight.config.enabled_names:
-        liar.subscribe(Topic.MOCAP, flight.config.vehicles[vehicle].body or vehicle, number_ahead)
-    lies: tuple[dict[str, object], ...] = (
+        body = flight.config.vehicles[vehicle].body or vehicle
+        liar.subscribe(Topic.MOCAP, body, publish_pose_ahead)
+    bad_fields: tuple[dict[str, object], ...] = (
         {"position_enu_m": (math.nan, 0.0, 0.0)},
         {"velocity_enu_m_s": (math.inf, 0.0, 0.0)},
         {"sequence": -5, "position_enu_m": (1e300, 1e300, 1e300)},
@@ -236,18 +250,25 @@ def nonsense(flight: Lockstep, name: str) -> None:
         {"predicted_position_enu_m": (1e30, 0.0, 0.0)},
     )
 
-    def lie(number: int) -> None:
-        if heard:
-            told = msgspec.structs.replace(heard[0], **lies[number % len(lies)])
-            liar.publish(Topic.STATE, told.vehicle, told)
+    def publish_bad_state(number: int) -> None:
+        if newest_state:
+            fields = bad_fields[number % len(bad_fields)]
+            bad_state = msgspec.structs.replace(newest_state[0], **fields)
+            liar.publish(Topic.STATE, bad_state.vehicle, bad_state)
 
     for number in range(120):
-        flight.at(flight.time_s + 0.01 * number, functools.partial(lie, number))
+        flight.at(flight.time_s + 0.01 * number, functools.partial(publish_bad_state, number))
     flight.at(flight.time_s + 1.5, liar.stop)
 
 
 def landed_state(duration_s: float, *, is_repeated: bool) -> Inject:
-    """PX4 reports the ground wherever it is: for a while, or its last report stays."""
+    """Return an injection: PX4 reports that it has landed, wherever it is.
+
+    Args:
+        duration_s: time for which true reports are replaced.
+        is_repeated: whether the wrong report is repeated; otherwise it comes once, and no other
+            landed state follows.
+    """
 
     def inject(flight: Lockstep, name: str) -> None:
         link = flight.agents[name].link
@@ -256,8 +277,9 @@ def landed_state(duration_s: float, *, is_repeated: bool) -> Inject:
 
         def change(fields: dict[str, Any]) -> None:
             if "landed" in fields and flight.time_s < end_s:
-                lie = {"landed": Landed.ON_GROUND} if is_repeated else {}
-                fields = {key: value for key, value in fields.items() if key != "landed"} | lie
+                fields = {key: value for key, value in fields.items() if key != "landed"}
+                if is_repeated:
+                    fields["landed"] = Landed.ON_GROUND
             receive(fields)
 
         link.receive = change  # type: ignore[method-assign]
@@ -266,7 +288,7 @@ def landed_state(duration_s: float, *, is_repeated: bool) -> Inject:
     return inject
 
 
-# one datagram of somebody who plays a vehicle's PX4
+# fields of one wrong report, as a stranger could send it in the name of a vehicle's PX4
 WRONG_REPORTS: dict[str, dict[str, Any]] = {
     "disarmed": {"is_armed": False, "mode": "OFFBOARD"},
     "another mode": {"is_armed": True, "mode": "POSCTL"},
@@ -280,33 +302,32 @@ WRONG_REPORTS: dict[str, dict[str, Any]] = {
 
 
 def wrong_report(name: str) -> Inject:
-    """Return the injection of one wrong report; the next true one comes as always."""
+    """Return the injection of one wrong report of PX4; the true reports go on as always."""
 
     def inject(flight: Lockstep, vehicle: str) -> None:
         link = flight.agents[vehicle].link
         fields = dict(WRONG_REPORTS[name])
         if "quaternion_enu_flu_wxyz" in fields:
             fields.setdefault("px4_boot_ms", link.snapshot().px4_boot_ms + 10)
-        # after the true report of this tick and before the tick: the newest of a kind is the one
-        # that is read
-        step_s = STEP_S
+
+        # in the last step before a tick, so that it comes after the true report and the agent reads
+        # this one
         steps = flight.simulation.emulator.world.vehicles.steps
-        flight.at(
-            step_s * (steps + TICK_STEPS - 1 - steps % TICK_STEPS), lambda: link.receive(fields)
-        )
+        step_before_tick = steps + TICK_STEPS - 1 - steps % TICK_STEPS
+        flight.at(STEP_S * step_before_tick, lambda: link.receive(fields))
 
     return inject
 
 
 def some_wrong_report(flight: Lockstep, vehicle: str) -> None:
-    """One wrong report, another one at each tick."""
-    wrong_report(list(WRONG_REPORTS)[round(flight.time_s / 0.02) % len(WRONG_REPORTS)])(
-        flight, vehicle
-    )
+    """Inject one wrong report of PX4; the time of the flight decides which one."""
+    tick = round(flight.time_s / 0.02)
+    name = list(WRONG_REPORTS)[tick % len(WRONG_REPORTS)]
+    wrong_report(name)(flight, vehicle)
 
 
 def repeated(inject: Inject, count: int, every_s: float) -> Inject:
-    """Return what breaks the same thing several times, one after the other."""
+    """Return an injection that repeats another one several times."""
 
     def repeat(flight: Lockstep, vehicle: str) -> None:
         for number in range(count):
@@ -316,7 +337,7 @@ def repeated(inject: Inject, count: int, every_s: float) -> Inject:
 
 
 def stops(*names: str) -> Inject:
-    """One kind of PX4's reports stops; the last one stays."""
+    """Return an injection: some fields of PX4's reports never come again."""
 
     def inject(flight: Lockstep, vehicle: str) -> None:
         link = flight.agents[vehicle].link
@@ -331,9 +352,7 @@ def stops(*names: str) -> Inject:
 
 
 def without_law(flight: Lockstep, name: str) -> None:
-    """Let one vehicle fly without avoidance, and tell that its fleet is another one: somebody
-    else's, or --law off.
-    """
+    """Let one vehicle fly without avoidance, and announce the hash of a fleet file without law."""
     shell = flight.agents[name]
     other = shell.fleet.with_law("off")
     control = shell.core.control
@@ -351,8 +370,10 @@ def without_law(flight: Lockstep, name: str) -> None:
 
 
 def lies(lie: Callable[[StateMessage, int], dict[str, Any]]) -> Inject:
-    """Let one vehicle fly as always, and tell the others something else about itself; ``lie`` gets
-    the tick, too.
+    """Return an injection: a vehicle flies as always, but publishes wrong states.
+
+    Args:
+        lie: returns the changed fields of a state message, given the true one and the tick.
     """
 
     def inject(flight: Lockstep, name: str) -> None:
@@ -376,32 +397,38 @@ def _beside(message: StateMessage, _tick: int) -> dict[str, Any]:
 
 
 def _moved(message: StateMessage, east_m: float) -> dict[str, Any]:
-    names = "position_enu_m", "predicted_position_enu_m"
-    return {name: (x + east_m, y, z) for name in names for x, y, z in (getattr(message, name),)}
+    moved = {}
+    for name in ("position_enu_m", "predicted_position_enu_m"):
+        x, y, z = getattr(message, name)
+        moved[name] = (x + east_m, y, z)
+    return moved
 
 
 def _stands(message: StateMessage, _tick: int) -> dict[str, Any]:
-    still = (0.0, 0.0, 0.0)
-    place = (0.0, -1.6, 0.0)
-    speeds = (
-        "velocity_enu_m_s",
-        "acceleration_enu_m_s2",
-        "predicted_velocity_enu_m_s",
-        "intent_enu_m_s",
-    )
-    places = {"position_enu_m": place, "predicted_position_enu_m": place, "is_airborne": False}
-    return dict.fromkeys((*speeds, "commanded_acceleration_enu_m_s2"), still) | places
+    zero = (0.0, 0.0, 0.0)
+    position_enu_m = (0.0, -1.6, 0.0)
+    return {
+        "position_enu_m": position_enu_m,
+        "predicted_position_enu_m": position_enu_m,
+        "is_airborne": False,
+        "velocity_enu_m_s": zero,
+        "acceleration_enu_m_s2": zero,
+        "predicted_velocity_enu_m_s": zero,
+        "intent_enu_m_s": zero,
+        "commanded_acceleration_enu_m_s2": zero,
+    }
 
 
 def _teleports(message: StateMessage, tick: int) -> dict[str, Any]:
-    return _moved(message, (0.0, 1.5, -1.0)[tick // 20 % 3])
+    jumps_east_m = (0.0, 1.5, -1.0)
+    return _moved(message, jumps_east_m[tick // 20 % 3])
 
 
 LIES = {"a metre beside": _beside, "stands": _stands, "teleports": _teleports}
 
 
 def order(verb: str) -> Inject:
-    """An operator orders something of one vehicle in the middle of a mission; it may be refused."""
+    """Return an injection: an operator gives an order to one vehicle; it may be refused."""
 
     def inject(flight: Lockstep, name: str) -> None:
         flight.client.submit_now(f"{verb} {name}")
@@ -410,7 +437,7 @@ def order(verb: str) -> Inject:
 
 
 def order_outside(flight: Lockstep, name: str) -> None:
-    """An operator orders a vehicle outside the fence: across an edge where the fleet has areas."""
+    """Order a vehicle outside the fence; in a fleet with areas, across the edge of the first."""
     fence = flight.config.fleet.geofence_m
     areas = flight_space_of(flight.config).areas
     if areas:
@@ -423,11 +450,12 @@ def order_outside(flight: Lockstep, name: str) -> None:
 
 
 def _beyond_edge(area: Area) -> Point:
-    """Return a place where nobody may be: beyond a corner, or in the middle of what is kept out."""
+    """Return a forbidden position: outside an area to stay in, or inside one to stay out of."""
     if area.radius_m:
         east, north = area.center_enu_m
-        to_east_m = area.radius_m + _BEYOND_M if area.keeps_in else 0.0
-        return east + to_east_m, north
+        if not area.keeps_in:
+            return east, north
+        return east + (area.radius_m + _BEYOND_M), north
 
     corners = area.corners_enu_m
     middle_east = sum(east for east, _ in corners) / len(corners)
@@ -445,7 +473,7 @@ def _beyond_edge(area: Area) -> Point:
 
 
 def order_above(flight: Lockstep, name: str) -> None:
-    """An operator orders a vehicle to a place above the ceiling."""
+    """Order a vehicle to a position above the ceiling of the fence."""
     fence = flight.config.fleet.geofence_m
     middle_x = 0.5 * (fence.x[0] + fence.x[1])
     middle_y = 0.5 * (fence.y[0] + fence.y[1])
@@ -453,7 +481,7 @@ def order_above(flight: Lockstep, name: str) -> None:
 
 
 def order_into_another(flight: Lockstep, name: str) -> None:
-    """An operator orders a vehicle to where another one is."""
+    """Order a vehicle to the position of another one."""
     names = flight.config.enabled_names
     other = flight.simulation.names.index(names[(names.index(name) + 1) % len(names)])
     positions, _, _ = flight.simulation.emulator.world.truth_enu()
@@ -462,14 +490,14 @@ def order_into_another(flight: Lockstep, name: str) -> None:
 
 
 def _order_to(flight: Lockstep, name: str, place_enu_m: tuple[float, float, float]) -> None:
-    """Order a vehicle to a place, which the ground or the vehicle may refuse."""
+    """Order a vehicle to a position; the ground or the vehicle may refuse it."""
     east_m, north_m, up_m = place_enu_m
     with contextlib.suppress(OrderError):
         flight.client.submit_now(f"move {name} {east_m:.2f} {north_m:.2f} {up_m:.2f}")
 
 
 def wind_rises(flight: Lockstep, name: str) -> None:
-    """The wind rises to twice what the fleet may fly in, for everybody."""
+    """Let the wind rise to twice the wind limit of the fleet; it blows for all vehicles."""
     config = flight.config
     vehicles = [config.vehicles[one] for one in config.enabled_names]
     limit_m_s = min(wind_limit_m_s(config, vehicle) for vehicle in vehicles)

@@ -1,4 +1,4 @@
-"""One flight of a mission in which one or two things break, from its begin until all are down."""
+"""One flight of a mission with one or two injected faults, judged until all vehicles are down."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from groundstation.fleet.state import FleetState
 from groundstation.mission_files.mission import Mission
 from groundstation.missions.api import OrderFailed
 from groundstation.verdict.verdict import Verdict
@@ -24,10 +25,10 @@ from sitl.lockstep.campaign.judge import ActionOf, Judge, action_of_table
 from sitl.lockstep.flight import Lockstep
 from sitl.physics.wind import WindSettings
 
-# of the safety distance: so much is kept by vehicles that have all lost their poses
+# share of the safety distance that vehicles keep when all of them have lost their poses
 BLIND_SHARE = 0.7 / 0.8
 
-_DOWN_TIMEOUT_S = 60.0  # for the landing at the end, besides the descent
+_DOWN_TIMEOUT_S = 60.0  # time for the landing at the end, in addition to the descent
 _SLOWEST_DESCENT_M_S = 0.4
 
 
@@ -36,7 +37,7 @@ class Breaking(NamedTuple):
 
     injection: Injection
     victim: str
-    at_s: float  # since the start of the simulation
+    at_s: float  # time of the first, since the start of the simulation
     second: Injection | None = None
     second_victim: str = ""
     gap_s: float = 0.0  # from the first to the second
@@ -45,15 +46,15 @@ class Breaking(NamedTuple):
 class BrokenFlight(NamedTuple):
     """The outcome of one flight."""
 
-    wrong: list[str]
-    seen: dict[str, int]  # words of a condition -> ticks of all vehicles in which it held
-    # smallest distance of pairs of which none is silenced, one is, both are
+    wrong: list[str]  # sentences about what must not happen
+    seen: dict[str, int]  # name of a condition -> ticks of all vehicles in which it held
+    # smallest distance [m] of pairs of which no vehicle, one, or both are silenced
     smallest_m: tuple[float, float, float]
     verdict: Verdict
 
 
 def wind_of(mean_enu_m_s: tuple[float, float]) -> WindSettings:
-    """Return a wind with the gusts that limits count with."""
+    """Return a wind with gusts in the share of the mean that the wind limit allows for."""
     east_m_s, north_m_s = mean_enu_m_s
     return WindSettings(
         mean_enu_m_s=(east_m_s, north_m_s, 0.0),
@@ -62,14 +63,14 @@ def wind_of(mean_enu_m_s: tuple[float, float]) -> WindSettings:
 
 
 def injection_of(name: str) -> Injection:
-    """Return the row of the catalogue."""
+    """Return the injection of this name."""
     return next(one for one in (*INJECTIONS, *FIELD_INJECTIONS) if one.name == name)
 
 
 def both_of(first: Injection, second: Injection) -> Injection:
-    """Return what is allowed when both break: whatever is allowed for one of them.
+    """Return an injection that allows whatever one of two injections allows.
 
-    Which conditions vehicles notice is not judged then.
+    It demands no conditions that vehicles have to notice.
     """
     return replace(
         first,
@@ -99,14 +100,14 @@ def fly_broken(
     """Fly a mission in which something breaks, and judge it.
 
     Args:
-        mission: with its fleet.
-        breaking: what breaks.
-        seed: of everything random.
-        wind: that blows.
-        height_m: at which the mission flies: how long a descent without poses takes.
-        folder: of the record; none without.
-        action_of: what a vehicle has to do; by default what the failsafe table says.
-        watch: is given the flight before it begins, to look at it as well.
+        mission: the mission with its fleet.
+        breaking: the faults.
+        seed: the seed of all random numbers.
+        wind: the wind.
+        height_m: height of the mission, which decides how long a descent without poses takes.
+        folder: the folder of the record; None records nothing.
+        action_of: returns what a vehicle has to do; by default what the failsafe table says.
+        watch: called with the flight before it begins.
     """
     injection = breaking.injection
     if breaking.second is not None:
@@ -172,34 +173,35 @@ def fly_broken(
 
 
 def _bring_down(flight: Lockstep, judge: Judge, height_m: float) -> None:
-    """Order the landing of those that still fly, and wait until all are down and disarmed."""
+    """Order vehicles that still fly to land, and wait until all are down and disarmed."""
     airborne = [
         name
         for name, shell in flight.agents.items()
         if shell.core.flight.situation is Situation.FLYING and shell.is_ticking
     ]
     if airborne:
-        with contextlib.suppress(OrderFailed):  # who is not down at the end is found by the judge
+        with contextlib.suppress(OrderFailed):  # the judge notes vehicles that are not down
             flight.land(",".join(airborne))
 
     names = list(flight.simulation.names)
     px4s = flight.simulation.emulator.autopilots
-    flight.until(
-        lambda _: all(
+
+    def are_all_down(_state: FleetState) -> bool:
+        return all(
             not px4.is_armed and judge.truths[name].is_on_ground
             for name, px4 in zip(names, px4s, strict=True)
-        ),
-        _DOWN_TIMEOUT_S + height_m / _SLOWEST_DESCENT_M_S,
-    )
+        )
+
+    flight.until(are_all_down, _DOWN_TIMEOUT_S + height_m / _SLOWEST_DESCENT_M_S)
 
 
 def _promised_m(
     injection: Injection, fleet: FleetConfig, *, height_m: float, has_lost_poses: bool
 ) -> float:
-    """Return the distance that two vehicles keep at least while the law flies both.
+    """Return the distance [m] that two vehicles must keep while the law flies both.
 
-    Where ``covey check`` would refuse the descent without poses, because it takes too long, no more
-    is promised than that bodies do not touch.
+    If ``covey check`` refuses the descent without poses, because it takes too long, only contact of
+    the bodies is excluded.
     """
     body_m = fleet.fleet.body_diameter_m
     if injection.is_astray:

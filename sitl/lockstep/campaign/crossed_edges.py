@@ -1,7 +1,7 @@
-"""How far a vehicle is beyond the edge of an area to stay in or out of.
+"""How far a vehicle is beyond the edge of an area that it must stay in, or stay out of.
 
-The judge of a campaign has a form of its own for this: rays and segments, and none of what the
-agents and the ground reckon with.
+The judge of a campaign calculates this with rays and segments of its own. It shares no code with
+the agents and the ground, so that it does not repeat their mistakes.
 """
 
 from __future__ import annotations
@@ -14,16 +14,17 @@ from onboard.tuples import Xyz
 
 
 def beyond_m(area: Area, position_enu_m: Xyz) -> float:
-    """Return how far a vehicle is where it must not be; 0 where it may be.
+    """Return how far [m] a vehicle is beyond the edge of an area; 0 if it may be there.
 
     Args:
-        area: to stay in or out of; its buffer does not count.
-        position_enu_m: of the vehicle.
+        area: an area to stay in or to stay out of; its buffer does not count.
+        position_enu_m: position of the vehicle.
     """
     east, north, up = position_enu_m
     is_within = _is_within(area, (east, north))
     edge_m = _edge_distance_m(area, (east, north))
-    from_ends_m = min(up - area.low_m, area.high_m - up)  # of its heights; below 0 outside of them
+    # distance to the nearer end of the area's range of heights; below 0 outside of the range
+    from_ends_m = min(up - area.low_m, area.high_m - up)
 
     if area.keeps_in:
         aside_m = 0.0 if is_within else edge_m

@@ -1,12 +1,12 @@
-"""The flights behind ``covey evidence``: a mission, flown with everything that can break in it.
+"""The flights behind ``covey evidence``: one mission, flown with every fault that can occur in it.
 
-Each round breaks every thing once, for a vehicle, at a moment of the flight and with a wind from a
-direction of its own; all of them follow from the number of the round, so that a campaign is the
-same wherever it was stopped. First come flights in which nothing breaks: they show how long the
-mission takes, and where its vehicles are.
+Each round flies every fault once. The vehicle, the time of the fault and the direction of the wind
+are random numbers that follow from the number of the round, so a campaign that was stopped and
+continued gives the same flights. First come undisturbed flights, which show how long the mission
+takes and where its vehicles are.
 
 What a flying vehicle has to do is judged by the claims of the matrix, and not by the failsafe table
-that it flies by itself.
+that the vehicle itself uses.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from sitl.lockstep.campaign.judge import action_of_table
 from sitl.lockstep.flight import Lockstep
 
 _SEEDS_OF_A_ROUND = 1000
-_ARMING_S = 1.0  # before the first is in the air
+_ARMING_S = 1.0  # faults begin as early as this before the first vehicle is in the air
 _LEAST_UNDISTURBED = 2
-_NEVER_S = 1e6
+_NEVER_S = 1e6  # a time after the end of every flight
 _PATH_STEP_S = 0.25
 _NOTHING = Injection(NOTHING, lambda flight, name: None)
 
@@ -47,20 +47,21 @@ class Campaign(NamedTuple):
 
     fleet_path: str
     mission_path: str
-    wind_m_s: float  # in the mean, with gusts
+    wind_m_s: float  # mean wind, to which gusts are added
     rounds: int
-    only: str = ""  # faults whose name contains this
+    only: str = ""  # only faults whose name contains this are flown; empty: all
 
 
 def refuse_strong_wind(fleet: FleetConfig, wind_m_s: float) -> None:
-    """Refuse a wind in which this fleet does not set out.
+    """Refuse a wind in which missions of this fleet do not take off.
 
-    What vehicles feel is the mean with gusts, over seconds: at a mean that is the limit itself, a
-    half of all flights would end after the take-off. So a standard deviation of the gusts has to
-    fit below the limit.
+    Vehicles compare their limit with the wind over some seconds, in which gusts add to the mean. If
+    the mean were the limit itself, half of all flights would end after the take-off. Therefore the
+    mean plus one standard deviation of the gusts must stay below the limit.
 
     Raises:
-        ConfigError: with its gusts it is above the lowest limit of the fleet, below 0 or no number.
+        ConfigError: the wind with its gusts is above the lowest limit of the fleet, or it is below
+            0 or no number.
     """
     if not wind_m_s >= 0.0:
         raise ConfigError(f"--wind is {wind_m_s:g}; it must be 0 m/s or more.")
@@ -80,20 +81,20 @@ def refuse_strong_wind(fleet: FleetConfig, wind_m_s: float) -> None:
 def fly_campaign(
     campaign: Campaign, kept: KeptFlights, *, jobs: int, say: Callable[[str], None]
 ) -> list[FlownCase]:
-    """Fly what is missing of a campaign, and return all its flights.
+    """Fly the missing flights of a campaign, and return all its flights.
 
     Args:
-        campaign: what is flown.
-        kept: flights that there are, and where new ones go.
-        jobs: processes.
-        say: hears a line after each flight.
+        campaign: the campaign.
+        kept: the flights flown so far, to which new ones are added.
+        jobs: number of processes.
+        say: called with a line after each flight.
 
     Raises:
         ConfigError: the mission does not take off, although nothing fails.
     """
     mission = _mission(campaign.fleet_path, campaign.mission_path)
     undisturbed = undisturbed_cases(campaign)
-    # in the first process: everybody else needs to know when the mission flies
+    # first and alone, because the times of all faults depend on when the mission is in the air
     _fly_missing(campaign, undisturbed[:1], kept, jobs=1, say=say, total=0)
     reference = kept.flown[undisturbed[0]]
     if not reference.took_off:
@@ -129,24 +130,24 @@ def broken_cases(
     """Yield the flights in which something breaks, round by round.
 
     Args:
-        campaign: what is flown.
-        mission: of it.
-        reference: a flight in which nothing breaks.
+        campaign: the campaign.
+        mission: its mission.
+        reference: an undisturbed flight, which shows when the mission is in the air.
     """
     begin_s = reference.first_airborne_s - _ARMING_S
     end_s = reference.last_airborne_s
     for number in range(campaign.rounds):
-        for place, injection in enumerate((*INJECTIONS, *FIELD_INJECTIONS), start=1):
+        for row, injection in enumerate((*INJECTIONS, *FIELD_INJECTIONS), start=1):
             victims = possible_victims(mission.fleet, injection)
             if not victims or campaign.only not in injection.name:
                 continue
-            rng = np.random.default_rng([number, place, 2])
+            rng = np.random.default_rng([number, row, 2])
             yield FlightCase(
                 fault=injection.name,
                 round=number,
                 victim=str(rng.choice(victims)),
                 at_s=round(float(rng.uniform(begin_s, end_s)), 2),
-                seed=_SEEDS_OF_A_ROUND * number + place,
+                seed=_SEEDS_OF_A_ROUND * number + row,
                 wind_enu_m_s=_wind(rng, campaign.wind_m_s),
             )
 
@@ -157,7 +158,7 @@ def _wind(rng: np.random.Generator, wind_m_s: float) -> tuple[float, float]:
 
 
 def possible_victims(fleet: FleetConfig, injection: Injection) -> list[str]:
-    """Return the vehicles of a fleet for which something can break."""
+    """Return the vehicles of a fleet that a fault can hit."""
     names = list(fleet.enabled_names)
     if injection.is_of_two and len(names) < 2:
         return []
@@ -165,12 +166,14 @@ def possible_victims(fleet: FleetConfig, injection: Injection) -> list[str]:
         return names
 
     if injection.needs == "corrections":
-        is_demanded = fleet.corrections is not None and fleet.corrections.fix != "any"
-        taking = [name for name in names if fleet.takes_corrections(fleet.vehicles[name])]
-        return taking if is_demanded else []
+        is_fix_required = fleet.corrections is not None and fleet.corrections.fix != "any"
+        if not is_fix_required:
+            return []
+        return [name for name in names if fleet.takes_corrections(fleet.vehicles[name])]
 
     has_poses = injection.needs == "poses"
     fitting = [name for name in names if fleet.vehicles[name].mocap_required is has_poses]
+    # an injection that hits all vehicles needs a fleet in which all of them fit
     if "of all" in injection.name and len(fitting) < len(names):
         return []
     return fitting
@@ -185,6 +188,10 @@ def _fly_missing(
     say: Callable[[str], None],
     total: int,
 ) -> None:
+    """Fly and keep the cases that are not among the kept flights.
+
+    Without a total (0) nothing is reported.
+    """
     missing = [case for case in cases if case not in kept.flown]
     done = len(cases) - len(missing)
     fly_one = functools.partial(fly_case, campaign.fleet_path, campaign.mission_path)
@@ -202,7 +209,7 @@ def _flown(
         yield from map(fly_one, cases)
         return
 
-    # started anew, not forked: threads of compiled code do not outlive a fork
+    # spawned, not forked, because the threads of compiled code do not survive a fork
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, mp_context=context) as pool:
         try:
@@ -213,16 +220,16 @@ def _flown(
 
 
 def line_of(flown: FlownCase) -> str:
-    """Return a flight in a line."""
+    """Return one line that sums a flight up."""
     case = flown.case
-    what = case.fault
+    fault = case.fault
     if case.victim:
-        what += f", {case.victim} at {case.at_s:.1f} s"
+        fault += f", {case.victim} at {case.at_s:.1f} s"
     nearest = "-" if flown.smallest_m is None else f"{flown.smallest_m:.2f} m"
     verdict = "as it should"
     if flown.wrong:
         verdict = f"WRONG: {flown.wrong[0]}"
-    return f"{what} (seed {case.seed}, nearest {nearest}): {verdict}"
+    return f"{fault} (seed {case.seed}, nearest {nearest}): {verdict}"
 
 
 @functools.lru_cache(maxsize=1)
@@ -231,7 +238,7 @@ def _mission(fleet_path: str, mission_path: str) -> Mission:
 
 
 def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
-    """Fly one case; an error of the flight is what is wrong with it, and ends no other."""
+    """Fly one case; an exception is noted as what is wrong with it, and the campaign goes on."""
     mission = _mission(fleet_path, mission_path)
     injection = _NOTHING
     at_s = _NEVER_S
@@ -258,7 +265,7 @@ def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
             action_of=_action_by_claims,
             watch=watch,
         )
-    except Exception as error:  # noqa: BLE001 - whatever it is, the others are flown
+    except Exception as error:  # noqa: BLE001 - one failed flight does not end the campaign
         wrong.append(f"ends with {type(error).__name__}: {error}")
     else:
         wrong += flown.wrong
@@ -284,13 +291,13 @@ def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
 
 
 def planned_height_m(mission: Mission) -> float:
-    """Return how high a mission plans to fly; of a Python mission the ceiling is taken."""
+    """Return the greatest planned height [m]; for a Python mission the ceiling of the fence."""
     heights = [place[2] for place in planned_places(mission)]
     return max(heights, default=mission.fleet.fleet.geofence_m.z[1])
 
 
 def planned_places(mission: Mission) -> list[tuple[float, float, float]]:
-    """Return the places that a mission plans: spots, goals and points of its paths [m]."""
+    """Return the planned positions of a mission [m]: spots, goals and points of its paths."""
     places = []
     for step in mission.course():
         places += [*step.positions.values(), *step.goals.values()]
@@ -301,7 +308,10 @@ def planned_places(mission: Mission) -> list[tuple[float, float, float]]:
 
 
 def _action_by_claims(situation: Situation, conditions: Collection[Condition]) -> Action:
-    """Return what a vehicle has to do: by the claims in flight, by the failsafe table elsewhere."""
+    """Return what a vehicle has to do.
+
+    The claims decide for a flying vehicle, and the failsafe table in all other situations.
+    """
     if situation is Situation.FLYING:
         return claimed_action(conditions)
     return action_of_table(situation, conditions)

@@ -1,4 +1,4 @@
-"""Where the vehicles of a flight have been in the air, how high and how fast, by ground truth."""
+"""The true extent of a flight: where its vehicles were in the air, how high, and how fast."""
 
 from __future__ import annotations
 
@@ -7,33 +7,33 @@ import math
 from groundstation.evidence.volumes import Point, convex_hull
 from sitl.lockstep.flight import Lockstep
 
-_LOOK_S = 0.1  # between two looks
+_LOOK_S = 0.1  # time between two samples
 
 
 class Extent:
-    """Looks at a flight ten times a second.
+    """Samples the truth of a flight ten times a second.
 
     Args:
-        flight: that is looked at, from now on.
+        flight: the flight, which is sampled from now on.
     """
 
     def __init__(self, flight: Lockstep) -> None:
         self._flight = flight
-        self._outline: tuple[Point, ...] = ()  # around the places so far
+        self._outline: tuple[Point, ...] = ()  # convex hull of the positions so far
         self.highest_m = 0.0
-        self.fastest_m_s = 0.0  # over the ground
+        self.fastest_m_s = 0.0  # horizontal
         self.first_airborne_s = math.inf
         self.last_airborne_s = 0.0
         self._look()
 
     @property
     def took_off(self) -> bool:
-        """Whether anybody was in the air."""
+        """Whether any vehicle was in the air."""
         return math.isfinite(self.first_airborne_s)
 
     @property
     def hull_m(self) -> tuple[Point, ...]:
-        """The outline around all places in the air, rounded to centimetres."""
+        """The convex hull of all positions in the air, rounded to centimetres."""
         return tuple((round(east, 2), round(north, 2)) for east, north in self._outline)
 
     def _look(self) -> None:

@@ -1,5 +1,6 @@
-"""Injections of the fault suite: one row for each thing that can go wrong, and what has to be
-noticed of it.
+"""The table of injected faults: one row for each, with the conditions that have to be noticed.
+
+Tests and ``covey evidence`` fly a mission once with each row.
 """
 
 from __future__ import annotations
@@ -47,25 +48,26 @@ from sitl.px4.modes import Mode
 
 @dataclass(frozen=True, slots=True)
 class Injection:
-    """One thing that goes wrong.
+    """One fault, what has to be noticed of it, and what is excused because of it.
 
     Args:
-        own: conditions of which the vehicle has to notice at least one; others: at least one of the
-            others.
-        is_silenced: whether the vehicle stops avoiding, so that its pairs are reported by
-            themselves.
-        is_cut_off: whether the ground may not hear why until it is over.
-        may_leave_fence: PX4 flies it alone, or nobody does.
-        rises_m: how much higher the vehicle may get afterwards.
-        needs: ``poses`` of a motion capture, ``satellites``, or ``corrections`` of those that a
-            fleet demands, of which something breaks; empty: it can happen to all.
-        is_of_two: it takes another vehicle.
-        is_falling: it tumbles to the ground faster than anybody can go aside; who flies above it
-            has not been touched.
-        is_astray: it has less thrust than the law counts on, or is sent elsewhere by a wrong
-            position: what is promised is that no bodies touch, and not the law's distance.
-        is_blind: all of them have lost their poses: what is promised is less than the law's
-            distance.
+        name: its name in reports.
+        inject: injects it.
+        own: conditions of which the vehicle itself has to notice at least one; empty: none.
+        others: conditions of which at least one other vehicle has to notice at least one.
+        is_silenced: whether the vehicle stops avoiding; distances to it are judged separately.
+        is_cut_off: whether the ground may miss the events about it.
+        may_leave_fence: whether the vehicle may leave the fence, because PX4 flies it alone or
+            nobody does.
+        is_falling: whether it falls faster than others can avoid it, so that bodies may touch.
+        is_astray: whether it has less thrust than the law counts on, or follows a wrong position.
+            Then no bodies may touch, but the law's distance is not promised.
+        is_blind: whether all vehicles have lost their poses; they then keep BLIND_SHARE of the
+            safety distance.
+        rises_m: how much the vehicle may climb after the fault.
+        needs: the fault is possible only for vehicles with ``poses`` of a motion capture, with
+            ``satellites``, or with required ``corrections``; empty: for all.
+        is_of_two: whether it needs another vehicle.
     """
 
     name: str
@@ -286,7 +288,7 @@ INJECTIONS: tuple[Injection, ...] = (
             C.PX4_FAILSAFE,
             C.LEFT_OFFBOARD,
             C.POSITION_JUMPED,
-        ),  # from 0.25 m it hits the ground before anything else shows
+        ),  # in a fall from 0.25 m the impact (POSITION_JUMPED) is the first sign
         is_silenced=True,
         may_leave_fence=True,
         is_falling=True,
@@ -386,7 +388,7 @@ INJECTIONS: tuple[Injection, ...] = (
     ),
 )
 
-# what `covey evidence` breaks besides: the weather, and orders that no operator means to give
+# further faults that only `covey evidence` flies: strong wind, and orders given by mistake
 FIELD_INJECTIONS: tuple[Injection, ...] = (
     Injection("wind rises to twice the limit", wind_rises, is_astray=True),
     Injection("one is ordered outside the fence", order_outside),

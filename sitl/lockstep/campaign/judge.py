@@ -1,8 +1,9 @@
-"""A judge who looks at every tick of a flight in which something breaks.
+"""The judge of a flight with an injected fault: it checks every tick.
 
-Ground truth is judged, and what left the agents, not what they say of themselves: distances, the
-fence, setpoints, what each vehicle does against what a table of actions asks for, and, at the end,
-that everybody is down and disarmed and that the record tells why.
+It judges ground truth and the setpoints that leave the agents, not what agents say about
+themselves. It checks distances, the fence, the setpoints, and whether each vehicle does what its
+conditions demand. At the end all vehicles must be down and disarmed, and the events must name the
+condition.
 """
 
 from __future__ import annotations
@@ -28,10 +29,10 @@ from sitl.lockstep.flight import Lockstep
 _FENCE_SLACK_M = 0.30
 _TILT_SLACK_DEG = 0.5
 
-# the action that conditions ask for in a situation
+# returns the action that conditions demand in a situation
 ActionOf = Callable[[Situation, Collection[Condition]], Action]
 
-# what may be done where an action is asked for
+# demanded action -> behaviours (words of _behaviour) that satisfy the demand
 _DOES: dict[Action, tuple[str, ...]] = {
     Action.HOLD: ("hold", "land", "px4", "failed", "armed"),
     Action.LEVEL: ("hold", "land", "px4", "failed", "armed"),
@@ -40,7 +41,7 @@ _DOES: dict[Action, tuple[str, ...]] = {
     Action.STOP: ("failed",),
 }
 
-# conditions of which nothing needs to be said
+# conditions for which no event is required
 _QUIET = {
     Condition.NOT_FINITE,
     Condition.LOOP_LATE,
@@ -50,20 +51,20 @@ _QUIET = {
 
 
 def action_of_table(situation: Situation, conditions: Collection[Condition]) -> Action:
-    """Return what the failsafe table asks for."""
+    """Return the action that the failsafe table demands."""
     action, _ = decide(situation, conditions)
     return action
 
 
 class Judge:
-    """Looks at every tick of a flight.
+    """Checks every tick of a flight.
 
     Args:
-        flight: that is judged.
-        injection: what breaks in it.
-        victim: for whom.
-        silenced: vehicles that stop avoiding when it breaks; distances to them are noted apart.
-        action_of: what a vehicle has to do; by default what the failsafe table says.
+        flight: the flight, which has not begun.
+        injection: the fault.
+        victim: name of the vehicle that it hits.
+        silenced: vehicles that stop avoiding after the fault; distances to them are noted apart.
+        action_of: returns what a vehicle has to do; by default what the failsafe table says.
     """
 
     def __init__(
@@ -87,14 +88,16 @@ class Judge:
         }
         self.truths: dict[str, Truth] = {}
 
-        # by how many of a pair are silenced
+        # smallest distance [m] of pairs of which 0, 1 or 2 vehicles are silenced
         self.smallest = [math.inf, math.inf, math.inf]
 
         self.is_injected = False
-        self.was_flying = False
-        self.highest_m = math.inf  # that the victim may get
+        self.was_flying = False  # whether all vehicles flew when the fault was injected
+        self.highest_m = math.inf  # height that the victim may reach
         self.height_share = flight.config.fleet.height_share
 
+        # by vehicle: the strongest action demanded since its newest order, the id of that order,
+        # and the action demanded in the last tick
         self._strongest: dict[str, Action] = {}
         self._order_of: dict[str, str] = {}
         self._demanded: dict[str, Action] = {}
@@ -109,38 +112,44 @@ class Judge:
 
     @property
     def wrong(self) -> list[str]:
-        """Sentences, each about something that must not be."""
+        """Sentences about what must not happen."""
         return list(self._wrong)
 
     def note(self, sentence: str) -> None:
-        """Note something that must not be, once."""
+        """Note a sentence about something that must not happen; a repetition is ignored."""
         self._wrong.setdefault(sentence)
 
     def begin(self) -> None:
-        """Now it breaks; on the ground there is nothing that must be noticed."""
+        """Note that the fault is injected now, and whether all vehicles fly.
+
+        Vehicles do not have to notice a fault on the ground.
+        """
         self.is_injected = True
-        flights = [shell.core.flight.situation for shell in self.flight.agents.values()]
-        self.was_flying = all(situation is Situation.FLYING for situation in flights)
+        situations = [shell.core.flight.situation for shell in self.flight.agents.values()]
+        self.was_flying = all(situation is Situation.FLYING for situation in situations)
         if self.was_flying:
             self.highest_m = self.truths[self.victim].position_enu_m[2] + self.injection.rises_m
 
     # -- while it flies ----------------------------------------------------------------------------
 
     def _check_setpoint(self, name: str, send: object, setpoint: AttitudeSetpoint) -> None:
+        """Note a bad setpoint, and send it."""
         q = np.asarray(setpoint.quaternion_wxyz)
-        thrust = setpoint.thrust_frac
+        thrust_frac = setpoint.thrust_frac
         limit_deg = self.flight.config.vehicles[name].max_tilt_deg + _TILT_SLACK_DEG
-        if not (np.isfinite(q).all() and math.isfinite(thrust)):
+        if not (np.isfinite(q).all() and math.isfinite(thrust_frac)):
             self.note(f"{name} sends what is not finite")
-        elif not 0.0 <= thrust <= 1.0 or abs(np.linalg.norm(q) - 1.0) > 1e-6:
-            self.note(f"{name} sends a thrust of {thrust:.2f} or no unit quaternion")
+        elif not 0.0 <= thrust_frac <= 1.0 or abs(np.linalg.norm(q) - 1.0) > 1e-6:
+            self.note(f"{name} sends a thrust of {thrust_frac:.2f} or no unit quaternion")
         else:
             cos_tilt = 1.0 - 2.0 * float(q[1] ** 2 + q[2] ** 2)
-            if math.degrees(math.acos(max(-1.0, cos_tilt))) > limit_deg:
+            tilt_deg = math.degrees(math.acos(max(-1.0, cos_tilt)))
+            if tilt_deg > limit_deg:
                 self.note(f"{name} sends more tilt than allowed")
         send(setpoint)  # type: ignore[operator]
 
     def _look(self, _topic: Topic, name: str, truth: object) -> None:
+        """Check the fleet when the truth of its last vehicle has arrived."""
         assert isinstance(truth, Truth)
         self.truths[name] = truth
         if name != self.flight.config.enabled_names[-1]:
@@ -159,14 +168,16 @@ class Judge:
             for other in truths[index + 1 :]:
                 if one.is_on_ground and other.is_on_ground:
                     continue
-                far_m = separation_m(one.position_enu_m, other.position_enu_m, self.height_share)
-                silenced = 0
+                distance_m = separation_m(
+                    one.position_enu_m, other.position_enu_m, self.height_share
+                )
+                silenced_count = 0
                 if self.is_injected:
-                    silenced = len(self.silenced & {one.vehicle, other.vehicle})
-                self.smallest[silenced] = min(self.smallest[silenced], far_m)
+                    silenced_count = len(self.silenced & {one.vehicle, other.vehicle})
+                self.smallest[silenced_count] = min(self.smallest[silenced_count], distance_m)
 
     def _check_place(self, truth: Truth) -> None:
-        """Note a vehicle that leaves the fence, or rises although something of it has broken."""
+        """Note a vehicle that leaves the fence, or that rises too much after the fault."""
         fence = self.flight.config.fleet.geofence_m
         x, y, z = truth.position_enu_m
         is_inside = (
@@ -188,15 +199,15 @@ class Judge:
     def _check_action(self, name: str) -> None:
         """Note a vehicle that does less than its conditions demand, or more without a reason.
 
-        The strongest demand since the newest order counts: an action is not taken back while the
-        order goes on.
+        The strongest demand since the newest order counts, because a vehicle does not take back an
+        action before its next order.
         """
         core = self.flight.agents[name].core
         flight = core.flight
         conditions = core.failsafes.conditions
         self.seen[name].update(conditions)
 
-        # a new order begins anew
+        # a new order clears the demands before it
         order_id = ""
         if flight.order is not None:
             order_id = flight.order.order_id
@@ -209,7 +220,7 @@ class Judge:
             self._strongest[name] = Action.GO_ON
             return
 
-        # A tick that still was in another situation leaves its demand to the next one to obey.
+        # A vehicle may obey one tick late, so the weaker demand of the last two ticks counts.
         demanded = self.action_of(situation, conditions)
         demanded_before = self._demanded.get(name, Action.GO_ON)
         self._demanded[name] = demanded
@@ -218,17 +229,17 @@ class Judge:
         strongest = max(self._strongest.get(name, Action.GO_ON), obeyed_by_now)
         self._strongest[name] = strongest
 
-        done = _done(core)
-        if strongest in _DOES and done not in _DOES[strongest]:
+        behaviour = _behaviour(core)
+        if strongest in _DOES and behaviour not in _DOES[strongest]:
             held = ", ".join(condition.value for condition in conditions)
-            self.note(f"{name}: {WORDS[strongest]} is asked for ({held}) and {done} is done")
-        if strongest <= Action.SLOW and done in ("failed", "px4") and not flight.reason:
-            self.note(f"{name}: {done} is done without a reason")
+            self.note(f"{name}: {WORDS[strongest]} is asked for ({held}) and {behaviour} is done")
+        if strongest <= Action.SLOW and behaviour in ("failed", "px4") and not flight.reason:
+            self.note(f"{name}: {behaviour} is done without a reason")
 
     # -- after it ----------------------------------------------------------------------------------
 
     def finish(self) -> None:
-        """Judge how the flight has ended, and what was told of it."""
+        """Judge the end of the flight, and whether the fault was noticed and reported."""
         flight = self.flight
         for collision in flight.simulation.emulator.world.collisions:
             both = {flight.simulation.names[i] for i in (collision.first, collision.second)}
@@ -251,7 +262,7 @@ class Judge:
             self._check_noticed(self.injection.others, others)
 
     def _check_noticed(self, wanted: Collection[Condition], names: Collection[str]) -> None:
-        """Note where nobody of some vehicles has noticed any of some conditions, or told it."""
+        """Note if none of these vehicles has noticed and reported any of these conditions."""
         if not wanted or not names:
             return
         noticed = {
@@ -264,14 +275,15 @@ class Judge:
         if self.injection.is_cut_off or noticed <= _QUIET:
             return
 
-        told = {(event.vehicle, event.code) for event in self.flight.events}
-        is_told = any((name, _code(one)) in told for name in names for one in noticed)
-        if not is_told:
+        reported = {(event.vehicle, event.code) for event in self.flight.events}
+        is_reported = any((name, _code(one)) in reported for name in names for one in noticed)
+        if not is_reported:
             words = ", ".join(condition.value for condition in noticed)
             self.note(f"the record does not tell {words}")
 
 
-def _done(core: object) -> str:
+def _behaviour(core: object) -> str:
+    """Return a word for what an agent does now: the words of _DOES, or ``fly``."""
     flight = core.flight  # type: ignore[attr-defined]
     if flight.state == "landing":
         return "px4" if flight.step is FlightStep.PX4_LANDING else "land"
@@ -279,4 +291,5 @@ def _done(core: object) -> str:
 
 
 def _code(condition: Condition) -> str:
+    """Return the code of a condition's events."""
     return condition.name.lower().replace("_", "-")
