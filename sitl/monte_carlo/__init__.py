@@ -1,1 +1,1 @@
-"""Many perturbed flights of the law on the emulator's physics, batched: ``covey simulate``."""
+"""Many perturbed flights of the law on the emulator's physics, in batches: ``covey simulate``."""

@@ -1,8 +1,8 @@
 """Many flights at once, from start to arrival, tick by tick.
 
-In each tick the vehicles sense, receive messages, control and publish; then the emulator moves them
-and the metrics judge where they truly are. Arrays hold F flights of N vehicles. Flights that are
-over leave all of them.
+In each tick the vehicles sense, receive messages, control and publish. Then the emulator's physics
+moves them, and the metrics judge their true positions. Arrays hold F flights of N vehicles. When a
+flight is over, its row is removed from all arrays (``keep``).
 """
 
 from __future__ import annotations
@@ -32,26 +32,27 @@ from sitl.monte_carlo.vehicles import TICK_S, Physics, TrueMotions
 MakeController = Callable[
     [Sequence[pipeline.PipelineParams], Array, Sequence[Capsule]], batch.Controller
 ]
-_TIMES_STRAIGHT = 5.5  # a flight that takes longer than so many times the lone one has failed
+_TIMES_STRAIGHT = 5.5  # a flight has failed if it takes more than so many times its straight line
 _ALONE_SPARE_S = 20.0
-_STOP_S = 0.5  # at top speed the limits of acceleration and the lag need about so much to stop
+_STOP_S = 0.5  # time to stop from top speed, by the limit of acceleration and the lag
 
-# position and velocity, by their names
+# names of position and velocity in rows of states and of the law
 _OF_STATE = ("position_enu_m", "velocity_enu_m_s")
 _OF_LAW = ("predicted_position_enu_m", "predicted_velocity_enu_m_s")
 
-# makespans of lone flights by setup, scenario and seed
+# (setup, scenario, seed) -> makespan of the straight-line flight
 _STRAIGHT_S: dict[tuple[str, str, int], float] = {}
 
 
 @dataclass(frozen=True, slots=True)
 class Flown:
-    """A plan and what came of it."""
+    """A plan and the outcome of its flight."""
 
     plan: FlightPlan
     outcome: FlightOutcome
-    straight_line_s: float  # of its slowest vehicle alone; inf: it does not arrive even alone
-    law_refusal: str = ""  # why a vehicle went on by Covey's law in the place of somebody's own
+    # time that the slowest vehicle needs without avoiding anybody; inf if it does not arrive
+    straight_line_s: float
+    law_refusal: str = ""  # why Covey's law took over from a user's own law; empty: it did not
 
 
 def fly(
@@ -61,17 +62,21 @@ def fly(
     controller: MakeController | None = None,
     has_trace: bool = False,
 ) -> list[Flown]:
-    """Fly plans of equally many vehicles; each outcome depends on its own plan only.
+    """Fly plans and return their outcomes; each outcome depends on its own plan only.
 
-    Straight-line times are flown too, see :func:`straight_line_s`.
+    Args:
+        plans: the plans, all of the same number of vehicles.
+        setup: fleet, law, errors and perturbation of all flights.
+        controller: makes the control of all vehicles; by default from the law of the fleet.
+        has_trace: whether the outcomes hold samples of the flight.
     """
-    patience = _patience_s(plans, setup)
-    straight = straight_line_s(plans, setup)
-    longest = []
-    for alone_s, patience_s in zip(straight, patience, strict=True):
-        longest.append(_TIMES_STRAIGHT * min(alone_s, patience_s))
+    limits_s = _straight_limits_s(plans, setup)
+    straight_s = straight_line_s(plans, setup)
+    longest_s = []
+    for one_straight_s, limit_s in zip(straight_s, limits_s, strict=True):
+        longest_s.append(_TIMES_STRAIGHT * min(one_straight_s, limit_s))
 
-    outcomes, refusals = _fly(plans, setup, longest, controller=controller, has_trace=has_trace)
+    outcomes, refusals = _fly(plans, setup, longest_s, controller=controller, has_trace=has_trace)
 
     flown = []
     for number, plan in enumerate(plans):
@@ -79,7 +84,7 @@ def fly(
             Flown(
                 plan=plan,
                 outcome=outcomes[number],
-                straight_line_s=straight[number],
+                straight_line_s=straight_s[number],
                 law_refusal=refusals.get(number, ""),
             )
         )
@@ -87,38 +92,40 @@ def fly(
 
 
 def straight_line_s(plans: Sequence[FlightPlan], setup: Setup) -> list[float]:
-    """Return the makespans of the same flights, noise and vehicles where nobody knows of anybody.
+    """Return the makespans [s] of the same flights without avoidance: straight lines to the goals.
 
-    The law is off. The times do not depend on the law, its values or the messages, so they are
-    flown once per process.
+    Noise and vehicles are the same, but the law is off and no messages are sent. The makespans do
+    not depend on the law, its values or the messages, so each is flown once per process.
     """
-    unheard = replace(setup.perturbation, delay_s=0.0, loss_share=0.0)
-    alone = replace(setup, law="off", law_table={}, perturbation=unheard)
+    # messages do not count here, so their values must not tell two setups apart
+    without_radio = replace(setup.perturbation, delay_s=0.0, loss_share=0.0)
+    alone = replace(setup, law="off", law_table={}, perturbation=without_radio)
     keys = [(repr(alone), plan.scenario, plan.seed) for plan in plans]
 
     missing = [plan for plan, key in zip(plans, keys, strict=True) if key not in _STRAIGHT_S]
     if missing:
-        outcomes, _ = _fly(missing, alone, _patience_s(missing, setup), is_alone=True)
+        limits_s = _straight_limits_s(missing, setup)
+        outcomes, _ = _fly(missing, alone, limits_s, is_alone=True)
         for plan, outcome in zip(missing, outcomes, strict=True):
             _STRAIGHT_S[repr(alone), plan.scenario, plan.seed] = outcome.makespan_s
 
     return [_STRAIGHT_S[key] for key in keys]
 
 
-def _patience_s(plans: Sequence[FlightPlan], setup: Setup) -> list[float]:
-    """Return the times after which lone flights will not arrive any more."""
+def _straight_limits_s(plans: Sequence[FlightPlan], setup: Setup) -> list[float]:
+    """Return the times [s] after which straight-line flights are given up."""
     vehicles = setup.fleet(plans[0].count).vehicles.values()
-    slowest_m_s = min(vehicle.max_speed_m_s for vehicle in vehicles)
-    laziest_m_s2 = min(vehicle.max_acceleration_m_s2 for vehicle in vehicles)
-    params = trajectory.TrajectoryParams(float(slowest_m_s), float(laziest_m_s2))
+    lowest_speed_m_s = min(vehicle.max_speed_m_s for vehicle in vehicles)
+    lowest_acceleration_m_s2 = min(vehicle.max_acceleration_m_s2 for vehicle in vehicles)
+    params = trajectory.TrajectoryParams(float(lowest_speed_m_s), float(lowest_acceleration_m_s2))
 
-    patience = []
+    limits_s = []
     for plan in plans:
         farthest_m = float(np.linalg.norm(plan.goal_enu_m - plan.start_enu_m, axis=1).max())
         shortest_s = trajectory.shortest_duration_s(farthest_m, params)
         expected_s = max(shortest_s, plan.duration_s, plan.earliest_s)
-        patience.append(expected_s + _ALONE_SPARE_S)
-    return patience
+        limits_s.append(expected_s + _ALONE_SPARE_S)
+    return limits_s
 
 
 def _fly(
@@ -130,7 +137,19 @@ def _fly(
     is_alone: bool = False,
     has_trace: bool = False,
 ) -> tuple[list[FlightOutcome], dict[int, str]]:
-    """Return the outcomes, and the reasons of the flights in which somebody's law was refused."""
+    """Fly plans together.
+
+    Args:
+        plans: the plans, all of the same number of vehicles.
+        setup: fleet, law, errors and perturbation of all flights.
+        longest_s: time of each flight after which it is ended.
+        controller: makes the control of all vehicles; by default from the law of the fleet.
+        is_alone: whether vehicles get no messages, know no obstacles and do not lie.
+        has_trace: whether the outcomes hold samples of the flight.
+
+    Returns:
+        The outcomes, and by index of the flight the reason why a user's own law was refused.
+    """
     count = plans[0].count
     fleet = setup.fleet(count)
     vehicles = list(fleet.vehicles.values())
@@ -162,7 +181,7 @@ def _fly(
     make_controller = controller or _controller(fleet)
     params = [pipeline.pipeline_params(fleet, vehicle.name) for vehicle in vehicles]
     obstacles = () if is_alone else plans[0].obstacles
-    pilots = make_controller(params, start, obstacles)
+    pipelines = make_controller(params, start, obstacles)
 
     metrics = FlightMetrics(
         plans=plans,
@@ -175,10 +194,10 @@ def _fly(
     )
     orders = _Orders(plans)
     lies = MemberLies(plans)
-    tells_lies = lies.has_any and not is_alone
+    has_lies = lies.has_any and not is_alone
     radio: Radio | None = None
 
-    # both (F, N): as sent last, and as the pipelines estimate it
+    # both (F, N): the thrust sent last, and the hover thrust that the pipelines estimate
     nominal_hover = [vehicle.hover_thrust_frac for vehicle in vehicles]
     throttle = np.broadcast_to(nominal_hover, start.shape[:2])
     hover = throttle
@@ -186,12 +205,12 @@ def _fly(
     while True:
         normals, link_draws = noise.next()
         states = sensors.update(truth, normals, throttle, hover)
-        told = states
+        published_states = states
         offset_m = velocity_m_s = np.zeros_like(start)
-        if tells_lies:
+        if has_lies:
             offset_m, velocity_m_s = lies.offsets(metrics.time_s)
-            told = shifted(states, offset_m, velocity_m_s, _OF_STATE)
-            states = np.where(lies.is_believed()[:, None], told, states)
+            published_states = shifted(states, offset_m, velocity_m_s, _OF_STATE)
+            states = np.where(lies.is_believed()[:, None], published_states, states)
 
         if radio is None and not is_alone:
             is_intruder = np.isfinite(scripted).all(-1)
@@ -202,12 +221,13 @@ def _fly(
         if radio is not None:
             neighbours = radio.receive(link_draws, is_mute, is_frozen, sensors.tracked())
 
-        # the autopilot of a frozen one holds by itself, and avoids nobody
+        # the autopilot of a frozen vehicle holds by itself, and avoids nobody
         is_present = np.broadcast_to(~is_frozen[..., None], neighbours.shape)
         goals = orders.goals(is_frozen, truth)
-        ticks = pilots.step(states, goals, neighbours, is_present, TICK_S)
+        ticks = pipelines.step(states, goals, neighbours, is_present, TICK_S)
         if radio is not None:
-            radio.publish(told, _as_told(ticks, offset_m, velocity_m_s, lies.is_believed()))
+            published_ticks = _published_ticks(ticks, offset_m, velocity_m_s, lies.is_believed())
+            radio.publish(published_states, published_ticks)
 
         throttle = ticks["attitude"]["thrust_frac"]
         hover = ticks["hover_thrust_frac"]
@@ -222,40 +242,43 @@ def _fly(
         if len(going_on) == len(start):
             continue
         if not len(going_on):
-            return metrics.outcomes, getattr(pilots, "refusals", {})
+            return metrics.outcomes, getattr(pipelines, "refusals", {})
 
         start = start[going_on]
         throttle = throttle[going_on]
         hover = hover[going_on]
-        for part in (noise, sensors, pilots, world, metrics, orders, lies):
+        for part in (noise, sensors, pipelines, world, metrics, orders, lies):
             part.keep(going_on)
         if radio is not None:
             radio.keep(going_on)
         truth = world.truth()
 
 
-def _as_told(ticks: Rows, offset_m: Array, velocity_m_s: Array, is_believed: BoolArray) -> Rows:
-    """Return the ticks as a liar tells them: its prediction is off, as its position is.
+def _published_ticks(
+    ticks: Rows, offset_m: Array, velocity_m_s: Array, is_believed: BoolArray
+) -> Rows:
+    """Return the ticks as they are published: a liar's prediction is as false as its position.
 
-    Who believes its false position predicts from it already.
+    The prediction of a vehicle that believes its false position starts from that position already,
+    so it needs no change.
     """
-    is_off = offset_m.any(-1) & ~is_believed[:, None]
-    if not is_off.any():
+    is_false = offset_m.any(-1) & ~is_believed[:, None]
+    if not is_false.any():
         return ticks
-    told = ticks.copy()
-    told["law"] = shifted(ticks["law"], offset_m, velocity_m_s, _OF_LAW)
-    return np.where(is_off, told, ticks)
+    false_ticks = ticks.copy()
+    false_ticks["law"] = shifted(ticks["law"], offset_m, velocity_m_s, _OF_LAW)
+    return np.where(is_false, false_ticks, ticks)
 
 
 def _controller(fleet: FleetConfig) -> MakeController:
-    """Return what makes the control of a fleet under its law."""
+    """Return the class that controls the vehicles of a fleet by its law."""
     if fleet.own_law is None:
         return batch.FleetPipeline
     return partial(OwnLawFleet, fleet.own_law)
 
 
 class _Orders:
-    """Goals of the flights, and who is lost from when on; arrays (F, N, ...)."""
+    """Goals of the flights, and the times from which vehicles are lost; arrays (F, N, ...)."""
 
     def __init__(self, plans: Sequence[FlightPlan]) -> None:
         count = plans[0].count
@@ -276,14 +299,14 @@ class _Orders:
                 self._mutes[f, index] = kind != "frozen"
 
     def lost(self, time_s: float) -> tuple[BoolArray, BoolArray]:
-        """Return which vehicles (F, N) stand still and avoid nobody, and which send nothing."""
+        """Return which vehicles (F, N) are frozen, so that they hold, and which send nothing."""
         is_lost = np.asarray(time_s >= self._lost_at)
         return is_lost & self._freezes, is_lost & self._mutes
 
     def goals(self, is_frozen: BoolArray, truth: TrueMotions) -> Rows:
         """Return the goals of this tick.
 
-        A vehicle that has just frozen stops where it comes to rest, and stays.
+        The goal of a vehicle that has just frozen is the position where it comes to rest.
         """
         has_just_frozen = is_frozen & (self._sequence == 0)
         if has_just_frozen.any():
@@ -299,7 +322,7 @@ class _Orders:
         return goals
 
     def keep(self, flights: IntArray) -> None:
-        """Go on with these flights of the batch only."""
+        """Keep only these rows (flights), and drop the others."""
         self._goal = self._goal[flights]
         self._duration = self._duration[flights]
         self._sequence = self._sequence[flights]

@@ -1,7 +1,7 @@
-"""Everything that is chosen for a campaign: vehicles, law, errors and perturbation.
+"""The settings of a campaign: vehicles, law, errors and perturbation.
 
-A choice starts from the types of a fleet file, or from those of the example fleets. Single values
-are then changed by ``--set key=value``.
+They start from a fleet file, or from the vehicle types of the example fleets. ``--set key=value``
+then changes single values.
 """
 
 from __future__ import annotations
@@ -24,15 +24,16 @@ from onboard.config.fleet import (
     read_toml,
 )
 
-_EXAMPLES = ("sih", "paper")  # whose types can be named without --fleet
-# of a fleet file, for a campaign
+_EXAMPLES = ("sih", "paper")  # example fleets whose types can be named without --fleet
+# keys of the table [fleet] that count in a campaign
 _FLEET_KEYS = ("safety_distance_m", "vertical_separation_m", "body_diameter_m")
-# short names for what is otherwise a value of the law or of the vehicle
+# short names of keys of the law and the vehicle
 _ALIASES = {
     "tilt_deg": "vehicle.max_tilt_deg",
     "range_m": "law.range_m",
     "neighbours": "law.max_neighbours",
 }
+# vehicle keys that --set does not change
 _NOT_A_VEHICLE_VALUE = (
     "name",
     "index",
@@ -53,60 +54,62 @@ _UNBOUNDED_M = 1e6  # half width of a geofence that no flight reaches
 
 
 def _from_to(default: float, low: float, high: float) -> float:
-    """Return a field with its default and the bounds of ``--set``."""
+    """Return a dataclass field with its default, and the bounds that ``--set`` checks."""
     value: float = field(default=default, metadata={"low": low, "high": high})
     return value
 
 
 @dataclass(frozen=True, slots=True)
 class SimulatedErrors:
-    """Errors that the control does not know, beside those of the estimate.
+    """Disturbances of a flight, in addition to the errors of the estimate.
 
-    The four mismatches and the gain are half widths of uniform relative errors, each constant per
-    vehicle.
+    The mismatches and the gain are half widths of uniform relative errors: the simulated vehicle
+    differs from its fleet file by a constant share of that size.
     """
 
     # age of a message when it arrives, in whole ticks of 20 ms, at least one
     delay_s: float = _from_to(0.04, 0.0, 2.0)
-    loss_share: float = _from_to(0.10, 0.0, 1.0)  # of each link's messages
+    loss_share: float = _from_to(0.10, 0.0, 1.0)  # share of each link's messages that is lost
     burst_s: float = _from_to(0.0, 0.0, 60.0)  # length of a sender's silences; 0 for none
     burst_every_s: float = _from_to(10.0, 0.1, 1e4)  # mean interval of a sender's silences
-    gust_m_s2: float = _from_to(0.1, 0.0, 5.0)  # std per horizontal axis, correlated over 1 s
-    # velocity of the air, which pushes by the drag: steady, from a direction of the flight's seed
+    # std of a force per mass on each horizontal axis, correlated over 1 s
+    gust_m_s2: float = _from_to(0.1, 0.0, 5.0)
+    # velocity of a steady wind, which acts through the drag; the seed decides its direction
     wind_m_s: float = _from_to(0.0, 0.0, 30.0)
-    gust_m_s: float = _from_to(0.0, 0.0, 30.0)  # std per horizontal axis, half of it vertically
-    gust_s: float = _from_to(1.0, 0.0, 60.0)  # correlation time of these gusts
-    lag_mismatch: float = _from_to(0.10, 0.0, 0.9)  # of the lag of the attitude
-    lag_error_s: float = _from_to(0.0, 0.0, 1.0)  # added to the dead time
-    gain: float = _from_to(0.05, 0.0, 0.9)  # error of the gain of the attitude
-    drag_mismatch: float = _from_to(0.0, 0.0, 0.9)
-    hover_mismatch: float = _from_to(0.0, 0.0, 0.5)  # of the hover throttle
+    # std of the gusts of that wind per horizontal axis; vertically half of it
+    gust_m_s: float = _from_to(0.0, 0.0, 30.0)
+    gust_s: float = _from_to(1.0, 0.0, 60.0)  # correlation time of gust_m_s
+    lag_mismatch: float = _from_to(0.10, 0.0, 0.9)  # relative error of the attitude lag
+    lag_error_s: float = _from_to(0.0, 0.0, 1.0)  # added to the dead time of the attitude
+    gain: float = _from_to(0.05, 0.0, 0.9)  # relative error of the gain of the attitude
+    drag_mismatch: float = _from_to(0.0, 0.0, 0.9)  # relative error of the drag
+    hover_mismatch: float = _from_to(0.0, 0.0, 0.5)  # relative error of the hover thrust
 
     def gusts_m_s2(self, drag_1_s: float) -> float:
-        """Return the standard deviation per axis of what gusts push a vehicle with.
+        """Return the standard deviation, per axis, of the acceleration that gusts cause.
 
         Args:
-            drag_1_s: of the vehicle, through which moving air pushes.
+            drag_1_s: drag of the vehicle, through which gusts of the wind act.
         """
         return math.hypot(self.gust_m_s2, drag_1_s * self.gust_m_s)
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorClass:
-    """Accuracy of the own estimate, per axis."""
+    """Accuracy of a vehicle's own estimate, per axis."""
 
     name: str
     position_std_m: float
     velocity_std_m_s: float
-    # over which the errors are correlated; 0: white noise
+    # correlation times of the errors; 0: white noise
     position_time_s: float
     velocity_time_s: float
-    # A vehicle has arrived when it is truly this near its goal and this slow, in calm air; gusts
-    # widen both. Both are three standard deviations wider than with a mocap: a vehicle holds its
-    # estimate on the goal, not itself.
+    # A vehicle has arrived when its true position is so near its goal and its true speed is so low,
+    # in calm air; gusts widen both limits. Both are three standard deviations wider than with a
+    # mocap, because a vehicle holds its estimated position on the goal, not its true one.
     arrival_m: float = 0.15
     slow_m_s: float = 0.15
-    # values that a fleet of that accuracy flies with, where the fleet file does not say
+    # values of the law for this accuracy, unless the fleet file sets them
     law: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -157,17 +160,17 @@ ERRORS = {
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """One choice of everything but the scenario."""
+    """All settings of a campaign but its scenarios."""
 
     law: str
-    types: tuple[str, ...]  # given to the vehicles in turn
+    types: tuple[str, ...]  # names of vehicle types, which the vehicles get in turn
     # tables as in a fleet file
     type_tables: Mapping[str, Mapping[str, Any]]
     law_table: Mapping[str, Any]
     fleet_table: Mapping[str, Any]
     errors: ErrorClass
     perturbation: SimulatedErrors
-    scale: float = 1.0  # of positions in the plane
+    scale: float = 1.0  # factor of all horizontal positions
 
     def fleet(self, count: int) -> FleetConfig:
         """Return a fleet of ``count`` vehicles, validated like any fleet file.
@@ -175,6 +178,7 @@ class Setup:
         Raises:
             ConfigError: the values do not go together.
         """
+        # spots so far apart that the fleet file is valid; the scenarios have starts of their own
         spacing_m = 2.0 + 10.0 * float(self.fleet_table.get("safety_distance_m", 0.8))
         vehicles = {}
         for i in range(count):
@@ -225,16 +229,17 @@ def setup_for(
     """Return the setup of a command line.
 
     Args:
-        law: its name; by default the fleet file's, or Covey's.
-        types: names separated by commas, given to the vehicles in turn (default: sih, or the fleet
-            file's first).
-        fleet_path: gives types, law and distances; by default the example fleets do.
+        law: name of the law; by default the fleet file's, or else Covey's.
+        types: names of vehicle types separated by commas, which the vehicles get in turn; by
+            default sih, or else the first type of the fleet file.
+        fleet_path: a fleet file with types, law and distances; by default the example fleets.
         errors: name of an error class.
-        scale: of positions in the plane.
-        changes: ``key=value`` each; see :func:`keys`.
+        scale: factor of all horizontal positions.
+        changes: changes of single values, each as ``key=value``; see :func:`keys`.
+
     Raises:
-        ConfigError: unknown law, type, errors or key, a value out of bounds, or a fleet file that
-            is wrong.
+        ConfigError: law, type, error class or key is unknown, a value is out of bounds, or the
+            fleet file is wrong.
     """
     if fleet_path is not None:
         data = tomllib.loads(load_fleet(fleet_path).text)
@@ -252,9 +257,9 @@ def setup_for(
     if law is None:
         law = str(file_law.get("name", "covey"))
     if fleet_path is not None:
-        # a law of one's own is looked for beside the file that names it
-        beside = os.path.dirname(os.path.abspath(fleet_path))
-        file_law["folder"] = os.path.join(beside, file_law.get("folder", "."))
+        # the folder of a user's own law is relative to the fleet file that names it
+        fleet_folder = os.path.dirname(os.path.abspath(fleet_path))
+        file_law["folder"] = os.path.join(fleet_folder, file_law.get("folder", "."))
 
     if not (math.isfinite(scale) and 0.1 <= scale <= 100.0):
         raise ConfigError(f"--scale is {scale}; it must lie between 0.1 and 100.")
@@ -301,10 +306,10 @@ def _type_tables(data: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _type_names(types: str | None, tables: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the names of the types that are flown in turn.
+    """Return the names of the vehicle types, which the vehicles get in turn.
 
     Raises:
-        ConfigError: an unknown one.
+        ConfigError: a type is unknown.
     """
     if types is None:
         types = "sih" if "sih" in tables else next(iter(tables), "")
@@ -318,10 +323,12 @@ def _type_names(types: str | None, tables: Mapping[str, Any]) -> tuple[str, ...]
 
 
 def _parsed_change(change: str) -> tuple[str, str, float | int | bool | str]:
-    """Return group, key and value of ``[group.]key=value``; the perturbation has no group.
+    """Return group, key and value of ``[group.]key=value``.
+
+    The group is empty for keys of the perturbation.
 
     Raises:
-        ConfigError: it is not written so, there is no such key, or the value is not finite.
+        ConfigError: the change has another form, the key is unknown, or the value is not finite.
     """
     name, equals, text = change.partition("=")
     name = _ALIASES.get(name, name)
@@ -358,7 +365,7 @@ def keys(*, with_aliases: bool = False) -> list[str]:
     """Return all keys of ``--set``.
 
     Args:
-        with_aliases: the short names too.
+        with_aliases: whether the short names are among them.
     """
     names = [entry.name for entry in fields(SimulatedErrors)]
     if with_aliases:
@@ -374,9 +381,9 @@ def keys(*, with_aliases: bool = False) -> list[str]:
 
 
 def _value(change: str, text: str) -> float | int | bool | str:
-    """Return the value of a change: a number, true or false, else the words.
+    """Return the value of a change: a number, true or false, or else a text.
 
-    TOML refuses numbers such as ``.7``, which are taken here. Words may stand in quotes.
+    Numbers such as ``.7``, which are not valid TOML, are accepted. A text may stand in quotes.
     """
     try:
         value: object = tomllib.loads(f"x = {text}")["x"]
@@ -390,11 +397,11 @@ def _value(change: str, text: str) -> float | int | bool | str:
         raise ConfigError(f"--set {change}: the value must be finite.")
     if isinstance(value, float | int | str):
         return value
-    return text  # a date, a list or a table, which no key takes
+    return text  # a date, a list or a table; no key accepts it
 
 
 def _examples() -> dict[str, Any]:
-    """Return the vehicle types of the example fleets, and nothing else of them."""
+    """Return the content of a fleet file that has only the vehicle types of the examples."""
     types: dict[str, Any] = {}
     for name in _EXAMPLES:
         example, _, _ = read_toml(name, "fleet file")

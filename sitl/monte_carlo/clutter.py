@@ -1,6 +1,5 @@
-"""Static obstacles of scenarios, and how near bodies come to them.
-
-There are a forest of pillars, and a wall with a gap.
+"""Static obstacles of scenarios, a forest of pillars and a wall with a gap, and the clearance of
+vehicles from them.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from onboard.avoidance.params import Capsule
 from onboard.vectors import Vec2
 
 PILLAR_RADIUS_M = 0.25
-GAP_M = 2.6  # between the walls: room for two vehicles beside each other
+GAP_M = 2.6  # width of the gap between the walls, in which two vehicles fit beside each other
 _TREE_SPACING_M = 2.8
 _TREE_JITTER_M = 0.3
 _WALL_M = 3.0  # length of each wall
@@ -22,45 +21,45 @@ _WALL_RADIUS_M = 0.1
 
 
 def forest(rows: int, seed: int) -> tuple[Capsule, ...]:
-    """Return pillars on a jittered grid about the origin, three deep in x.
+    """Return pillars on a jittered grid about the origin, in three columns along x.
 
-    Between any two is room to pass.
+    A vehicle can pass between any two of them.
 
     Args:
-        rows: of pillars, along y.
-        seed: of their positions.
+        rows: number of pillars in a column, along y.
+        seed: the seed of the jitter.
     """
     rng = np.random.default_rng([seed, 17])
     pillars = []
     for column in range(3):
         for row in range(rows):
-            shift = 0.5 * (column % 2)  # of every second column, against the others
-            x = _TREE_SPACING_M * (column - 1)
-            y = _TREE_SPACING_M * (row + shift - 0.5 * (rows - 0.5))
-            dx, dy = rng.uniform(-_TREE_JITTER_M, _TREE_JITTER_M, 2)
+            shift = 0.5 * (column % 2)  # every second column is shifted by half a spacing
+            x_m = _TREE_SPACING_M * (column - 1)
+            y_m = _TREE_SPACING_M * (row + shift - 0.5 * (rows - 0.5))
+            dx_m, dy_m = rng.uniform(-_TREE_JITTER_M, _TREE_JITTER_M, 2)
 
-            middle = Vec2(float(x + dx), float(y + dy))
+            middle = Vec2(float(x_m + dx_m), float(y_m + dy_m))
             pillars.append(Capsule(middle, middle, PILLAR_RADIUS_M))
     return tuple(pillars)
 
 
 def gap() -> tuple[Capsule, ...]:
     """Return the two walls along x = 0 that leave a gap about the origin."""
-    near = 0.5 * GAP_M + _WALL_RADIUS_M
-    far = near + _WALL_M
+    near_end_m = 0.5 * GAP_M + _WALL_RADIUS_M
+    far_end_m = near_end_m + _WALL_M
     walls = []
     for side in (-1.0, 1.0):
-        begin = Vec2(0.0, side * near)
-        end = Vec2(0.0, side * far)
+        begin = Vec2(0.0, side * near_end_m)
+        end = Vec2(0.0, side * far_end_m)
         walls.append(Capsule(begin, end, _WALL_RADIUS_M))
     return tuple(walls)
 
 
 def scaled(obstacles: Sequence[Capsule], scale: float) -> tuple[Capsule, ...]:
-    """Return obstacles farther apart, of the same radius.
+    """Return obstacles with scaled positions and unchanged radii.
 
     Args:
-        obstacles: to be moved.
+        obstacles: the obstacles.
         scale: factor of their positions.
     """
     moved = []
@@ -72,25 +71,26 @@ def scaled(obstacles: Sequence[Capsule], scale: float) -> tuple[Capsule, ...]:
 
 
 def clearances_m(position_enu_m: Array, obstacles: Sequence[Capsule], body_m: float) -> Array:
-    """Return for each flight the smallest distance (F,) of a body's outline from an obstacle's.
+    """Return the smallest gap [m] between a vehicle's body and an obstacle in each flight (F,).
 
-    Without any obstacle it is inf.
+    It is infinite without obstacles.
 
     Args:
-        position_enu_m: (F, N, 3).
-        obstacles: of all flights.
+        position_enu_m: positions (F, N, 3) of the vehicles.
+        obstacles: the obstacles, the same in all flights.
         body_m: diameter of a vehicle.
     """
     nearest = np.full(len(position_enu_m), np.inf)
     for obstacle in obstacles:
         begin = np.array(obstacle.begin_enu_m)
         along = np.array(obstacle.end_enu_m) - begin  # from end to end
-        length_2 = max(float(along @ along), 1e-12)
+        length_2 = max(float(along @ along), 1e-12)  # a pillar has length 0; no division by 0
 
         offset = position_enu_m[..., :2] - begin  # (F, N, 2)
-        share = np.clip(offset @ along / length_2, 0.0, 1.0)  # (F, N) of the nearest point
-        beside = offset - share[..., None] * along
-        away = np.hypot(*np.moveaxis(beside, -1, 0))  # (F, N) from the obstacle's axis
+        # (F, N): nearest point of the obstacle's axis, as a share of its length
+        share = np.clip(offset @ along / length_2, 0.0, 1.0)
+        from_axis = offset - share[..., None] * along
+        from_axis_m = np.hypot(*np.moveaxis(from_axis, -1, 0))  # (F, N)
 
-        nearest = np.minimum(nearest, away.min(-1) - obstacle.radius_m - 0.5 * body_m)
+        nearest = np.minimum(nearest, from_axis_m.min(-1) - obstacle.radius_m - 0.5 * body_m)
     return nearest

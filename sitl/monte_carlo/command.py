@@ -1,6 +1,6 @@
-"""A campaign of ``covey simulate``: scenarios flown once per seed.
+"""A campaign of ``covey simulate``: each scenario is flown once with each seed.
 
-It prints a table or JSON, and writes traces and pictures where that is requested.
+The results are printed as a table or as JSON; traces and pictures are written on request.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from onboard.rollout import batch as rollout_batch
 from sitl.monte_carlo import campaign_settings, process_chunks, results, scenarios
 
 _PICTURES = (".png", ".svg", ".pdf")
-_MOST_FAILURES = 10  # that are listed
+_MOST_FAILURES = 10  # number of failed flights that are listed
 
 
 def run(
@@ -33,15 +33,16 @@ def run(
     """Fly every scenario with every seed, print the results, and draw what was requested.
 
     Args:
-        names: scenarios.
-        seeds: each is flown in every scenario.
-        setup: of all flights.
-        jobs: processes.
-        is_json: one JSON object per flight on standard output instead of a table.
-        trace_folder: where one .npz per flight is kept; None for nowhere.
-        picture: a file for the picture of one flight, or a folder; None for no picture.
+        names: names of the scenarios.
+        seeds: the seeds, with each of which every scenario is flown.
+        setup: the settings of all flights.
+        jobs: number of processes.
+        is_json: whether one JSON object per flight is printed instead of a table.
+        trace_folder: folder for one .npz per flight; None keeps no traces.
+        picture: a file for the picture of one flight, or a folder for many; None draws nothing.
+
     Raises:
-        ConfigError: nothing was flown, for a reason in words.
+        ConfigError: the settings do not allow the flights; nothing was flown.
     """
     for name in names:
         _check_heights(name, setup)
@@ -66,7 +67,7 @@ def run(
 
 
 def _check_heights(name: str, setup: campaign_settings.Setup) -> None:
-    """Refuse vehicles above each other where no vertical separation is set."""
+    """Refuse a scenario with vehicles above each other if no vertical separation is set."""
     fleet = setup.fleet(scenarios.vehicle_count(name)).fleet
     if scenarios.is_stacked(name) and fleet.vertical_separation_m is None:
         raise ConfigError(
@@ -77,7 +78,7 @@ def _check_heights(name: str, setup: campaign_settings.Setup) -> None:
 
 
 def _check_picture(picture: Path, *, flights: int) -> None:
-    """Refuse one file for several flights, and kinds of pictures that are not drawn."""
+    """Refuse one picture file for several flights, and unknown kinds of pictures."""
     if picture.suffix and flights > 1:
         raise ConfigError(
             f"--plot {picture}: one file takes one flight; name a folder for {flights}."
@@ -90,7 +91,7 @@ def _check_picture(picture: Path, *, flights: int) -> None:
 
 
 def _make(folder: Path) -> None:
-    """Make a folder, and try it, before minutes of flying whose results could not be kept."""
+    """Create a folder and check that it is writable, before minutes of flying for nothing."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -122,7 +123,7 @@ def _fly(
 
 
 def _warm_up() -> None:
-    """Have the law compiled before the first flight, and say so where it takes a while."""
+    """Compile the law before the first flight, and print a notice if that takes a while."""
     sentence = (
         "covey: compiling the law for this machine; it is kept, and takes about half a minute "
         "this time only"
@@ -146,7 +147,7 @@ def _print_lines(chunks: Iterable[list[results.FlightRecord]]) -> list[results.F
 def _collect(
     chunks: Iterable[list[results.FlightRecord]], *, flights: int
 ) -> list[results.FlightRecord]:
-    """Return all flights; a bar on standard error shows how many are flown."""
+    """Return the records of all flights; a bar on standard error shows the progress."""
     from rich.console import Console
     from rich.progress import Progress
 
@@ -198,7 +199,7 @@ def _print_table(
 
 
 def _draw(folder: Path, picture: Path, records: Sequence[results.FlightRecord]) -> None:
-    """Draw each flight from its trace, into the picture or, if that is a folder, in there."""
+    """Draw each flight from its trace: into the file ``picture``, or into a folder of that name."""
     from sitl.monte_carlo import plot
 
     for values in records:

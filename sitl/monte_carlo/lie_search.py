@@ -1,12 +1,12 @@
 """Guided search for the lie of one member that brings *others* nearest to each other.
 
-Random tries hardly ever find such a lie: it has to come at the right moment, from the right side
-and with the right size (SwarmFuzz guides its search by the distances, too). So this is
-an evolution strategy: of each generation the best few are kept, and the next one is
-drawn around their mean with their own spread, all flights of a generation as one compiled batch. It
-begins anew several times, each time from many random lies over several flights.
+Random lies hardly ever do that, because a lie must come at the right moment, from the right side
+and with the right size. (SwarmFuzz guides its search by the distances, too.) Therefore this is an
+evolution strategy. The best few lies of all so far are kept, and the next generation is drawn from
+a normal distribution with their mean and spread. All flights of a generation are one compiled
+batch. The search is restarted several times, each time with many random lies.
 
-What flies here is the law alone: no agent judges whether a neighbour's word can be true, and no
+Only the law flies here: no agent checks whether a neighbour's messages are plausible, and no
 failsafe holds or lands. The distances are therefore those that the law keeps by itself.
 """
 
@@ -23,7 +23,7 @@ from sitl.monte_carlo import batch_flight, scenarios
 from sitl.monte_carlo.campaign_settings import Setup
 from sitl.monte_carlo.member_lie import LieKind, MemberLie
 
-# of each number of a lie: what may be searched; the places are those of MemberLie
+# the range of each number of a lie that is searched; the keys are fields of MemberLie
 BOUNDS = {
     "start_s": (0.0, 6.0),
     "lasts_s": (0.5, 10.0),
@@ -34,11 +34,11 @@ BOUNDS = {
 }
 SCENARIO = "swap8"
 KINDS: tuple[LieKind, ...] = ("spoof", "lie")
-_RESTARTS = 2  # of each kind
-_FIRST_SHARE = 0.3  # of the flights of a restart are random
+_RESTARTS = 2  # restarts for each kind of lie
+_FIRST_SHARE = 0.3  # share of the flights of a restart whose lies are random
 _GENERATION = 25
 _KEPT = 6
-_LEAST_SPREAD = 0.03  # of a bound's range
+_LEAST_SPREAD = 0.03  # least standard deviation of a generation, as a share of the range
 _FIRST_SEED = 7000
 
 
@@ -46,24 +46,24 @@ class Found(NamedTuple):
     """The worst lie of a kind."""
 
     lie: MemberLie
-    seed: int  # of the flight
-    others_m: float  # smallest distance of two others
+    seed: int  # seed of the flight
+    others_m: float  # smallest distance of two other vehicles
 
 
 @dataclass(frozen=True, slots=True)
 class SearchReport:
-    """What a search has found."""
+    """The results of a search. Distances are smallest distances of two other vehicles."""
 
-    tries: int
-    promised_m: float
-    body_m: float  # two that are nearer touch
-    honest_m: float  # the same flights without a lie, at their smallest
+    tries: int  # number of flights with a lie
+    promised_m: float  # the safety distance
+    body_m: float  # body diameter: two vehicles that are nearer touch
+    honest_m: float  # in the same flights without a lie
     worst: dict[LieKind, Found]
-    random_m: float  # the worst of all that were random
+    random_m: float  # over all flights with a random lie
 
     @property
     def is_right(self) -> bool:
-        """Whether no two others touched: how far below the promise they came, the lines say."""
+        """Whether no two other vehicles touched; they may come nearer than the safety distance."""
         return all(found.others_m >= self.body_m for found in self.worst.values())
 
     def as_mapping(self) -> dict[str, object]:
@@ -100,14 +100,16 @@ def search(
 ) -> SearchReport:
     """Search the lies with which the others come nearest to each other.
 
+    In the search a lie is a point in the unit cube: the member, and then the numbers of BOUNDS.
+
     Args:
         setup: fleet, law and perturbation.
-        tries: how many flights.
-        seed: of the search.
-        say: gets the progress, a line each.
+        tries: number of flights.
+        seed: the seed of the search.
+        say: called with each line of progress.
     """
     rng = np.random.default_rng(seed)
-    each = tries // (_RESTARTS * len(KINDS))
+    tries_of_restart = tries // (_RESTARTS * len(KINDS))
     worst: dict[LieKind, Found] = {}
     flown = 0
     random_m = np.inf
@@ -119,26 +121,30 @@ def search(
             plan = scenarios.plan(SCENARIO, flight_seed)
             honest_m = min(honest_m, _distances_m([plan], setup)[0])
 
-            first = round(_FIRST_SHARE * each)
-            places = rng.uniform(size=(first, len(BOUNDS) + 1))
-            distances_m = _distances_m([_with_lie(plan, kind, one) for one in places], setup)
+            random_count = round(_FIRST_SHARE * tries_of_restart)
+            points = rng.uniform(size=(random_count, len(BOUNDS) + 1))
+            distances_m = _distances_m([_with_lie(plan, kind, point) for point in points], setup)
             random_m = min(random_m, float(distances_m.min()))
-            flown += first
+            flown += random_count
 
-            while len(places) < each:
-                best = places[np.argsort(distances_m)[:_KEPT]]
+            while len(points) < tries_of_restart:
+                best = points[np.argsort(distances_m)[:_KEPT]]
                 spread = np.maximum(best.std(axis=0), _LEAST_SPREAD)
                 drawn = rng.normal(best.mean(axis=0), spread, (_GENERATION, len(BOUNDS) + 1))
-                # the member is no number between others: it is one of the best's
+                # a mean of two members is no member, so it is drawn from those of the best
                 drawn[:, 0] = rng.choice(best[:, 0], _GENERATION)
                 drawn = np.clip(drawn, 0.0, 1.0)
-                new_m = _distances_m([_with_lie(plan, kind, one) for one in drawn], setup)
-                places = np.vstack([places, drawn])
+                new_m = _distances_m([_with_lie(plan, kind, point) for point in drawn], setup)
+                points = np.vstack([points, drawn])
                 distances_m = np.concatenate([distances_m, new_m])
                 flown += _GENERATION
 
-            at = int(distances_m.argmin())
-            found = Found(_lie(kind, places[at], plan.count), flight_seed, float(distances_m[at]))
+            worst_index = int(distances_m.argmin())
+            found = Found(
+                lie=_lie(kind, points[worst_index], plan.count),
+                seed=flight_seed,
+                others_m=float(distances_m[worst_index]),
+            )
             say(f"{found.others_m:.2f} m between others by {found.lie.words}")
             if kind not in worst or found.others_m < worst[kind].others_m:
                 worst[kind] = found
@@ -155,18 +161,19 @@ def search(
 
 
 def _distances_m(plans: list[scenarios.FlightPlan], setup: Setup) -> Array:
+    """Fly plans; return for each the smallest distance of two vehicles that do not lie."""
     flown = batch_flight.fly(plans, setup)
     return np.array([one.outcome.min_separation_m for one in flown])
 
 
-def _with_lie(plan: scenarios.FlightPlan, kind: LieKind, place: Array) -> scenarios.FlightPlan:
-    return replace(plan, lie=_lie(kind, place, plan.count))
+def _with_lie(plan: scenarios.FlightPlan, kind: LieKind, point: Array) -> scenarios.FlightPlan:
+    return replace(plan, lie=_lie(kind, point, plan.count))
 
 
-def _lie(kind: LieKind, place: Array, count: int) -> MemberLie:
-    """Return the lie at a place of the search, whose numbers lie in [0, 1]."""
+def _lie(kind: LieKind, point: Array, count: int) -> MemberLie:
+    """Return the lie at a point of the search, whose coordinates lie in [0, 1]."""
     low, high = np.array(list(BOUNDS.values())).T
-    numbers = low + place[1:] * (high - low)
+    numbers = low + point[1:] * (high - low)
     values = dict(zip(BOUNDS, numbers.tolist(), strict=True))
-    member = min(int(place[0] * count), count - 1)
+    member = min(int(point[0] * count), count - 1)
     return MemberLie(member=member, kind=kind, **values)

@@ -1,8 +1,9 @@
-"""One member of a fleet whose position is false: by a spoofed receiver, or by its own lie.
+"""One member of a fleet publishes a false position: its receiver is spoofed, or it lies.
 
-A spoofed vehicle believes the false position: it flies by it and tells it. A liar flies by its true
-one, and tells the false one. Either is off by an offset that rises over a while, stays or swings,
-and ends: the law of the others sees a vehicle where none is, and none where one is.
+A spoofed vehicle believes the false position: it flies by it and publishes it. A liar flies by its
+true position and publishes the false one. The false position differs from the true one by an
+offset that rises, then stays or swings, and then ends. So the law of the others sees a vehicle
+where none is, and none where one is.
 """
 
 from __future__ import annotations
@@ -16,19 +17,20 @@ from onboard.arrays import Array, BoolArray, IntArray
 from onboard.rollout.rows import Rows
 
 LieKind = Literal["spoof", "lie"]
+_STEP_S = 0.02  # a tick
 
 
 class MemberLie(NamedTuple):
-    """What is false about one vehicle's position, and when."""
+    """The offset of one vehicle's published position from the true one, over time."""
 
-    member: int
+    member: int  # index of the vehicle
     kind: LieKind
     start_s: float
     lasts_s: float
-    size_m: float  # of the offset at its largest, horizontal
-    direction_rad: float  # counterclockwise from east
-    rise_s: float  # until it is as large as that
-    swings_hz: float  # between both sides; 0: it stays
+    size_m: float  # length of the horizontal offset at its largest
+    direction_rad: float  # direction of the offset, counterclockwise from east
+    rise_s: float  # time in which the offset rises to its full length
+    swings_hz: float  # frequency at which the offset swings to the other side; 0: it does not
 
     @property
     def words(self) -> str:
@@ -45,7 +47,7 @@ class MemberLie(NamedTuple):
 class _Plan(Protocol):
     @property
     def lie(self) -> MemberLie | None:
-        """What is false in this flight."""
+        """The lie of this flight; None if nobody lies."""
 
     @property
     def count(self) -> int:
@@ -59,8 +61,8 @@ class MemberLies:
         count = plans[0].count
         self._is_liar = np.zeros((len(plans), count), bool)
         self._is_spoof = np.zeros(len(plans), bool)
-        self._numbers = np.zeros((len(plans), 6))
-        self._numbers[:, 4] = 1.0
+        self._numbers = np.zeros((len(plans), 6))  # the last six fields of MemberLie
+        self._numbers[:, 4] = 1.0  # rise_s of flights without a lie: any positive time
         for f, plan in enumerate(plans):
             lie = plan.lie
             if lie is None:
@@ -81,12 +83,13 @@ class MemberLies:
         return self._is_spoof
 
     def keep(self, flights: IntArray) -> None:
-        """Go on with these flights of the batch only."""
+        """Keep only these rows (flights), and drop the others."""
         self._is_liar = self._is_liar[flights]
         self._is_spoof = self._is_spoof[flights]
         self._numbers = self._numbers[flights]
 
     def _offset(self, time_s: float) -> Array:
+        """Return the offsets (F, N, 3) of the positions [m] at a time."""
         start_s, lasts_s, size_m, direction_rad, rise_s, swings_hz = self._numbers.T
         since_s = time_s - start_s
         is_on = (since_s >= 0.0) & (since_s < lasts_s)
@@ -101,19 +104,16 @@ class MemberLies:
 
 
 def shifted(rows: Rows, offset_m: Array, velocity_m_s: Array, names: tuple[str, str]) -> Rows:
-    """Return a copy of rows whose position and velocity are off.
+    """Return a copy of rows with an offset of position and velocity.
 
     Args:
-        rows: (F, N).
-        offset_m: (F, N, 3).
-        velocity_m_s: (F, N, 3).
-        names: of the position and of the velocity in these rows.
+        rows: the rows (F, N).
+        offset_m: offset (F, N, 3) of the position.
+        velocity_m_s: offset (F, N, 3) of the velocity.
+        names: names of the fields with the position and the velocity.
     """
     copy = rows.copy()
     position, velocity = names
     copy[position] += offset_m
     copy[velocity] += velocity_m_s
     return copy
-
-
-_STEP_S = 0.02

@@ -1,7 +1,7 @@
-"""Judges flights on true positions, every tick: separation, arrival, and why a flight failed.
+"""Judges flights by their true positions, every tick: separation, arrival, and why a flight failed.
 
-Arrays hold all flights that are in the air: F flights of N vehicles, P pairs of vehicles. A flight
-that ends leaves them, and its outcome is kept.
+Arrays hold all flights that are under way: F flights of N vehicles, P pairs of vehicles. When a
+flight ends, its row is removed from all arrays, and its outcome is kept.
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ from sitl.monte_carlo.scenarios import FlightPlan
 from sitl.monte_carlo.vehicles import TICK_S, TrueMotions
 from sitl.physics.contacts import HEIGHT_OF_DIAMETER
 
-HOLD_S = 0.5  # everybody has arrived when all have been near their goals and slow for this long
-_RECENT_S = 3.0  # over which the progress towards a goal is smoothed
-_STUCK_M_S = 0.10  # slower is standing still
-_APPROACHING_M_S = 0.02  # faster is getting nearer to the goal
+HOLD_S = 0.5  # a flight has arrived when all vehicles were near their goals and slow for so long
+_RECENT_S = 3.0  # time constant that smooths the progress towards a goal
+_STUCK_M_S = 0.10  # a slower vehicle stands still
+_APPROACHING_M_S = 0.02  # a vehicle that approaches its goal faster than this makes progress
+_FIRST_SAMPLES = 512  # room of a trace at first
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,35 +36,36 @@ class Trace:
     """A flight in T samples."""
 
     t_s: Array  # (T,)
-    position_enu_m: Array  # (T, N, 3) true
-    status: NDArray[np.int8]  # (T, N) of the law
-    active_neighbour: NDArray[np.int16]  # (T, N) of the law; -1 for none
+    position_enu_m: Array  # (T, N, 3) true position
+    status: NDArray[np.int8]  # (T, N) LawStatus
+    # (T, N) index of the vehicle whose row binds most in the law; -1 for none
+    active_neighbour: NDArray[np.int16]
 
 
 @dataclass(frozen=True, slots=True)
 class FlightOutcome:
     """Result of one flight.
 
-    Separations are between centres, over all pairs. They are horizontal; with a vertical separation
-    they are the larger of the horizontal one and of the height difference in the same measure
-    (docs/law.md).
+    Separations are between centres, over all pairs. They are horizontal. If the fleet has a
+    vertical separation, a separation is the larger one of the horizontal distance and the scaled
+    difference of heights (docs/law.md).
     """
 
     min_separation_m: float
     violation_s: float
     violation_depth_m: float
     is_collision: bool
-    makespan_s: float  # when all had arrived; inf if that did not happen in time
+    makespan_s: float  # time at which all had arrived; inf if they did not arrive in time
     duration_s: float
-    # Why not all arrived in time: "deadlock" (those missing stand still), "livelock" (they move and
-    # get no nearer) or "time" (they were still getting nearer).
+    # Why not all arrived in time: "deadlock" (the missing vehicles stand still), "livelock" (they
+    # move, but do not approach their goals) or "time" (they were still approaching them).
     reason: str | None
-    relaxed_share: float  # of the vehicles' ticks
-    slew_rms_m_s3: float  # of the horizontal command
+    relaxed_share: float  # share of the vehicles' ticks in which the law was relaxed
+    slew_rms_m_s3: float  # change of the horizontal command
     max_speed_m_s: float
     intervention_m_s2: float  # mean |u - u0|
-    path_ratio: float  # flown paths over straight ones, of all together
-    # of a body's outline from a static obstacle's; inf without obstacles, below 0 a collision
+    path_ratio: float  # length of all flown paths over that of all straight ones
+    # smallest gap between a body and a static obstacle; inf without obstacles, below 0: a collision
     min_clearance_m: float
     trace: Trace | None
 
@@ -74,7 +76,7 @@ class FlightOutcome:
 
 
 class FlightMetrics:
-    """Sums of the flights in the air (F rows), and the outcomes of those that have ended."""
+    """Sums of the flights under way (F rows), and the outcomes of those that have ended."""
 
     def __init__(
         self,
@@ -87,16 +89,16 @@ class FlightMetrics:
         *,
         has_trace: bool,
     ) -> None:
-        """Begin at the starts.
+        """Begin with all vehicles at their starts.
 
         Args:
-            plans: of the F flights.
-            longest_s: (F,) after which a flight has failed.
-            fleet: that flies all of them.
-            errors: say how near a vehicle has to come to its goal, and how slow it has to be.
-            gusts_m_s2: (N,) standard deviation of the gusts that push each vehicle, per axis. They
-                move a vehicle that has arrived, as much as its own agent allows for.
-            start_enu_m: (F, N, 3).
+            plans: plans of the F flights.
+            longest_s: times (F,) after which a flight has failed.
+            fleet: the fleet of all flights.
+            errors: error class, which says how near to its goal and how slow a vehicle must be.
+            gusts_m_s2: standard deviation (N,) per axis of the acceleration of each vehicle by
+                gusts. They widen both limits, as in the agent.
+            start_enu_m: starts (F, N, 3).
             has_trace: whether the outcomes hold samples.
         """
         flights, count = start_enu_m.shape[:2]
@@ -107,23 +109,24 @@ class FlightMetrics:
 
         self._limit_m = fleet.fleet.safety_distance_m
         self._body_m = fleet.fleet.body_diameter_m
-        # a height difference times this is a separation in the measure of the safety distance
+        # a difference of heights times this is compared with the safety distance; 0: heights do
+        # not count
         self._height_share = 0.0
         vertical_m = fleet.fleet.vertical_separation_m
         if vertical_m is not None:
             self._height_share = self._limit_m / vertical_m
 
         self.ticks = 0
-        self._done: dict[int, FlightOutcome] = {}  # by the flight's place among the plans
+        self._done: dict[int, FlightOutcome] = {}  # by index of the plan
         self._pairs = np.triu_indices(count, 1)
 
-        # From here on rows (F, ...) of the flights in the air; keep() selects among them.
+        # From here on: rows (F, ...) of the flights under way, among which keep() selects.
         self._flights = np.arange(flights)
         self._goal = np.stack([plan.goal_enu_m for plan in plans])
         self._earliest = np.array([plan.earliest_s for plan in plans])
         self._longest = np.array(longest_s, dtype=np.float64)
 
-        self._counts = np.ones((flights, count), bool)  # whose arrival counts
+        self._counts = np.ones((flights, count), bool)  # whether a vehicle's arrival counts
         for f, plan in enumerate(plans):
             if plan.intruder_m_s is not None:
                 self._counts[f, -1] = False
@@ -136,17 +139,17 @@ class FlightMetrics:
 
         self._position = start_enu_m
         self._command = np.zeros((flights, count, 2))
-        self._away = np.sqrt(((start_enu_m - self._goal) ** 2).sum(-1))  # (F, N) from the goals
+        self._away = np.sqrt(((start_enu_m - self._goal) ** 2).sum(-1))  # (F, N) distance from goal
         self._straight = np.where(self._counts, self._away, 0.0).sum(-1)
-        self._ticks_there = np.zeros(flights)  # for so long all have been at their goals
+        self._ticks_there = np.zeros(flights)  # ticks since all have been at their goals
         self._recent_speed = np.zeros((flights, count))
-        self._recent_gain = np.zeros((flights, count))  # speed towards the goal
+        self._recent_gain = np.zeros((flights, count))  # smoothed speed towards the goal
 
         self._sums = {
             "violation": np.zeros(flights),
             "relaxed": np.zeros(flights),
             "slew": np.zeros(flights),
-            "speed": np.zeros(flights),  # the largest, not a sum
+            "speed": np.zeros(flights),  # the greatest speed, which is no sum
             "intervention": np.zeros(flights),
             "path": np.zeros(flights),
         }
@@ -170,21 +173,21 @@ class FlightMetrics:
 
     @property
     def time_s(self) -> float:
-        """Since the start."""
+        """Time since the start."""
         return self.ticks * TICK_S
 
     @property
     def outcomes(self) -> list[FlightOutcome]:
-        """Of all flights, in the order of the plans, when all have ended."""
+        """Outcomes of the flights that have ended, in the order of the plans."""
         return [self._done[f] for f in sorted(self._done)]
 
     def update(self, truth: TrueMotions, ticks: Rows, active: IntArray) -> IntArray:
-        """Add one tick; return the indexes of the flights that go on.
+        """Add one tick; return the row indexes of the flights that go on.
 
         Args:
-            truth: after the tick.
-            ticks: (F, N) of the pipelines.
-            active: (F, N) the vehicle that each one avoids most, -1 for none.
+            truth: true motion after the tick.
+            ticks: results (F, N) of the pipelines.
+            active: index (F, N) of the vehicle whose row binds most, -1 for none.
         """
         self.ticks += 1
         position = truth.position_enu_m
@@ -204,13 +207,13 @@ class FlightMetrics:
         return self._end_flights(is_there)
 
     def _measure_separation(self, position_enu_m: Array) -> None:
-        """Note how near vehicles are to each other and to obstacles."""
+        """Note the distances of vehicles from each other and from obstacles."""
         first, second = self._pairs
         offset = position_enu_m[:, first] - position_enu_m[:, second]  # (F, P, 3)
-        level = offset[..., :2]
-        distance = np.sqrt(np.einsum("fpc,fpc->fp", level, level))
+        horizontal = offset[..., :2]
+        distance = np.sqrt(np.einsum("fpc,fpc->fp", horizontal, horizontal))
 
-        # of a liar nobody promises anything; this is about the others
+        # no distance from a liar is promised, so only the others are judged
         distance = np.where(self._is_judged, distance, np.inf)
         touches = distance < self._body_m
         if self._height_share > 0.0:
@@ -228,7 +231,7 @@ class FlightMetrics:
         self._sums["violation"] += np.where(nearest < self._limit_m, TICK_S, 0.0)
 
     def _measure_law(self, law: Rows) -> None:
-        """Note what the law did to the vehicles' commands."""
+        """Note how the law changed the vehicles' commands."""
         command = law["commanded_acceleration_enu_m_s2"][..., :2]
         if self.ticks > 1:
             slew = (command - self._command) / TICK_S
@@ -240,7 +243,7 @@ class FlightMetrics:
         self._sums["intervention"] += law["intervention_m_s2"].mean(-1)
 
     def _measure_motion(self, position: Array, speed: Array) -> None:
-        """Note the paths, the speeds, and how the distances from the goals change."""
+        """Note the lengths of the paths, the speeds, and the progress towards the goals."""
         fastest = np.where(self._counts, speed, 0.0).max(-1)
         self._sums["speed"] = np.maximum(self._sums["speed"], fastest)
 
@@ -262,7 +265,7 @@ class FlightMetrics:
         """Keep the outcomes of the flights that are over; return the rows of the others.
 
         Args:
-            is_there: (F, N) at its goal, or its arrival does not count.
+            is_there: (F, N) whether a vehicle is at its goal, or its arrival does not count.
         """
         is_all_there = np.asarray(is_there.all(-1)) & (self.time_s >= self._earliest)
         self._ticks_there = np.where(is_all_there, self._ticks_there + 1.0, 0.0)
@@ -277,6 +280,7 @@ class FlightMetrics:
         return np.flatnonzero(~is_over)
 
     def _outcome(self, row: int, has_arrived: bool, is_there: BoolArray) -> FlightOutcome:
+        """Return the outcome of the flight in a row."""
         flight = int(self._flights[row])
         sums = {name: float(values[row]) for name, values in self._sums.items()}
         nearest_m = float(self._nearest[row])
@@ -288,6 +292,7 @@ class FlightMetrics:
         else:
             reason = self._reason(row, missing=~is_there)
 
+        # without a way to fly there is no ratio
         path_ratio = math.nan
         if self._straight[row] > 0.1:
             path_ratio = sums["path"] / float(self._straight[row])
@@ -317,8 +322,8 @@ class FlightMetrics:
         """Return why a flight is late.
 
         Args:
-            row: of the flight.
-            missing: (N,) vehicles that are not at their goals.
+            row: row of the flight.
+            missing: (N,) whether a vehicle is not at its goal.
         """
         if not missing.any():
             return "time"
@@ -329,7 +334,7 @@ class FlightMetrics:
         return "livelock"
 
     def keep(self, flights: IntArray) -> None:
-        """Go on with these flights of the batch only."""
+        """Keep only these rows (flights), and drop the others."""
         self._flights = self._flights[flights]
         self._goal = self._goal[flights]
         self._earliest = self._earliest[flights]
@@ -352,13 +357,13 @@ class FlightMetrics:
 
 
 class _TraceBuffer:
-    """Samples of all flights from the start on, growing."""
+    """Samples of all flights from the start on; the arrays are doubled when they are full."""
 
     def __init__(self, start_enu_m: Array) -> None:
         flights, count = start_enu_m.shape[:2]
-        self._position = np.zeros((512, flights, count, 3))
-        self._status = np.zeros((512, flights, count), np.int8)
-        self._active = np.full((512, flights, count), -1, np.int16)
+        self._position = np.zeros((_FIRST_SAMPLES, flights, count, 3))
+        self._status = np.zeros((_FIRST_SAMPLES, flights, count), np.int8)
+        self._active = np.full((_FIRST_SAMPLES, flights, count), -1, np.int16)
         self._position[0] = start_enu_m
 
     def add(

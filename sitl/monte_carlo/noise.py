@@ -1,7 +1,8 @@
-"""Random numbers of flights, each from its own seed: a flight is the same alone and in a batch.
+"""The random numbers of flights. Each flight has its own seed, so it is the same alone and in a
+batch.
 
 Streams of a flight: ``[seed, 1]`` constants, ``[seed, 2]`` noise of every tick, ``[seed, 3]`` the
-radio links. None depends on what the vehicles do, so that two laws meet the same noise.
+radio links. No stream depends on what the vehicles do, so two laws meet the same noise.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 
 from onboard.arrays import Array, IntArray
 
-_BLOCK_TICKS = 50  # drawn at once
+_BLOCK_TICKS = 50  # ticks whose numbers are drawn at once
 _PER_VEHICLE = 9  # position error (3), velocity error (3), gust (2), thrust (1)
 
 
@@ -23,8 +24,8 @@ class FlightNoise:
         """Draw the constants.
 
         Args:
-            seeds: (F,) of the flights.
-            count: N.
+            seeds: seeds (F,) of the flights.
+            count: number N of vehicles.
             has_links: whether numbers for the radio links are drawn.
         """
         self.count = count
@@ -39,7 +40,8 @@ class FlightNoise:
         if has_links:
             self._links = [np.random.default_rng([seed, 3]) for seed in seeds]
 
-        self._tick = _BLOCK_TICKS  # of the block; the first one is drawn when it is required
+        # next tick of the block; at first it is past the end, so the first call draws a block
+        self._tick = _BLOCK_TICKS
         self._block = np.empty(0)  # (F, ticks, N, 9)
         self._link_draws = np.empty(0, np.float32)  # (F, ticks, N, N)
 
@@ -47,9 +49,9 @@ class FlightNoise:
         """Return the random numbers of the next tick.
 
         Returns:
-            Standard normal numbers (F, N, 9), and uniform ones in [0, 1) per link (F, receiver,
-            sender), which are empty without links. The diagonal of the links is free for what
-            concerns a vehicle itself.
+            Standard normal numbers (F, N, 9), and a uniform number in [0, 1) for each link (F,
+            receiver, sender), or an empty array without links. No link uses the numbers on the
+            diagonal; they are free for other purposes.
         """
         if self._tick == _BLOCK_TICKS:
             self._draw_block()
@@ -74,7 +76,7 @@ class FlightNoise:
         self._tick = 0
 
     def keep(self, flights: IntArray) -> None:
-        """Go on with these flights of the batch only."""
+        """Keep only these rows (flights), and drop the others."""
         self.uniform = self.uniform[flights]
         self.normal = self.normal[flights]
         self._generators = [self._generators[k] for k in flights]

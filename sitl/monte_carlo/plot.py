@@ -1,7 +1,8 @@
-"""The explaining picture of one flight, drawn from its trace file.
+"""A picture that explains one flight, drawn from its trace file.
 
-On the left are the paths in the plane and the moment of closest approach; on the right the
-distances of all pairs over time, and below them what the law did to each vehicle.
+On the left are the paths in the plane, and all vehicles at the moment of closest approach. On the
+right are the distances of all pairs over time, and below them the status of the law of each
+vehicle.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from onboard.arrays import Array
 from onboard.config.fleet import ConfigError
 from onboard.types import LawStatus
 
-_FEW = 8  # up to so many vehicles have a colour and a name of their own
+_FEW = 8  # up to so many vehicles or pairs have a colour and a name of their own
 _INACTIVE = "#eef1f3"
 _STATUS_COLOURS = (_INACTIVE, "#56B4E9", "#E69F00", LIMIT)  # by LawStatus
 _STATUS_WORDS = (
@@ -38,7 +39,7 @@ _TIME_MAP = "viridis"
 
 @dataclass(frozen=True, slots=True)
 class _TraceData:
-    """A trace file's content, and where its closest approach is.
+    """The content of a trace file, and the distances of all pairs.
 
     T samples, N vehicles, P pairs of vehicles, O obstacles.
     """
@@ -47,15 +48,15 @@ class _TraceData:
     position_enu_m: Array  # (T, N, 3)
     goal_enu_m: Array  # (N, 3)
     status: NDArray[np.int8]  # (T, N)
-    active: NDArray[np.int16]  # (T, N) the vehicle that is avoided most
+    active: NDArray[np.int16]  # (T, N) index of the vehicle that is avoided most
     names: list[str]
     limit_m: float  # the safety distance
     body_m: float  # diameter of a body
     title: str
     pairs: tuple[NDArray[np.int64], NDArray[np.int64]]  # (P,) first and second vehicle
-    distance_m: Array  # (T, P) in the plane
-    closest: tuple[int, int]  # sample and pair; pair -1 for a lone vehicle
-    obstacles_m: Array  # (O, 5) both ends in the plane and the radius
+    distance_m: Array  # (T, P) horizontal
+    closest: tuple[int, int]  # indexes of sample and pair; pair -1 for a single vehicle
+    obstacles_m: Array  # (O, 5) x and y of both ends, and the radius
 
     @property
     def count(self) -> int:
@@ -68,7 +69,7 @@ class _TraceData:
 
 
 def draw(trace: Path, picture: Path) -> None:
-    """Draw the picture of a trace file; the suffix of ``picture`` says in which format.
+    """Draw the picture of a trace file; the suffix of ``picture`` decides its format.
 
     Raises:
         ConfigError: the file cannot be written.
@@ -92,7 +93,7 @@ def draw(trace: Path, picture: Path) -> None:
 
         metadata = None
         if picture.suffix == ".svg":
-            metadata = {"Date": None}  # the same flight gives the same file
+            metadata = {"Date": None}  # no date, so that the same flight gives the same file
         try:
             figure.savefig(picture, metadata=metadata)
         except OSError as error:
@@ -145,7 +146,7 @@ def _read(trace: Path) -> _TraceData:
 
 
 def _paths(figure: Any, axes: Any, data: _TraceData) -> None:
-    """Draw the plan view: paths coloured by time, and everybody at the closest moment."""
+    """Draw the plan view: paths coloured by time, and all vehicles at their closest approach."""
     axes.set_title("Paths, and the moment of closest approach")
     lines = _draw_lines(axes, data)
     for ends_and_radius in data.obstacles_m:
@@ -176,7 +177,7 @@ def _paths(figure: Any, axes: Any, data: _TraceData) -> None:
 
 
 def _draw_lines(axes: Any, data: _TraceData) -> LineCollection | None:
-    """Draw the paths; return those of the last vehicle, for the bar of colours."""
+    """Draw the paths; return the lines of the last vehicle, for the colour bar."""
     norm = Normalize(0.0, data.t_s[-1])
     width = 2.2 if data.is_few else 1.4
 
@@ -205,14 +206,14 @@ def _draw_obstacle(axes: Any, ends_and_radius: Array) -> None:
     for middle in ((x_0, y_0), (x_1, y_1)):
         axes.add_patch(Circle(middle, radius, fc=_OBSTACLE, lw=0, zorder=1))
 
-    length = max(np.hypot(*(end - begin)), 1e-9)
+    length = max(np.hypot(*(end - begin)), 1e-9)  # a pillar has length 0; no division by 0
     across = radius * np.array([y_0 - y_1, x_1 - x_0]) / length
     corners = [begin + across, end + across, end - across, begin - across]
     axes.add_patch(Polygon(corners, fc=_OBSTACLE, lw=0, zorder=1))
 
 
 def _draw_closest_moment(axes: Any, data: _TraceData) -> None:
-    """Draw everybody in a disc of half the safety distance, and the distance of the nearest two."""
+    """Draw each vehicle as a disc of half the safety distance, and the nearest pair's distance."""
     sample, pair = data.closest
     position = data.position_enu_m[sample]  # (N, 3)
 
@@ -277,7 +278,7 @@ def _set_limits(axes: Any, data: _TraceData) -> None:
 
 
 def _draw_legend(axes: Any, data: _TraceData) -> None:
-    """Explain the marks and the discs below the picture."""
+    """Add the legend of marks and discs below the plan view."""
     handles, labels = axes.get_legend_handles_labels()
     handles.append(Circle((0, 0), fc=SOFT, alpha=0.4))
     labels.append(f"radius {0.5 * data.limit_m:.2f} m: touching means {data.limit_m:.2f} m")
@@ -285,7 +286,7 @@ def _draw_legend(axes: Any, data: _TraceData) -> None:
 
 
 def _round_ticks(end_s: float) -> Array:
-    """Return round times from 0 to the end, about ten at most."""
+    """Return about ten round times from 0 to the end."""
     for step_s in (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0):
         if end_s / step_s <= 9.0:
             return np.arange(0.0, end_s, step_s)
@@ -296,7 +297,7 @@ def _round_ticks(end_s: float) -> Array:
 
 
 def _distances(axes: Any, data: _TraceData) -> None:
-    """Draw the distances of all pairs over time, and in front the smallest and the promise."""
+    """Draw the distances of all pairs over time, the safety distance, and the closest approach."""
     axes.set_title("Distance of every pair")
     largest_m = float(np.max(data.distance_m, initial=data.limit_m))
     top_m = min(largest_m, 4.0 * data.limit_m)
@@ -341,7 +342,7 @@ def _draw_named_pairs(axes: Any, data: _TraceData) -> None:
 
 
 def _draw_many_pairs(axes: Any, data: _TraceData, top_m: float) -> None:
-    """Draw the pairs that come into view, and in front of them the smallest distance."""
+    """Draw the pairs below the top of the axes, and in front of them the smallest distance."""
     for k in range(data.distance_m.shape[1]):
         distance_m = data.distance_m[:, k]
         if distance_m.min() <= top_m:
@@ -362,7 +363,8 @@ def _draw_many_pairs(axes: Any, data: _TraceData, top_m: float) -> None:
 def _activity(axes: Any, data: _TraceData) -> None:
     """Draw for each vehicle when the law changed its thrust.
 
-    Few vehicles have the colour of the neighbour whose row binds most, many that of the status.
+    With few vehicles the colour is that of the neighbour whose row binds most, with many that of
+    the status.
     """
     status = data.status[1:].T  # (N, T-1)
     tick_edges_s = np.append(data.t_s[:-1], data.t_s[-1])

@@ -1,6 +1,6 @@
-"""Flights in chunks over several processes.
+"""The flights of a campaign, split into chunks that several processes fly.
 
-Neither the chunks nor the processes change a digit of the results.
+Neither the sizes of the chunks nor the number of processes changes a digit of the results.
 """
 
 from __future__ import annotations
@@ -14,8 +14,10 @@ from sitl.monte_carlo import results, scenarios
 from sitl.monte_carlo.batch_flight import fly
 from sitl.monte_carlo.campaign_settings import Setup
 
-CHUNK_VEHICLES = 768  # wide enough to outweigh the interpreter, small enough for the caches
-_CHUNK_LINKS = 60_000
+# most vehicles in a chunk: enough that the interpreter's time does not count, and few enough for
+# the processor's caches
+CHUNK_VEHICLES = 768
+_CHUNK_LINKS = 60_000  # most radio links (vehicles squared) in a chunk
 
 
 def campaign(
@@ -29,11 +31,11 @@ def campaign(
     """Yield the records of all scenarios and seeds in their order, each chunk when it is ready.
 
     Args:
-        names: scenarios.
-        seeds: each is flown in every scenario.
-        setup: of all flights.
-        jobs: processes.
-        trace_folder: where to write a trace of each flight.
+        names: names of the scenarios.
+        seeds: the seeds, with each of which every scenario is flown.
+        setup: the settings of all flights.
+        jobs: number of processes.
+        trace_folder: folder for a trace of each flight; None writes none.
     """
     chunks = []
     for name in names:
@@ -54,7 +56,7 @@ def campaign(
 
 
 def _parts(seeds: Sequence[int], count: int, jobs: int) -> list[Sequence[int]]:
-    """Return the seeds in chunks of a good size for flights of ``count`` vehicles."""
+    """Return the seeds split into chunks, for flights of ``count`` vehicles."""
     per_job = -(-len(seeds) // jobs)  # rounded up
     by_vehicles = CHUNK_VEHICLES // count
     by_links = _CHUNK_LINKS // (count * count)

@@ -1,4 +1,4 @@
-"""Messages between the vehicles: late, lost per link, and from senders that fall silent."""
+"""Messages between the vehicles: delayed, lost on single links, or not sent for a while."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from onboard.rollout.rows import Rows
 from sitl.monte_carlo.campaign_settings import SimulatedErrors
 from sitl.monte_carlo.vehicles import TICK_S
 
-# poses of a silent vehicle come this long after its last message: SILENT_AFTER_S, and what it takes
-# to ask for them
+# mocap poses of a silent vehicle arrive so long after its last message: SILENT_AFTER_S, and the
+# time to request them
 _TRACKED_AFTER_S = 0.16
-_TRACKED_AGE_S = 0.04  # of its motion by them, as that of the own poses and of the way to the law
-_MOST_SENDERS = 32  # in larger fleets only so many nearest are gathered; the law itself uses fewer
+_TRACKED_AGE_S = 0.04  # age of a motion from mocap poses when the law uses it
+_MOST_SENDERS = 32  # a receiver gathers at most so many nearest senders; the law uses fewer
 
 
 class Radio:
@@ -31,15 +31,15 @@ class Radio:
         perturbation: SimulatedErrors,
         lateness_s: float = 0.0,
     ) -> None:
-        """Begin with a message of everybody.
+        """Begin with one message of each vehicle at every receiver.
 
         Args:
-            states: (F, N) of the vehicles.
-            is_intruder: (F, N) tracked, but of no fleet; never cooperative, and nobody knows its
-                intentions.
+            states: states (F, N) of the vehicles.
+            is_intruder: (F, N) whether a vehicle is no member of the fleet: the mocap sees it, but
+                it sends nothing and never cooperates.
             perturbation: delay, loss and silences.
-            lateness_s: by which states are expected to be late, so that nobody counts as silent for
-                it.
+            lateness_s: expected lateness of states, which is added to the time after which a
+                vehicle counts as silent.
         """
         first = batch.message(states, None)
         flights, count = first.shape[:2]
@@ -47,19 +47,19 @@ class Radio:
         self._silent_s = SILENT_S + lateness_s
         self._is_intruder = is_intruder
 
-        # what is published in a tick can be received in the next one at the earliest
+        # a message can be received in the tick after the one in which it is published, or later
         self._delay_ticks = max(1, math.ceil(round(perturbation.delay_s / TICK_S, 6)))
         self._sent: deque[Rows] = deque([first] * self._delay_ticks, self._delay_ticks)
 
         self._inbox = np.repeat(first[:, None], count, axis=1)
         self._age_s = np.full((flights, count, count), self._delay_ticks * TICK_S)
-        self._silence_s = np.zeros((flights, count))  # of each sender, still to come
-        # (N, K) or (F, N, K): the senders that each receiver gathers
+        self._silence_s = np.zeros((flights, count))  # remaining silence of each sender
+        # (N, K) or (F, N, K): indexes of the senders that each receiver gathers
         self._all_others = batch.all_others(count)
         self._gathered = self._all_others
 
     def publish(self, states: Rows, ticks: Rows) -> None:
-        """Send everybody's message of this tick."""
+        """Send the messages of all vehicles of this tick."""
         self._sent.appendleft(batch.message(states, ticks))
 
     def receive(
@@ -68,11 +68,11 @@ class Radio:
         """Return the newest messages (F, N, K) that each vehicle has of the others.
 
         Args:
-            link_draws: (F, N, N) uniform in [0, 1).
-            is_mute: (F, N) sends nothing.
-            is_frozen: (F, N) does not cooperate.
-            tracked: (F, N) by the poses of the mocap, which represent intruders and whoever is
-                silent; None without a mocap.
+            link_draws: random numbers (F, N, N), uniform in [0, 1).
+            is_mute: (F, N) whether a vehicle sends nothing.
+            is_frozen: (F, N) whether a vehicle does not cooperate.
+            tracked: vehicles (F, N) as mocap poses show them, which replace the messages of
+                intruders and silent vehicles; None without a mocap.
         """
         is_sending = ~self._silent_senders(link_draws, is_mute)
         has_arrived = (link_draws >= self._perturbation.loss_share) & is_sending[:, None, :]
@@ -90,14 +90,14 @@ class Radio:
         if tracked is not None:
             is_silent = age_s > delay_s + _TRACKED_AFTER_S
             is_tracked = is_silent | self._is_intruder[:, None, :]
-            if is_tracked.any():  # hardly ever: the inbox of a large fleet is long to copy
+            if is_tracked.any():  # it seldom is, and the inbox of a large fleet is slow to copy
                 inbox = np.where(is_tracked, tracked[:, None], inbox)
                 age_s = np.where(is_tracked, _TRACKED_AGE_S, age_s)
                 is_cooperative = is_cooperative & ~is_tracked
         return batch.received(inbox, age_s, self._gathered, is_cooperative)
 
     def _silent_senders(self, link_draws: Array, is_mute: BoolArray) -> BoolArray:
-        """Return which vehicles (F, N) send nothing in this tick; silences begin at random."""
+        """Return which vehicles (F, N) send nothing in this tick: mute ones and random silences."""
         burst_s = self._perturbation.burst_s
         if burst_s <= 0.0:
             return is_mute
@@ -112,20 +112,20 @@ class Radio:
         """Return the indexes in the fleet (F, N) of neighbours of the last :meth:`receive`.
 
         Args:
-            neighbour: (F, N) indexes among the received neighbours; -1 stays.
+            neighbour: indexes (F, N) among the received neighbours; -1 stays -1.
         """
         gathered = self._gathered.shape[-1]
         if not gathered:
             return np.full_like(neighbour, -1)
 
         senders = np.broadcast_to(self._gathered, (*neighbour.shape, gathered))  # (F, N, K)
-        is_one = (neighbour >= 0) & (neighbour < gathered)
-        index = np.where(is_one, neighbour, 0)[..., None]
+        is_valid = (neighbour >= 0) & (neighbour < gathered)
+        index = np.where(is_valid, neighbour, 0)[..., None]
         vehicle = np.take_along_axis(senders, index, axis=-1)[..., 0]
-        return np.where(is_one, vehicle, -1)
+        return np.where(is_valid, vehicle, -1)
 
     def _senders(self) -> IntArray:
-        """Return whom each receiver gathers: all others, in a large fleet the nearest ones."""
+        """Return the senders that each receiver gathers: all, or the nearest of a large fleet."""
         count = self._inbox.shape[1]
         if count - 1 <= _MOST_SENDERS:
             return self._all_others
@@ -141,7 +141,7 @@ class Radio:
         return np.sort(nearest, axis=-1)
 
     def keep(self, flights: IntArray) -> None:
-        """Go on with these flights of the batch only."""
+        """Keep only these rows (flights), and drop the others."""
         self._sent = deque([message[flights] for message in self._sent], self._delay_ticks)
         self._inbox = self._inbox[flights]
         self._age_s = self._age_s[flights]

@@ -1,4 +1,4 @@
-"""Flights as JSON lines, as a summary table, and as trace files."""
+"""The outputs of a campaign: flights as JSON lines, as a summary table, and as trace files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FlightRecord = dict[str, Any]  # one flight, as it is printed
 
 
 def record(flown: Flown, setup: Setup) -> FlightRecord:
-    """Return one flight as the JSON object that is printed; null where there is no number."""
+    """Return one flight as the JSON object that is printed; a missing number is null."""
     outcome = flown.outcome
     plan = flown.plan
     values = {
@@ -51,7 +51,7 @@ def record(flown: Flown, setup: Setup) -> FlightRecord:
 
 
 def ratio(flown: Flown) -> float:
-    """Return the makespan over the straight-line time; NaN when one of them is missing."""
+    """Return the makespan over the straight-line time; NaN if one of them is missing."""
     if not flown.straight_line_s > 0.0:
         return math.nan
     value = flown.outcome.makespan_s / flown.straight_line_s
@@ -70,15 +70,12 @@ def line(values: FlightRecord) -> str:
 
 
 def is_flawless(values: FlightRecord) -> bool:
-    """Whether all arrived in time and nobody came too near."""
+    """Return whether all vehicles arrived in time and kept the safety distance."""
     return bool(values["success"]) and values["violation_s"] == 0.0
 
 
 def write_trace(folder: Path, flown: Flown, setup: Setup) -> Path:
-    """Write the flight's samples as ``<scenario>-<seed>.npz``; return the file.
-
-    The arrays are as in the README of this folder.
-    """
+    """Write the flight's samples as ``<scenario>-<seed>.npz``; return the path of the file."""
     trace = flown.outcome.trace
     plan = flown.plan
     if trace is None:
@@ -136,7 +133,7 @@ def summary(records: Sequence[FlightRecord]) -> list[list[str]]:
     for values in records:
         by_scenario.setdefault(values["scenario"], []).append(values)
 
-    rows = [_table_row(name, own) for name, own in by_scenario.items()]
+    rows = [_table_row(name, own_records) for name, own_records in by_scenario.items()]
     if len(rows) > 1:
         rows.append(_table_row("all", records))
     return rows
@@ -177,7 +174,7 @@ def _table_row(name: str, records: Sequence[FlightRecord]) -> list[str]:
 
 
 def _numbers(records: Sequence[FlightRecord], key: str) -> list[float]:
-    """Return the values of a key, of the flights that have one."""
+    """Return the values of a key, without those of flights that have none."""
     return [values[key] for values in records if values[key] is not None]
 
 
@@ -186,10 +183,10 @@ def _mean(records: Sequence[FlightRecord], key: str) -> float:
 
 
 def upper_bound(events: int, count: int) -> float:
-    """Return the share that the true rate of events stays below with 95 % confidence.
+    """Return the upper bound of the true rate of events, with 95 % confidence.
 
-    Clopper-Pearson, one-sided: the rate at which so few events have a chance of 5 %. For no event
-    it is 1 - 0.05^(1/n), nearly 3/n.
+    This is the one-sided bound of Clopper and Pearson: the rate at which so few events, or fewer,
+    have a probability of 5 %. Without any event it is 1 - 0.05^(1/n), nearly 3/n.
     """
     if events >= count:
         return 1.0
@@ -207,9 +204,10 @@ def upper_bound(events: int, count: int) -> float:
 
 def _chance_of_at_most(events: int, count: int, rate: float) -> float:
     """Return the binomial probability of so many events or fewer."""
-    term = (1.0 - rate) ** count  # of exactly k events
+    term = (1.0 - rate) ** count  # probability of exactly k events
     chance = 0.0
     for k in range(events + 1):
         chance += term
+        # 1e-300 avoids a division by 0 at a rate of 1
         term *= (count - k) / (k + 1) * rate / max(1.0 - rate, 1e-300)
     return chance

@@ -1,11 +1,12 @@
-"""Starts and goals: public scenarios, each drawn from its seed alone.
+"""The scenarios of ``covey simulate``: the starts and goals of a flight, given a name and a seed.
 
-A name says everything: ``swap8`` (jittered) or ``swap8x`` (exact), ``rand16`` or ``rand16d4`` (4
-m^2 per vehicle), ``cross8@180``, ``intruder6@2``, ``lost8@silent``, ``forest8``, ``gap6``.
-Positions are fleet ENU, everybody at one height but for ``layers8``, ``heights8`` and ``climb8``.
+The name holds all options: ``swap8`` (jittered) or ``swap8x`` (exact), ``rand16`` or ``rand16d4``
+(4 m^2 per vehicle), ``cross8@180``, ``intruder6@2``, ``lost8@silent``, ``forest8``, ``gap6``.
+Positions are in the fleet's ENU frame. All vehicles are at the same height, except in ``layers8``,
+``heights8`` and ``climb8``.
 
-Each scenario draws its random numbers in a fixed order. That order is part of the scenario: another
-one would be another flight for the same seed.
+Each scenario draws its random numbers in a fixed order, which is part of the scenario: with another
+order, the same seed would give another flight.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from sitl.monte_carlo import clutter
 from sitl.monte_carlo.member_lie import MemberLie
 
 HEIGHT_M = 1.0
-_UP = np.array([0.0, 0.0, 2.0])  # from one layer to the next
+_UP = np.array([0.0, 0.0, 2.0])  # offset from one layer to the next
 
 MIX = (
     "form3",
@@ -55,29 +56,29 @@ _TRIANGLE_SIDE_M = 1.6
 _PERMUTATIONS = tuple(itertools.permutations(range(3)))
 _RAND_SPACING_M = 1.4
 _CROSS_SPACING_M = 1.2
-_JITTER_STD_M = 0.05  # of a start, per axis in the plane
+_JITTER_STD_M = 0.05  # standard deviation of a start, per horizontal axis
 
 
 @dataclass(frozen=True, slots=True)
 class FlightPlan:
     """One flight to be flown; N vehicles.
 
-    Kinds of lost vehicles: "frozen" stops and avoids nobody, which its messages say; "silent" flies
-    on, receives the others and is not received; "dead" stops, avoids nobody and is not received.
+    Kinds of lost vehicles: "frozen" stops, avoids nobody and says so in its messages; "silent"
+    flies on and receives messages, but sends none; "dead" stops, avoids nobody and sends nothing.
     """
 
     scenario: str
     seed: int
     start_enu_m: Array  # (N, 3)
     goal_enu_m: Array  # (N, 3)
-    duration_s: float = 0.0  # of the trajectory; 0: as fast as the limits allow
-    earliest_s: float = 0.0  # the flight is not over before
-    # (3,) velocity of the last vehicle, which is of no fleet and avoids nobody
+    duration_s: float = 0.0  # duration of the trajectories; 0: as fast as the limits allow
+    earliest_s: float = 0.0  # the flight does not end before this time
+    # (3,) velocity of the last vehicle, which then is no member of the fleet and avoids nobody
     intruder_m_s: Array | None = None
     # index, time [s] and kind of a vehicle that is lost on the way
     lost: tuple[int, float, str] | None = None
-    lie: MemberLie | None = None  # what is false about one vehicle's position
-    obstacles: tuple[Capsule, ...] = ()  # that stand still; the same for all seeds of a scenario
+    lie: MemberLie | None = None  # the false position of one vehicle
+    obstacles: tuple[Capsule, ...] = ()  # static; the same for all seeds of a scenario
 
     @property
     def count(self) -> int:
@@ -86,10 +87,10 @@ class FlightPlan:
 
 
 def expand(names: Iterable[str]) -> list[str]:
-    """Return scenario names once each, with ``mix`` replaced by the twelve of the benchmark.
+    """Return each scenario name once; ``mix`` is replaced by the twelve names of the benchmark.
 
     Raises:
-        ConfigError: an unknown name.
+        ConfigError: a name is unknown.
     """
     expanded: list[str] = []
     for name in names:
@@ -98,6 +99,7 @@ def expand(names: Iterable[str]) -> list[str]:
         else:
             expanded.append(name)
 
+    # raises for an unknown name
     for name in expanded:
         vehicle_count(name)
     return list(dict.fromkeys(expanded))
@@ -107,7 +109,7 @@ def vehicle_count(name: str) -> int:
     """Return the number of vehicles of a scenario.
 
     Raises:
-        ConfigError: no such scenario.
+        ConfigError: there is no such scenario.
     """
     return plan(name, 0).count
 
@@ -116,11 +118,12 @@ def plan(name: str, seed: int, *, scale: float = 1.0) -> FlightPlan:
     """Return the flight of a scenario and a seed.
 
     Args:
-        name: of the scenario, with its number and options.
-        seed: decides everything that is random.
-        scale: multiplies every position in the plane, and the times.
+        name: name of the scenario, with its number of vehicles and options.
+        seed: the seed of all random numbers.
+        scale: factor of all horizontal positions, and of the times.
+
     Raises:
-        ConfigError: no such scenario.
+        ConfigError: there is no such scenario.
     """
     for pattern, make in _SCENARIOS.items():
         match = re.fullmatch(pattern, name)
@@ -142,7 +145,7 @@ def _scaled(unscaled: FlightPlan, scale: float) -> FlightPlan:
 
 
 def is_stacked(name: str) -> bool:
-    """Whether vehicles of a scenario begin above each other."""
+    """Return whether the vehicles of a scenario start at different heights."""
     start = plan(name, 0).start_enu_m
     height_steps_m = np.diff(np.sort(start[:, 2]))
     return bool((np.abs(height_steps_m) > 0.0).any())
@@ -152,13 +155,13 @@ def is_stacked(name: str) -> bool:
 
 
 def _raised(points: Array) -> Array:
-    """Return points (N, 2) of the plane at the common height, (N, 3)."""
+    """Return horizontal points (N, 2) with the common height added, (N, 3)."""
     heights = np.full((len(points), 1), HEIGHT_M)
     return np.concatenate([points, heights], axis=1)
 
 
 def _jitter(seed: int, count: int) -> Array:
-    """Return offsets (N, 2) of the starts: the first that a scenario draws from its seed."""
+    """Return offsets (N, 2) of the starts: the first numbers that a scenario draws."""
     return np.random.default_rng(seed).normal(0.0, _JITTER_STD_M, (count, 2))
 
 
@@ -168,10 +171,16 @@ def _level_jitter(seed: int, count: int) -> Array:
 
 
 def _number(name: str, text: str | None, default: int, *, low: int = 2) -> int:
-    """Return the number of vehicles that a name gives.
+    """Return the number of vehicles in a scenario's name.
+
+    Args:
+        name: name of the scenario.
+        text: the digits in the name; None if the name has no number.
+        default: number of vehicles if the name has none.
+        low: least number of vehicles.
 
     Raises:
-        ConfigError: fewer than ``low``, or too many.
+        ConfigError: the number is below ``low`` or too large.
     """
     count = default
     if text is not None:
@@ -184,7 +193,7 @@ def _number(name: str, text: str | None, default: int, *, low: int = 2) -> int:
 
 
 def _half_of(name: str, number: str) -> int:
-    """Return half of the number of vehicles, of which at least 4 are required.
+    """Return half the number of vehicles; the number must be even, and 4 or more.
 
     Raises:
         ConfigError: the number is odd, too small or too large.
@@ -201,7 +210,10 @@ def _half_of(name: str, number: str) -> int:
 
 
 def _form3(name: str, seed: int) -> FlightPlan:
-    """Into a triangle of side 1.6 m about (0, 1.2): 6 permutations, 7 s and 5 s in turn."""
+    """Three vehicles fly into a triangle of side 1.6 m about (0, 1.2).
+
+    The seed decides which of 6 permutations they fly, and whether in 7 s or in 5 s.
+    """
     rng = np.random.default_rng(seed)
     row = np.array([[-1.5, -1.5], [0.0, -1.5], [1.5, -1.5]])
     start = row + rng.normal(0.0, 0.1, (3, 2))
@@ -228,9 +240,9 @@ def _circle(count: int) -> Array:
 
 
 def _swap(name: str, seed: int, number: str, exact: str) -> FlightPlan:
-    """Everybody to the opposite point of a circle, all through its centre.
+    """All vehicles fly through the centre of a circle to its opposite point.
 
-    Without jitter all seeds start alike.
+    With ``exact`` the starts have no jitter, so all seeds have the same starts.
     """
     count = _number(name, number, 2)
     points = _circle(count)
@@ -248,7 +260,7 @@ def _swap(name: str, seed: int, number: str, exact: str) -> FlightPlan:
 
 
 def _rand(name: str, seed: int, number: str, density: str | None) -> FlightPlan:
-    """Random starts and goals in a square, each set spaced by 1.4 m or more."""
+    """Starts and goals are random in a square; in each of both sets points are 1.4 m apart."""
     count = _number(name, number, 2, low=1)
     area = 6.0  # m^2 per vehicle
     if density is not None:
@@ -272,9 +284,9 @@ def _rand(name: str, seed: int, number: str, density: str | None) -> FlightPlan:
 
 
 def _scatter(rng: np.random.Generator, count: int, side_m: float) -> Array:
-    """Return ``count`` points (N, 2) of a square about the origin, drawn one by one.
+    """Return ``count`` points (N, 2) in a square about the origin, drawn one by one.
 
-    When no room is left after many attempts, the square is emptied and filled anew.
+    If they do not fit after many attempts, the square is emptied and filled anew.
     """
     while True:
         points = np.empty((0, 2))
@@ -294,9 +306,9 @@ def _cross(name: str, seed: int, number: str | None, angle: str | None) -> Fligh
     """Two blocks, spacing 1.2 m, fly through each other at 90 or 180 degrees; starts jittered."""
     count = _number(name, number, 8)
     turn_rad = math.radians(float(angle or 90))
-    first = count // 2  # vehicles of the first block; the second has one more of an odd number
+    first = count // 2  # vehicles in the first block; of an odd number the second has one more
 
-    # the larger block about the origin, (M, 2)
+    # the second block, centred on the origin, (M, 2)
     width = math.ceil(math.sqrt(count - first))
     slot = np.arange(count - first)
     block = _CROSS_SPACING_M * np.stack([slot // width, slot % width], axis=1).astype(np.float64)
@@ -321,7 +333,7 @@ def _cross(name: str, seed: int, number: str | None, angle: str | None) -> Fligh
 
 
 def _layers(name: str, seed: int, number: str) -> FlightPlan:
-    """Two jittered swaps, one above the other, whose points lie above each other."""
+    """Two jittered swaps, one exactly above the other."""
     half = _half_of(name, number)
     low = _swap(name, seed, str(half), "")
 
@@ -349,7 +361,7 @@ def _heights(name: str, seed: int, number: str) -> FlightPlan:
 
 
 def _climb(name: str, seed: int, number: str) -> FlightPlan:
-    """Half of them climb, 1.5 m apart in a row; the others fly along the row, at half the climb."""
+    """One half climbs, in a row 1.5 m apart; the other half flies along the row, at half height."""
     half = _half_of(name, number)
     along_row_m = 1.5 * (np.arange(half) - 0.5 * (half - 1))
     row = _raised(np.stack([along_row_m, np.zeros(half)], axis=1))
@@ -367,7 +379,7 @@ def _climb(name: str, seed: int, number: str) -> FlightPlan:
 
 
 def _squeeze(name: str, seed: int) -> FlightPlan:
-    """Three in a line; the outer two move in to 1.1 m beside the middle one."""
+    """Three vehicles in a line; the outer two move to 1.1 m beside the middle one."""
     start = np.array([[-2.5, 0.0], [0.0, 0.0], [2.5, 0.0]])
     goal = np.array([[-1.1, 0.0], [0.0, 0.0], [1.1, 0.0]])
 
@@ -380,9 +392,9 @@ def _squeeze(name: str, seed: int) -> FlightPlan:
 
 
 def _forest(name: str, seed: int, number: str | None) -> FlightPlan:
-    """Half from the left and half from the right, all through the same pillars.
+    """One half comes from the left and one half from the right, all through the same pillars.
 
-    Each flies to a start of the other side.
+    Each vehicle flies to the start of a vehicle of the other side.
     """
     half = _half_of(name, number or "8")
     rng = np.random.default_rng(seed)
@@ -407,7 +419,7 @@ def _forest(name: str, seed: int, number: str | None) -> FlightPlan:
 
 
 def _gap(name: str, seed: int, number: str | None) -> FlightPlan:
-    """Half from the left and half from the right, in two lanes, through one gap."""
+    """One half comes from the left and one half from the right, in two lanes, through one gap."""
     half = _half_of(name, number or "6")
     slot = np.arange(half)
     x_m = 2.5 + 1.4 * (slot // 2)
@@ -428,9 +440,9 @@ def _gap(name: str, seed: int, number: str | None) -> FlightPlan:
 
 
 def _intruder(name: str, seed: int, number: str | None, speed: str | None) -> FlightPlan:
-    """Somebody else's vehicle flies straight through a hovering formation.
+    """A vehicle that is no member of the fleet flies straight through a hovering formation.
 
-    The formation stands in rows of three with a spacing of 2 m.
+    The formation has rows of three with a spacing of 2 m.
     """
     count = _number(name, number, 6, low=1)
     speed_m_s = float(speed or 1)
@@ -441,7 +453,7 @@ def _intruder(name: str, seed: int, number: str | None, speed: str | None) -> Fl
     slots = slots - 0.5 * (slots.min(0) + slots.max(0))
 
     angle_rad = rng.uniform(0.0, 2.0 * math.pi)
-    aside_m = rng.uniform(-1.5, 1.5)  # by which the intruder misses the middle
+    aside_m = rng.uniform(-1.5, 1.5)  # distance by which the intruder misses the middle
     along = np.array([math.cos(angle_rad), math.sin(angle_rad)])
     across = np.array([-along[1], along[0]])
 
@@ -462,7 +474,7 @@ def _intruder(name: str, seed: int, number: str | None, speed: str | None) -> Fl
 def _lost(name: str, seed: int, number: str | None, kind: str | None) -> FlightPlan:
     """A jittered swap in which one vehicle is lost after 1 to 5 s.
 
-    Where the name gives no kind, vehicles are frozen and silent in turn.
+    If the name gives no kind, it is "frozen" for even seeds and "silent" for odd ones.
     """
     count = _number(name, number, 8)
     swap = _swap(name, seed, str(count), "")

@@ -1,4 +1,8 @@
-"""Estimate that each vehicle has of itself: by the agent's own filter, or with given errors."""
+"""The estimate that each vehicle has of its own state.
+
+It comes from the agent's own filter and simulated mocap poses, or it is the truth plus given
+errors.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +26,7 @@ _MOCAP_AGE_TICKS = 1
 
 
 class MocapSensing:
-    """Position samples at 50 Hz, one tick old, through the estimator that flies on the drone."""
+    """Mocap positions at 50 Hz, one tick old, which feed the estimator that flies on the drone."""
 
     def __init__(self, errors: ErrorClass, vehicles: list[Vehicle], truth: TrueMotions) -> None:
         params = [
@@ -49,13 +53,13 @@ class MocapSensing:
     ) -> Rows:
         """Return the estimate of this tick (F, N, ...).
 
-        Attitude and heading are as the autopilot and the mocap report them.
+        Attitude and heading have no errors here.
 
         Args:
-            truth: after the last tick.
-            normals: (F, N, 9) standard normal numbers.
-            thrust_frac: (F, N) as it was sent last.
-            hover_frac: (F, N) as the pipelines estimate it.
+            truth: true motion after the last tick.
+            normals: standard normal numbers (F, N, 9).
+            thrust_frac: thrust (F, N) that was sent last.
+            hover_frac: hover thrust (F, N) that the pipelines estimate.
         """
         self._samples.appendleft(truth.position_enu_m + self._std_m * normals[..., 0:3])
         sample = self._samples[-1]
@@ -72,9 +76,9 @@ class MocapSensing:
         )
 
     def tracked(self) -> Rows:
-        """Return the vehicles (F, N) as others see them by the poses of the mocap.
+        """Return the vehicles (F, N) as others see them by mocap poses.
 
-        Poses promise nothing: what is predicted and intended is what was seen.
+        Poses contain no prediction and no intent, so the measured motion takes their place.
         """
         position, velocity, acceleration = self._tracked
         rows = batch.NEIGHBOUR.rows(position.shape[:2])
@@ -89,7 +93,7 @@ class MocapSensing:
         return rows
 
     def keep(self, flights: IntArray) -> None:
-        """Go on with these flights of the batch only."""
+        """Keep only these rows (flights), and drop the others."""
         self._estimator.keep(flights)
         position, velocity, acceleration = self._tracked
         self._tracked = (position[flights], velocity[flights], acceleration[flights])
@@ -97,9 +101,9 @@ class MocapSensing:
 
 
 class GivenErrors:
-    """Truth plus errors that wander, such as an EKF's.
+    """Truth plus errors that change slowly, such as those of an EKF.
 
-    They are Ornstein-Uhlenbeck processes, stationary from the start.
+    The errors are Ornstein-Uhlenbeck processes, stationary from the start.
     """
 
     def __init__(self, errors: ErrorClass, noise: FlightNoise) -> None:
@@ -137,10 +141,10 @@ class GivenErrors:
         return states
 
     def tracked(self) -> None:
-        """Return nothing: no mocap sees the vehicles."""
+        """Return None: no mocap sees the vehicles."""
 
     def keep(self, flights: IntArray) -> None:
-        """Go on with these flights of the batch only."""
+        """Keep only these rows (flights), and drop the others."""
         self._position = self._position[flights]
         self._velocity = self._velocity[flights]
 
@@ -151,7 +155,7 @@ Sensing = MocapSensing | GivenErrors
 def sensing(
     errors: ErrorClass, vehicles: list[Vehicle], truth: TrueMotions, noise: FlightNoise
 ) -> Sensing:
-    """Return the sensing of an error class, at rest at the start."""
+    """Return the sensing of an error class, for vehicles at rest at their starts."""
     if errors.name == "mocap":
         return MocapSensing(errors, vehicles, truth)
     return GivenErrors(errors, noise)

@@ -1,4 +1,4 @@
-"""The emulator's vehicles for F flights of N, each a little different from what its type says."""
+"""The emulator's vehicles for F flights of N; each differs a little from its vehicle type."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ TICK_S = 0.02
 _STEPS = round(TICK_S / STEP_S)
 _THRUST_NOISE_TIME_S = 0.1
 _WIND_RISES_S = 3.0
-_EAST_RAD = 0.5 * math.pi  # heading of body x along fleet x
+_EAST_RAD = 0.5 * math.pi  # heading of a vehicle whose body x axis points along the fleet's x axis
 
 
 @dataclass(frozen=True, slots=True)
 class TrueMotions:
-    """True motion of the flights in the air, fleet ENU and FLU."""
+    """True motion of the flights under way, fleet ENU and FLU."""
 
     position_enu_m: Array  # (F, N, 3)
     velocity_enu_m_s: Array  # (F, N, 3)
@@ -38,8 +38,9 @@ class TrueMotions:
 class Physics:
     """``sitl.physics.vehicle`` for a batch of flights; vehicles begin hovering at their starts.
 
-    Wind, gusts and thrust noise are drawn here, per flight, and act on the emulator's vehicles from
-    outside. The emulator's arrays hold all vehicles of all flights in one row, (F N, ...).
+    Wind, gusts and thrust noise are drawn here for each flight, and applied to the emulator's
+    vehicles. The emulator's arrays hold the vehicles of all flights one after the other, (F N,
+    ...).
     """
 
     def __init__(
@@ -52,23 +53,23 @@ class Physics:
         seeds: Sequence[int],
         wash_diameter_m: float = 0.0,
     ) -> None:
-        """Have all vehicles hover.
+        """Let all vehicles hover at their starts.
 
         Args:
-            vehicles: N, the same in each flight.
-            start_enu_m: (F, N, 3).
+            vehicles: the N vehicles, the same in each flight.
+            start_enu_m: starts (F, N, 3).
             scripted: velocities (F, N, 3) [m/s]; a vehicle whose velocity is not NaN is no
-                multirotor and moves straight on.
-            noise: constants of each vehicle.
-            perturbation: by how much vehicles differ from their types, wind and gusts.
-            seeds: (F,) of the flights, for their wind.
-            wash_diameter_m: bodies of this diameter push down on whoever flies below them; 0:
-                nobody does.
+                multirotor and moves straight on at that velocity.
+            noise: constant random numbers of each vehicle.
+            perturbation: differences of vehicles from their types, wind and gusts.
+            seeds: seeds (F,) of the flights, for their wind.
+            wash_diameter_m: diameter of the bodies whose downwash pushes vehicles below them
+                down; 0: no downwash.
         """
         flights, count = start_enu_m.shape[:2]
         self._perturbation = perturbation
         self._wash_diameter_m = wash_diameter_m
-        self._flights = np.arange(flights)  # those in the air, by their place in the batch
+        self._flights = np.arange(flights)  # index in the batch of each flight under way
         self._count = count
 
         profiles = []
@@ -102,7 +103,7 @@ class Physics:
         states.velocity_ned_m_s[rows] = frames.swap_enu_ned(scripted.reshape(-1, 3)[rows])
 
     def truth(self) -> TrueMotions:
-        """Return the motion of the flights that go on."""
+        """Return the true motion of the flights under way."""
         states = self._vehicles.states
         acceleration_ned = self._in_the_air(states.acceleration_ned_m_s2)
         acceleration_ned[..., :2] += self._gust[..., ::-1]
@@ -119,9 +120,9 @@ class Physics:
         """Fly one tick.
 
         Args:
-            quaternion_wxyz: (F, N, 4) of the attitude setpoints.
-            thrust_frac: (F, N) of the attitude setpoints.
-            normals: (F, N, 9) standard normal numbers.
+            quaternion_wxyz: attitudes (F, N, 4) of the attitude setpoints.
+            thrust_frac: thrusts (F, N) of the attitude setpoints.
+            normals: standard normal numbers (F, N, 9).
         """
         self._blow()
         gust_std = self._perturbation.gust_m_s2
@@ -134,9 +135,10 @@ class Physics:
             normals[..., 8],
         )
 
-        shape = (-1, self._count)  # of the batch, by flight
+        shape = (-1, self._count)  # all flights of the batch, vehicles of each
         attitude = self._commands.attitude.reshape(*shape, 4)
-        attitude[self._flights] = frames.enu_flu_from_ned_frd(quaternion_wxyz)  # its own inverse
+        # the conversion is its own inverse: here it gives NED, FRD from ENU, FLU
+        attitude[self._flights] = frames.enu_flu_from_ned_frd(quaternion_wxyz)
         throttle = self._commands.thrust_frac.reshape(shape)
         throttle[self._flights] = thrust_frac * (1.0 + self._thrust_error)
 
@@ -152,14 +154,14 @@ class Physics:
             self._move_scripted()
 
     def _blow(self) -> None:
-        """Let the air move on by one tick."""
+        """Advance the wind by one tick."""
         air = self._vehicles.air_ned_m_s.reshape(-1, self._count, 3)
         for flight, wind in zip(self._flights, self._winds, strict=True):
             if not wind.is_calm:
                 air[flight] = wind.step()
 
     def _pushed_down(self) -> Array | float:
-        """Return the acceleration (F, N) by the air of those above, as the emulator's downwash."""
+        """Return the downward acceleration (F, N) by the downwash of vehicles above."""
         if self._wash_diameter_m <= 0.0:
             return 0.0
         wash = Downwash()
@@ -167,7 +169,7 @@ class Physics:
         return pushed_down_each(position_ned_m, self._wash_diameter_m, wash.push_m_s2, wash.spread)
 
     def _move_scripted(self) -> None:
-        """Place the vehicles that move straight on where they are by now."""
+        """Set position and velocity of the vehicles that move straight on."""
         states = self._vehicles.states
         flight, vehicle = np.nonzero(self._is_scripted)
         row = self._flights[flight] * self._count + vehicle
@@ -178,7 +180,7 @@ class Physics:
         states.position_ned_m[row] = self._start_ned_m[row] + velocity * time_s
 
     def keep(self, flights: IntArray) -> None:
-        """Go on with these flights of the batch only; the others are carried along unwatched."""
+        """Keep only these rows (flights); the emulator still moves the others, unused."""
         self._flights = self._flights[flights]
         self._winds = [self._winds[k] for k in flights]
         self._gust = self._gust[flights]
@@ -187,13 +189,13 @@ class Physics:
         self._is_scripted = self._is_scripted[flights]
 
     def _in_the_air(self, values: Array) -> Array:
-        """Return a copy (F, N, ...) of the emulator's values for the flights that go on."""
+        """Return a copy (F, N, ...) of the emulator's values for the flights under way."""
         by_flight = values.reshape(-1, self._count, *values.shape[1:])
         return np.asarray(by_flight[self._flights])
 
 
 def _wind(count: int, perturbation: SimulatedErrors, seed: int) -> Wind:
-    """Return the wind of one flight, from a direction of its own."""
+    """Return the wind of one flight; the seed decides its direction."""
     bearing_rad = float(np.random.default_rng([seed, 6]).uniform(-math.pi, math.pi))
     speed_m_s = perturbation.wind_m_s
     settings = WindSettings(
@@ -202,7 +204,7 @@ def _wind(count: int, perturbation: SimulatedErrors, seed: int) -> Wind:
     )
     wind = Wind(count, settings, seed=seed, step_s=TICK_S)
 
-    # no flight begins with a step of the wind: it rises while the first vehicles set out
+    # no flight begins with a step of the wind: it rises within the first seconds
     if speed_m_s > 0.0:
         mean = (speed_m_s * math.cos(bearing_rad), speed_m_s * math.sin(bearing_rad), 0.0)
         wind.change_mean(mean, _WIND_RISES_S)
@@ -211,7 +213,8 @@ def _wind(count: int, perturbation: SimulatedErrors, seed: int) -> Wind:
 
 def _profile(vehicle: Vehicle, perturbation: SimulatedErrors, draws: Array) -> VehicleProfile:
     """Return the profile of one vehicle; ``draws`` (8,) are uniform in [-1, 1)."""
-    lag_factor = 1.0 + perturbation.lag_mismatch * float(draws[0])  # of dead time and 1/wn alike
+    # the same factor for the dead time and for 1/wn
+    lag_factor = 1.0 + perturbation.lag_mismatch * float(draws[0])
     gain_factor = 1.0 + perturbation.gain * float(draws[1])
     drag_factor = 1.0 + perturbation.drag_mismatch * float(draws[2])
     hover_factor = 1.0 + perturbation.hover_mismatch * float(draws[3])

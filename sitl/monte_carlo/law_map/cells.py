@@ -1,4 +1,8 @@
-"""Cells of the map: what is flown in each, in which stages, and with which values."""
+"""The cells of the map of the law: their axes, their scenarios and seeds, and their settings.
+
+A cell is flown in stages of more and more seeds. Each setting that an axis does not fix is what
+``covey check`` demands for that cell.
+"""
 
 from __future__ import annotations
 
@@ -26,12 +30,14 @@ AXES: dict[str, tuple[float, ...]] = {
     "delay_ms": (20.0, 50.0, 100.0, 200.0, 300.0),
     "loss_pct": (0.0, 10.0, 30.0),
 }
-ERRORS = {"mocap": (3, 8, 16), "vision": (8,)}  # numbers of vehicles that are flown with each class
+ERRORS = {"mocap": (3, 8, 16), "vision": (8,)}  # error class -> numbers of vehicles
 FIRST_SEED = 1000
-# seeds of each scenario in a stage: a screening of every cell first, 504 flights after the last
+# seeds of each scenario in a stage; the first stage is a screening, and all stages together are 504
+# flights
 STAGES = (range(1000, 1007), range(1007, 1034), range(1034, 1101), range(1101, 1168))
-_SCENARIO_FORMATS = ("swap{}x", "swap{}", "rand{}")
-# a vehicle that avoids nobody flies so long with this share of its top speed or more
+_SCENARIO_FORMATS = ("swap{}x", "swap{}", "rand{}")  # completed by the number of vehicles
+# scenarios are scaled so that a vehicle that avoids nobody flies so many seconds at this share of
+# its top speed or faster
 _HELD_S = 2.0
 _HELD_SHARE = 0.9
 _CIRCLE_SPACING_M = 1.25  # of neighbours on the circle of a swap
@@ -40,7 +46,7 @@ _TILTS_DEG = (30, 35, 40, 45)
 
 @dataclass(frozen=True, slots=True, order=True)
 class Cell:
-    """One place of the map."""
+    """One cell of the map: one value on each axis."""
 
     errors: str
     vehicles: int
@@ -50,7 +56,7 @@ class Cell:
 
     @property
     def key(self) -> str:
-        """Name in the file of results."""
+        """The cell's name in the file of results."""
         radio = f"{self.delay_ms:g} ms {self.loss_pct:g} %"
         return f"{self.errors} {self.vehicles} vehicles {self.speed_m_s:g} m/s {radio}"
 
@@ -61,13 +67,13 @@ class Cell:
 
     @property
     def weight(self) -> float:
-        """Processor time of a flight, relative to others; the time left is estimated by it."""
+        """Processor time of a flight relative to that in other cells, to estimate the time left."""
         return 1.0 + 0.02 * math.pow(self.vehicles, 1.7)
 
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """One stage of one cell: the smallest piece that is flown and kept."""
+    """One stage of one cell: the smallest piece of work whose results are kept."""
 
     cell: Cell
     stage: int
@@ -79,13 +85,14 @@ class Unit:
 
 
 def cells(selection: Sequence[str] = ()) -> list[Cell]:
-    """Return the cells of the map, the easy ones first.
+    """Return the cells of the map, the easiest ones first.
 
     Args:
-        selection: ``axis=value,value`` each, for instance ``vehicles=3,8`` or ``errors=vision``;
-            all by default.
+        selection: ``axis=value,value`` for each restricted axis, for instance ``vehicles=3,8`` or
+            ``errors=vision``; by default all cells.
+
     Raises:
-        ConfigError: an unknown axis or value.
+        ConfigError: an axis or a value is unknown.
     """
     kept: dict[str, set[float]] = {axis: set(values) for axis, values in AXES.items()}
     errors = set(ERRORS)
@@ -106,8 +113,8 @@ def cells(selection: Sequence[str] = ()) -> list[Cell]:
     for name, counts in ERRORS.items():
         if name not in errors:
             continue
-        places = product(counts, kept["speed_m_s"], kept["delay_ms"], kept["loss_pct"])
-        for vehicles, speed_m_s, delay_ms, loss_pct in places:
+        combinations = product(counts, kept["speed_m_s"], kept["delay_ms"], kept["loss_pct"])
+        for vehicles, speed_m_s, delay_ms, loss_pct in combinations:
             if vehicles in kept["vehicles"]:
                 selected.append(
                     Cell(
@@ -127,7 +134,7 @@ def cells(selection: Sequence[str] = ()) -> list[Cell]:
 
 
 def _hardness(cell: Cell) -> tuple[int, Cell]:
-    """Return the steps from the easiest cell, and the cell itself, so that no two are equal."""
+    """Return a sort key: the number of steps from the easiest cell, and then the cell itself."""
     values = (cell.vehicles, cell.speed_m_s, cell.delay_ms, cell.loss_pct)
     steps = sum(axis.index(value) for axis, value in zip(AXES.values(), values, strict=True))
     if cell.errors == "vision":
@@ -146,13 +153,13 @@ def _selected(words: str, texts: Collection[str], known: Collection[str]) -> set
 
 @cache
 def changes(cell: Cell) -> tuple[str, ...]:
-    """Return what a cell sets, as words of ``--set``; all else is as by default.
+    """Return the settings of a cell as arguments of ``--set``; all others keep their defaults.
 
-    The margin, the range and the tilt are those that ``covey check`` demands at that speed, delay
-    and loss.
+    Margin, range and tilt are those that ``covey check`` demands at the cell's speed, delay and
+    loss.
     """
     accuracy = ACCURACIES[cell.errors]
-    fleet, given = _with_least_tilt(cell)
+    fleet, settings = _with_least_tilt(cell)
     vehicle = next(iter(fleet.vehicles.values()))
     law = fleet.law
 
@@ -165,25 +172,27 @@ def changes(cell: Cell) -> tuple[str, ...]:
     late_m = closing_m_s * (message_age_s(fleet) + vehicle.lag_s)
     range_m = _rounded_up(max(law.range_m, row_range_m + late_m), 0.5)
 
-    return (*given, f"law.design_margin_m={margin_m:g}", f"law.range_m={range_m:g}")
+    return (*settings, f"law.design_margin_m={margin_m:g}", f"law.range_m={range_m:g}")
 
 
 def _with_least_tilt(cell: Cell) -> tuple[FleetConfig, tuple[str, ...]]:
-    """Return the fleet of a cell and what it sets, with the smallest tilt that its braking allows.
+    """Return the fleet of a cell and its settings, with the smallest tilt that brakes in time.
 
-    Where the braking allows none of the tilts, it is the largest.
+    If no tilt is enough, the largest is taken.
     """
     for tilt_deg in _TILTS_DEG:
-        given = (*_set_by_axes(cell), f"vehicle.max_tilt_deg={tilt_deg}")
-        fleet = campaign_settings.setup_for(errors=cell.errors, changes=given).fleet(cell.vehicles)
+        settings = (*_set_by_axes(cell), f"vehicle.max_tilt_deg={tilt_deg}")
+        setup = campaign_settings.setup_for(errors=cell.errors, changes=settings)
+        fleet = setup.fleet(cell.vehicles)
         vehicle = next(iter(fleet.vehicles.values()))
         margin_m = effective_margin_m(fleet, ACCURACIES[cell.errors])
         if braking(fleet, vehicle, margin_m).status != "refused":
             break
-    return fleet, given
+    return fleet, settings
 
 
 def _set_by_axes(cell: Cell) -> tuple[str, ...]:
+    """Return the settings that the axes fix, as arguments of ``--set``."""
     return (
         f"delay_s={1e-3 * cell.delay_ms:g}",
         f"loss_share={1e-2 * cell.loss_pct:g}",
@@ -192,22 +201,25 @@ def _set_by_axes(cell: Cell) -> tuple[str, ...]:
 
 
 def _rounded_up(value: float, step: float) -> float:
+    # 1e-9 keeps rounding errors of a whole number of steps from adding a step
     return round(math.ceil(value / step - 1e-9) * step, 6)
 
 
 def setup(cell: Cell, scenario: str) -> campaign_settings.Setup:
     """Return the setup of a scenario in a cell.
 
-    Its lengths are scaled so that the top speed is held, and that all vehicles can park.
+    The scenario is scaled so that vehicles fly at top speed for a while, and that all of them can
+    park at their goals.
     """
-    plain = campaign_settings.setup_for(errors=cell.errors, changes=changes(cell))
-    fleet = plain.fleet(cell.vehicles)
+    unscaled = campaign_settings.setup_for(errors=cell.errors, changes=changes(cell))
+    fleet = unscaled.fleet(cell.vehicles)
 
     if scenario.startswith("swap"):
         circumference_m = max(5.0 * math.pi, _CIRCLE_SPACING_M * cell.vehicles)
         longest_m = circumference_m / math.pi
         spacing_m = circumference_m / cell.vehicles
     else:
+        # side of the room and spacing of the goals of "rand" (scenarios.py)
         longest_m = math.sqrt(6.0 * cell.vehicles)
         spacing_m = 1.4
 
@@ -215,21 +227,22 @@ def setup(cell: Cell, scenario: str) -> campaign_settings.Setup:
     scale_for_speed = _held_distance_m(cell.speed_m_s) / longest_m
     scale_for_parking = required_m / spacing_m
     scale = max(1.0, scale_for_speed, scale_for_parking)
-    return replace(plain, scale=round(scale, 3))
+    return replace(unscaled, scale=round(scale, 3))
 
 
 def _held_distance_m(speed_m_s: float) -> float:
-    """Return the length of a leg that holds a share of the top speed for :data:`_HELD_S`.
+    """Return the length D of a leg that is flown near top speed for :data:`_HELD_S` seconds.
 
-    A leg is a quintic: its speed is 16 s^2 (1 - s)^2 of the peak 15/8 D/T after the share s of the
-    time.
+    A leg is a quintic of duration T. After the share s of its time its speed is 16 s^2 (1 - s)^2
+    times its peak 15/8 D/T. The speed is at least :data:`_HELD_SHARE` of the peak while s differs
+    from 1/2 by less than a half width.
     """
-    half = math.sqrt(0.25 - math.sqrt(_HELD_SHARE) / 4.0)  # of the share that is flown fast
-    return 8.0 / 15.0 * speed_m_s * _HELD_S / (2.0 * half)
+    half_width = math.sqrt(0.25 - math.sqrt(_HELD_SHARE) / 4.0)
+    return 8.0 / 15.0 * speed_m_s * _HELD_S / (2.0 * half_width)
 
 
 def commands(cell: Cell) -> list[str]:
-    """Return the commands that fly the cell's flights alone."""
+    """Return the commands that fly the flights of this cell without the map."""
     end = STAGES[-1].stop
     sets = " ".join(f"--set {change}" for change in changes(cell))
     lines = []

@@ -1,4 +1,4 @@
-"""``covey simulate --map``: flies the map of the law, or goes on with it, and prints the cells."""
+"""``covey simulate --map``: flies the map of the law, or continues it, and prints its cells."""
 
 from __future__ import annotations
 
@@ -23,17 +23,18 @@ def fly_map(
     scheduler: str | None = None,
     is_anew: bool = False,
 ) -> bool:
-    """Fly what is missing of the map, and print it; return whether no cell has failed.
+    """Fly the missing flights of the map, and print it; return whether no cell has failed.
 
     Args:
-        path: file of results.
-        selection: cells, as for :func:`cells`.
-        least_flights: in a cell that does not fail.
-        jobs: processes.
-        scheduler: address of a Dask scheduler in their place.
-        is_anew: put a file that is there aside, and begin.
+        path: the file of results.
+        selection: restricted axes, as for :func:`cells`.
+        least_flights: least number of flights in a cell that does not fail.
+        jobs: number of processes.
+        scheduler: address of a Dask scheduler that is used instead of processes.
+        is_anew: whether an existing file is put aside, so that the map begins anew.
+
     Raises:
-        ConfigError: nothing can be flown, for a reason in words.
+        ConfigError: the flights are impossible with these settings.
     """
     selected = cells(selection)
     stages = _stages(least_flights, selected[0])
@@ -51,10 +52,10 @@ def fly_map(
 
 
 def _stages(least_flights: int, cell: Cell) -> int:
-    """Return how many stages have so many flights together.
+    """Return how many stages together have at least so many flights.
 
     Raises:
-        ConfigError: none, or more than all stages have.
+        ConfigError: the number is below 1, or all stages together have fewer flights.
     """
     if least_flights < 1:
         raise ConfigError(f"--flights is {least_flights}; it must be 1 or more.")

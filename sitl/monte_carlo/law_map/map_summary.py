@@ -1,6 +1,6 @@
-"""What came of the map.
+"""The results of the map: the verdict of each cell, a table for people, and a TOML summary.
 
-A cell has a verdict. The table is for people, and ``covey check`` reads the summary.
+The summary is part of the software: ``covey check`` and preflight look fleets up in it.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ COLUMNS = (
     "speed m/s",
     "margin m",
 )
-MapRows = Mapping[tuple[str, int], MapRow]  # by key of the cell and stage
+MapRows = Mapping[tuple[str, int], MapRow]  # (key of the cell, stage) -> row
 
 
 def map_cell(cell: Cell, rows: MapRows) -> MapCell:
-    """Return a cell with the sums of its stages; without flights if there are none."""
+    """Return a cell with the sums of its stages; a cell without stages has 0 flights."""
     flown = stages(cell, rows)
     fleet = setup_for(errors=cell.errors, changes=changes(cell)).fleet(cell.vehicles)
     margin_m = effective_margin_m(fleet, ACCURACIES[cell.errors])
@@ -93,7 +93,7 @@ def table_row(cell: Cell, rows: MapRows) -> list[str]:
 
 
 def _mean_ratio(flown: list[MapRow]) -> float:
-    """Return the mean of the stages' ratios, weighted by their flights; 0 without any."""
+    """Return the mean of the stages' ratios, weighted by their flights; 0 if there are none."""
     measured = [row for row in flown if row["ratio"] is not None]
     weighted: float = sum(row["ratio"] * row["flights"] for row in measured)
     flights: int = sum(row["flights"] for row in measured)
@@ -101,7 +101,7 @@ def _mean_ratio(flown: list[MapRow]) -> float:
 
 
 def toml_summary(cells: Iterable[Cell], rows: MapRows, version: str) -> str:
-    """Return the summary that is part of the software: cells without flights are left out."""
+    """Return the summary as TOML; cells without flights are left out."""
     fleets = {name: setup_for(errors=name).fleet(3) for name in ERRORS}
     first_fleet = next(iter(fleets.values()))
     lag_s = max(vehicle.lag_s for vehicle in first_fleet.vehicles.values())

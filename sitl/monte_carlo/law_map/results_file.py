@@ -1,4 +1,4 @@
-"""File of the map's results: one JSON line for each unit, appended when it has been flown.
+"""The file of the map's results: one JSON line for each unit, appended when it has been flown.
 
 A map can be interrupted at any time, and continued from its file.
 """
@@ -17,22 +17,24 @@ from onboard.config.fleet import ConfigError
 from sitl.monte_carlo.law_map.unit_flights import SCHEMA, MapRow
 
 _BEGIN = b'{"law_map": '
-# of a row, all numbers
-_COUNTS = ("flights", "below", "collisions", "arrived", "worst_m", "speed_m_s")
+# keys of a row whose values are numbers
+_NUMBERS = ("flights", "below", "collisions", "arrived", "worst_m", "speed_m_s")
 
 
 class ResultsFile:
-    """Rows of a map, held for writing by one run at a time; a context manager."""
+    """The rows of a map in a file that only one run at a time can write; a context manager."""
 
     def __init__(self, path: Path, version: str, *, is_anew: bool = False) -> None:
         """Open or begin the file.
 
         Args:
-            path: of the file.
-            version: of the law that flies now.
-            is_anew: put a file that is there aside, as PATH.old, and begin.
+            path: path of the file.
+            version: version of the law that flies now (``unit_flights.version``).
+            is_anew: whether an existing file is put aside as PATH.old, and a new one begun.
+
         Raises:
-            ConfigError: another run writes it, it is no map, or a map of another version.
+            ConfigError: another run is writing the file, or it is no map, or the map of another
+                version.
         """
         self.path = path
         self.version = version
@@ -41,7 +43,7 @@ class ResultsFile:
                 path.replace(path.with_name(f"{path.name}.old"))
             path.parent.mkdir(parents=True, exist_ok=True)
             if path.exists():
-                opened(path, RESULTS_FILE).close()  # no pipe, for which opening would wait
+                opened(path, RESULTS_FILE).close()  # refuses a pipe, where os.open would block
             self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
         except OSError as error:
             raise ConfigError(
@@ -70,15 +72,15 @@ class ResultsFile:
         error: BaseException | None,
         at: TracebackType | None,
     ) -> None:
-        """Let others write."""
+        """Close the file, so that other runs can write it."""
         os.close(self._descriptor)
 
     def _read(self) -> dict[tuple[str, int], MapRow]:
-        """Return the rows that are complete, and cut off what a killed run left unfinished."""
+        """Return the complete rows, and cut off an incomplete line that a killed run has left."""
         data = read_bytes(self.path, RESULTS_FILE)
         complete = data[: data.rfind(b"\n") + 1]
 
-        # somebody's other file stays as it is
+        # a file that is no map is not changed
         if data and not data.startswith(_BEGIN[: len(data)]):
             raise ConfigError(
                 f"{self.path}: this is no file of `covey simulate --map`. Name another one."
@@ -105,7 +107,7 @@ class ResultsFile:
         return rows
 
     def add(self, row: MapRow) -> None:
-        """Keep a row; one that is there already is not counted twice."""
+        """Append a row, unless there is one for that stage of that cell."""
         key = (row["cell"], int(row["stage"]))
         if key not in self.rows:
             self.rows[key] = row
@@ -126,10 +128,12 @@ class ResultsFile:
 
 
 def parsed(text: str, path: Path) -> tuple[MapRow, dict[tuple[str, int], MapRow]]:
-    """Return the version that wrote a file of results, and its rows; of two rows the first counts.
+    """Return the head of a file of results, which holds the version, and the rows.
+
+    If two rows are of the same stage of a cell, the first one counts.
 
     Raises:
-        ConfigError: the text is no file of results, damaged, or of a schema that is not known here.
+        ConfigError: the text is no file of results, is damaged, or has an unknown schema.
     """
     try:
         head, *lines = (json_values(line, str(path)) for line in text.splitlines())
@@ -138,8 +142,8 @@ def parsed(text: str, path: Path) -> tuple[MapRow, dict[tuple[str, int], MapRow]
 
         rows: dict[tuple[str, int], MapRow] = {}
         for row in lines:
-            has_counts = all(isinstance(row[name], int | float) for name in _COUNTS)
-            if not has_counts or "ratio" not in row:
+            has_numbers = all(isinstance(row[name], int | float) for name in _NUMBERS)
+            if not has_numbers or "ratio" not in row:
                 raise TypeError(f"numbers are missing in {row['cell']}")
             key = (str(row["cell"]), int(row["stage"]))
             rows.setdefault(key, row)
@@ -158,6 +162,6 @@ def parsed(text: str, path: Path) -> tuple[MapRow, dict[tuple[str, int], MapRow]
 
 
 def digest(rows: dict[tuple[str, int], MapRow]) -> str:
-    """Return the digest of all rows, in whatever order they were flown."""
+    """Return the digest of all rows; the order in which they were flown does not change it."""
     lines = [json.dumps(rows[key], sort_keys=True) for key in sorted(rows)]
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]

@@ -1,4 +1,8 @@
-"""Flies the map, in several processes or on a cluster; it can be interrupted at any time."""
+"""Flies the units of the map, in several processes or on a Dask cluster.
+
+Each unit is kept in the file of results as soon as it is flown, so a run can be interrupted at any
+time. If the processes or the cluster are lost, the units that they were flying are flown again.
+"""
 
 from __future__ import annotations
 
@@ -29,9 +33,9 @@ from sitl.monte_carlo.law_map.results_file import ResultsFile
 
 Say = Callable[[str], None]
 _SAY_EVERY_S = 5.0
-_LOST = (BrokenExecutor, CancelledError, OSError)  # what flies is gone, not wrong
-_WORKERS_S = 15.0  # until a worker of a cluster is there
-_ANSWER_S = 180.0  # until all of them have compiled the law
+_LOST = (BrokenExecutor, CancelledError, OSError)  # errors that mean the executor itself is gone
+_WORKERS_S = 15.0  # longest wait for the first worker of a cluster
+_ANSWER_S = 180.0  # longest wait until all workers have compiled the law
 
 
 def say(sentence: str) -> None:
@@ -40,7 +44,7 @@ def say(sentence: str) -> None:
 
 
 def has_failed(cell: Cell, file: ResultsFile) -> bool:
-    """Whether vehicles have come too near in a stage of a cell."""
+    """Return whether vehicles have come too near to each other in any stage of a cell."""
     for stage in range(len(STAGES)):
         row = file.rows.get((cell.key, stage))
         if row is not None and row["below"]:
@@ -49,10 +53,10 @@ def has_failed(cell: Cell, file: ResultsFile) -> bool:
 
 
 def missing(cells: Iterable[Cell], stages: int, file: ResultsFile) -> list[Unit]:
-    """Return the units that are still to be flown, in their order.
+    """Return the units that are still to be flown, in the order in which they are flown.
 
-    The screening of all cells comes first, then the further stages cell by cell. A cell that has
-    failed is flown no further.
+    The screening of all cells comes first, then the further stages cell by cell. Nothing more is
+    flown in a cell that has failed.
     """
     screenings = []
     further = []
@@ -78,15 +82,16 @@ def run(
     scheduler: str | None = None,
     tell: Say = say,
 ) -> None:
-    """Fly what is missing of the map, and keep each unit when it is done.
+    """Fly the missing units of the map, and keep each of them when it is done.
 
     Args:
-        cells: of the map.
-        file: of results.
-        stages: only so many of them.
-        jobs: processes on this machine.
-        scheduler: address of a Dask scheduler, whose workers fly in their place.
-        tell: takes sentences of progress.
+        cells: cells of the map.
+        file: file of results.
+        stages: number of stages to fly, from the first on.
+        jobs: number of processes on this machine.
+        scheduler: address of a Dask scheduler, whose workers fly instead of these processes.
+        tell: called with each sentence of progress.
+
     Raises:
         ConfigError: the scheduler does not answer, or the package for it is missing.
     """
@@ -101,7 +106,7 @@ def run(
                 progress.tell()
         except BaseException as error:
             _stop(executor)
-            if not _may_go_on(error, scheduler):
+            if not _has_lost_executor(error, scheduler):
                 raise
             tell(
                 f"{_reason(error, scheduler)} what was in the air is flown again; "
@@ -117,9 +122,10 @@ def run(
 def _flown(
     executor: Executor, width: int, cells: list[Cell], stages: int, file: ResultsFile
 ) -> Iterator[unit_flights.MapRow]:
-    """Yield rows as they are ready, each to be kept before the next.
+    """Yield each row when its unit is flown; the caller keeps it before it asks for the next.
 
-    A stage of a cell is flown after the one before it, at most ``width`` units at a time.
+    At most ``width`` units are flown at the same time, and only one stage of a cell, because a
+    stage is flown only if the one before it has not failed.
     """
     pending: dict[Future[unit_flights.MapRow], Unit] = {}
     while True:
@@ -139,7 +145,7 @@ def _flown(
 
 
 def _stop(executor: Executor) -> None:
-    """Fly nothing more; what a cluster that is gone says to that does not matter."""
+    """Stop an executor; errors of a cluster that is gone are ignored."""
     if isinstance(executor, ProcessPoolExecutor):
         executor.shutdown(wait=False, cancel_futures=True)
     else:
@@ -147,34 +153,41 @@ def _stop(executor: Executor) -> None:
             executor.shutdown(wait=False)
 
 
-def _may_go_on(error: BaseException, scheduler: str | None) -> bool:
-    """Whether the flights were lost with what flew them, so that something else can fly them."""
+def _has_lost_executor(error: BaseException, scheduler: str | None) -> bool:
+    """Return whether an error means that the executor is lost, so that another one can go on."""
     if isinstance(error, ConfigError):
         return False
     if isinstance(error, _LOST):
         return True
-    return scheduler is not None and isinstance(error, Exception)  # whatever a cluster raises
+    # a cluster that is lost can raise any exception
+    return scheduler is not None and isinstance(error, Exception)
 
 
 def _reason(error: BaseException, scheduler: str | None) -> str:
-    """Return the first half of the sentence about lost flights."""
+    """Return why flights were lost, as the first half of a sentence."""
     if scheduler is None:
         return "a process of the map has ended before its time (out of memory?);"
 
-    what = "has lost its workers"
+    loss = "has lost its workers"
     if isinstance(error, _LOST):
-        what = "is gone"
+        loss = "is gone"
     return (
-        f"the scheduler at {scheduler} {what} ({type(error).__name__}); "
+        f"the scheduler at {scheduler} {loss} ({type(error).__name__}); "
         "the map goes on with processes here, and"
     )
 
 
-# What flies the units
+# The executors
 
 
 def _executors(jobs: int, scheduler: str | None, tell: Say) -> Iterator[tuple[Executor, int]]:
-    """Yield what flies the units and how many at a time; another one each time that it broke."""
+    """Yield an executor, and how many units it flies at a time.
+
+    The next one is taken when the one before it is lost.
+
+    Raises:
+        ConfigError: the last one is lost, too.
+    """
     if scheduler is not None:
         yield _cluster(scheduler)
 
@@ -192,22 +205,22 @@ def _executors(jobs: int, scheduler: str | None, tell: Say) -> Iterator[tuple[Ex
 
 
 class _SameProcess(Executor):
-    """Flies in this process, at once."""
+    """Runs each function in this process, at once."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Return what a function gives, or its error."""
+        """Call a function and return its result, or its exception, as a future that is done."""
         future: Future[Any] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
-        except Exception as error:  # noqa: BLE001 raised where the result is read, as every executor
+        except Exception as error:  # noqa: BLE001 raised when the result is read, as by executors
             future.set_exception(error)
         return future
 
 
 def _end_with_parent() -> None:
-    """Let this process of the pool end when the map's own one is killed.
+    """Let this worker process end when its parent process is killed.
 
-    By itself it would wait for ever.
+    Otherwise it would wait for work for ever.
     """
 
     def _watch() -> None:
@@ -234,7 +247,7 @@ def _cluster(address: str) -> tuple[Executor, int]:
             "Install it here and on the workers: pip install distributed"
         ) from None
 
-    # its tracebacks; what they mean is said in words here
+    # hides its tracebacks, because the errors below say in words what is wrong
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
         client: Any = distributed.Client(address, timeout=10)
@@ -251,7 +264,7 @@ def _cluster(address: str) -> tuple[Executor, int]:
             tasks.append(client.submit(unit_flights.version, workers=[worker], pure=False))
         distributed.wait(tasks, timeout=_ANSWER_S)
         others = {*client.gather(tasks)} - {unit_flights.version()}
-    except Exception as error:  # noqa: BLE001 whatever a worker has raised
+    except Exception as error:  # noqa: BLE001 a worker can raise any exception
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         raise ConfigError(
             f"--scheduler {address}: its workers cannot fly ({reason}). Start them with "
@@ -267,11 +280,11 @@ def _cluster(address: str) -> tuple[Executor, int]:
 
     executor: Executor = client.get_executor(pure=False)
     cores = sum(client.ncores().values())
-    return executor, 2 * max(1, cores)
+    return executor, 2 * max(1, cores)  # one unit flies on each core, and one waits
 
 
 class _MapProgress:
-    """Says now and then how far the map is, and how long it will take."""
+    """Reports now and then how much of the map is flown, and how much time is left."""
 
     def __init__(self, cells: list[Cell], stages: int, file: ResultsFile, tell: Say) -> None:
         self._cells = cells
@@ -283,12 +296,12 @@ class _MapProgress:
         self._work_at_first = self._work_left()
 
     def _work_left(self) -> float:
-        """Return the work that is left if no further cell fails."""
+        """Return the work (flights times weight) that is left if no further cell fails."""
         units = missing(self._cells, self._stages, self._file)
         return sum(unit.flights * unit.cell.weight for unit in units)
 
     def tell(self, *, is_last: bool = False) -> None:
-        """Say it, unless that was done a moment ago."""
+        """Report the progress, unless the last report is less than some seconds old."""
         now_s = time.monotonic()
         if not is_last and now_s - self._last_said_s < _SAY_EVERY_S:
             return

@@ -1,4 +1,4 @@
-"""Flies one unit of the map, and tells one version of the law from another by how it flies."""
+"""Flies one unit of the map, and computes the version of the law from some reference flights."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from sitl.monte_carlo.law_map.cells import STAGES, Cell, Unit, setup
 
 MapRow = dict[str, Any]  # one line of the file of results
 SCHEMA = 1
-# scenarios and classes of errors that tell versions apart
+# scenario and error class of each reference flight of a version
 _REFERENCE = (("swap8x", "mocap"), ("rand8", "mocap"), ("swap3x", "vision"))
 _REFERENCE_CHANGES = ("delay_s=0.1", "loss_share=0.3")
 
 
 def fly(unit: Unit) -> MapRow:
-    """Fly all flights of a unit; return the line that is kept of them."""
+    """Fly all flights of a unit; return the row that sums them up."""
     records = _records(unit)
     nearest = min(records, key=lambda values: values["min_separation_m"])
 
@@ -26,7 +26,7 @@ def fly(unit: Unit) -> MapRow:
     if ratios:
         mean_ratio = round(statistics.fmean(ratios), 4)
 
-    # reached on the way: of the fastest vehicle, in the middle flight
+    # the greatest speed of each flight, and of these the median
     speed_m_s = statistics.median(values["max_speed_m_s"] for values in records)
 
     return {
@@ -48,11 +48,12 @@ def _records(unit: Unit) -> list[results.FlightRecord]:
     """Fly a unit's scenarios with the seeds of its stage, many flights at once."""
     setups = {name: setup(unit.cell, name) for name in unit.cell.scenarios}
     plans = []
-    for name, own in setups.items():
+    for name, scenario_setup in setups.items():
         for seed in STAGES[unit.stage]:
-            plans.append(scenarios.plan(name, seed, scale=own.scale))
+            plans.append(scenarios.plan(name, seed, scale=scenario_setup.scale))
 
-    any_setup = setups[plans[0].scenario]  # they are alike but for the scale, which is in the plans
+    # the setups differ only in the scale, which the plans contain already
+    any_setup = setups[plans[0].scenario]
     size = max(1, process_chunks.CHUNK_VEHICLES // unit.cell.vehicles)
     records = []
     for first in range(0, len(plans), size):
@@ -62,9 +63,10 @@ def _records(unit: Unit) -> list[results.FlightRecord]:
 
 
 def version() -> str:
-    """Return a name of the law, the vehicles and the processor: the digest of a few flights.
+    """Return the version of law, vehicles and processor: the digest of some reference flights.
 
-    A change that alters no digit is no other version. Numbers of two versions are never added up.
+    A change of the code that changes no digit of these flights keeps the version. Results of
+    different versions are never added up.
     """
     cell = Cell(errors="mocap", vehicles=8, speed_m_s=1.0, delay_ms=200.0, loss_pct=30.0)
     setups = [repr(setup(cell, name)) for name in cell.scenarios]
