@@ -1,1 +1,4 @@
-"""The network that a fleet flies over: is it fit, who gets in, what this computer adds to it."""
+"""The network of a fleet: checks of its bus, links, keys and this computer, and attacks on a copy.
+
+``covey check computer``, ``covey check attack`` and the findings of ``covey check`` come from here.
+"""

@@ -1,8 +1,8 @@
-"""An attack on an emulated copy of a fleet, made twice, and what it shows.
+"""An attack on an emulated copy of a fleet (``covey check attack``), and the report about it.
 
-Every attempt is made on a copy without keys, where it has to get in, and on a copy with keys, where
-it has to be stopped. An attempt that is stopped in both cases proves nothing about the keys. Both
-copies fly meanwhile, and the one with keys has to keep its distances and its timing.
+Every attempt is made twice: on a copy without keys, where it has to get in, and on a copy with
+keys, where it has to be stopped. An attempt that is stopped in both cases proves nothing about the
+keys. Both copies fly meanwhile, and the one with keys has to keep its distances and its timing.
 """
 
 from __future__ import annotations
@@ -19,23 +19,24 @@ from groundstation.network.intruder import Intruders
 from groundstation.processes.supervisor import ProcessError
 from onboard.config.fleet import ConfigError, FleetConfig
 
-_LATE_MS = 25.0  # p99 of a loop's period; it is 20 ms
+_LATE_MS = 25.0  # a loop with a larger p99 of its period is late; the nominal period is 20 ms
 _WORDS = {True: "GOT IN", False: "stopped"}
 
-# Whether an attempt got in, or a sentence that says why it proves nothing.
+# Whether an attempt got in; or a sentence that says why the attempt proves nothing.
 Outcome = bool | str
 Say = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
 class AttemptResult:
-    """One attempt, with and without keys; None where it could not be made."""
+    """The result of one attempt."""
 
     name: str
+    # whether it got in on the copy with keys, and on the one without; None if it was not made
     with_keys: bool | None
     without_keys: bool | None
-    is_right: bool  # it was stopped by the keys, and by nothing else
-    remark: str = ""  # why it proves nothing
+    is_right: bool  # whether the keys stopped it, and nothing else
+    remark: str = ""  # why the attempt proves nothing; empty if it proves something
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,21 +45,21 @@ class FlightFigures:
 
     separation_m: float  # smallest distance of two vehicles
     safety_distance_m: float
-    loop_p99_ms: float  # of the period of the slowest loop
-    neighbour_age_ms: float  # of the oldest state of a neighbour
-    is_right: bool  # distances and timing were kept
+    loop_p99_ms: float  # p99 of the period of the slowest control loop
+    neighbour_age_ms: float  # greatest age of a neighbour's state
+    is_right: bool  # whether distances and timing were kept
 
 
 @dataclass(frozen=True, slots=True)
 class AttackReport:
-    """All attempts, and the flight meanwhile."""
+    """The results of all attempts, and the figures of the flight during the attack."""
 
     results: list[AttemptResult]
     figures: FlightFigures
 
     @property
     def is_right(self) -> bool:
-        """Whether nothing got in, every attempt proves something, and the fleet flew on."""
+        """Whether no attempt got in, each proves something, and the fleet flew as it should."""
         return all(result.is_right for result in self.results) and self.figures.is_right
 
     def as_mapping(self) -> dict[str, object]:
@@ -96,13 +97,13 @@ def attack_copies(fleet: FleetConfig, *, is_long: bool, only: str = "", say: Say
     """Attack a copy of a fleet without keys and one with keys, while they fly.
 
     Args:
-        fleet: to be copied; whatever of it runs is left alone.
-        is_long: floods and bad frames for minutes instead of seconds.
-        only: a part of the names of the tries that are made; empty for all.
-        say: gets the progress, a line each.
+        fleet: the fleet that is copied; its own running processes are not touched.
+        is_long: whether floods and bad frames last minutes instead of seconds.
+        only: only attempts whose name contains this are made; empty: all.
+        say: called with each line of progress.
 
     Raises:
-        ConfigError: the fleet has too few vehicles, its copy does not fly, or no try has such a
+        ConfigError: the fleet has too few vehicles, its copy does not fly, or no attempt has such a
             name.
     """
     if len(fleet.enabled_names) < 2:
@@ -154,11 +155,11 @@ async def _attack_both(
 async def _attempt_all(
     flight: CopyFlight, folder: Path, *, is_long: bool, only: str, say: Say
 ) -> dict[str, Outcome]:
-    """Make the attempts on one copy; return the outcome of each by its name."""
+    """Make all attempts on one copy; return their outcomes by name."""
     context = AttackContext(flight, Intruders(flight.fleet, folder), is_long)
     outcomes: dict[str, Outcome] = {}
 
-    # Attempts block: each runs in a thread, so that the client of the flight is served.
+    # Attempts block, so each runs in a thread: the event loop is free for the flight's client.
     spare = await asyncio.to_thread(spare_vehicle, context)
     try:
         for attempt in attempts(flight.names):
@@ -180,13 +181,13 @@ async def _attempt_all(
 
 
 def _result(name: str, with_keys: Outcome, without_keys: Outcome | None) -> AttemptResult:
-    """Return what both outcomes of one attempt show together.
+    """Return the result of an attempt from its outcomes on both copies.
 
     Args:
-        name: of the attempt.
+        name: name of the attempt.
         with_keys: its outcome on the copy with keys.
-        without_keys: on the copy without; None where it was not made, because something else than
-            keys stops it.
+        without_keys: its outcome on the copy without keys; None if it was not made there, because
+            something else than keys stops it.
     """
     remark = ""
     if without_keys is False:

@@ -4,9 +4,9 @@ An attempt runs twice: against a copy of the fleet with keys, and against a copy
 the copy without keys it has to get in. An attempt that fails there as well is stopped by something
 else than keys, and proves nothing about them.
 
-Some attempts publish or order, and look at what arrives. What arrives is counted at a spare vehicle
-(:func:`spare_vehicle`), which nobody flies. Other attempts only disturb: floods, junk, lies. They
-got in when the fleet does not fly on, or when two vehicles came closer than the safety distance.
+Some attempts publish messages or give orders; they got in if these arrive at a spare vehicle
+(:func:`spare_vehicle`), which does not fly. Other attempts only disturb: floods, junk, lies. They
+got in if the fleet does not fly on, or if two vehicles came closer than the safety distance.
 """
 
 from __future__ import annotations
@@ -53,35 +53,36 @@ from onboard.bus.topics import TOPICS, Delivery, Topic
 from onboard.security.credentials import credentials_of
 from onboard.security.node_roles import NodeRole
 
-OUTSIDERS = (NOBODY, FOREIGN, EXPIRED)  # they have no key of this fleet that is good
+OUTSIDERS = (NOBODY, FOREIGN, EXPIRED)  # identities without a valid key of this fleet
 
 _UNKNOWN_NODE = "unknown-node"  # no fleet file has a node of this name
-_AUTHOR = "intruder"  # of the orders of an attempt
+_AUTHOR = "intruder"  # author of an attempt's orders
 
-# Topics that are published; the others are asked.
+# Topics whose messages are published; the others are queries and tokens.
 _SAMPLES = tuple(
     topic for topic, spec in TOPICS.items() if spec.delivery in (Delivery.LATEST, Delivery.RELIABLE)
 )
-# A light is no message of any other topic: a receiver counts it, and never uses it.
+# The message that is published under every topic. A light belongs to no other topic, so a receiver
+# there counts it as malformed, and never uses it.
 _PROBE = Light(vehicle=_AUTHOR, stamp_ns=0, colour=(1, 2, 3))
 
-_ARRIVAL_S = 1.0  # in which something published arrives, if it may
-_EFFECT_S = 2.5  # in which an effect is seen, or a disturbed fleet flies on
-_PERIOD_S = 0.05  # of what is published or sent again and again
+_ARRIVAL_S = 1.0  # a published message that is allowed arrives within this time
+_EFFECT_S = 2.5  # an effect shows, or a disturbed fleet flies on, within this time
+_PERIOD_S = 0.05  # period of repeated messages and packets
 
 _FLOOD_HZ = 10_000
-_FLOOD_BURST = 100  # messages between two looks at the clock
-_GROUND_SYSTEM_ID = 255  # of a ground station in MAVLink
+_FLOOD_BURST = 100  # messages between two checks of the time
+_GROUND_SYSTEM_ID = 255  # MAVLink system id of a ground station
 
 
 @dataclass(slots=True)
 class AttackContext:
-    """One flying copy of the fleet, and what its attempts need."""
+    """One flying copy of the fleet, and what the attempts on it need."""
 
     flight: CopyFlight
     intruders: Intruders
-    is_long: bool  # floods and bad frames for minutes instead of seconds
-    # topic and name of all that arrived at the spare vehicle
+    is_long: bool  # whether floods and bad frames last minutes instead of seconds
+    # topic and name of the messages that arrived at the spare vehicle
     arrived: set[tuple[Topic, str]] = field(default_factory=set)
     # authors of the orders that arrived at the spare vehicle
     orders: list[str] = field(default_factory=list)
@@ -92,14 +93,18 @@ class AttackContext:
         return self.flight.fleet.has_keys
 
     def telemetry(self, name: str) -> Telemetry:
-        """Return the newest telemetry of a vehicle that flies."""
+        """Return the newest telemetry of a flying vehicle.
+
+        Raises:
+            NoProofError: no telemetry of it has been received.
+        """
         last = self.flight.client.state.vehicles[name].telemetry
         if last is None:
             raise NoProofError(f"{name} is not heard")
         return last
 
     def duration_s(self, short_s: float, long_s: float) -> float:
-        """Return how long something is done, in a short or a long attack."""
+        """Return the duration [s] that belongs to this attack, which is short or long."""
         return long_s if self.is_long else short_s
 
     @contextmanager
@@ -108,17 +113,17 @@ class AttackContext:
     ) -> Iterator[BusSession]:
         """Open a node of an intruder, connected to some vehicles.
 
-        Where the fleet has keys, a node of an outsider may have no connection: the attempt goes on,
-        and should fail.
+        If the fleet has keys, a node of an outsider may get no connection. The attempt goes on
+        nevertheless, and should fail.
 
         Args:
-            identity: one of OUTSIDERS, a role, or a vehicle whose key was taken.
+            identity: one of OUTSIDERS, a role, or a vehicle whose key was stolen.
             node_name: name of the node on the bus.
-            vehicles: to connect to.
-            orders: what becomes of the signatures of its orders; None: as they should be.
+            vehicles: names of the vehicles to which it connects.
+            orders: changes the signatures of its orders; None: they are signed correctly.
 
         Raises:
-            NoProofError: somebody who should be connected is not.
+            NoProofError: a node that should get a connection has none.
         """
         with self.intruders.node(identity, node_name, *vehicles, orders=orders) as node:
             may_be_refused = self.has_keys and identity in OUTSIDERS
@@ -127,14 +132,14 @@ class AttackContext:
             yield node
 
     def is_disturbed(self) -> bool:
-        """Whether the fleet does not fly on, or came too close."""
+        """Return whether the fleet does not fly on, or vehicles came too close to each other."""
         if not until(self.flight.is_flying, _EFFECT_S):
             return True
         return self.flight.separation_m < self.flight.fleet.fleet.safety_distance_m
 
 
 class NoProofError(Exception):
-    """An attempt could not be made, so that whether it got in says nothing."""
+    """An attempt could not be made, so its outcome proves nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,13 +147,13 @@ class Attempt:
     """One way in."""
 
     name: str
-    gets_in: Callable[[AttackContext], bool]  # makes the attempt
-    # Something else than keys stops it: on a copy without keys it proves nothing.
+    gets_in: Callable[[AttackContext], bool]  # makes the attempt; returns whether it got in
+    # Whether something else than keys stops it, so that on a copy without keys it proves nothing.
     is_stopped_without_keys: bool = False
 
 
 def spare_vehicle(context: AttackContext) -> BusSession:
-    """Return the opened node of the vehicle that nobody flies; it keeps what arrives."""
+    """Return the open node of the spare vehicle; it notes in the context what arrives."""
     fleet = context.flight.fleet
     node = BusSession(
         namespace=fleet.namespace,
@@ -173,7 +178,7 @@ def spare_vehicle(context: AttackContext) -> BusSession:
 def attempts(names: Sequence[str]) -> Iterator[Attempt]:
     """Yield all attempts against a fleet of these vehicles.
 
-    The key of the last vehicle is taken. Attempts that may end a flight come last.
+    The last vehicle is the one whose key was stolen. Attempts that may end a flight come last.
     """
     first = names[0]
     last = names[-1]
@@ -182,7 +187,7 @@ def attempts(names: Sequence[str]) -> Iterator[Attempt]:
 
 
 def _attempts_with_keys(first: str, last: str) -> Iterator[Attempt]:
-    """Yield what only keys and roles stop."""
+    """Yield the attempts that only keys and roles stop."""
     for outsider in OUTSIDERS:
         yield Attempt(
             f"{outsider}: orders hold",
@@ -223,7 +228,7 @@ def _attempts_with_keys(first: str, last: str) -> Iterator[Attempt]:
 
 
 def _attempts_to_disturb(first: str, last: str) -> Iterator[Attempt]:
-    """Yield what is stopped by something else than keys."""
+    """Yield the attempts that something else than keys stops."""
     for name, gets_in in (
         (
             f"{last}'s key: {first}'s telemetry under its own name",
@@ -246,8 +251,8 @@ def _attempts_to_disturb(first: str, last: str) -> Iterator[Attempt]:
             partial(_plays_px4, vehicle=first, id_offset=0),
         ),
         ("MAVLink: SETUP_SIGNING in flight", partial(_sets_signing_key, vehicle=first)),
-        # This one is the last: a vehicle that is said to be where another one is makes that one
-        # land, since the two may have touched.
+        # This one is the last: when a vehicle claims to be where another one is, the other one
+        # lands, since the two may have touched.
         (f"{last}'s key: forged states of itself", partial(_lies, identity=last)),
     ):
         yield Attempt(name, gets_in, is_stopped_without_keys=True)
@@ -260,7 +265,7 @@ def _orders(context: AttackContext, identity: str, node_name: str, vehicle: str)
 
 
 def _orders_otherwise(context: AttackContext, vehicle: str, order_attempt: OrderAttempt) -> bool:
-    """Order with the ground's key, but not as the ground has signed it, or not now."""
+    """Give an order with the ground's key, but with a wrong signature, or too late."""
     ground = NODES[NodeRole.GROUND]
     with context.joined(NodeRole.GROUND, ground, vehicle, orders=order_attempt) as node:
         last = context.telemetry(vehicle)
@@ -274,7 +279,7 @@ def _publishes(context: AttackContext, identity: str) -> bool:
 
 
 def _corrects(context: AttackContext, identity: str, node_name: str) -> bool:
-    """Publish corrections, by which a false base would move all that believe it."""
+    """Publish corrections of a false base, which would move all vehicles that accept them."""
     with context.joined(identity, node_name, SPARE) as node:
         return bool(_arrivals(context, node, [(Topic.CORRECTIONS, "attacked")]))
 
@@ -305,9 +310,9 @@ def _reads(context: AttackContext, identity: str, vehicle: str) -> bool:
 
 
 def _exceeds_role(context: AttackContext, identity: str) -> bool:
-    """Publish every topic under the own name and another one, and order; see what arrives.
+    """Publish every topic, under the own name and another one, and give an order.
 
-    Nothing of what the key must not publish may arrive.
+    It got in if anything arrives that the holder of the key must not publish.
     """
     role = NodeRole(identity) if identity in set(NodeRole) else NodeRole.VEHICLE
     own_name = NODES.get(role, identity)
@@ -326,15 +331,16 @@ def _exceeds_role(context: AttackContext, identity: str) -> bool:
     has_ordered = _AUTHOR in authors and role is not NodeRole.GROUND
 
     denied = DENIED[role]
-    not_own = {(topic, own_name) for topic in denied.as_itself}
-    not_others = {(topic, "attacked") for topic in denied.as_another}
-    return bool(arrived & (not_own | not_others)) or has_ordered
+    denied_as_itself = {(topic, own_name) for topic in denied.as_itself}
+    denied_as_another = {(topic, "attacked") for topic in denied.as_another}
+    has_published = bool(arrived & (denied_as_itself | denied_as_another))
+    return has_published or has_ordered
 
 
 def _names_another(context: AttackContext, identity: str, other: str) -> bool:
     """Publish, under the own name, telemetry of a second agent of another vehicle.
 
-    It got in when any vehicle then believes that the other one has two agents.
+    It got in if any vehicle then believes that the other one has two agents.
     """
     lie = replace(context.telemetry(other), boot_id=1)
     with context.joined(identity, identity, *context.flight.names[:-1]) as node:
@@ -347,7 +353,7 @@ def _names_another(context: AttackContext, identity: str, other: str) -> bool:
 
 
 def _replays(context: AttackContext, vehicle: str) -> bool:
-    """Have a ground order something, and send the same order again; is it accepted again?"""
+    """Send a valid order of a ground twice; it got in if it is accepted the second time, too."""
     with context.joined(NodeRole.GROUND, NODES[NodeRole.GROUND], vehicle) as node:
         order = order_of(node, "hold", context.telemetry(vehicle))
         if not is_obeyed(node, vehicle, order):
@@ -356,7 +362,7 @@ def _replays(context: AttackContext, vehicle: str) -> bool:
 
 
 def _floods(context: AttackContext) -> bool:
-    """Send what a viewer may send, ten thousand times a second."""
+    """Send a topic that a viewer may publish, ten thousand times a second."""
     name = NODES[NodeRole.VIEWER]
     with context.joined(NodeRole.VIEWER, name, *context.flight.names) as node:
         _send_often(node, Topic.CLOCK, name, context.duration_s(2.0, 10.0))
@@ -372,7 +378,7 @@ def _sends_malformed(context: AttackContext, identity: str) -> bool:
 
 
 def _send_often(node: BusSession, topic: Topic, name: str, duration_s: float) -> None:
-    """Publish the probe so often for so long.
+    """Publish the probe :data:`_FLOOD_HZ` times a second.
 
     Raises:
         NoProofError: this computer is too slow for that.
@@ -395,22 +401,22 @@ def _send_often(node: BusSession, topic: Topic, name: str, duration_s: float) ->
 
 def _sends_noise(context: AttackContext) -> bool:
     """Send random bytes to the ports at which agents listen, by datagrams and over connections."""
-    chance = random.Random(1)
+    rng = random.Random(1)
     for name in context.flight.names:
         address = _address(context.flight.fleet.vehicles[name].agent)
         for _ in range(200):
-            _send_datagram(address, chance.randbytes(chance.randrange(1, 1400)))
+            _send_datagram(address, rng.randbytes(rng.randrange(1, 1400)))
             try:
                 with socket.create_connection(address, 0.2) as stream:
-                    stream.sendall(chance.randbytes(300))
+                    stream.sendall(rng.randbytes(300))
             except OSError:
-                # Where there are keys, nobody listens for streams.
+                # an agent with keys accepts no plain TCP connection
                 continue
     return context.is_disturbed()
 
 
 def _stops_reading(context: AttackContext) -> bool:
-    """Let a process of a viewer subscribe to everything, and stop it as Ctrl-Z does."""
+    """Let a viewer's process subscribe to all topics, and stop the process as Ctrl-Z does."""
     module = "groundstation.network.stopped_reader"
     command = [sys.executable, "-m", module, context.flight.fleet.path]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as reader:
@@ -427,7 +433,7 @@ def _stops_reading(context: AttackContext) -> bool:
 
 
 def _lies(context: AttackContext, identity: str) -> bool:
-    """Publish a false position of a vehicle with its own key, beside its own agent."""
+    """Publish false positions with a vehicle's own key while its true agent runs, too."""
     newest: StateMessage | None = None
 
     def keep(_topic: Topic, _name: str, message: Message | Malformed) -> None:
@@ -448,7 +454,7 @@ def _lies(context: AttackContext, identity: str) -> bool:
 
 
 def _beside(state: StateMessage) -> StateMessage:
-    """Return a state a metre further east, and newer."""
+    """Return a newer state whose position is a metre further east."""
     x_m, y_m, z_m = state.position_enu_m
     return replace(
         state,
@@ -458,37 +464,37 @@ def _beside(state: StateMessage) -> StateMessage:
 
 
 def _sends_mavlink_junk(context: AttackContext, vehicle: str) -> bool:
-    chance = random.Random(2)
+    rng = random.Random(2)
     address = _address(context.flight.fleet.vehicles[vehicle].autopilot)
     count = 20_000 if context.is_long else 2000
     for _ in range(count):
-        _send_datagram(address, chance.randbytes(chance.randrange(1, 280)))
+        _send_datagram(address, rng.randbytes(rng.randrange(1, 280)))
     return context.is_disturbed()
 
 
 def _plays_px4(context: AttackContext, vehicle: str, id_offset: int) -> bool:
-    """Say for some seconds that the vehicle is disarmed.
+    """Send heartbeats of a disarmed vehicle to its agent for some seconds.
 
     Args:
-        context: of the attack.
-        vehicle: whose PX4 is played.
-        id_offset: added to the vehicle's system id.
+        context: the context of the attack.
+        vehicle: name of the vehicle whose PX4 is imitated.
+        id_offset: number that is added to the vehicle's system id.
     """
-    own = context.flight.fleet.vehicles[vehicle]
-    address = _address(own.autopilot)
+    target = context.flight.fleet.vehicles[vehicle]
+    address = _address(target.autopilot)
     for sequence in range(60):
-        data = packet(HEARTBEAT, disarmed(), own.system_id + id_offset, sequence)
+        data = packet(HEARTBEAT, disarmed(), target.system_id + id_offset, sequence)
         _send_datagram(address, data)
         time.sleep(_PERIOD_S)
     return context.is_disturbed()
 
 
 def _sets_signing_key(context: AttackContext, vehicle: str) -> bool:
-    """Give PX4 a key of ours; it got in when the vehicle is then lost to its agent."""
-    own = context.flight.fleet.vehicles[vehicle]
-    if own.direct is not None:
-        address = _address(own.direct)
-        payload = signing_key(own.system_id)
+    """Set the intruder's signing key in PX4; it got in if the agent then loses the vehicle."""
+    target = context.flight.fleet.vehicles[vehicle]
+    if target.direct is not None:
+        address = _address(target.direct)
+        payload = signing_key(target.system_id)
         for sequence in range(20):
             data = packet(SETUP_SIGNING, payload, _GROUND_SYSTEM_ID, sequence)
             _send_datagram(address, data)

@@ -1,4 +1,8 @@
-"""What a fleet file says of its bus: is the radio enough, who reaches it, what if a router dies."""
+"""Findings of ``covey check`` about the bus of a fleet file.
+
+They tell whether the radio can carry the messages, whether a dying router interrupts the poses, and
+whether strangers can reach a bus without keys.
+"""
 
 from __future__ import annotations
 
@@ -13,16 +17,16 @@ _ROUTER_GAP_S = 1.0  # measured with QUIC, docs/network.md
 
 
 def bus_findings(fleet: FleetConfig) -> list[Finding]:
-    """Return what the radio has to carry, and warnings about routers and missing keys."""
+    """Return the load of the radio, and warnings about routers and missing keys."""
     findings = []
 
-    # Vehicles that other computers reach.
+    # vehicles whose agents other computers can reach
     reached = [name for name in fleet.enabled_names if not is_loopback(fleet.vehicles[name].host)]
     if len(fleet.enabled_names) > 1 and (fleet.radio is not None or reached):
         radio = fleet.radio or RadioConfig()
         findings.append(airtime_finding(fleet, radio, _most_near(fleet)))
 
-    # Vehicles whose poses come over the bus alone.
+    # vehicles whose poses come over the bus only
     dependent = [
         name
         for name in fleet.enabled_names
@@ -37,7 +41,7 @@ def bus_findings(fleet: FleetConfig) -> list[Finding]:
 
 
 def _most_near(fleet: FleetConfig) -> int:
-    """Return how many neighbours are near the one with most, at the starts or in a formation."""
+    """Return the largest number of near neighbours of a vehicle, at the starts or in formation."""
     starts = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
     most = 0
     for positions_enu_m in (starts, *fleet.formations.values()):

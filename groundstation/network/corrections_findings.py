@@ -1,7 +1,7 @@
-"""What ``covey check`` says about the corrections of a fleet: nothing where it takes none.
+"""Findings of ``covey check`` about the GNSS corrections of a fleet file.
 
-Files beside the fleet file are looked for. Nothing is connected: what the source sends, in which
-format, and where its base is, says ``covey corrections --check``.
+Files that the fleet file names must exist. The source is not contacted; ``covey corrections
+--check`` does that, and tells which messages it sends and where its base is.
 """
 
 from __future__ import annotations
@@ -20,11 +20,7 @@ _DEMANDS = {
 
 
 def corrections_findings(fleet: FleetConfig) -> list[Finding]:
-    """Return what there is to say about the source of the corrections.
-
-    Args:
-        fleet: the fleet file.
-    """
+    """Return the findings about the source of the corrections; none for a fleet without them."""
     corrections = fleet.corrections
     if corrections is None:
         return []
@@ -48,7 +44,7 @@ def corrections_findings(fleet: FleetConfig) -> list[Finding]:
 
 
 def _missing_files(fleet: FleetConfig, corrections: CorrectionsConfig) -> list[tuple[str, str]]:
-    """Return sentence and remedy for each file that the table names and that is not there."""
+    """Return sentence and remedy for each file that [corrections] names and that is missing."""
     named = {"corrections.password_file": corrections.password_file}
     if corrections.source == "file":
         named["corrections.address"] = corrections.address

@@ -1,9 +1,8 @@
-"""What the holder of a key must never be able to say on a bus with keys, told without the table of
-roles.
+"""The topics that the holder of a key must never publish on a bus with keys, listed independently.
 
-``onboard/security/node_roles.py`` grants; this denies. Each attack and each test of the bus
-compares what arrives with this list, so that a grant too many shows. Whoever gives a role a new
-right changes both, and says twice that it is meant.
+``onboard/security/node_roles.py`` lists what a role may do; this lists what it must not do. Attacks
+and tests of the bus compare the messages that arrive with this list, so that a right too many
+shows. To give a role a new right, change both files: the second change confirms the first.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from onboard.security.node_roles import NodeRole
 class Denial(NamedTuple):
     """Topics that the holder of a key must not publish."""
 
-    as_itself: frozenset[Topic]
+    as_itself: frozenset[Topic]  # under its own name
     as_another: frozenset[Topic]  # under another node's name
 
 
@@ -32,7 +31,7 @@ _STATES = frozenset(
     }
 )
 _POSES = frozenset({Topic.MOCAP, Topic.ALL_POSES})
-_CORRECTIONS = frozenset({Topic.CORRECTIONS})  # a wrong base moves all who believe it
+_CORRECTIONS = frozenset({Topic.CORRECTIONS})  # a wrong base moves all vehicles that use it
 _TRUTH = frozenset({Topic.TRUTH})
 _SENTENCES = frozenset({Topic.EVENT})
 _LIGHTS = frozenset({Topic.LIGHT})
@@ -42,7 +41,7 @@ _LOG_PIECES = frozenset({Topic.LOG_PIECES})
 _LOGS = _LOG_REQUESTS | _LOG_PIECES
 
 DENIED: dict[NodeRole, Denial] = {
-    # a vehicle speaks for itself, and says nothing of what others measure
+    # a vehicle publishes its own state, and nothing that others measure
     NodeRole.VEHICLE: Denial(
         as_itself=_POSES | _CORRECTIONS | _TRUTH | _LIGHTS | _LOG_REQUESTS,
         as_another=_STATES
@@ -54,7 +53,7 @@ DENIED: dict[NodeRole, Denial] = {
         | _CLOCKS
         | _LOGS,
     ),
-    # a ground orders, and is no vehicle and no motion capture
+    # a ground gives orders; it is no vehicle and no motion capture
     NodeRole.GROUND: Denial(
         as_itself=_STATES | _POSES | _CORRECTIONS | _TRUTH | _LOG_PIECES,
         as_another=_STATES | _POSES | _CORRECTIONS | _TRUTH | _CLOCKS | _LOG_PIECES,
@@ -70,12 +69,12 @@ DENIED: dict[NodeRole, Denial] = {
         | _CLOCKS
         | _LOGS,
     ),
-    # a motion capture measures bodies, whatever their names
+    # a motion capture measures all bodies, so it may publish poses under any name
     NodeRole.MOCAP: Denial(
         as_itself=_STATES | _CORRECTIONS | _TRUTH | _SENTENCES | _LIGHTS | _LOGS,
         as_another=_STATES | _CORRECTIONS | _TRUTH | _SENTENCES | _LIGHTS | _CLOCKS | _LOGS,
     ),
-    # a base corrects satellites, and measures no body
+    # a relay of corrections measures no body
     NodeRole.CORRECTIONS: Denial(
         as_itself=_STATES | _POSES | _TRUTH | _SENTENCES | _LIGHTS | _LOGS,
         as_another=_STATES | _POSES | _TRUTH | _SENTENCES | _LIGHTS | _CLOCKS | _LOGS,

@@ -1,4 +1,4 @@
-"""What ``covey check computer`` says: a line for each thing it looks at, and what to do."""
+"""The findings of ``covey check computer``: one line for each thing, with a grade and a remedy."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from enum import IntEnum
 from json import dumps
 
 _WIDTH = 118
-_GRADE_WIDTH = 6  # with the space behind it
+_GRADE_WIDTH = 6  # including the space after it
 _NAME_WIDTH = 22
 
 
@@ -23,24 +23,24 @@ class Grade(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """One thing that was looked at."""
+    """The finding about one thing."""
 
     name: str
     grade: Grade
     sentence: str
-    remedy: str = ""  # what to do; empty where nothing is to be done
+    remedy: str = ""  # what to do; empty if there is nothing to do
 
 
 def graded(
     name: str, is_good: bool, sentence: str, remedy: str, *, bad: Grade = Grade.WARN
 ) -> Diagnosis:
-    """Return OK without the remedy, or the bad grade with it.
+    """Return a finding with grade OK and no remedy, or with a bad grade and the remedy.
 
     Args:
-        name: of what was looked at.
-        is_good: the result.
-        sentence: that describes what was found, in either case.
-        remedy: for the bad case.
+        name: name of the thing.
+        is_good: whether the grade is OK.
+        sentence: the finding in words, which is shown in both cases.
+        remedy: what to do in the bad case.
         bad: grade of the bad case.
     """
     if is_good:

@@ -1,8 +1,8 @@
-"""An emulated copy of a fleet that flies while somebody attacks it.
+"""An emulated copy of a fleet that flies while it is attacked.
 
-The copy has a folder, ports and keys of its own; whatever of the original runs is left alone. Its
-vehicles cross each other's paths all the time, so that whatever disturbs the avoidance shows in the
-smallest distance.
+The copy has a folder, ports and keys of its own, so running processes of the original are not
+touched. Its vehicles cross each other's paths all the time, so that a disturbance of the avoidance
+shows in the smallest distance.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from groundstation.processes.free_ports import in_another_folder, toml_text, wit
 from groundstation.processes.supervisor import ProcessError, Processes
 from onboard.config.fleet import FleetConfig, fleet_from_mapping, load_fleet
 
-SPARE = "attacked-spare"  # a vehicle of the copy that nobody flies: what reaches it is looked at
+SPARE = "attacked-spare"  # a vehicle of the copy that does not fly, and notes what reaches it
 
 _MOST_VEHICLES = 6
-_LARGEST_ID = 250  # of a vehicle in MAVLink; the larger ones belong to grounds
+_LARGEST_ID = 250  # largest MAVLink system id of a vehicle; larger ones belong to ground stations
 _HEIGHT_M = 1.0
-_ORDER_S = 20.0  # for a take-off or a formation
-_FLYING_S = 5.0  # from the end of the take-off until all fly under the law
+_ORDER_S = 20.0  # timeout of a take-off or a formation
+_FLYING_S = 5.0  # longest time from the end of the take-off until all fly under the law
 _LANDED_S = 40.0
 _MEASURE_PERIOD_S = 0.2
 
-# Keys of a vehicle that the copy does without.
+# keys of a vehicle that are left out of the copy
 _NOT_COPIED = ("emulated", "enabled", "mavlink_signing")
 
 
@@ -44,8 +44,8 @@ def copy_of(fleet: FleetConfig, folder: Path, *, is_locked: bool) -> FleetConfig
     """Write a copy of a fleet for this machine, with keys of its own or without any.
 
     Args:
-        fleet: to be copied, at most the first six of its vehicles.
-        folder: of the copy; made.
+        fleet: the original, of which at most the first six vehicles are copied.
+        folder: folder of the copy, which is created.
         is_locked: whether the copy gets keys.
     """
     names = fleet.enabled_names[:_MOST_VEHICLES]
@@ -75,9 +75,9 @@ def _vehicles(
     """Return the tables of the copied vehicles and of the spare one.
 
     Args:
-        fleet: that is copied.
-        names: of the vehicles to copy.
-        tables: of the fleet file, by name.
+        fleet: the original.
+        names: names of the vehicles to copy.
+        tables: the vehicles' tables in the fleet file, by name.
     """
     vehicles = {}
     for name in names:
@@ -91,7 +91,7 @@ def _vehicles(
     spare.pop("direct", None)
     vehicles[SPARE] = spare
 
-    # Endpoints of this machine; the ports that are really free are chosen later.
+    # endpoints on this machine; with_free_ports replaces their ports by free ones
     for port, table in enumerate(vehicles.values(), start=1000):
         table["agent"] = f"tcp/127.0.0.1:{port}"
         table["autopilot"] = f"udpin://127.0.0.1:{port}"
@@ -99,7 +99,7 @@ def _vehicles(
 
 
 def _formations(fleet: FleetConfig, names: Sequence[str]) -> dict[str, dict[str, list[float]]]:
-    """Return where all started, and where everybody is at the start of the next one."""
+    """Return two formations: ``home`` at the starts, and ``there`` with each at the next start."""
     starts = [fleet.vehicles[name].start_enu_m[:2] for name in names]
     starts_of_next = [*starts[1:], *starts[:1]]
     return {"home": _slots(names, starts), "there": _slots(names, starts_of_next)}
@@ -113,18 +113,18 @@ def _slots(
 
 @dataclass(slots=True)
 class CopyFlight:
-    """The flight of the copy, and what it suffered."""
+    """The flight of a copy, and the worst figures that its vehicles have reported."""
 
     fleet: FleetConfig
     client: FleetClient
-    # vehicle -> p99 of the period of its loop, the largest that it has reported
+    # vehicle -> largest reported p99 of its loop period
     worst_loop_ms: dict[str, float] = field(default_factory=dict)
-    # of any neighbour's state, the largest that a vehicle has reported
+    # largest age of a neighbour's state that any vehicle has reported
     worst_age_ms: float = 0.0
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Vehicles that fly."""
+        """Names of the vehicles that fly."""
         return self.fleet.enabled_names
 
     @property
@@ -136,7 +136,7 @@ class CopyFlight:
         return smallest.distance_m
 
     def is_flying(self) -> bool:
-        """Whether all are in the air, under the law, as ordered."""
+        """Return whether all vehicles are in the air and fly under the law."""
         now_ns = self.client.now_ns()
         for name in self.names:
             view = self.client.state.vehicles[name]
@@ -147,7 +147,7 @@ class CopyFlight:
         return True
 
     def measure(self) -> None:
-        """Take what the vehicles report of their loops and of each other's age."""
+        """Note the loop periods and the ages of neighbours' states that the vehicles report."""
         for name in self.names:
             last = self.client.state.vehicles[name].telemetry
             if last is None or not last.is_airborne:
@@ -157,7 +157,7 @@ class CopyFlight:
             self.worst_age_ms = max(self.worst_age_ms, 1e3 * last.neighbour_age_s)
 
     async def cross_forever(self) -> None:
-        """Have all cross each other's paths, again and again."""
+        """Let all vehicles cross each other's paths, again and again."""
         while True:
             for formation in ("there", "home"):
                 await self.client.order(f"formation {formation} 0 0 {_HEIGHT_M}", _ORDER_S)
@@ -171,14 +171,14 @@ class CopyFlight:
 
 @contextlib.asynccontextmanager
 async def flying(fleet: FleetConfig, seed: int = 0) -> AsyncIterator[CopyFlight]:
-    """Have a copy fly while the context lasts; land and end all afterwards.
+    """Fly a copy while the context lasts; afterwards land it and end its processes.
 
     Args:
-        fleet: a copy, with its file in its folder.
-        seed: seed of everything random in the emulator.
+        fleet: a copy, whose folder gets the logs.
+        seed: seed of all random numbers of the emulator.
 
     Raises:
-        ProcessError: it did not get into the air.
+        ProcessError: the copy did not get into the air.
     """
     folder = Path(fleet.path).parent
     processes = Processes(folder)

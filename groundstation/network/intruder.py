@@ -1,4 +1,7 @@
-"""Somebody on the network who has no key, or a wrong one, or the right one of another role."""
+"""Nodes of an intruder: without a key, with a wrong key, or with a stolen key of some role.
+
+The attempts of an attack (``attempts.py``) open these nodes on the bus of a fleet's copy.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ from onboard.config.fleet import FleetConfig
 from onboard.security.credentials import Credentials, credentials_of, files_of
 from onboard.security.node_roles import NodeRole
 
-# Node names that the tokens and the clocks of a role may have.
+# role -> a node name that the role may use
 NODES = {
     NodeRole.GROUND: "ground-0-intruder",
     NodeRole.VIEWER: "watcher-0-intruder",
@@ -32,18 +35,18 @@ NODES = {
     NodeRole.EMULATOR: "sitl",
 }
 
-# Identities of those from outside.
+# identities of outsiders, which have no valid key of the fleet
 NOBODY = "without a certificate"
 FOREIGN = "with another authority's"
 EXPIRED = "with an expired one"
 
-_LONG_AGO = datetime.timedelta(days=2000)  # a certificate of then has expired
+_LONG_AGO = datetime.timedelta(days=2000)  # a certificate issued then has expired
 _ORDER_DEADLINE_NS = 2_000_000_000
 _POLL_S = 0.02
 
 
 class _NoSignatures:
-    """Signs nothing, and takes everything."""
+    """Signs no order, and accepts every order."""
 
     def seal(self, _key_expression: str, _order: bytes) -> bytes:
         return b""
@@ -54,9 +57,10 @@ class _NoSignatures:
 
 @dataclass(frozen=True, slots=True)
 class _NoCertificate:
-    """Somebody who knows the certificate of the fleet's authority, which is no secret.
+    """Credentials without a certificate of its own, but with that of the fleet's authority.
 
-    Without it the intruder's own zenoh would not open the link, and the attempt would show nothing.
+    The authority's certificate is no secret. Without it the intruder's own zenoh would not open the
+    link, and the attempt would prove nothing.
     """
 
     authority: str
@@ -65,7 +69,7 @@ class _NoCertificate:
     access: dict[str, object] = field(default_factory=dict)
 
     def order_signatures(self) -> OrderSignatures:
-        """Return what signs none of its orders."""
+        """Return signatures that are empty."""
         return _NoSignatures()
 
 
@@ -77,10 +81,10 @@ def _authority_of(fleet: FleetConfig) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Intruders:
-    """Makes intruders for one copy of a fleet; on one without keys all of them are nobody."""
+    """Makes intruders' nodes for one copy of a fleet; without keys all identities are alike."""
 
     fleet: FleetConfig
-    folder: Path  # for the keys of those from outside
+    folder: Path  # folder for the keys of outsiders
 
     @contextlib.contextmanager
     def node(
@@ -89,10 +93,10 @@ class Intruders:
         """Open a node that connects to some vehicles.
 
         Args:
-            identity: NOBODY, FOREIGN or EXPIRED, a role, or a vehicle whose key was taken.
-            name: of the node.
-            vehicles: to connect to.
-            orders: what becomes of the signatures of its orders; None: as they should be.
+            identity: NOBODY, FOREIGN or EXPIRED, a role, or a vehicle whose key was stolen.
+            name: name of the node.
+            vehicles: names of the vehicles to which it connects.
+            orders: changes the signatures of its orders; None: they are signed correctly.
         """
         credentials: NodeCredentials | None
         if identity == NOBODY and self.fleet.has_keys:
@@ -123,7 +127,10 @@ class Intruders:
         return credentials_of(self.fleet, identity)
 
     def _tampered(self, identity: str, orders: OrderAttempt) -> TamperedCredentials | None:
-        """Return the credentials of a node whose orders are not signed as they should be."""
+        """Return the credentials of a node whose orders have wrong signatures.
+
+        Returns None if the fleet has no keys.
+        """
         own = self._credentials(identity)
         signer = self._credentials(orders.signer)
         if own is None or signer is None:
@@ -132,11 +139,11 @@ class Intruders:
 
     @property
     def _victim(self) -> str:
-        """The vehicle whose name those from outside use."""
+        """The vehicle whose name outsiders use."""
         return self.fleet.enabled_names[-1]
 
     def _foreign_credentials(self) -> Credentials | None:
-        """Return the victim's credentials of a fleet that is the same, with another authority."""
+        """Return credentials of the victim's name from another authority, for an equal fleet."""
         copy = self.folder / "foreign" / "fleet.toml"
         if not copy.exists():
             copy.parent.mkdir()
@@ -145,7 +152,7 @@ class Intruders:
         return credentials_of(foreign_fleet, self._victim)
 
     def _expired_credentials(self) -> Credentials | None:
-        """Return the victim's credentials with a certificate of long ago."""
+        """Return the victim's credentials with an expired certificate."""
         folder = self.folder / "expired"
         folder.mkdir(exist_ok=True)
 
@@ -168,9 +175,9 @@ def order_of(node: BusSession, kind: OrderKind, last: Telemetry | None = None) -
     """Return a new order of a node, as a ground would write it.
 
     Args:
-        node: that will send it.
-        kind: of the order.
-        last: the vehicle's telemetry that the ground has received.
+        node: the node that will send it.
+        kind: kind of the order.
+        last: the vehicle's last telemetry, to which the order refers; None if there is none.
     """
     now_ns = time.monotonic_ns()
     return Order(
@@ -200,7 +207,7 @@ def is_obeyed(node: BusSession, vehicle: str, order: Order, timeout_s: float = 1
 
 
 def is_connected(node: BusSession, timeout_s: float = 2.0) -> bool:
-    """Wait until a node sees another one; return whether it does."""
+    """Wait until a node sees another one; return whether it saw one in time."""
     seen = threading.Event()
 
     def on_alive(name: str, is_alive: bool) -> None:

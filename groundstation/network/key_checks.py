@@ -1,4 +1,4 @@
-"""Whether the keys of a fleet's bus fit: those on this computer, and those that nodes run with."""
+"""Checks of the keys of a fleet's bus: the files on this computer, and the keys that nodes use."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from onboard.security.credentials import credentials_of, files_of
 
 
 def key_checks(fleet: FleetConfig) -> list[Diagnosis]:
-    """Return whether the keys that are on this computer fit."""
+    """Return the findings about the keys on this computer."""
     if not fleet.has_keys:
         return [
             Diagnosis(
@@ -28,7 +28,7 @@ def key_checks(fleet: FleetConfig) -> list[Diagnosis]:
     now = datetime.datetime.now(datetime.UTC)
     folder = folder_of(fleet)
     found = []
-    expiry: dict[str, datetime.datetime] = {}  # of each node whose key is here and good
+    expiry: dict[str, datetime.datetime] = {}  # node whose key is here and valid -> its expiry
     for node in nodes_of(fleet):
         _, certificate, key = (folder / name for name in files_of(node))
         if not key.exists():
@@ -63,7 +63,7 @@ def key_checks(fleet: FleetConfig) -> list[Diagnosis]:
 
 
 def authority_check(fleet: FleetConfig) -> Diagnosis:
-    """Return which nodes run on with an authority that was replaced."""
+    """Return the finding about nodes that still run with an authority that was replaced."""
     former = [
         node for node, authority in running_authorities(fleet).items() if authority == "former"
     ]

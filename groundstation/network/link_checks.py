@@ -1,9 +1,9 @@
-"""The links between all nodes that run: listened to for some seconds, then judged.
+"""Checks of the links between all running nodes: we listen for some seconds, and then judge.
 
-We listen as a node that only watches. Each vehicle publishes its states with numbers and stamps,
-reports how old the newest state of each neighbour was at its ticks; each node answers the beats of
-the others' clocks. From this follow rates, losses, ages, round trips and errors of clocks, here and
-between any two nodes.
+We listen as a node that only watches. Each vehicle publishes its states with sequence numbers and
+time stamps, and reports the age of each neighbour's newest state at its ticks. Each node answers
+the clock messages of the others. From this follow rates, losses, ages, round trips and clock
+errors, here and between any two nodes.
 """
 
 from __future__ import annotations
@@ -31,26 +31,26 @@ from onboard.neighbours.table import SILENT_S
 _STEP_S = 0.02
 _STATES_HZ = TOPICS[Topic.STATE].rate_hz
 
-# Shares of the states that arrive.
+# Share of the states that arrive.
 _GOOD_SHARE = 0.95
-_LEAST_SHARE = 0.5  # with less of them nobody flies
+_LEAST_SHARE = 0.5  # below this share a fleet cannot fly
 
-_OLD_S = 0.1  # a state of this age is old; older ones only where [radio] expects them
-_LONG_S = 0.1  # a round trip
-_CLOCK_S = 0.02  # error of another computer's clock
-_NOT_MEASURED_S = 1e3  # the error of a clock that is not measured yet is larger
+_OLD_S = 0.1  # a state of this age is old, unless [radio] expects more
+_LONG_S = 0.1  # a longer round trip is too long
+_CLOCK_S = 0.02  # a larger error of another computer's clock is too large
+_NOT_MEASURED_S = 1e3  # a clock that is not measured yet has a larger error than this
 
-# Reports of a vehicle about messages that it could not use.
+# fields of telemetry that count messages which a vehicle could not use
 _UNUSED_FIELDS = ("malformed_messages", "refused_messages", "dropped_messages", "late_messages")
 
 
 @dataclass(slots=True)
 class Heard:
-    """Everything that was heard, by our monotonic clock."""
+    """Everything that was heard, with times of our monotonic clock."""
 
     nodes: set[str] = field(default_factory=set)
-    # (receiver, sender) -> shortest difference of arrival and sending, each by its own computer's
-    # clock [ns]
+    # (receiver, sender) -> least time of arrival minus time of sending [ns]; each time is by the
+    # clock of its own computer, so only the sum of both directions is a true time
     ways_ns: dict[tuple[str, str], int] = field(default_factory=dict)
     hosts: dict[str, int] = field(default_factory=dict)  # node -> its computer
     # node on another computer -> error of its clock
@@ -63,20 +63,21 @@ class Heard:
     ages_there_s: dict[tuple[str, str], list[float]] = field(
         default_factory=lambda: defaultdict(list)
     )
-    first: dict[str, Telemetry] = field(default_factory=dict)  # of each vehicle
+    # vehicle -> its first and its last telemetry
+    first: dict[str, Telemetry] = field(default_factory=dict)
     last: dict[str, Telemetry] = field(default_factory=dict)
-    # vehicles that reported nothing, but listen at their endpoint
+    # vehicles that sent nothing, although a process listens at their endpoint
     listening: set[str] = field(default_factory=set)
-    state_ticks: int = 1  # from the number of one state to that of the next
-    seconds: float = 0.0  # that we listened
+    state_ticks: int = 1  # difference of the sequence numbers of two consecutive states
+    seconds: float = 0.0  # duration of listening
 
 
 def listen(fleet: FleetConfig, seconds: float) -> Heard:
     """Listen to a fleet's bus for some seconds, as a node that only watches.
 
     Args:
-        fleet: to listen to.
-        seconds: listen for so long.
+        fleet: the fleet file.
+        seconds: duration of listening [s].
 
     Raises:
         ConfigError: the fleet's keys do not fit.
@@ -126,7 +127,7 @@ def listen(fleet: FleetConfig, seconds: float) -> Heard:
 def _keep(
     heard: Heard, bus: BusSession, clock: ClockNode, name: str, message: Message | Malformed
 ) -> None:
-    """Take from one message what will be judged."""
+    """Note the parts of one message that are judged later."""
     now_ns = time.monotonic_ns()
     if isinstance(message, StateMessage):
         sent_ns = clock.clocks.own_ns(name, message.stamp_ns, now_ns)
@@ -144,7 +145,7 @@ def _keep(
 
 
 def _keep_clock(heard: Heard, own_node: str, message: ClockMessage, now_ns: int) -> None:
-    """Take the shortest ways to us, and to the sender from all whom it has heard."""
+    """Note the shortest ways from the sender to us, and to the sender from nodes it has heard."""
     heard.hosts[message.node] = message.host
 
     ways = [(own_node, message.node, now_ns - message.sent_ns)]
@@ -156,7 +157,7 @@ def _keep_clock(heard: Heard, own_node: str, message: ClockMessage, now_ns: int)
 
 
 def judged(fleet: FleetConfig, heard: Heard) -> Iterator[Diagnosis]:
-    """Yield what is to be said of each vehicle, then of the computers."""
+    """Yield the findings about each vehicle, and then about the computers."""
     for name in fleet.enabled_names:
         if name not in heard.last:
             yield _silent_vehicle(name, fleet, heard)
@@ -180,7 +181,7 @@ def judged(fleet: FleetConfig, heard: Heard) -> Iterator[Diagnosis]:
 
 
 def _silent_vehicle(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
-    """Return why a vehicle reports nothing, as far as that can be seen from here."""
+    """Return the probable reason why a vehicle sends nothing."""
     endpoint = fleet.vehicles[name].agent
     if name in heard.nodes:
         text = "On the bus, but tells nothing."
@@ -207,12 +208,12 @@ def _silent_vehicle(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
 
 
 def _old_s(fleet: FleetConfig) -> float:
-    """Return the age of a state from which on it is older than the fleet's margin is for."""
+    """Return the age [s] from which on a state is older than the fleet's margin allows for."""
     return max(_OLD_S, message_age_s(fleet) + _STEP_S)
 
 
 def _arrivals(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
-    """Return how many states of a vehicle come here, and how old they are."""
+    """Return the finding about rate, loss and age of a vehicle's states as we receive them."""
     numbers = heard.sequences[name]
     sent = 1
     if numbers:
@@ -236,7 +237,7 @@ def _arrivals(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
 
 
 def _neighbours(name: str, fleet: FleetConfig, heard: Heard) -> Iterator[Diagnosis]:
-    """Yield how old the others' states are at a vehicle, if it has reported that."""
+    """Yield the finding about the ages of the others' states at a vehicle, if it reported them."""
     ages_s = {}
     for other in fleet.enabled_names:
         reported_s = heard.ages_there_s.get((name, other), [])
@@ -267,7 +268,7 @@ def _neighbours(name: str, fleet: FleetConfig, heard: Heard) -> Iterator[Diagnos
 
 
 def _unused_messages(name: str, heard: Heard) -> Iterator[Diagnosis]:
-    """Yield what a vehicle could not use of the messages that came meanwhile."""
+    """Yield the finding about messages that a vehicle could not use while we listened."""
     first = heard.first[name]
     last = heard.last[name]
     counts = [max(0, getattr(last, field) - getattr(first, field)) for field in _UNUSED_FIELDS]
@@ -288,12 +289,13 @@ def _unused_messages(name: str, heard: Heard) -> Iterator[Diagnosis]:
 def _round_trips(heard: Heard) -> Iterator[Diagnosis]:
     """Yield the round trips between computers, the longest first.
 
-    Nodes of one computer have none to speak of.
+    Round trips between nodes on the same computer are left out.
     """
     trips_s = {}
     for (one, other), way_ns in heard.ways_ns.items():
         is_both_ways = (other, one) in heard.ways_ns
         is_one_computer = heard.hosts.get(one) == heard.hosts.get(other)
+        # each pair once
         if one < other and is_both_ways and not is_one_computer:
             trips_s[one, other] = (way_ns + heard.ways_ns[other, one]) * 1e-9
 
@@ -309,7 +311,7 @@ def _round_trips(heard: Heard) -> Iterator[Diagnosis]:
 
 
 def _limits_of_links(fleet: FleetConfig) -> Diagnosis:
-    """Return how long a way, and how long an outage, this fleet's links bear."""
+    """Return the longest round trip and the longest outage that this fleet's links allow."""
     endpoints = [
         *fleet.fleet.routers,
         *(fleet.vehicles[name].agent for name in fleet.enabled_names),

@@ -1,6 +1,6 @@
-"""Whether this computer is fit for an agent or a ground.
+"""Checks whether this computer is fit for an agent or a ground: libraries, timing, disk, terminal.
 
-Most is looked up; speeds are measured where that takes no second.
+Most values are looked up; speeds are measured, each in less than a second.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from groundstation.processes.supervisor import most_agents
 _OLDEST = (3, 11)
 _NEWEST = (3, 13)
 
-# All libraries that an agent has; a ground has more.
+# libraries of an agent; a ground needs more
 _AGENT_LIBRARIES = ("cryptography", "eclipse-zenoh", "mavsdk", "msgspec", "numpy")
 
 _GOVERNORS = Path("/sys/devices/system/cpu")
 _TRIAL_PRIORITY = 10
 
-# The timer: how late this computer wakes up after a sleep.
+# The timer: how late this computer wakes up a process after a sleep.
 _SLEEPS = 100
 _SLEEP_S = 0.002
 _LATE_MS = 5.0
 
-# The clock: a year before the first Covey is wrong.
+# The clock: a year before Covey's first version is wrong.
 _FIRST_YEAR = 2025
 # adjtimex(2)
 _CLOCK_ERROR = 5  # TIME_ERROR, its return value
@@ -54,7 +54,7 @@ _ROWS = 24
 
 
 def machine() -> list[Diagnosis]:
-    """Return everything about this computer."""
+    """Return all findings about this computer."""
     return [
         _python(),
         *_libraries(),
@@ -83,7 +83,7 @@ def _python() -> Diagnosis:
 
 
 def _libraries() -> Iterator[Diagnosis]:
-    """Yield which libraries are missing or of a version that Covey refuses, then the rest."""
+    """Yield the missing libraries, those of a wrong version, and then the right ones."""
     try:
         requirements = metadata.requires("covey") or []
     except metadata.PackageNotFoundError:
@@ -122,10 +122,10 @@ def _libraries() -> Iterator[Diagnosis]:
 
 
 def _bounds(requirements: Iterable[str]) -> dict[str, str]:
-    """Return the libraries of an agent and of a ground, each with the versions that are allowed.
+    """Return the libraries of an agent and of a ground, each with its allowed versions.
 
     Args:
-        requirements: as a package states them, for instance ``textual>=1,<2; extra == 'ground'``.
+        requirements: requirement lines of a package, such as ``textual>=1,<2; extra == 'ground'``.
     """
     bounds = {}
     for line in requirements:
@@ -141,7 +141,7 @@ def _bounds(requirements: Iterable[str]) -> dict[str, str]:
 
 
 def _is_within(version: str, bounds: str) -> bool:
-    """Whether a version lies within bounds such as ``>=1.2,<2``."""
+    """Return whether a version lies within bounds such as ``>=1.2,<2``."""
     own = _numbers(version)
     for sign, bound_text in re.findall(r"(>=|<)\s*([0-9.]+)", bounds):
         bound = _numbers(bound_text)
@@ -193,7 +193,7 @@ def _priority() -> Diagnosis:
         except OSError:
             is_allowed = False
 
-    # The priority is that of a thread, and ends with it.
+    # The priority belongs to a thread, so it ends with this one.
     thread = threading.Thread(target=attempt)
     thread.start()
     thread.join()
@@ -210,7 +210,7 @@ def _priority() -> Diagnosis:
 
 
 def _timer() -> Diagnosis:
-    """Return how late this computer wakes up a process that sleeps."""
+    """Return the finding about how late this computer wakes up a sleeping process."""
     delays_ms = []
     for _ in range(_SLEEPS):
         begin_s = time.perf_counter()
@@ -242,8 +242,8 @@ def _clock() -> Diagnosis:
 
 
 def _is_synchronised() -> bool:
-    """Whether the kernel holds its clock for synchronised; False where it does not say."""
-    timex = (ctypes.c_int * 64)()  # struct timex, all zero: only asks
+    """Return whether the kernel's clock is synchronised; False if the kernel does not say."""
+    timex = (ctypes.c_int * 64)()  # struct timex; all zero means that nothing is to be changed
     try:
         state = ctypes.CDLL(None).adjtimex(timex)
     except (OSError, AttributeError):
@@ -251,7 +251,7 @@ def _is_synchronised() -> bool:
     if state < 0 or state == _CLOCK_ERROR:
         return False
 
-    # The field ``status`` stands behind an int, with its padding, and four longs.
+    # The field ``status`` comes after an int with its padding, and four longs.
     offset = 5 * ctypes.sizeof(ctypes.c_long)
     status = int(struct.unpack_from("i", bytes(timex), offset)[0])
     return not status & _UNSYNCHRONISED
@@ -261,7 +261,7 @@ def _is_synchronised() -> bool:
 
 
 def _disk() -> Iterator[Diagnosis]:
-    """Yield how much this folder's disk has free, and how fast it is."""
+    """Yield the findings about free space and speed of the disk of this folder."""
     free_mb = shutil.disk_usage(".").free / 1e6
     is_full = free_mb < _FULL_MB
     yield graded(
@@ -288,7 +288,7 @@ def _disk() -> Iterator[Diagnosis]:
 
 
 def _write_speed_mb_s() -> float:
-    """Return how fast a file of this folder is written.
+    """Return the speed [MB/s] at which a file in this folder is written.
 
     Raises:
         OSError: the folder cannot be written.
@@ -302,7 +302,7 @@ def _write_speed_mb_s() -> float:
 
 
 def _terminal() -> Iterator[Diagnosis]:
-    """Yield whether this terminal is large enough for the console, and shows all of it."""
+    """Yield the findings about size, colours and letters of this terminal."""
     if not sys.stdout.isatty():
         sentence = "None here: the console needs one, all else does not."
         yield Diagnosis("terminal", Grade.OK, sentence)

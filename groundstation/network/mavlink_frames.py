@@ -1,21 +1,21 @@
-"""MAVLink packets of somebody who plays a vehicle's PX4.
+"""MAVLink packets of an intruder who imitates a vehicle's PX4.
 
 They are packed by hand, after https://mavlink.io/en/guide/serialization.html, so that no library
-decides what an attacker can send.
+limits what an attacker can send.
 """
 
 from __future__ import annotations
 
 import struct
 
-# Messages, and the seed of the checksum of each.
+# message ids, and the checksum seed (CRC_EXTRA) of each message
 HEARTBEAT = 0
 SETUP_SIGNING = 256
 _CHECKSUM_SEEDS = {HEARTBEAT: 50, SETUP_SIGNING: 71}
 
 _MAGIC = b"\xfd"  # a packet of MAVLink 2 begins with it
 
-# Of a heartbeat: MAV_TYPE_QUADROTOR, MAV_AUTOPILOT_PX4, MAV_STATE_STANDBY, version of MAVLink.
+# fields of a heartbeat: MAV_TYPE_QUADROTOR, MAV_AUTOPILOT_PX4, MAV_STATE_STANDBY, MAVLink version
 _QUADROTOR = 2
 _PX4 = 12
 _STANDBY = 3
@@ -29,10 +29,10 @@ def packet(
 
     Args:
         message_id: HEARTBEAT or SETUP_SIGNING.
-        payload: of the message; zeros at its end are cut off, as MAVLink 2 wants it.
-        system_id: of the sender; its lowest byte counts.
-        sequence: number of the packet; its lowest byte counts.
-        component_id: of the sender.
+        payload: payload of the message; zeros at its end are cut off, as MAVLink 2 demands.
+        system_id: system id of the sender; only its lowest byte counts.
+        sequence: number of the packet; only its lowest byte counts.
+        component_id: component id of the sender.
     """
     payload = payload.rstrip(b"\0") or b"\0"
     header = bytes((len(payload), 0, 0, sequence & 255))
@@ -49,8 +49,11 @@ def disarmed() -> bytes:
 
 
 def signing_key(system_id: int) -> bytes:
-    """Return the payload that gives a PX4 a key."""
-    return struct.pack("<QBB", 1, system_id, 1) + bytes(range(32))
+    """Return the payload of SETUP_SIGNING that sets a signing key in a PX4."""
+    timestamp = 1
+    component_id = 1
+    key = bytes(range(32))
+    return struct.pack("<QBB", timestamp, system_id, component_id) + key
 
 
 def _checksum(data: bytes) -> int:

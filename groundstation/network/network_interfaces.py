@@ -1,4 +1,4 @@
-"""The network interfaces of this computer: their largest packets, and whether Wi-Fi saves power."""
+"""Checks of this computer's network interfaces: their largest packets, and Wi-Fi's power saving."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from groundstation.network.diagnosis import Diagnosis, Grade, graded
 _GET_WIFI_POWER = 0x8B2D  # SIOCGIWPOWER
 _GET_MTU = 0x8921  # SIOCGIFMTU
 
-# struct ifreq and struct iwreq begin with the interface's name; its answer stands behind it.
+# struct ifreq and struct iwreq begin with the interface's name; the kernel's answer follows
 _NAME_BYTES = 16
 _ANSWER_BYTES = 24
-_WIFI_POWER_DISABLED = 21  # position of iw_param.disabled
+_WIFI_POWER_DISABLED = 21  # offset of iw_param.disabled in bytes
 
-_LEAST_MTU = 1280  # bytes of the largest packet, without which QUIC does not connect
+_LEAST_MTU = 1280  # bytes; QUIC does not connect over an interface with smaller packets
 _USUAL_MTU = 1500
 
 _INTERFACES = Path("/sys/class/net")
 
 
 def interfaces() -> list[Diagnosis]:
-    """Return what is known of each network interface but the loopback."""
+    """Return the findings about each network interface but the loopback."""
     try:
         names = sorted(file.name for file in _INTERFACES.iterdir() if file.name != "lo")
     except OSError:
@@ -51,7 +51,7 @@ def interfaces() -> list[Diagnosis]:
 
 
 def _packets(interface: str) -> Diagnosis | None:
-    """Return whether packets of the usual size pass; None where the kernel does not say."""
+    """Return whether packets of the usual size pass; None if the kernel does not say."""
     answer = _ask_kernel(interface, _GET_MTU)
     if answer is None:
         return None
@@ -67,7 +67,7 @@ def _packets(interface: str) -> Diagnosis | None:
 
 
 def _wifi_power(interface: str) -> Diagnosis | None:
-    """Return whether Wi-Fi sleeps between packets; None for what is no Wi-Fi."""
+    """Return whether Wi-Fi sleeps between packets; None for an interface that is no Wi-Fi."""
     if not (_INTERFACES / interface / "wireless").exists():
         return None
     answer = _ask_kernel(interface, _GET_WIFI_POWER)
@@ -84,7 +84,7 @@ def _wifi_power(interface: str) -> Diagnosis | None:
 
 
 def _ask_kernel(interface: str, request: int) -> bytes | None:
-    """Return the kernel's answer about an interface; None where it gives none."""
+    """Return the kernel's answer about an interface; None if it gives none."""
     name = interface.encode()[: _NAME_BYTES - 1].ljust(_NAME_BYTES, b"\0")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
         try:

@@ -1,9 +1,10 @@
-"""Attempts with a key that may order: orders that are not what their ground has signed, or not now.
+"""Attempts with orders whose signature is wrong, or that arrive too late.
 
-Who holds the ground's key orders like the ground. Who carries orders does not hold it, a router for
-instance, and can only leave out, change, exchange or keep what a ground has signed. Each attempt
-here is one of these, made against a vehicle that flies. Nothing on the bus stops them: the link is
-open, and the ground may order. Only the vehicle's own look at signature and age does.
+The holder of the ground's key can give orders like the ground. A node that only forwards orders, a
+router for instance, does not hold that key: it can only drop, change, swap or delay the orders that
+a ground has signed. Each attempt here is one of these, made against a flying vehicle. Nothing on
+the bus stops them, because the link is open and the ground may give orders. Only the vehicle's own
+check of signature and age does.
 """
 
 from __future__ import annotations
@@ -20,22 +21,23 @@ from onboard.bus.schema import Order, Telemetry
 from onboard.security.credentials import Credentials
 from onboard.security.node_roles import NodeRole
 
-# The bytes that travel beside an order, from its key on the bus, the order, and whoever signs.
+# Returns the signature that travels with an order, given the order's key expression on the bus, the
+# encoded order, and the true signatures.
 Tamper = Callable[[str, bytes, OrderSignatures], bytes]
 
-# Longer than an agent takes an order for new: 5 s, and 30 s for land, hold and kill.
+# Longer than an agent accepts an order: 5 s, and 30 s for land, hold and kill.
 _KEPT_S = 10.0
 _KEPT_EMERGENCY_S = 40.0
 
 
 @dataclass(frozen=True, slots=True)
 class TamperedCredentials:
-    """A node's own certificate on the bus, and changed signatures beside its orders.
+    """Credentials with the node's own certificate on the bus, but tampered signatures of orders.
 
     Args:
-        own: of the node.
-        signer: of whom the signatures are; the node itself, or another one whose key was taken.
-        tamper: what becomes of a signature.
+        own: credentials of the node.
+        signer: credentials that sign its orders: its own, or those of another node.
+        tamper: changes a signature.
     """
 
     own: Credentials
@@ -63,7 +65,7 @@ class TamperedCredentials:
         return self.own.access
 
     def order_signatures(self) -> OrderSignatures:
-        """Return what signs this node's orders."""
+        """Return the tampered signatures of this node's orders."""
         return _TamperedSignatures(self.signer.order_signatures(), self.tamper)
 
 
@@ -80,7 +82,7 @@ class _TamperedSignatures:
 
 
 def as_signed(key_expression: str, order: bytes, signatures: OrderSignatures) -> bytes:
-    """Return the signature as it is."""
+    """Return the correct signature."""
     return signatures.seal(key_expression, order)
 
 
@@ -101,12 +103,12 @@ def for_another_vehicle(key_expression: str, order: bytes, signatures: OrderSign
 
 
 def now(order: Order, _last: Telemetry) -> Order:
-    """Return an order as it is."""
+    """Return the order unchanged: it is new."""
     return order
 
 
 def kept_back(order: Order, last: Telemetry) -> Order:
-    """Return an order of the operator that was kept for 10 s, and lets a vehicle show itself."""
+    """Return an order of the operator (``identify``) that was delayed by 10 s."""
     operator = parse_control_token(last.operator)
     if operator is None:
         return order
@@ -115,17 +117,17 @@ def kept_back(order: Order, last: Telemetry) -> Order:
 
 
 def kept_back_emergency(order: Order, last: Telemetry) -> Order:
-    """Return an order to hold that was kept for 40 s."""
+    """Return an order to hold that was delayed by 40 s."""
     return replace(order, heard_ns=last.stamp_ns - round(1e9 * _KEPT_EMERGENCY_S))
 
 
 class OrderAttempt(NamedTuple):
-    """One order that is not what its ground has signed, or not now."""
+    """One attempt with a wrongly signed or delayed order."""
 
     name: str
-    tamper: Tamper
-    signer: NodeRole = NodeRole.GROUND
-    change: Callable[[Order, Telemetry], Order] = now
+    tamper: Tamper  # changes the signature
+    signer: NodeRole = NodeRole.GROUND  # role whose key signs
+    change: Callable[[Order, Telemetry], Order] = now  # changes the order before it is signed
 
 
 ORDER_ATTEMPTS = (

@@ -1,6 +1,6 @@
-"""A viewer in a process of its own that hears everything: ``python -m ... FLEET``.
+"""A viewer in a process of its own that subscribes to all topics: ``python -m ... FLEET``.
 
-``covey check attack`` stops it while it reads, as Ctrl-Z would.
+``covey check attack`` starts it, and then stops it by SIGSTOP, as Ctrl-Z would, while it reads.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from onboard.bus.control_token import WATCHER
 from onboard.bus.topics import TOPICS, Delivery
 from onboard.config.fleet import load_fleet
 
-_FIRST_MESSAGE_S = 10.0  # within which something has to come
+_FIRST_MESSAGE_S = 10.0  # longest wait for the first message
 
 
 def main(fleet_path: str) -> None:
-    """Subscribe to everything, say so when something has come, and go on until it is ended."""
+    """Subscribe to all topics, print a line at the first message, and run until killed."""
     node = session(load_fleet(fleet_path), WATCHER)
     node.start()
 

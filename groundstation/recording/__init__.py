@@ -1,1 +1,1 @@
-"""Flight records: written, read, reported and played back."""
+"""Flight records (``flight.mcap``): written, read, reported and replayed."""

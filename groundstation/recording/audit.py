@@ -1,4 +1,4 @@
-"""The orders of a recorded flight: who gave which, when, the vehicle's answer, and how it ended."""
+"""The orders of a recorded flight: author, time, the vehicle's reply, and how each order ended."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from onboard.bus.schema import Event, Order, OrderReply
 from onboard.plain_text import plain_line
 
 TOPICS = frozenset(("order", "reply", "event"))
-# Codes of events in which a vehicle says itself what it was ordered, also by grounds other than the
-# one that recorded: an order that it answered, and one that it took for forged.
+# Codes of events in which a vehicle reports orders itself, also those of grounds other than the one
+# that recorded: an order that it answered, and an order that it took for forged.
 _ANSWERED = "order"
 _NOT_BELIEVED = "order-refused"
 
@@ -21,12 +21,12 @@ _NOT_BELIEVED = "order-refused"
 class OrderTrace:
     """One order to one vehicle."""
 
-    at_s: float  # since the record's begin
+    at_s: float  # time since the begin of the record
     vehicle: str
     text: str  # kind, author and ground
     answer: str = "no answer"
-    end: str = ""
-    end_s: float = math.nan  # when its end was reported
+    end: str = ""  # outcome, time and reason; empty if no end was reported
+    end_s: float = math.nan  # time at which the end was reported
 
 
 class _Trail:
@@ -34,11 +34,11 @@ class _Trail:
 
     def __init__(self) -> None:
         self.traces: list[OrderTrace] = []
-        # by vehicle and order id: those of the ground that recorded
+        # (vehicle, order id) -> order of the ground that recorded
         self._own: dict[tuple[str, str], OrderTrace] = {}
 
     def add(self, at_s: float, vehicle: str, message: object) -> None:
-        """Take in one message about a vehicle."""
+        """Add one message about a vehicle."""
         if isinstance(message, Order):
             trace = OrderTrace(at_s, vehicle, message.text)
             self._own[vehicle, message.order_id] = trace
@@ -69,11 +69,11 @@ def trail(timeline: Timeline) -> list[OrderTrace]:
     """List the orders of a record in the order in which they were given.
 
     Args:
-        timeline: of the record.
+        timeline: timeline of the record.
 
     Returns:
-        Orders of the ground that recorded, with answer and end; and those of others as their
-        vehicles tell of them.
+        Orders of the ground that recorded, with reply and end; and orders of other grounds as the
+        vehicles have reported them.
     """
     messages = timeline.read(timeline.begin_ns - 1, TOPICS).until(timeline.end_ns)
     return trail_of(messages, timeline.begin_ns)
@@ -83,8 +83,8 @@ def trail_of(messages: Iterable[RecordedMessage], begin_ns: int) -> list[OrderTr
     """List the orders among messages, as :func:`trail`.
 
     Args:
-        messages: of ``TOPICS``, in the order of their stamps.
-        begin_ns: zero of the seconds [ns].
+        messages: messages of ``TOPICS``, in the order of their stamps.
+        begin_ns: stamp [ns] from which the seconds count.
     """
     collected = _Trail()
     for one in messages:

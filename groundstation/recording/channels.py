@@ -1,6 +1,7 @@
-"""Messages of the bus as JSON channels of the record. Pure.
+"""The conversion of bus messages into JSON rows of the record, and back.
 
-Channels and fields have the names that they have on the bus, and each kind of message has a schema.
+A channel of the record is named ``topic/name`` as on the bus, and fields have their names on the
+bus. Each kind of message has a JSON schema.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from onboard.bus.schema import Message, OrderReply, TickBatch
 from onboard.bus.topics import Topic
 
 MAX_STAMP_NS = (1 << 63) - 1
-REPLY = "reply"
-RECORDED = (Topic.STATE, Topic.TICK, Topic.MOCAP)  # beside what the ground listens to anyhow
+REPLY = "reply"  # topic of replies to orders in the record; on the bus they answer queries
+RECORDED = (Topic.STATE, Topic.TICK, Topic.MOCAP)  # topics that a ground needs only for a record
 _encode = msgspec.json.Encoder().encode
 _decode = msgspec.json.Decoder(dict[str, Any]).decode
 
@@ -33,13 +34,13 @@ class ChannelRow(NamedTuple):
 def rows(topic: Topic, name: str, message: Message, received_ns: int) -> list[ChannelRow]:
     """Convert one message of the bus into rows of the record.
 
-    A batch of ticks becomes a row for each, any other message one row.
+    A batch of ticks becomes one row for each tick; any other message becomes one row.
 
-    The log time is the sample's own stamp; messages without one, or with an impossible one, take
-    the reception's.
+    The log time is the stamp of the message itself. For a message without a stamp, or with an
+    impossible one, it is the time of reception.
 
     Args:
-        topic: of the message.
+        topic: topic of the message.
         name: vehicle, body or node that it is about.
         message: the message.
         received_ns: time of its reception [ns].
@@ -54,7 +55,7 @@ def rows(topic: Topic, name: str, message: Message, received_ns: int) -> list[Ch
 
 
 def as_mapping(message: Message) -> dict[str, Any]:
-    """Return field names and values; on the bus the message travels without its field names."""
+    """Return a message as a mapping from field names to values."""
     return msgspec.structs.asdict(message)
 
 
@@ -62,33 +63,34 @@ class _Field(NamedTuple):
     """One field of a message."""
 
     name: str
-    default: Any  # msgspec.NODEFAULT for none
-    is_number: bool  # null stands for NaN
+    default: Any  # msgspec.NODEFAULT if it has none
+    is_number: bool  # whether null in JSON stands for NaN
 
 
+# name of a kind of message -> its class
 KINDS: dict[str, type[Message]] = {
     name: kind
     for name, kind in vars(schema_).items()
     if isinstance(kind, type) and issubclass(kind, Message)
 }
-# Fields of each kind; found once.
+# Fields of each kind, filled when they are first used.
 _FIELDS: dict[type[Message], tuple[_Field, ...]] = {}
-# The same kinds, but encoded with the names of their fields.
+# Kind -> a class of the same fields that is encoded with the names of its fields.
 _NAMED: dict[type[Message], type[msgspec.Struct]] = {}
 
 
 def from_json(kind: type[Message], data: bytes) -> Message | None:
     """Decode a row of a record. JSON has no NaN, so null stands for it.
 
-    Fields that this version does not have are dropped; fields that the record's version did not
-    have get their default.
+    The record may be of another version of Covey: unknown fields are dropped, and missing fields
+    get their defaults.
 
     Args:
-        kind: of the message.
-        data: JSON.
+        kind: kind of the message.
+        data: the JSON text.
 
     Returns:
-        The message; None when the data are none of this kind.
+        The message; None if the data are no message of this kind.
     """
     try:
         values = _decode(data)
@@ -115,7 +117,11 @@ def _fields(kind: type[Message]) -> tuple[_Field, ...]:
 
 
 def _value(values: dict[str, Any], field: _Field) -> Any:
-    """Return the value of one field; KeyError where it is missing and has no default."""
+    """Return the value of one field.
+
+    Raises:
+        KeyError: the field is missing and has no default.
+    """
     if field.default is msgspec.NODEFAULT:
         value = values[field.name]
     else:

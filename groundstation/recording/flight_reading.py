@@ -1,13 +1,13 @@
-"""Reads a record, once and whole, into a :class:`~groundstation.recording.recorded_flight.Flight`.
+"""Reads a whole record into a :class:`~groundstation.recording.recorded_flight.Flight`.
 
-The index of the record (:mod:`groundstation.recording.timeline`) says where its pieces are, puts
-all clocks on one, and jumps over what is damaged. Here the messages of a vehicle become rows of
-numbers: JSON is decoded into exactly the fields that are kept, which is some ten times faster than
-the whole message, and each field may be missing.
+The index of the record (:mod:`groundstation.recording.timeline`) finds its chunks, puts all clocks
+on one, and skips damaged chunks. Here the messages of a vehicle become rows of numbers. JSON is
+decoded into the kept fields only, which is some ten times faster than decoding the whole message.
+Each field may be missing.
 
-Records may come from anybody. A message that is no JSON, or has a text where a number belongs, is
-left out and counted; numbers that are absurd become NaN; stamps far from all others are left out;
-and only so many vehicles and events are taken.
+Records may come from anybody. A message that is no JSON, or has a text in place of a number, is
+left out and counted. Absurd numbers become NaN, stamps far from all others are left out, and the
+numbers of vehicles and events are limited.
 """
 
 from __future__ import annotations
@@ -49,11 +49,12 @@ from onboard.plain_text import plain_line
 
 MAX_VEHICLES = 256
 MAX_ORDER_MESSAGES = 50_000  # orders, replies and events
-_DECODED_AT_ONCE = 64  # messages of one vehicle and kind, as many as stay in the processor's cache
-MAX_MADE = 20  # words about by what a record was written
-MAX_NAME = 60  # letters of a name that are kept
-LARGEST = 1e9  # of any quantity; a larger number is none
-# The flight is where most stamps are; others further apart than this from them are wrong.
+# messages of one vehicle and kind that are decoded at once; so many stay in the processor's cache
+_DECODED_AT_ONCE = 64
+MAX_MADE = 20  # entries about the program that wrote the record
+MAX_NAME = 60  # letters of a flight's title
+LARGEST = 1e9  # a number with a larger magnitude is absurd and becomes NaN
+# A longer pause between stamps separates the flight from stamps that do not belong to it.
 MAX_PAUSE_S = 600.0
 TOPICS = frozenset(("tick", "telemetry", "truth", "state", "preflight")) | ORDER_TOPICS
 
@@ -63,7 +64,7 @@ _Vec3 = tuple[_Number, _Number, _Number] | None
 _Vec4 = tuple[_Number, _Number, _Number, _Number] | None
 
 
-# -- the fields that are kept, by their names on the bus: vectors first, then single numbers ------
+# -- the kept fields, with their names on the bus: vectors, single numbers, then texts ------------
 
 
 class _TickRow(msgspec.Struct, gc=False):
@@ -134,7 +135,7 @@ _SIZES = {_Number: 1, _Vec2: 2, _Vec3: 3, _Vec4: 4, bool: 1}
 
 
 def _number_fields(row: type[msgspec.Struct]) -> dict[str, int]:
-    """Return the fields of a row that are numbers, with how many each has."""
+    """Return the number fields of a row, each with its count of numbers."""
     fields = msgspec.structs.fields(row)
     return {one.name: _SIZES[one.type] for one in fields if one.type in _SIZES}
 
@@ -155,35 +156,36 @@ _UNDECODABLE = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 def _rows_of(
     decoder: msgspec.json.Decoder[_Row], stamps_ns: list[int], datas: list[bytes]
 ) -> tuple[list[int], list[_Row]]:
-    """Return stamps and rows of JSON texts; what is none of this kind is left out."""
+    """Return stamps and rows of JSON texts; texts that cannot be decoded are left out."""
     try:
         return stamps_ns, list(map(decoder.decode, datas))
     except _UNDECODABLE:
         pass
 
-    known_ns: list[int] = []
-    known: list[_Row] = []
+    # at least one cannot be decoded: try them one by one
+    decoded_ns: list[int] = []
+    decoded: list[_Row] = []
     for stamp_ns, data in zip(stamps_ns, datas, strict=True):
         with contextlib.suppress(*_UNDECODABLE):
-            known.append(decoder.decode(data))
-            known_ns.append(stamp_ns)
-    return known_ns, known
+            decoded.append(decoder.decode(data))
+            decoded_ns.append(stamp_ns)
+    return decoded_ns, decoded
 
 
 # -- collecting ------------------------------------------------------------------------------------
 
 
 class _Rows:
-    """Rows of numbers that grow: one column for each number of the fields."""
+    """A growing table of numbers: one row for each message, one column for each number."""
 
     def __init__(self, fields: dict[str, int]) -> None:
         self._fields = fields
         self._width = sum(fields.values())
         self._stamps_ns = array("q")
-        self._blocks: list[Array] = []  # (rows, width) each
+        self._blocks: list[Array] = []  # each of shape (rows, width)
 
     def add(self, stamps_ns: list[int], rows: Sequence[msgspec.Struct]) -> None:
-        """Add rows, whose first fields are those that are kept, in their order."""
+        """Add rows, whose first fields are the number fields, in the same order."""
         if not rows:
             return
         block = np.empty((len(rows), self._width))
@@ -201,7 +203,7 @@ class _Rows:
         return np.array(self._stamps_ns, np.int64)
 
     def columns(self, kept: IntArray) -> dict[str, Array]:
-        """Return each field's values, of the rows with these numbers."""
+        """Return each field's values in the rows with these indexes."""
         values = np.concatenate([np.empty((0, self._width)), *self._blocks])[kept]
         values[~(np.abs(values) <= LARGEST)] = np.nan
 
@@ -215,12 +217,12 @@ class _Rows:
 
 
 def _numbers(values: Sequence[Any], size: int) -> Array:
-    """Return one field of several rows as (rows, size); NaN for what is missing."""
+    """Return one field of several rows as (rows, size); a missing number is NaN."""
     if size == 1:
         return np.array(values, np.float64).reshape(-1, 1)  # None becomes NaN
 
     try:
-        # almost every row is complete, and then nothing is compared one by one
+        # fast path: almost always all rows are complete
         numbers = itertools.chain.from_iterable(values)
         return np.fromiter(numbers, np.float64, size * len(values)).reshape(len(values), size)
     except TypeError:
@@ -232,16 +234,16 @@ def _numbers(values: Sequence[Any], size: int) -> Array:
 class _Ages:
     """Ages of the neighbours' states at each tick.
 
-    From tick to tick the neighbours are mostly the same: their ages are kept in blocks, each with
-    its neighbours once.
+    From tick to tick the neighbours are mostly the same. So the ages are kept in blocks of ticks,
+    and each block has the names of its neighbours once.
     """
 
     def __init__(self) -> None:
-        # neighbours, first tick, and the ages at that and the following ones (ticks, neighbours)
+        # each block: neighbours, index of its first tick, and ages (ticks, neighbours) in parts
         self._blocks: list[tuple[tuple[str, ...], int, list[Array]]] = []
 
     def add(self, first_tick: int, ages_of_ticks_s: list[dict[str, _Number]]) -> None:
-        """Add the ages at ticks that follow each other."""
+        """Add the ages at consecutive ticks."""
         tick = first_tick
         for names, group in itertools.groupby(ages_of_ticks_s, key=tuple):
             if not self._blocks or self._blocks[-1][0] != names:
@@ -251,23 +253,26 @@ class _Ages:
             tick += len(rows_s)
 
     def by_neighbour(self, ticks: int) -> dict[str, Array]:
-        """Return the age of each neighbour's state (ticks,); NaN where it is not known."""
-        found: dict[str, Array] = {}
+        """Return the age of each neighbour's state (ticks,); NaN at ticks without it."""
+        by_name: dict[str, Array] = {}
         for names, first, parts in self._blocks:
             ages_s = np.concatenate(parts)
             for column, name in enumerate(names):
-                if name not in found:
-                    if len(found) >= MAX_VEHICLES:
+                if name not in by_name:
+                    if len(by_name) >= MAX_VEHICLES:
                         continue
-                    found[name] = np.full(ticks, np.nan)
-                found[name][first : first + len(ages_s)] = ages_s[:, column]
-        for of_one in found.values():
-            of_one[~(np.abs(of_one) <= LARGEST)] = np.nan
-        return found
+                    by_name[name] = np.full(ticks, np.nan)
+                by_name[name][first : first + len(ages_s)] = ages_s[:, column]
+        for neighbour_ages_s in by_name.values():
+            neighbour_ages_s[~(np.abs(neighbour_ages_s) <= LARGEST)] = np.nan
+        return by_name
 
 
 class _VehicleRows:
-    """Values of one vehicle in a record, as they are read."""
+    """The rows of one vehicle, while the record is read.
+
+    Each method to add messages returns how many of them could be decoded.
+    """
 
     def __init__(self) -> None:
         self.ticks = _Rows(_TICK_FIELDS)
@@ -275,16 +280,16 @@ class _VehicleRows:
         self.truth = _Rows(_TRUTH_FIELDS)
         self.states = _Rows(_STATE_FIELDS)
 
-        self.avoided: list[str] = []  # of each tick
+        self.avoided: list[str] = []  # the avoided neighbour at each tick; empty: none
         self.ages = _Ages()
-        # of each telemetry: state, mode, order and fix
+        # state, mode, order and fix in each telemetry message
         self.texts: list[tuple[str, str, str, str]] = []
         self.law = ""
         self.config_hash = ""
         self.preflight: PreflightReport | None = None
 
     def add_ticks(self, stamps_ns: list[int], datas: list[bytes]) -> int:
-        """Add ticks; returns how many of them are some."""
+        """Add ticks."""
         stamps_ns, rows = _rows_of(_TICKS, stamps_ns, datas)
         self.ticks.add(stamps_ns, rows)
         self.ages.add(len(self.avoided), [row.neighbour_ages_s for row in rows])
@@ -292,12 +297,12 @@ class _VehicleRows:
         return len(rows)
 
     def add_telemetry(self, stamps_ns: list[int], datas: list[bytes]) -> int:
-        """Add telemetry; returns how many of the messages are some."""
+        """Add telemetry."""
         stamps_ns, rows = _rows_of(_TELEMETRY, stamps_ns, datas)
         self.telemetry.add(stamps_ns, rows)
         for row in rows:
             texts = (row.state, row.mode, row.order_kind, row.fix)
-            # the same few texts ten times a second: each is kept once
+            # the same texts come ten times a second: use one object for all of them
             if self.texts and self.texts[-1] == texts:
                 texts = self.texts[-1]
             self.texts.append(texts)
@@ -306,41 +311,41 @@ class _VehicleRows:
         return len(rows)
 
     def add_truths(self, stamps_ns: list[int], datas: list[bytes]) -> int:
-        """Add samples of the truth; returns how many of the messages are some."""
+        """Add samples of the truth."""
         stamps_ns, rows = _rows_of(_TRUTHS, stamps_ns, datas)
         self.truth.add(stamps_ns, rows)
         return len(rows)
 
     def add_states(self, stamps_ns: list[int], datas: list[bytes]) -> int:
-        """Add states; returns how many of the messages are some."""
+        """Add states."""
         stamps_ns, rows = _rows_of(_STATES, stamps_ns, datas)
         self.states.add(stamps_ns, rows)
         return len(rows)
 
     def add_preflight(self, raw: RawChannel) -> int:
-        """Keep the newest report; returns how many of the messages are some."""
-        reports = [from_json(raw.kind, data) for data in raw.datas]
-        known = [one for one in reports if isinstance(one, PreflightReport)]
-        if known:
-            self.preflight = known[-1]
-        return len(known)
+        """Keep the newest preflight report."""
+        messages = [from_json(raw.kind, data) for data in raw.datas]
+        reports = [one for one in messages if isinstance(one, PreflightReport)]
+        if reports:
+            self.preflight = reports[-1]
+        return len(reports)
 
 
 class _Collected:
-    """Everything of a record, message by message."""
+    """Collects the rows of all vehicles and the orders and events, chunk by chunk."""
 
     def __init__(self) -> None:
         self.vehicles: dict[str, _VehicleRows] = {}
         self.messages: list[RecordedMessage] = []  # orders, replies and events
         self.malformed = 0
         self.left_out: set[str] = set()  # vehicles beyond MAX_VEHICLES
-        self.is_full = False  # more orders and events than are kept
-        # By topic and vehicle: a chunk has a few messages of each, and many become rows of numbers
-        # at once in a third of the time.
+        self.is_full = False  # whether there are more orders and events than are kept
+        # (topic, vehicle) -> stamps and JSON texts that wait to be decoded. A chunk has only a few
+        # messages of each, and to decode many at once takes a third of the time.
         self._waiting: dict[tuple[str, str], tuple[list[int], list[bytes]]] = {}
 
     def add(self, raw: RawChannel) -> None:
-        """Take in messages of one channel; what cannot be decoded is counted."""
+        """Add the messages of one channel; those that cannot be decoded are counted."""
         if raw.topic in ORDER_TOPICS:
             self._add_order_messages(raw)
             return
@@ -354,7 +359,7 @@ class _Collected:
         key = (raw.topic, raw.name)
         stamps_ns, datas = self._waiting.setdefault(key, ([], []))
         if raw.topic == "state":
-            # what is kept of it changes slowly: one of each piece of the file is enough
+            # the kept fields change slowly, so one message of each chunk is enough
             stamps_ns += raw.stamps_ns[:1]
             datas += raw.datas[:1]
         else:
@@ -364,7 +369,7 @@ class _Collected:
             self._decode(key)
 
     def finish(self) -> None:
-        """Take in what still waits to be decoded."""
+        """Decode the messages that still wait."""
         for key in list(self._waiting):
             self._decode(key)
 
@@ -462,9 +467,10 @@ def read_flight(folder: Path, fleet_path: str | None = None) -> Flight:
 
 @contextlib.contextmanager
 def _without_collection() -> Iterator[None]:
-    """Let Python look for no cycles meanwhile: millions of small values have none.
+    """Switch Python's garbage collector off while the block runs.
 
-    Looking for them would take 40 % of the reading.
+    It would search millions of small values for reference cycles, which they do not have. That
+    would take 40 % of the reading time.
     """
     was_enabled = gc.isenabled()
     gc.disable()
@@ -476,12 +482,12 @@ def _without_collection() -> Iterator[None]:
 
 
 class _Span:
-    """The time in which the flight was, on the record's clock."""
+    """The time span of the flight, on the record's clock."""
 
     def __init__(self, begin_ns: int, end_ns: int, *, left_out: int = 0) -> None:
         self.begin_ns = begin_ns
         self.end_ns = end_ns
-        self.left_out = left_out  # stamps outside
+        self.left_out = left_out  # number of stamps outside
 
     @property
     def length_s(self) -> float:
@@ -495,9 +501,9 @@ class _Span:
 
 
 def _span(collected: _Collected, record_begin_ns: int) -> _Span:
-    """Return the time that has the most stamps without a long pause.
+    """Return the span with the most stamps in which there is no long pause.
 
-    A clock that jumps, or one wrong stamp, would else make a flight of years.
+    Otherwise a clock that jumps, or one wrong stamp, would make a flight of years.
     """
     all_stamps = [
         rows.stamps_ns
@@ -550,9 +556,9 @@ def _vehicles(
 
 
 def _kept(stamps_ns: IntArray, span: _Span) -> tuple[IntArray, Array]:
-    """Return the numbers of the rows within the flight by rising time, and their times [s].
+    """Return the indexes of the rows within the flight, by rising time, and their times [s].
 
-    Of several rows with one stamp the first one is kept.
+    If several rows have the same stamp, the first one is kept.
     """
     stamps_ns, first = np.unique(stamps_ns, return_index=True)
     is_inside = (stamps_ns >= span.begin_ns) & (stamps_ns <= span.end_ns)
@@ -564,7 +570,8 @@ def _ticks(rows: _VehicleRows, span: _Span, numbers: dict[str, int]) -> Ticks:
     kept, time_s = _kept(rows.ticks.stamps_ns, span)
 
     avoided = np.array([numbers.get(name, -1) for name in rows.avoided], np.float64)
-    ages_s = {name: of_one[kept] for name, of_one in rows.ages.by_neighbour(avoided.size).items()}
+    all_ages_s = rows.ages.by_neighbour(avoided.size)
+    ages_s = {name: neighbour_ages_s[kept] for name, neighbour_ages_s in all_ages_s.items()}
     return Ticks(time_s=time_s, avoided=avoided[kept], ages_s=ages_s, **rows.ticks.columns(kept))
 
 
@@ -593,11 +600,11 @@ def _states(rows: _VehicleRows, span: _Span) -> StateRows:
     return StateRows(time_s=time_s, **rows.states.columns(kept))
 
 
-# -- what lies beside the record, and what is missing ----------------------------------------------
+# -- the files beside the record, and notes about missing things -----------------------------------
 
 
 def _fleet(folder: Path, path: str | None, notes: list[str]) -> FleetConfig | None:
-    """Return the fleet file; None, and a note, where it is missing or wrong."""
+    """Return the fleet file; if it is missing or wrong, return None and add a note."""
     if path is not None:
         return load_fleet(path, finds_law=False)
     beside = folder / "fleet.toml"
@@ -605,7 +612,7 @@ def _fleet(folder: Path, path: str | None, notes: list[str]) -> FleetConfig | No
         notes.append("There is no fleet.toml beside the record: distances have no promised line.")
         return None
     try:
-        # A record may come from anybody: code that its fleet file names is not run.
+        # A record may come from anybody, so code that its fleet file names (a law) is not run.
         return load_fleet(str(beside), finds_law=False)
     except ConfigError as error:
         notes.append(f"The fleet file cannot be used: {plain_line(str(error))[:300]}")

@@ -1,4 +1,7 @@
-"""Evaluation of a record: separation by ground truth, and the timing of the agents' loops."""
+"""Evaluation of a record: separations by ground truth, and the timing of the agents' loops.
+
+The verdict of a mission is computed from these figures.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ from groundstation.fleet.state import Separation
 from groundstation.recording.reader import Sample, is_vector, of_one_flight, read
 from onboard.config.pair_separation import separations_m
 
-MAX_GAP_S = 0.25  # between two samples of truth, in which a distance is not evaluated
+MAX_GAP_S = 0.25  # no distance is evaluated in a longer gap between two samples of truth
 PERIOD_NOMINAL_MS = 20.0
 
 
@@ -37,15 +40,16 @@ class TrueMotion:
     stamp_ns: NDArray[np.int64]  # (n,)
     position_enu_m: NDArray[np.float64]  # (n, 3)
     is_on_ground: NDArray[np.bool_]  # (n,)
-    is_collided: bool  # at any time
+    is_collided: bool  # whether it collided at any time
 
 
 @dataclass(frozen=True, slots=True)
 class FlightReport:
     """Figures of one flight."""
 
-    smallest: Separation | None  # by truth while one of the two flew; None without truth
-    pairs: dict[str, Separation]  # the same of each pair
+    # smallest separation by truth, of pairs of which at least one flew; None without truth
+    smallest: Separation | None
+    pairs: dict[str, Separation]  # "FIRST-SECOND" -> smallest separation of this pair
     collided: tuple[str, ...]
     loops: dict[str, LoopTiming]
     begin_ns: int  # first stamp of truth
@@ -57,11 +61,11 @@ def report(folder: Path, height_share: float = 0.0, from_ns: int = 0) -> FlightR
 
     Args:
         folder: flight folder.
-        height_share: what a metre of height counts in a separation, ``FleetSection.height_share``.
-        from_ns: ground truth that is older belongs to an earlier mission [ns].
+        height_share: factor of height differences in separations, ``FleetSection.height_share``.
+        from_ns: stamp [ns] at which the mission began; older ground truth is left out.
 
     Returns:
-        Its figures.
+        The figures of the flight.
 
     Raises:
         ConfigError: there is no record.
@@ -107,7 +111,7 @@ def _row(truth: Sample) -> _Row:
 
 
 def track(rows: list[_Row]) -> TrueMotion:
-    """Sort rows (stamp, position, on ground, collided) of one vehicle by stamp, each stamp once."""
+    """Return the motion of one vehicle from its rows, sorted, and each stamp once."""
     all_stamps_ns = np.array([row[0] for row in rows], dtype=np.int64)
     stamps_ns, first = np.unique(all_stamps_ns, return_index=True)
 
@@ -128,7 +132,7 @@ def separations(tracks: dict[str, TrueMotion], height_share: float = 0.0) -> dic
 
     Args:
         tracks: true motion of each vehicle.
-        height_share: what a metre of height counts.
+        height_share: factor of height differences in separations.
 
     Returns:
         Smallest separations by "FIRST-SECOND".
@@ -136,7 +140,7 @@ def separations(tracks: dict[str, TrueMotion], height_share: float = 0.0) -> dic
     at_own_stamps = {name: _sampled(motion, motion.stamp_ns) for name, motion in tracks.items()}
 
     def sampled(name: str, stamps: NDArray[np.int64]) -> _Sampled:
-        # one emulator stamps all its vehicles alike: then nothing is looked up pair by pair
+        # one emulator gives all its vehicles the same stamps, and then one result serves all pairs
         if np.array_equal(stamps, tracks[name].stamp_ns):
             return at_own_stamps[name]
         return _sampled(tracks[name], stamps)
@@ -166,8 +170,8 @@ def separations(tracks: dict[str, TrueMotion], height_share: float = 0.0) -> dic
 
 
 def _common_stamps(first: TrueMotion, second: TrueMotion) -> NDArray[np.int64]:
-    """Return the stamps of both, as long as both are known."""
-    # One emulator stamps all its vehicles alike, and then nothing has to be merged.
+    """Return the stamps of both, in the time in which both motions are known."""
+    # One emulator gives all its vehicles the same stamps, and then nothing has to be merged.
     stamps = first.stamp_ns
     if not np.array_equal(first.stamp_ns, second.stamp_ns):
         stamps = np.union1d(first.stamp_ns, second.stamp_ns)
@@ -195,14 +199,14 @@ def loop_timing(periods_ms: list[float]) -> LoopTiming:
 class _Sampled(NamedTuple):
     """A vehicle's motion at some stamps."""
 
-    position_enu_m: NDArray[np.float64]  # (n, 3), between two samples on a straight line
-    is_on_ground: NDArray[np.bool_]  # (n,), at the last sample
-    is_covered: NDArray[np.bool_]  # (n,), whether the samples around it are near enough
+    position_enu_m: NDArray[np.float64]  # (n, 3), interpolated linearly between two samples
+    is_on_ground: NDArray[np.bool_]  # (n,), at the last sample before
+    is_covered: NDArray[np.bool_]  # (n,), whether the gap between the samples around is short
 
 
 def _sampled(motion: TrueMotion, stamps: NDArray[np.int64]) -> _Sampled:
     """Return the motion at these stamps."""
-    # int64 nanoseconds do not fit into a double; their differences do
+    # int64 nanoseconds do not fit into a double, but their differences do
     origin_ns = motion.stamp_ns[0]
     times = (stamps - origin_ns).astype(np.float64)
     known_times = (motion.stamp_ns - origin_ns).astype(np.float64)

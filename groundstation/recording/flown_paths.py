@@ -1,6 +1,7 @@
-"""Positions of a recorded flight at even times.
+"""The flown path of each vehicle of a record, as CSV lines at an even rate.
 
-They are the ground truth where there is one, else what the vehicles took for their position.
+A path is the ground truth if the record has it, or else the vehicle's own estimate. The CSV files
+can be flown again as paths of a mission.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ def flown_paths(folder: Path, rate_hz: float) -> dict[str, list[str]]:
 
     Args:
         folder: flight folder, or the MCAP file itself.
-        rate_hz: lines a second.
+        rate_hz: rate of the lines.
 
     Raises:
         ConfigError: there is no record.
@@ -39,7 +40,7 @@ def flown_paths(folder: Path, rate_hz: float) -> dict[str, list[str]]:
 
 
 def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> list[Path]:
-    """Write a CSV for each vehicle, which can be flown again as a path; returns the files.
+    """Write a CSV file for each vehicle; return the files.
 
     Raises:
         ConfigError: there is no record, or it has no positions.
@@ -58,7 +59,7 @@ def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> list[Path]:
 
 
 def _lines(samples: list[Sample], begin_ns: int, period_ns: int) -> list[str]:
-    """Return a line for the first sample of each period."""
+    """Return one line for each period: its first sample."""
     lines = []
     due_ns = begin_ns
     for sample in sorted(samples, key=lambda sample: sample.stamp_ns):

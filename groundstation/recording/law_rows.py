@@ -1,14 +1,14 @@
-"""The half-planes that the law kept to, computed anew from a record by the law's own functions.
+"""The distance rows (half-planes) of the law in a recorded flight, computed from the record.
 
-A record holds what the law took in: in its ticks where each vehicle would be when its command took
-effect, with the thrust before the law, how old its state of each neighbour was, and for whom it
-intervened; in its states how accurate each estimate was. The row of that neighbour, which keeps
-their distance, follows from these (line D of the law). It is a half-plane ``normal . a >= bound``
-of the horizontal acceleration, before drag and disturbance are compensated: the thrust before the
-law lies outside of it, and the thrust after it inside.
+The record holds the inputs of the law. Ticks contain each vehicle's predicted motion, its thrust
+before the law, the ages of its neighbours' states, and the neighbour for which the law intervened.
+States contain the accuracy of each estimate. From these the law's own functions compute the row
+that keeps the distance from that neighbour (line D of the law). It is a half-plane ``normal . a >=
+bound`` of the horizontal acceleration, before drag and disturbance are compensated. The thrust
+before the law lies outside of it, and the thrust after the law inside.
 
-Left out are the rows of turning, of obstacles and of the fence, laws of somebody's own, and the
-accuracy of a position that a vehicle published between two of its states that are read here.
+Rows of turning, of obstacles and of the fence are left out, and so are users' own laws. The record
+of states is thinned when it is read, so an accuracy may be older than the one that the law used.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class RecordedLaw:
     """The law of a recorded flight.
 
     Args:
-        flight: the flight; without its fleet file no row is known.
+        flight: the flight; without its fleet file no row can be computed.
     """
 
     def __init__(self, flight: Flight) -> None:
@@ -49,15 +49,15 @@ class RecordedLaw:
                 self._params[name] = law_params(flight.fleet, name, _LAW)
 
     def row(self, name: str, tick: int) -> HalfPlane | None:
-        """Return the row of the neighbour that the law intervenes mostly for.
+        """Return the row of the neighbour for which the law intervenes most.
 
         Args:
-            name: of the vehicle.
-            tick: number of its tick.
+            name: name of the vehicle.
+            tick: index of its tick.
 
         Returns:
-            The half-plane, its normal of unit length and its bound in m/s^2; None while the law
-            intervenes for no neighbour, and where the record does not say enough.
+            The half-plane, with a normal of unit length and a bound in m/s^2; None if the law
+            intervenes for no neighbour, or if values are missing in the record.
         """
         vehicle = self._vehicles[name]
         ticks = vehicle.ticks
@@ -103,7 +103,7 @@ class RecordedLaw:
         if ages_s is None or not math.isfinite(ages_s[tick]):
             return None
 
-        # what a vehicle publishes, its tick of the same time holds too
+        # the neighbour's tick of that time holds the values that it published
         stamp_s = float(vehicle.ticks.time_s[tick]) - float(ages_s[tick])
         index = _nearest(other, stamp_s)
         if index is None:
@@ -132,7 +132,7 @@ class RecordedLaw:
 
 
 def _nearest(vehicle: VehicleFlight, time_s: float) -> int | None:
-    """Return the number of a vehicle's tick at a time; None where it has none."""
+    """Return the index of a vehicle's tick at a time; None if there is no tick near it."""
     times_s = vehicle.ticks.time_s
     after = int(np.searchsorted(times_s, time_s))
     near = [index for index in (after - 1, after) if 0 <= index < times_s.size]
@@ -143,7 +143,7 @@ def _nearest(vehicle: VehicleFlight, time_s: float) -> int | None:
 
 
 def _accuracy(vehicle: VehicleFlight, time_s: float) -> tuple[float, float]:
-    """Return the standard deviations [m, m/s] that a vehicle published last; NaN: not known."""
+    """Return the standard deviations [m, m/s] that a vehicle published last; NaN if unknown."""
     index = _last_state(vehicle, time_s)
     if index < 0:
         return math.nan, math.nan
@@ -152,13 +152,13 @@ def _accuracy(vehicle: VehicleFlight, time_s: float) -> tuple[float, float]:
 
 
 def _is_cooperative(vehicle: VehicleFlight, time_s: float) -> bool:
-    """Whether a vehicle said last that it cooperates; also where nothing of it is known."""
+    """Return whether a vehicle cooperates by its last state; True if it has published none."""
     index = _last_state(vehicle, time_s)
     return index < 0 or vehicle.states.is_cooperative[index] > 0.0
 
 
 def _last_state(vehicle: VehicleFlight, time_s: float) -> int:
-    """Return the number of the last state that a vehicle published by a time; -1 before any."""
+    """Return the index of the last state that a vehicle published by a time; -1 if none."""
     return int(np.searchsorted(vehicle.states.time_s, time_s, side="right")) - 1
 
 

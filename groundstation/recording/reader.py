@@ -1,6 +1,7 @@
-"""Read a flight folder: its messages as they stand in the file.
+"""Reads the messages of a record, in the order of the file, as JSON mappings.
 
-A record that was cut off is read as far as it goes.
+A record that was cut off is read as far as it goes. A record may come from anybody, so lengths and
+sizes in the file are not trusted.
 """
 
 from __future__ import annotations
@@ -22,17 +23,17 @@ from groundstation.recording.writer import RECORD_NAME
 from onboard.config.file_reading import RECORD, opened
 from onboard.config.fleet import ConfigError
 
-# Unpacked; the writer makes chunks of half a megabyte. The smallest messages become objects of ten
-# times their size.
+# Largest unpacked chunk; the writer's chunks have half a megabyte. In memory the smallest messages
+# take ten times their size.
 MAX_CHUNK_BYTES = 16 * 1024 * 1024
-MAX_FLIGHT_NS = 86_400_000_000_000  # a day: stamps further from the others are of no flight
-# Exceptions of mcap on damaged bytes.
+MAX_FLIGHT_NS = 86_400_000_000_000  # a day: stamps further from the others do not belong to it
+# exceptions that mcap raises on damaged bytes
 DAMAGED = (McapError, ZstdError, EOFError, ValueError, struct.error)
 _MAX_NUMBER = 1e300
 _MAX_STAMP_NS = (1 << 63) - 1
 
-# Parts of a chunk, little-endian: the head of a record (opcode, length), and of a message channel,
-# sequence (left out here) and log time, which the publish time follows.
+# Parts of a chunk, little-endian. The head of any record: opcode and length. The head of a message
+# record: opcode, length, channel, sequence (skipped), log time, publish time (skipped).
 _HEAD = struct.Struct("<BQ")
 _MESSAGE_RECORD_HEAD = struct.Struct("<BQH4xQ8x")
 
@@ -52,7 +53,7 @@ class Sample:
 
     @property
     def name(self) -> str:
-        """Second part, a vehicle or a body."""
+        """Second part of the channel's name: a vehicle or a body."""
         return self.channel.partition("/")[2]
 
 
@@ -60,7 +61,7 @@ def record_path(folder: Path) -> Path:
     """Return the MCAP file of a flight folder, or the path itself when it is a file.
 
     Raises:
-        ConfigError: there is none.
+        ConfigError: there is no such file.
     """
     path = folder / RECORD_NAME if folder.is_dir() else folder
     if not path.is_file():
@@ -73,11 +74,11 @@ def record_path(folder: Path) -> Path:
 def read(folder: Path, topics: Sequence[str] = ()) -> Iterator[Sample]:
     """Read a record from its beginning.
 
-    A record that breaks off ends there, and what is damaged is left out.
+    A record that was cut off ends there, and damaged parts are left out.
 
     Args:
         folder: flight folder, or the MCAP file itself.
-        topics: only channels of these first parts, for instance ``truth``; empty for all.
+        topics: only channels of these topics are read, for instance ``truth``; empty: all.
 
     Yields:
         Samples in the order of the file.
@@ -110,7 +111,7 @@ def count_messages(folder: Path) -> int:
 
 
 def _sample(message: Message, channel: str, topics: Sequence[str]) -> Sample | None:
-    """Return a message of the file; None when it is damaged or of none of the topics."""
+    """Return a message of the file; None if it is damaged or of another topic."""
     is_wanted = not topics or channel.partition("/")[0] in topics
     if not channel or not is_wanted or message.log_time > _MAX_STAMP_NS:
         return None
@@ -122,15 +123,9 @@ def _sample(message: Message, channel: str, topics: Sequence[str]) -> Sample | N
 
 
 def of_one_flight(samples: Sequence[Sample]) -> list[Sample]:
-    """Return the samples without those whose stamp is impossible.
+    """Return the samples of one channel without those whose stamp is impossible.
 
-    Such a stamp is more than MAX_FLIGHT_NS from the middle one.
-
-    Args:
-        samples: of one channel.
-
-    Returns:
-        The same without them.
+    A stamp is impossible if it is more than MAX_FLIGHT_NS from the median.
     """
     if not samples:
         return []
@@ -140,14 +135,14 @@ def of_one_flight(samples: Sequence[Sample]) -> list[Sample]:
 
 
 def is_vector(value: object, size: int) -> bool:
-    """Whether a value of a record is a list of so many numbers that a float can hold."""
+    """Return whether a value of a record is a list of ``size`` finite numbers."""
     if not isinstance(value, list) or len(value) != size:
         return False
     return all(is_number(entry) for entry in value)
 
 
 def is_number(value: object) -> bool:
-    """Whether a value of a record is a finite number that a float can hold."""
+    """Return whether a value of a record is a finite number that a float can hold."""
     return isinstance(value, int | float) and -_MAX_NUMBER < value < _MAX_NUMBER
 
 
@@ -155,10 +150,10 @@ def chunk_records(chunk: Chunk) -> list[McapRecord] | None:
     """Decode a chunk.
 
     Args:
-        chunk: as it stands in the file.
+        chunk: the chunk as it is in the file.
 
     Returns:
-        Its records; None when it is damaged or would not fit into memory.
+        Its records; None if it is damaged or too large for memory.
     """
     try:
         if not _fits(chunk):
@@ -171,17 +166,18 @@ def chunk_records(chunk: Chunk) -> list[McapRecord] | None:
 def chunk_messages(
     chunk: Chunk, channel_ids: Container[int]
 ) -> list[tuple[int, int, bytes]] | None:
-    """Return the messages of some channels of a chunk as they stand in it.
+    """Return the messages of some channels of a chunk, not decoded.
 
-    A long record has millions of them: they become no objects here, which takes a fifth of the
-    time of :func:`chunk_records`.
+    A long record has millions of messages. No objects are made of them here, so this takes a fifth
+    of the time of :func:`chunk_records`.
 
     Args:
-        chunk: as it stands in the file.
-        channel_ids: numbers of the channels.
+        chunk: the chunk as it is in the file.
+        channel_ids: ids of the channels.
 
     Returns:
-        Number of the channel, log time [ns] and content of each; None as :func:`chunk_records`.
+        Channel id, log time [ns] and content of each message; None if the chunk is damaged or too
+        large for memory.
     """
     messages = []
     try:
@@ -194,7 +190,7 @@ def chunk_messages(
         head_size = _HEAD.size
         content_begin = _MESSAGE_RECORD_HEAD.size
 
-        # a message begins no later than this: what is left behind it is too short for one
+        # behind this offset there is no room for another message
         last_begin = size - content_begin
         begin = 0
         while begin <= last_begin:
@@ -211,10 +207,10 @@ def chunk_messages(
 
 
 def _fits(chunk: Chunk) -> bool:
-    """Whether a chunk can be unpacked within memory.
+    """Return whether a chunk is small enough to be unpacked in memory.
 
-    The chunk tells its size, and so does the compressed content: neither is trusted alone. Other
-    packings than those of the writer do not tell it: they are not unpacked.
+    Both the chunk and its compressed content state a size, and neither is trusted alone. Only
+    zstd, the writer's compression, states it, so chunks with other compressions are not unpacked.
     """
     size_bytes = max(chunk.uncompressed_size, len(chunk.data))
     if chunk.compression == "zstd":
@@ -225,9 +221,9 @@ def _fits(chunk: Chunk) -> bool:
 
 
 def _records(stream: IO[bytes]) -> Iterator[McapRecord]:
-    """Yield the records of the file.
+    """Yield the records of the file; those of chunks are unpacked.
 
-    A damaged chunk is left out, and a damaged frame of the file ends it.
+    A damaged chunk is left out. Damage outside of a chunk ends the reading.
     """
     bounded = cast("IO[bytes]", _BoundedStream(stream))
     records = StreamReader(bounded, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES).records
@@ -245,22 +241,28 @@ def _records(stream: IO[bytes]) -> Iterator[McapRecord]:
 
 
 class _BoundedStream:
-    """A stream that hands out no more at once than a chunk has: lengths in a file are not trusted.
+    """A stream that refuses to read more than MAX_CHUNK_BYTES at once.
 
-    The library limits the length of a record, and trusts those within it.
+    Lengths in a file are not trusted. The library limits the length of a record, but not the
+    lengths within it.
     """
 
     def __init__(self, stream: IO[bytes]) -> None:
         self._stream = stream
 
     def read(self, size: int) -> bytes:
-        """Return the next bytes; ValueError for more than a chunk."""
+        """Return the next bytes.
+
+        Raises:
+            ValueError: they are more than a chunk may have.
+        """
         if size > MAX_CHUNK_BYTES:
             raise ValueError(f"{size} bytes in one piece are no part of a record")
         return self._stream.read(size)
 
 
 def _values(data: bytes) -> dict[str, Any] | None:
+    """Return a JSON object as a mapping; None if the data are no JSON object."""
     try:
         values = json.loads(data)
     except (ValueError, RecursionError):

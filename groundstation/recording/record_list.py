@@ -1,4 +1,4 @@
-"""What lies in flight folders, in lines: a folder of flights, and one record's channels."""
+"""Summaries of flight records for ``covey log``: a list of flights, and one record's channels."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from onboard.plain_text import plain_line
 
 _MB = 1e6
 MAX_FOLDERS = 2_000
-MAX_CHANNELS = 400  # in the lines about one record
+MAX_CHANNELS = 400  # channels that the lines about one record show
 
 
 def flight_folders(folder: Path) -> list[Path]:
-    """Return the flight folders in a folder, itself included, the newest first."""
+    """Return the flight folders in a folder, the newest first; the folder itself may be one."""
     found = [folder] if (folder / RECORD_NAME).is_file() else []
     for path in folder.iterdir():
         if len(found) < MAX_FOLDERS and (path / RECORD_NAME).is_file():
@@ -29,7 +29,7 @@ def flight_folders(folder: Path) -> list[Path]:
 
 
 def summary(folder: Path) -> dict[str, Any]:
-    """Return what a flight folder holds, without reading its messages.
+    """Return a summary of a flight folder, from the index of its record and its verdict.
 
     Args:
         folder: flight folder, or its MCAP file.

@@ -1,11 +1,11 @@
-"""What happened in a recorded flight: every vehicle's values as arrays over one time.
+"""A recorded flight as arrays: the values of every vehicle over a common time.
 
-A record has millions of messages. Whoever draws or judges a flight wants curves: so the record is
-read once, from its begin to its end, into this one value. All times are seconds since the record's
-begin, on the record's common clock, as replay and verdict count them.
+A record has millions of messages, but figures and reports need curves. So ``flight_reading`` reads
+the record once into a :class:`Flight`. All times are seconds since the begin of the record, on its
+common clock, as in replay and verdict.
 
-A value that is missing, null, infinite or absurd is NaN. Nothing here is trusted to be complete: a
-record of another version lacks fields, one that was cut off lacks its end, and a flight with real
+A value that is missing, null, infinite or absurd is NaN. Any part may be incomplete: a record of
+another version lacks fields, a record that was cut off lacks its end, and a flight with real
 vehicles has no ground truth.
 """
 
@@ -24,31 +24,30 @@ from onboard.config.fleet import FleetConfig
 
 @dataclass(frozen=True, slots=True)
 class Ticks:
-    """Runs of one vehicle's control pipeline: n of them."""
+    """Ticks (passes) of one vehicle's control pipeline: n of them."""
 
     time_s: Array  # (n,), rising
 
     period_s: Array  # (n,), since the tick before
     position_enu_m: Array  # (n, 3), own estimate
-    velocity_enu_m_s: Array  # (n, 3)
-    setpoint_position_enu_m: Array  # (n, 3), of the trajectory
+    velocity_enu_m_s: Array  # (n, 3), own estimate
+    setpoint_position_enu_m: Array  # (n, 3), trajectory setpoint
     thrust_baseline_enu_m_s2: Array  # (n, 3), before the law
     thrust_safe_enu_m_s2: Array  # (n, 3), after the law
-    intervention_m_s2: Array  # (n,), by how much the law changes the thrust
-    slack_m_s2: Array  # (n,), by how much the law's constraints had to be relaxed
-    setpoint_quaternion_enu_flu_wxyz: Array  # (n, 4), that PX4 is sent
-    attitude_quaternion_enu_flu_wxyz: Array  # (n, 4), that PX4 reports
-    setpoint_thrust_frac: Array  # (n,), throttle
+    intervention_m_s2: Array  # (n,), size of the law's change of the thrust
+    slack_m_s2: Array  # (n,), slack by which the law relaxed its constraints
+    setpoint_quaternion_enu_flu_wxyz: Array  # (n, 4), attitude setpoint sent to PX4
+    attitude_quaternion_enu_flu_wxyz: Array  # (n, 4), attitude that PX4 reports
+    setpoint_thrust_frac: Array  # (n,), thrust setpoint sent to PX4
     attitude_age_s: Array  # (n,), since PX4's attitude arrived
 
-    # where its lag brings it, and what the law commands, without gravity
-    predicted_position_enu_m: Array  # (n, 3)
+    predicted_position_enu_m: Array  # (n, 3), where a command of this tick takes effect
     predicted_velocity_enu_m_s: Array  # (n, 3)
-    commanded_acceleration_enu_m_s2: Array  # (n, 3)
+    commanded_acceleration_enu_m_s2: Array  # (n, 3), after the law, without gravity
 
-    # the neighbour that the law intervenes mostly for: index in Flight.vehicles, -1 for none
+    # index in Flight.vehicles of the neighbour for which the law intervenes most; -1 for none
     avoided: Array  # (n,)
-    ages_s: dict[str, Array]  # neighbour -> (n,), age of the state that this vehicle had of it
+    ages_s: dict[str, Array]  # neighbour -> (n,), age of its state at this vehicle
 
     @property
     def size(self) -> int:
@@ -63,17 +62,17 @@ class TelemetryRows:
     time_s: Array  # (n,), rising
 
     position_enu_m: Array  # (n, 3)
-    goal_position_enu_m: Array  # (n, 3), of the order
+    goal_position_enu_m: Array  # (n, 3), goal of the order
     battery_frac: Array  # (n,), charge
     battery_voltage_v: Array  # (n,)
     wind_enu_m_s: Array  # (n, 2), mean velocity of the air
     gust_m_s: Array  # (n,)
-    max_wind_m_s: Array  # (n,), its limit of the mean
-    corrections_age_s: Array  # (n,), of RTK; NaN without
-    state_age_s: Array  # (n,), of its own position
-    autopilot_age_s: Array  # (n,), since a packet of PX4
-    neighbour_age_s: Array  # (n,), of the neighbour that has been silent for longest
-    loop_period_p99_ms: Array  # (n,), of the last ten seconds
+    max_wind_m_s: Array  # (n,), wind limit of the vehicle
+    corrections_age_s: Array  # (n,), age of the RTK corrections; NaN if it gets none
+    state_age_s: Array  # (n,), age of its own position
+    autopilot_age_s: Array  # (n,), since the last packet of PX4
+    neighbour_age_s: Array  # (n,), greatest age of a neighbour's state
+    loop_period_p99_ms: Array  # (n,), over the last ten seconds
     loop_lateness_p99_ms: Array  # (n,)
     mocap_delay_s: Array  # (n,)
     hover_thrust_frac: Array  # (n,)
@@ -89,11 +88,11 @@ class TelemetryRows:
     # (n,) texts each
     states: list[str]
     modes: list[str]
-    fixes: list[str]  # of the satellite receiver; empty without
+    fixes: list[str]  # kind of the satellite fix; empty if it flies without satellites
     orders: list[str]  # kind of the newest order
 
-    law: str  # the last one that it reported
-    config_hash: str  # of fleet file and law, the last one
+    law: str  # name of the law that it reported last
+    config_hash: str  # hash of fleet file and law that it reported last
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,10 +109,10 @@ class TruthRows:
 
 @dataclass(frozen=True, slots=True)
 class StateRows:
-    """Slowly changing values of the states that one vehicle published: n of them, some a second."""
+    """Slowly changing values of one vehicle's published states: n of them, a few in a second."""
 
     time_s: Array  # (n,), rising
-    position_std_m: Array  # (n,), standard deviation of its estimate's position
+    position_std_m: Array  # (n,), standard deviation of the estimated position
     velocity_std_m_s: Array  # (n,)
     is_cooperative: Array  # (n,), 0 or 1
 
@@ -136,9 +135,9 @@ class VehicleFlight:
 
     @property
     def path(self) -> tuple[Array, Array]:
-        """Times (n,) [s] and positions (n, 3) [m], ENU: the best that is known.
+        """Times (n,) [s] and positions (n, 3) [m], ENU, from the best source in the record.
 
-        Ground truth, else the vehicle's own estimate, else what its telemetry says.
+        That is the ground truth, or else the vehicle's own estimate, or else its telemetry.
         """
         if self.has_truth:
             return self.truth.time_s, self.truth.position_enu_m
@@ -152,16 +151,17 @@ class Flight:
     """One recorded flight."""
 
     title: str
-    begin_ns: int  # zero of all times here, on the record's common clock
+    begin_ns: int  # stamp on the record's common clock from which all times count
     length_s: float
-    vehicles: dict[str, VehicleFlight]  # by name, in the fleet file's order, then by name
+    # by name; vehicles of the fleet file come first in its order, then all others by name
+    vehicles: dict[str, VehicleFlight]
     events: list[tuple[float, Event]]  # by time
     orders: list[OrderTrace]
 
-    fleet: FleetConfig | None = None  # of the file beside the record
-    verdict: dict[str, Any] = field(default_factory=dict)  # of verdict.json; empty without one
+    fleet: FleetConfig | None = None  # the fleet file beside the record
+    verdict: dict[str, Any] = field(default_factory=dict)  # content of verdict.json, or empty
     mission: str = ""  # text of the mission file
-    made: dict[str, str] = field(default_factory=dict)  # by which program, as the record says
+    made: dict[str, str] = field(default_factory=dict)  # program and computer that wrote the record
     notes: tuple[str, ...] = ()  # sentences about what is missing or damaged
 
     @property
@@ -171,21 +171,23 @@ class Flight:
 
     @property
     def begin_s(self) -> float:
-        """The earliest time of a vehicle's value; 0 where there is none."""
-        begins_s = [
-            float(times_s[0]) for one in self.vehicles.values() if (times_s := one.path[0]).size
-        ]
+        """The earliest time on a vehicle's path; 0 if there is none."""
+        begins_s = []
+        for vehicle in self.vehicles.values():
+            times_s, _ = vehicle.path
+            if times_s.size:
+                begins_s.append(float(times_s[0]))
         return min(begins_s, default=0.0)
 
 
 def at_times(times_s: Array, values: Array, wanted_s: Array, max_gap_s: float) -> Array:
-    """Return values at other times: the last one before each, NaN after a gap.
+    """Return values at other times: the last one before each; NaN if that one is too old.
 
     Args:
-        times_s: (n,), rising.
-        values: (n, ...).
-        wanted_s: (m,).
-        max_gap_s: a value that is older than that is not shown any more.
+        times_s: times (n,) of the values, rising.
+        values: values (n, ...).
+        wanted_s: times (m,) of the result.
+        max_gap_s: greatest age of a value.
 
     Returns:
         Values (m, ...).
@@ -205,13 +207,13 @@ def at_times(times_s: Array, values: Array, wanted_s: Array, max_gap_s: float) -
 
 
 def between_times(times_s: Array, values: Array, wanted_s: Array, max_gap_s: float) -> Array:
-    """Return values at other times, on straight lines between the known ones; NaN in gaps.
+    """Return values at other times, interpolated linearly; NaN in gaps.
 
     Args:
-        times_s: (n,), rising.
-        values: (n, k).
-        wanted_s: (m,).
-        max_gap_s: between two known values; a longer time is a gap.
+        times_s: times (n,) of the values, rising.
+        values: values (n, k).
+        wanted_s: times (m,) of the result.
+        max_gap_s: longest time between two values that is no gap.
 
     Returns:
         Values (m, k).
@@ -230,12 +232,12 @@ def between_times(times_s: Array, values: Array, wanted_s: Array, max_gap_s: flo
 
 
 def largest_in_cells(times_s: Array, values: Array, edges_s: Array) -> Array:
-    """Return the largest value in each cell of time; NaN in cells without any.
+    """Return the largest value in each interval of time; NaN in intervals without a value.
 
     Args:
-        times_s: (n,), rising.
-        values: (n,).
-        edges_s: (m + 1,) of the cells, rising.
+        times_s: times (n,) of the values, rising.
+        values: values (n,).
+        edges_s: edges (m + 1,) of the intervals, rising.
 
     Returns:
         Values (m,).

@@ -1,8 +1,8 @@
-"""A recorded flight as if it were flying: the fleet's state at any time of the record.
+"""Replay of a recorded flight: the fleet's state at any time of the record.
 
-:class:`Replay` has the methods that the console uses of a client; orders are refused. It folds the
-record by the same code as live, on the record's own clock. Every two seconds it keeps the state, so
-that going back is quick.
+:class:`Replay` has the same methods as a client, as far as the console uses them; it refuses
+orders. The same code as in a live flight folds the messages into the state, on the record's own
+clock. The state is kept every two seconds of the record, so that going back is quick.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 STEP_NS = 100_000_000  # the console's own period
-KEYFRAME_NS = 2_000_000_000  # between two states that are kept
+KEYFRAME_NS = 2_000_000_000  # time between two states that are kept
 MAX_KEYFRAMES = 20_000
-# Replayed before the time of a seek back, so that trails and charts are there.
+# A seek back replays so much before its target, so that trails and charts are filled.
 MEMORY_NS = 60_000_000_000
-# Ticks of the pipeline that are shown at once when another vehicle is followed.
+# When another vehicle is followed, its ticks of so much time are read at once.
 TICKS_NS = 20_000_000_000
-_SLICE_S = 0.02  # of work at a time; the console is drawn in between
-_BACK_NS = 1_000_000_000  # a jump back skips an event that has just been passed
-_FOLDED = frozenset(("telemetry", "truth", "event", "preflight"))
+_SLICE_S = 0.02  # work at a time; then the console can be drawn
+_BACK_NS = 1_000_000_000  # a jump back skips events that are less than this behind
+_FOLDED = frozenset(("telemetry", "truth", "event", "preflight"))  # topics of the fleet's state
 _WITH_TICKS = _FOLDED | {"tick"}
 REFUSAL = (
     "This is a recorded flight: nothing can be ordered. Attach to a flying fleet with covey tui."
@@ -51,7 +51,7 @@ OnStep = Callable[[FleetState, int], None]
 
 
 class RecordedTickStream:
-    """Ticks of one vehicle from the record.
+    """The latest ticks of one vehicle, from the record.
 
     Args:
         on_change: called when another vehicle is followed.
@@ -71,12 +71,12 @@ class RecordedTickStream:
 
 
 class Replay:
-    """Plays a record: call :meth:`play` often.
+    """Plays a record; the caller calls :meth:`play` often.
 
     Args:
         fleet: the fleet file.
         timeline: the record.
-        speed: times real time.
+        speed: speed of the replay as a multiple of real time.
     """
 
     def __init__(self, fleet: FleetConfig, timeline: Timeline, *, speed: float = 1.0) -> None:
@@ -85,7 +85,7 @@ class Replay:
         self.is_playing = True
         self.speed = speed
         self.tick_stream = RecordedTickStream(self._read_again)
-        self.seeking: float | None = None  # progress of a seek, 0 to 1; None when none is under way
+        self.seeking: float | None = None  # progress of the seek under way, 0 to 1; None: no seek
 
         self._listeners: list[OnStep] = []
         self._resets: list[Callable[[], None]] = []
@@ -98,7 +98,7 @@ class Replay:
         self._event_stamps = [
             stamp_ns for stamp_ns, event in timeline.events if event.severity != "debug"
         ]
-        self._target_ns: int | None = None  # of the newest seek
+        self._target_ns: int | None = None  # target of a seek that has not begun yet
 
     # -- as a client -------------------------------------------------------------------------------
 
@@ -136,7 +136,7 @@ class Replay:
 
     @property
     def is_at_end(self) -> bool:
-        """Whether the record ends here."""
+        """Whether the end of the record is reached."""
         return self._now_ns >= self.timeline.end_ns
 
     def add_listener(self, on_step: OnStep, on_reset: Callable[[], None]) -> None:
@@ -144,16 +144,16 @@ class Replay:
 
         Args:
             on_step: called with state and time [ns], ten times per second of the record.
-            on_reset: called before going back.
+            on_reset: called when the replay goes back.
         """
         self._listeners.append(on_step)
         self._resets.append(on_reset)
 
     def play(self, elapsed_s: float) -> None:
-        """Let real time pass; the record follows if it plays, and stops at its end.
+        """Advance the replay, if it plays; it stops at the end of the record.
 
         Args:
-            elapsed_s: since the last call [s].
+            elapsed_s: real time since the last call [s].
         """
         if not self.is_playing or self.seeking is not None:
             return
@@ -162,18 +162,18 @@ class Replay:
         begin_s = time.perf_counter()
         for _ in self._steps(min(until_ns, self.timeline.end_ns)):
             if time.perf_counter() - begin_s > 4.0 * _SLICE_S:
-                break  # a fleet too large for this speed plays as fast as it can
+                break  # this computer is too slow for the speed: play as fast as it can
 
         if self.is_at_end:
             self.is_playing = False
 
     def change_speed(self, steps: int) -> None:
-        """Play faster or slower by steps of SPEEDS."""
+        """Change the speed by a number of steps in SPEEDS; a negative number makes it slower."""
         nearest = min(range(len(SPEEDS)), key=lambda index: abs(SPEEDS[index] - self.speed))
         self.speed = SPEEDS[max(0, min(len(SPEEDS) - 1, nearest + steps))]
 
     async def seek(self, position_s: float) -> None:
-        """Go to a time of the record; during a seek, the newest target counts.
+        """Go to a time of the record. A new target replaces that of a seek under way.
 
         Args:
             position_s: seconds since the begin of the record.
@@ -212,9 +212,9 @@ class Replay:
             await self.seek(0.0)
 
     async def _go(self, target_ns: int) -> None:
-        """Fold the record on to a time, from a kept state if the time lies behind.
+        """Replay up to a time; if it lies behind, start from a kept state.
 
-        The event loop gets its turn in between; a newer target ends this one.
+        In between the event loop runs other tasks. A newer target ends this seek.
         """
         if target_ns < self._now_ns:
             self._turn_back(target_ns - MEMORY_NS)
@@ -230,7 +230,7 @@ class Replay:
                     return
 
     def _turn_back(self, before_ns: int) -> None:
-        """Go back to the newest state that was kept up to a time."""
+        """Go back to the newest kept state that is not newer than a time."""
         newer = bisect.bisect_right(self._keyframes, before_ns, key=lambda pair: pair[0])
         self._now_ns, self._state = self._keyframes[max(0, newer - 1)]
 
@@ -240,7 +240,7 @@ class Replay:
             reset()
 
     def _read_again(self) -> None:
-        """Begin with the last ticks of the vehicle that is followed now."""
+        """Read the last ticks of the vehicle that is followed now, and go on from this time."""
         self._reading = self._read_on()
         if self.tick_stream.vehicle is None:
             return
@@ -251,12 +251,17 @@ class Replay:
                 self.tick_stream.values.append(one.message)
 
     def _read_on(self) -> Reading:
-        """Begin to read what comes after this time; ticks only when a vehicle is followed."""
-        has_ticks = self.tick_stream.vehicle is not None
-        return self.timeline.read(self._now_ns, _WITH_TICKS if has_ticks else _FOLDED)
+        """Return a reading of the messages after this time.
+
+        It contains ticks only if a vehicle is followed.
+        """
+        topics = _FOLDED
+        if self.tick_stream.vehicle is not None:
+            topics = _WITH_TICKS
+        return self.timeline.read(self._now_ns, topics)
 
     def _steps(self, until_ns: int) -> Iterator[None]:
-        """Fold the record on to ``until_ns``, and pause after every step."""
+        """Replay up to ``until_ns``; yield after every step."""
         while self._now_ns < until_ns:
             next_step_ns = (self._now_ns // STEP_NS + 1) * STEP_NS
             now_ns = min(until_ns, next_step_ns)
@@ -273,7 +278,10 @@ class Replay:
             yield
 
     def _folded(self, messages: list[RecordedMessage]) -> FleetState:
-        """Return the state after these messages; neighbours of one topic are folded together."""
+        """Return the state after these messages.
+
+        Consecutive messages of the same topic are folded together, which is faster.
+        """
         state = self._state
         for topic, group in itertools.groupby(messages, key=lambda one: one.topic):
             same_topic = list(group)
@@ -289,7 +297,7 @@ class Replay:
 
 
 def _fold_truths(state: FleetState, messages: list[RecordedMessage]) -> FleetState:
-    """Fold the truth, all vehicles of one moment together."""
+    """Return the state after messages of truth; those with the same stamp are folded together."""
     for stamp_ns, moment in itertools.groupby(messages, key=lambda one: one.stamp_ns):
         truths = [one.message for one in moment if isinstance(one.message, Truth)]
         state = fleet_state.fold_truths(state, truths, stamp_ns)
@@ -297,7 +305,7 @@ def _fold_truths(state: FleetState, messages: list[RecordedMessage]) -> FleetSta
 
 
 def _fold(state: FleetState, messages: list[RecordedMessage]) -> FleetState:
-    """Fold messages of vehicles; a vehicle that sends is alive."""
+    """Return the state after messages of vehicles; a vehicle that sends counts as alive."""
     telemetry = [
         (one.message, one.stamp_ns) for one in messages if isinstance(one.message, Telemetry)
     ]
@@ -333,17 +341,17 @@ def open_flight(folder: Path, fleet_path: str | None = None) -> tuple[FleetConfi
             f"{timeline.path}: there is no fleet.toml beside it. Give the fleet file with --fleet."
         )
 
-    # A record may come from anybody: code that its fleet file names is not run.
+    # A record may come from anybody, so code that its fleet file names (a law) is not run.
     fleet = load_fleet(fleet_path or str(beside), finds_law=False)
     return fleet, timeline
 
 
 async def story(replay: Replay, *, is_json: bool) -> str:
-    """List the events of the whole record and its figures.
+    """Return the events of the whole record, and its figures, as text.
 
     Args:
-        replay: of the record.
-        is_json: one JSON object instead of lines for people.
+        replay: a replay of the record, which is played to its end.
+        is_json: whether the text is one JSON object instead of lines for people.
 
     Returns:
         The text.

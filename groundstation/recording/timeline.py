@@ -1,12 +1,12 @@
-"""Index of a record: which chunk holds which time, and the messages in the order of their stamps.
+"""An index of a record: the time span of each chunk, and messages in the order of their stamps.
 
-The index has a row per chunk, read from the heads of the file's records. So a record that was cut
-off opens as far as it goes, and memory does not grow with the messages. The ``mcap`` library
-decodes the chunks; its seeking reader takes the summary at the end, which a record cut by SIGKILL
-does not have, and ends at the first damaged chunk.
+The index has one row for each chunk, read from the heads of the file's records. So a record that
+was cut off can be read as far as it goes, and memory does not grow with the messages. The ``mcap``
+library decodes the chunks. Its seeking reader is not used, because it needs the summary at the end
+of the file, which a record cut off by SIGKILL lacks, and it stops at the first damaged chunk.
 
-Hosts have clocks of their own: a sender whose stamps are far from the others' is shifted onto the
-common clock.
+Computers have clocks of their own: if the stamps of a sender are far from those of the others, they
+are shifted onto the common clock.
 """
 
 from __future__ import annotations
@@ -42,25 +42,25 @@ from onboard.config.file_reading import RECORD, opened
 from onboard.config.fleet import ConfigError
 
 MAX_EVENTS = 20_000
-# Stamps further apart than this within one second of writing are of two clocks.
+# Messages of a chunk were written within seconds; stamps further apart than this are of two clocks.
 CLOCK_APART_NS = 5_000_000_000
-# A chunk is written within seconds: a stamp further away from the others' does not make it longer.
+# A stamp further from the others of its chunk than this does not extend the chunk's time span.
 MAX_LATE_NS = 60_000_000_000
 _MAGIC = b"\x89MCAP0\r\n"
 _GROUND = "ground"
 _MAX_METADATA_BYTES = 64 * 1024
-_Part = TypeVar("_Part")  # of a chunk
+_Part = TypeVar("_Part")  # part of a chunk
 
 # Parts of an MCAP file, little-endian: the head of a record (opcode, length), the first two fields
 # of a chunk (first and last stamp), the head of a message index (channel, length of its entries),
-# and a stamp in it. An entry is a stamp and an offset of eight bytes each.
+# and a stamp in it. An entry is a stamp and an offset, each of eight bytes.
 _HEAD = struct.Struct("<BQ")
 _CHUNK_TIMES = struct.Struct("<QQ")
 _INDEX_HEAD = struct.Struct("<HI")
 _STAMP = struct.Struct("<Q")
 _INDEX_ENTRY_BYTES = 16
 
-# plain numbers, since members of an enumeration are looked up by name each time
+# plain numbers, because access to members of an enumeration is slow
 _DATA_END = int(Opcode.DATA_END)
 _CHUNK = int(Opcode.CHUNK)
 _METADATA = int(Opcode.METADATA)
@@ -77,7 +77,7 @@ class RecordedMessage(NamedTuple):
 
 
 class RawMessage(NamedTuple):
-    """One message of the record, not decoded."""
+    """One message of the record, still as JSON."""
 
     stamp_ns: int  # on the record's common clock
     topic: str
@@ -87,24 +87,24 @@ class RawMessage(NamedTuple):
 
 
 class RawChannel(NamedTuple):
-    """Messages of one channel in one chunk, not decoded."""
+    """Messages of one channel in one chunk, still as JSON."""
 
     topic: str
     name: str
     kind: type[Message]
     stamps_ns: list[int]  # on the record's common clock
-    datas: list[bytes]  # JSON each
+    datas: list[bytes]  # JSON texts
 
 
 @dataclass(slots=True)
 class _Chunk:
     """One chunk of the file."""
 
-    offset: int  # of its content in the file
+    offset: int  # offset of its content in the file
     size: int
     begin_ns: int = 0
     end_ns: int = 0
-    shifts_ns: dict[str, int] = field(default_factory=dict)  # of each clock from the common one
+    shifts_ns: dict[str, int] = field(default_factory=dict)  # clock -> its time minus common time
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,11 +114,11 @@ class _RecordChannel:
     topic: str
     name: str
     kind: type[Message]
-    clock: str  # of its stamps
+    clock: str  # the clock of its stamps
 
 
 def _clock_of(topic: str, name: str) -> str:
-    """Return whose clock a channel's stamps are of: a vehicle, ground, emulator or mocap."""
+    """Return the name of the clock of a channel's stamps: a vehicle's, or that of another node."""
     if topic in ("truth", "mocap"):
         return topic
     if topic in ("order", REPLY):
@@ -127,18 +127,18 @@ def _clock_of(topic: str, name: str) -> str:
 
 
 class Timeline:
-    """Index of a record.
+    """An index of a record, and its messages.
 
     Args:
         folder: flight folder, or the MCAP file itself.
 
     Raises:
-        ConfigError: the file is no record, or nothing of it can be read.
+        ConfigError: the file is no record, or no part of it can be read.
     """
 
     def __init__(self, folder: Path) -> None:
         self.path = record_path(folder)
-        self.broken = ""  # sentence about where the record breaks off; empty when it is whole
+        self.broken = ""  # sentence about the first damage of the record; empty if it is whole
         self.made_by: dict[str, str] = {}  # program, version and begin; empty in older records
         self.malformed = 0  # messages that could not be decoded
         self.events: list[tuple[int, Event]] = []  # (stamp, event), sorted, at most MAX_EVENTS
@@ -162,7 +162,8 @@ class Timeline:
         self.begin_ns = min(begins_ns)
         self.end_ns = max(ends_ns)
 
-        # The latest stamp up to each chunk, and the earliest from each chunk on.
+        # for each chunk: the latest stamp in it and all chunks before, and the earliest stamp in it
+        # and all chunks after
         self._latest = list(accumulate(ends_ns, max))
         self._earliest = list(accumulate(reversed(begins_ns), min))
         self._earliest.reverse()
@@ -177,11 +178,11 @@ class Timeline:
         self._stream.close()
 
     def read(self, after_ns: int, topics: frozenset[str]) -> Reading:
-        """Begin to read messages in the order of their stamps.
+        """Return a reading of messages in the order of their stamps.
 
         Args:
-            after_ns: only stamps above this one.
-            topics: first parts of the channels' names, as ``telemetry``.
+            after_ns: only messages with later stamps are read.
+            topics: topics that are read, for instance ``telemetry``.
 
         Returns:
             A reading that goes forward.
@@ -191,7 +192,7 @@ class Timeline:
     # -- the index ---------------------------------------------------------------------------------
 
     def _scan(self) -> None:
-        """Index the file from its begin to where it ends or breaks off."""
+        """Index the file from its begin to its end, or to where it was cut off."""
         stream = self._stream
         size = stream.seek(0, 2)
         stream.seek(0)
@@ -223,7 +224,7 @@ class Timeline:
                 )
                 break
 
-            # nearly all records are indexes, each of which leaves the file behind itself
+            # nearly all records are message indexes; reading one moves the file to the next record
             if opcode == _MESSAGE_INDEX and self._chunks:
                 self._index(stream.read(length), stamps)
                 offset += length
@@ -243,16 +244,16 @@ class Timeline:
         self._settle(stamps)
 
     def _learn_made(self, data: bytes) -> None:
-        """Take in by what the record was written; what cannot be read is left out."""
+        """Read the metadata about the program that wrote the record; skip it if it is damaged."""
         with contextlib.suppress(*DAMAGED):
             metadata = Metadata.read(ReadDataStream(BytesIO(data)))
             if metadata.name == MADE_BY:
                 self.made_by.update(metadata.metadata)
 
     def _settle(self, stamps: _Stamps) -> None:
-        """Put all chunks on one clock, and read the events."""
+        """Put all chunks on the common clock, and read the events."""
         if self.broken and self._chunks:
-            self._learn(self._chunks[-1])  # the cut may have taken a part of its index
+            self._learn(self._chunks[-1])  # a part of its index may be cut off
 
         settled_chunks = list(stamps.settled())
         for number, (chunk, settled) in enumerate(zip(self._chunks, settled_chunks, strict=True)):
@@ -260,14 +261,14 @@ class Timeline:
                 chunk.begin_ns = settled.begin_ns
                 chunk.end_ns = settled.end_ns
             else:
-                self._learn(chunk)  # no index names its channels
+                self._learn(chunk)  # it has no index, so its channels may be unknown
 
             chunk.shifts_ns = settled.shifts_ns
             if settled.has_events:
                 self._read_events(number)
 
     def _index(self, data: bytes, stamps: _Stamps) -> None:
-        """Take first, middle and last stamp out of a channel's index of the newest chunk."""
+        """Read first, middle and last stamp from a message index of the newest chunk."""
         channel_id, length = _INDEX_HEAD.unpack_from(data)
         if length < _INDEX_ENTRY_BYTES or len(data) < _INDEX_HEAD.size + length:
             return
@@ -278,7 +279,7 @@ class Timeline:
         if channel is None:
             return
 
-        # a record of ten minutes has 300,000 of these, so each is read in as few steps as it takes
+        # a record of ten minutes has 300,000 of these, so only three entries of each are read
         count = length // _INDEX_ENTRY_BYTES
         unpack = _STAMP.unpack_from
         middle = _INDEX_HEAD.size + (count - 1) // 2 * _INDEX_ENTRY_BYTES
@@ -294,7 +295,7 @@ class Timeline:
         )
 
     def _learn(self, chunk: _Chunk) -> None:
-        """Read the channels that a chunk begins, and return to the present position of the file."""
+        """Read the channels that begin in a chunk; the file's position is restored."""
         position = self._stream.tell()
         for record in self._unpacked(chunk, chunk_records):
             if isinstance(record, Schema):
@@ -321,17 +322,17 @@ class Timeline:
         return bisect.bisect_right(self._latest, after_ns)
 
     def may_begin_ns(self, number: int) -> float:
-        """Return the earliest stamp of this chunk and all later ones; infinite after the last."""
+        """Return the earliest stamp in this chunk and all after it; infinite after the last one."""
         if number >= len(self._chunks):
             return math.inf
         return self._earliest[number]
 
     def messages(self, number: int, topics: frozenset[str]) -> Iterator[RecordedMessage]:
-        """Decode one chunk.
+        """Yield the decoded messages of one chunk; those that cannot be decoded are counted.
 
         Args:
-            number: of the chunk.
-            topics: first parts of the channels' names, as ``telemetry``.
+            number: index of the chunk.
+            topics: topics that are read, for instance ``telemetry``.
 
         Yields:
             Messages in the order of the file.
@@ -344,11 +345,11 @@ class Timeline:
             yield RecordedMessage(raw.stamp_ns, raw.topic, raw.name, message)
 
     def raw_messages(self, number: int, topics: frozenset[str]) -> Iterator[RawMessage]:
-        """Yield the messages of one chunk as they stand there.
+        """Yield the messages of one chunk, still as JSON.
 
         Args:
-            number: of the chunk.
-            topics: first parts of the channels' names, as ``telemetry``.
+            number: index of the chunk.
+            topics: topics that are read, for instance ``telemetry``.
 
         Yields:
             Messages in the order of the file.
@@ -368,22 +369,22 @@ class Timeline:
             )
 
     def raw_channels(self, number: int, topics: frozenset[str]) -> list[RawChannel]:
-        """Return the messages of one chunk, channel by channel, as they stand there.
+        """Return the messages of one chunk by channel, still as JSON.
 
         Args:
-            number: of the chunk.
-            topics: first parts of the channels' names, as ``telemetry``.
+            number: index of the chunk.
+            topics: topics that are read, for instance ``telemetry``.
         """
         chunk = self._chunks[number]
         channels = self._channels_of(topics)
         contents: dict[int, tuple[list[int], list[bytes]]] = {}
         unpack = partial(chunk_messages, channel_ids=channels)
         for channel_id, log_time_ns, data in self._unpacked(chunk, unpack):
-            content = contents.get(channel_id)
-            if content is None:
-                content = contents[channel_id] = ([], [])
-            content[0].append(log_time_ns)
-            content[1].append(data)
+            if channel_id not in contents:
+                contents[channel_id] = ([], [])
+            log_times_ns, datas = contents[channel_id]
+            log_times_ns.append(log_time_ns)
+            datas.append(data)
 
         found = []
         for channel_id, (log_times_ns, datas) in contents.items():
@@ -412,14 +413,14 @@ class Timeline:
 
     @property
     def topics(self) -> frozenset[str]:
-        """First parts of the names of all channels that this version knows."""
+        """Topics of all channels whose kind of message is known to this version of Covey."""
         return frozenset(channel.topic for channel in self._channels.values())
 
     @property
     def vehicles(self) -> tuple[str, ...]:
-        """Names of the vehicles that tell of themselves, or whose true motion is known."""
-        told = ("telemetry", "tick", "truth")
-        names = {channel.name for channel in self._channels.values() if channel.topic in told}
+        """Names of the vehicles with telemetry, ticks or ground truth in the record."""
+        topics = ("telemetry", "tick", "truth")
+        names = {channel.name for channel in self._channels.values() if channel.topic in topics}
         return tuple(sorted(names))
 
     @property
@@ -430,7 +431,12 @@ class Timeline:
     def _unpacked(
         self, chunk: _Chunk, unpack: Callable[[Chunk], list[_Part] | None]
     ) -> list[_Part]:
-        """Return the chunk's parts as ``unpack`` gives them; none of a damaged chunk."""
+        """Return the parts of a chunk; an empty list, and a note in ``broken``, if it is damaged.
+
+        Args:
+            chunk: the chunk.
+            unpack: returns the parts of a chunk, or None if it is damaged.
+        """
         self._stream.seek(chunk.offset)
         data = self._stream.read(chunk.size)
         try:
@@ -446,15 +452,15 @@ class Timeline:
 
 
 class Reading:
-    """Messages in the order of their stamps, up to a time that only moves forward.
+    """Reads messages in the order of their stamps, up to a time that only moves forward.
 
-    A chunk is decoded as soon as it may hold the next message, and a heap puts the messages of the
-    decoded chunks in order.
+    A chunk is decoded when it may contain the next message. A heap sorts the messages of the
+    decoded chunks.
 
     Args:
         timeline: the record.
-        after_ns: only stamps above this one.
-        topics: first parts of the channels' names.
+        after_ns: only messages with later stamps are read.
+        topics: topics that are read, for instance ``telemetry``.
     """
 
     def __init__(self, timeline: Timeline, after_ns: int, topics: frozenset[str]) -> None:
@@ -462,17 +468,17 @@ class Reading:
         self._after_ns = after_ns
         self._topics = topics
         self._next_chunk = timeline.first_chunk(after_ns)
-        # stamp, order in the file among equal stamps, message
+        # stamp, number in the order of the file (which sorts equal stamps), message
         self._heap: list[tuple[int, int, RecordedMessage]] = []
         self._count = 0
 
     @property
     def pending(self) -> int:
-        """Number of messages that are decoded and not yet yielded."""
+        """Number of messages that are decoded but not yet yielded."""
         return len(self._heap)
 
     def until(self, until_ns: int) -> Iterator[RecordedMessage]:
-        """Yield the messages not yet yielded, with stamps up to and including ``until_ns``."""
+        """Yield the next messages, with stamps up to and including ``until_ns``."""
         while True:
             while self._timeline.may_begin_ns(self._next_chunk) <= self._next_stamp_ns(until_ns):
                 self._load()
@@ -497,11 +503,11 @@ class Reading:
 
 
 class _Settled(NamedTuple):
-    """A chunk on the common clock."""
+    """The time span of a chunk on the common clock."""
 
     begin_ns: int
-    end_ns: int  # below begin_ns when the file has no index of this chunk
-    shifts_ns: dict[str, int]
+    end_ns: int  # below begin_ns if the file has no index of this chunk
+    shifts_ns: dict[str, int]  # clock -> its time minus common time
     has_events: bool
 
 
@@ -511,23 +517,25 @@ class _Span:
 
     first_ns: int
     last_ns: int
-    middle_ns: int  # of the channel that has most messages
-    channel_count: int  # messages of that channel
-    message_count: int  # of all channels
+    middle_ns: int  # stamp of the middle message of the channel with most messages
+    channel_count: int  # number of messages of that channel
+    message_count: int  # number of messages of all channels of this clock
 
 
 class _Stamps:
-    """Stamps of every clock in every chunk: from them follow its shifts from the common clock.
+    """Stamps of every clock in every chunk, from which the shifts of the clocks follow.
 
-    A clock is read off the middle message of the channel that has most of them, so that a message
-    that was late on its way, and bears an old stamp, shifts nothing. A clock that is known is not
-    shifted by a single message of a chunk either, unless the next such chunk agrees with it.
+    The time of a clock in a chunk is the stamp of the middle message of the channel with most
+    messages. So a message that came late, with an old stamp, shifts no clock. If a known clock has
+    only a single message in a chunk, that message shifts it only if the single message of a later
+    chunk agrees.
     """
 
     def __init__(self) -> None:
-        self._chunks: list[dict[str, _Span]] = []  # by clock
-        self._with_events: set[int] = set()  # numbers of chunks
-        self._lone_offs_ns: dict[str, int] = {}  # clock -> how far off its last lone message was
+        self._chunks: list[dict[str, _Span]] = []  # of each chunk: clock -> its stamps
+        self._with_events: set[int] = set()  # indexes of chunks with events
+        # clock -> difference of its last single message from the common clock
+        self._lone_offs_ns: dict[str, int] = {}
 
     def begin(self) -> None:
         """Begin the next chunk."""
@@ -539,9 +547,9 @@ class _Stamps:
         """Add the stamps of one channel of the present chunk.
 
         Args:
-            clock: of the channel's sender.
-            stamps_ns: of its first, its middle and its last message.
-            count: of its messages.
+            clock: clock of the channel's sender.
+            stamps_ns: stamps of the channel's first, middle and last message.
+            count: number of its messages.
             is_event: whether they are events.
         """
         _, middle_ns, _ = stamps_ns
@@ -573,7 +581,7 @@ class _Stamps:
             span.middle_ns = middle_ns
 
     def settled(self) -> Iterator[_Settled]:
-        """Yield all chunks, put on the clock that is in most of them."""
+        """Yield all chunks on the common clock, which is the clock that most chunks contain."""
         common = self._common_clock()
         now_ns = next((spans[common].middle_ns for spans in self._chunks if common in spans), 0)
 
@@ -588,8 +596,9 @@ class _Stamps:
             for clock, span in spans.items():
                 apart_ns = span.middle_ns - now_ns
                 stamp_ns = span.middle_ns - shifts_ns.get(clock, 0)
-                off_ns = max(earliest_ns - stamp_ns, stamp_ns - latest_ns)
-                if clock == common or off_ns <= CLOCK_APART_NS:
+                outside_ns = max(earliest_ns - stamp_ns, stamp_ns - latest_ns)
+                # with its shift so far this clock agrees with the common one
+                if clock == common or outside_ns <= CLOCK_APART_NS:
                     continue
                 if clock in shifts_ns and not self._is_confirmed(clock, span, apart_ns):
                     continue
@@ -605,7 +614,7 @@ class _Stamps:
             begins_ns = []
             ends_ns = []
             for clock, span in spans.items():
-                # of a clock with an absurd stamp the middle one counts
+                # only stamps near the chunk's time count: first or last stamp may be absurd
                 stamps_ns = [
                     stamp_ns - shifts_ns[clock]
                     for stamp_ns in (span.first_ns, span.middle_ns, span.last_ns)
@@ -625,16 +634,22 @@ class _Stamps:
     def _now_ns(self, span: _Span, before_ns: int) -> int:
         """Return the time of a chunk on the common clock.
 
+        A single message that came late does not turn the time back.
+
         Args:
-            span: of that clock in the chunk.
-            before_ns: the time of the chunk before.
+            span: stamps of the common clock in the chunk.
+            before_ns: time of the chunk before.
         """
         is_lone = span.message_count == 1
         is_late = span.middle_ns < before_ns
         return before_ns if is_lone and is_late else span.middle_ns
 
     def _is_confirmed(self, clock: str, span: _Span, apart_ns: int) -> bool:
-        """Whether a clock that is known has been set: one message of a chunk may just be late."""
+        """Return whether a known clock was really changed.
+
+        A chunk with a single message of the clock does not prove that, because the message may just
+        be late; a second such message with the same difference does.
+        """
         if span.message_count > 1:
             self._lone_offs_ns.pop(clock, None)
             return True
@@ -644,6 +659,6 @@ class _Stamps:
         return before_ns is not None and abs(apart_ns - before_ns) <= CLOCK_APART_NS
 
     def _common_clock(self) -> str:
-        """Return the clock that is in most chunks; of several the ground's."""
+        """Return the clock that most chunks contain; among equals the ground's."""
         counts = Counter(clock for spans in self._chunks for clock in spans)
         return max(counts, key=lambda clock: (counts[clock], clock == _GROUND), default=_GROUND)

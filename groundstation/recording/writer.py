@@ -1,8 +1,8 @@
-"""The flight record: every message of the bus, in one folder, without holding up the flight.
+"""Writes the flight record: every message of the bus, in one folder, without delaying the flight.
 
-Whoever puts a message only appends to a bounded queue. A thread encodes it ten times a second and
-writes a chunk once a second, so a crash costs at most one second. A full disk ends the record with
-an event, never the flight.
+A caller only appends a message to a bounded queue. A thread encodes the queued messages ten times a
+second and writes a chunk once a second, so a crash loses at most one second. A full disk ends the
+record with an event, but not the flight.
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ WRITE_PERIOD_S = 0.1
 FLUSH_PERIOD_S = 1.0
 MAX_QUEUED = 20_000
 RECORD_NAME = "flight.mcap"
-MADE_BY = "covey"  # name of the metadata that say by what a record was written
-MAX_CHANNELS = 4_000  # a hundred vehicles have a thousand; MCAP cannot number more than 65,535
-_CHUNK_BYTES = 512 * 1024  # each chunk has an index entry per channel
+MADE_BY = "covey"  # name of the metadata about the program that wrote the record
+MAX_CHANNELS = 4_000  # a hundred vehicles have a thousand; MCAP allows no more than 65,535
+_CHUNK_BYTES = 512 * 1024  # smaller chunks would need more space for their indexes
 
 _Item = tuple[Topic, str, Message, int]  # topic, name, message, time of its reception [ns]
 
 
 class RecordEnd(NamedTuple):
-    """The end of a record, or as much of it as is on the disk, by its writer."""
+    """How a record has ended, or how much of it is on the disk so far."""
 
-    begin_ns: int  # zero of its seconds, on the ground's clock
-    written: int = 0  # messages on the disk
-    failure: str | None = None  # why it ended early
+    begin_ns: int  # time on the ground's clock from which the seconds of the record count
+    written: int = 0  # number of messages on the disk
+    failure: str | None = None  # why it ended early; None if it did not
 
 
 def _made_by(begin: str) -> dict[str, str]:
-    """Return by what a record was written, and when."""
+    """Return the metadata about the program and the computer that write a record."""
     try:
         covey = version("covey")
     except PackageNotFoundError:
@@ -65,11 +65,11 @@ class RecordWriter:
     """Writes ``flight.mcap``, ``events.txt`` and ``orders.txt`` into a folder.
 
     Args:
-        folder: created by :meth:`start`.
-        on_failure: called once, on the writer's thread, with a sentence when the record had to end.
+        folder: the folder, which :meth:`start` creates.
+        on_failure: called once, on the writer's thread, with a sentence if the record had to end.
         on_warning: called on the writer's thread, with a sentence about something that is not
             recorded.
-        open_file: for tests.
+        open_file: opens the record's file; tests replace it.
     """
 
     def __init__(
@@ -81,10 +81,10 @@ class RecordWriter:
         open_file: Callable[[Path], IO[bytes]] = lambda path: path.open("wb"),
     ) -> None:
         self.folder = folder
-        self.dropped = 0  # messages that the full queue did not take
-        self.written = 0  # messages that are on the disk
+        self.dropped = 0  # number of messages that were dropped because the queue was full
+        self.written = 0  # number of messages on the disk
         self.failure: str | None = None  # why the record had to end
-        self.begin_ns = 0  # zero of the record's seconds, on the ground's clock
+        self.begin_ns = 0  # time on the ground's clock from which the record's seconds count
         self.on_failure = on_failure
         self._on_warning = on_warning
         self._open_file = open_file
@@ -93,10 +93,10 @@ class RecordWriter:
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Create the folder and begin; a second call does nothing.
+        """Create the folder and its files, and start the thread; a second call does nothing.
 
         Raises:
-            OSError: the folder or its files cannot be made.
+            OSError: the folder or its files cannot be created.
         """
         if self._thread is not None:
             return
@@ -114,9 +114,9 @@ class RecordWriter:
         self._thread.start()
 
     def put(self, topic: Topic, name: str, message: Message, received_ns: int) -> None:
-        """Queue one message, from any thread.
+        """Queue one message; any thread may call this.
 
-        When the writer is far behind the message is dropped and counted.
+        If the queue is full, because the writer is far behind, the message is dropped and counted.
         """
         if self.failure is not None or self._thread is None:
             return
@@ -127,7 +127,7 @@ class RecordWriter:
 
     @property
     def end(self) -> RecordEnd:
-        """Return how it has ended; while it is still written, what is on the disk."""
+        """How the record has ended; while it is still written, what is on the disk."""
         return RecordEnd(begin_ns=self.begin_ns, written=self.written, failure=self.failure)
 
     def stop(self, timeout_s: float = 10.0) -> None:
@@ -138,7 +138,7 @@ class RecordWriter:
             return
 
         self._is_ended.set()
-        # A disk that hangs does not hold up the exit: the thread is a daemon.
+        # The thread is a daemon, so a disk that hangs does not prevent the exit.
         thread.join(timeout_s)
 
     def _run(self, files: RecordFiles) -> None:
@@ -159,7 +159,7 @@ class RecordWriter:
         except OSError as error:
             self._fail(failure_sentence(self.folder, error))
         finally:
-            # Our own mistake: its trace goes to the log.
+            # Any other exception is our own mistake; its trace goes to the log.
             if not is_finished and self.failure is None:
                 self._fail(
                     "The record ended by a mistake of Covey's own. The flight goes on without it."
@@ -179,11 +179,11 @@ class RecordFiles:
     """The open files of a record; every method may raise OSError.
 
     Args:
-        folder: for the texts.
-        stream: for the MCAP.
-        begin_ns: zero of the texts' seconds, on the ground's clock [ns].
-        begin: the same in words.
-        on_warning: called once, with a sentence, when there are too many channels.
+        folder: folder for the text files.
+        stream: open file for the MCAP.
+        begin_ns: time [ns] on the ground's clock from which the seconds in the text files count.
+        begin: the same time in words.
+        on_warning: called once, with a sentence, if there are too many channels.
     """
 
     def __init__(
@@ -202,10 +202,10 @@ class RecordFiles:
         self._mcap = Writer(stream, chunk_size=_CHUNK_BYTES)
         self._mcap.start(library="covey")
         self._mcap.add_metadata(MADE_BY, _made_by(begin))
-        self._schemas: dict[type[Message], int] = {}  # kind -> its number in the file
-        self._channels: dict[str, int] = {}  # name -> its number in the file
-        self._sequences: Counter[int] = Counter()  # number of a channel -> its next sequence number
-        self._is_full = False  # no new channels any more
+        self._schemas: dict[type[Message], int] = {}  # kind -> id of its schema
+        self._channels: dict[str, int] = {}  # name -> id of the channel
+        self._sequences: Counter[int] = Counter()  # id of a channel -> its next sequence number
+        self._is_full = False  # whether a row was left out because there are too many channels
 
         self._texts: dict[str, TextIO] = {}
         for name in ("events.txt", "orders.txt"):
@@ -214,7 +214,7 @@ class RecordFiles:
 
     @property
     def written(self) -> int:
-        """Messages written so far."""
+        """Number of messages written so far."""
         return self._sequences.total()
 
     def write(self, topic: Topic, name: str, message: Message, received_ns: int) -> None:
@@ -238,7 +238,7 @@ class RecordFiles:
     def add_raw(self, channel: str, kind: type[Message], stamp_ns: int, data: bytes) -> None:
         """Write one row of the record.
 
-        Beyond MAX_CHANNELS rows of new channels are left out, which is said once.
+        When there are MAX_CHANNELS channels, rows of new channels are left out, with one warning.
         """
         number = self._channels.get(channel)
         if number is None:
@@ -260,12 +260,12 @@ class RecordFiles:
         )
 
     def flush(self) -> None:
-        """Bring everything so far to the disk: after a power cut at most a second is missing."""
-        # Also a chunk that is not full: a quiet flight would stay in memory for a minute.
+        """Bring all messages so far to the disk, so that a power cut loses at most a second."""
+        # This ends the chunk although it is not full; with few vehicles it would take a minute.
         self._mcap.flush()  # type: ignore[no-untyped-call]
         for file in self._files():
             file.flush()
-            with contextlib.suppress(io.UnsupportedOperation):  # a file in memory
+            with contextlib.suppress(io.UnsupportedOperation):  # a file in memory has no descriptor
                 os.fdatasync(file.fileno())
 
     def _files(self) -> tuple[IO[Any], ...]:
@@ -278,13 +278,13 @@ class RecordFiles:
             file.flush()
 
     def close(self) -> None:
-        """Close everything, finished or not."""
+        """Close all files, finished or not."""
         for file in self._files():
             with contextlib.suppress(OSError):  # the failure itself has been reported
                 file.close()
 
     def _register(self, name: str, kind: type[Message]) -> int:
-        """Begin a channel; returns its number."""
+        """Begin a channel; return its id."""
         if kind not in self._schemas:
             self._schemas[kind] = self._mcap.register_schema(
                 f"covey.{kind.__name__}", "jsonschema", json_schema(kind)
@@ -298,7 +298,7 @@ class RecordFiles:
 
 
 def failure_sentence(folder: Path, error: OSError) -> str:
-    """Return a sentence about a disk that refuses the record."""
+    """Return a sentence about a record that cannot be written."""
     reason = error.strerror or error
     return (
         f"The record ended: {folder} cannot be written ({reason}). "
@@ -325,7 +325,7 @@ def order_line(vehicle: str, order: Order) -> str:
 
 
 def sync_folder(folder: Path) -> None:
-    """Bring the names of new files to the disk: a power cut takes those that are only in memory.
+    """Bring the names of new files to the disk, so that a power cut does not lose the files.
 
     Raises:
         OSError: the disk refuses.
@@ -341,11 +341,11 @@ def write_json(path: Path, value: object) -> str | None:
     """Write a value as readable JSON, whole or not at all.
 
     Args:
-        path: of the file.
-        value: anything that msgspec encodes.
+        path: path of the file.
+        value: any value that msgspec can encode.
 
     Returns:
-        None, or a sentence when the disk refuses.
+        None, or a sentence if the file cannot be written.
     """
     part = path.with_suffix(".part")
     text = msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n"
@@ -353,7 +353,8 @@ def write_json(path: Path, value: object) -> str | None:
         with part.open("wb") as stream:
             stream.write(text)
             stream.flush()
-            os.fsync(stream.fileno())  # before the name: a power cut must not leave an empty file
+            # before the rename, so that a power cut leaves no empty file under the final name
+            os.fsync(stream.fileno())
         part.replace(path)
         sync_folder(path.parent)
     except OSError as error:
