@@ -1,1 +1,4 @@
-"""What a fleet has shown in flights in which something failed, put together for an authority."""
+"""Evidence for an authority: what a fleet did in simulated flights in which something failed.
+
+``covey evidence`` flies the campaign (``sitl/lockstep/campaign``) and writes the page from here.
+"""

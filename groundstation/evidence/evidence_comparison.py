@@ -1,9 +1,9 @@
-"""Two folders of evidence beside each other: the same campaign on another machine. Pure.
+"""The comparison of two folders of evidence: the same campaign, flown on two machines. Pure.
 
-On another machine the last digits of a calculation may differ, so flights do, and the digest. What
-has to agree are the figures: the share of wrong flights of each row lies in the exact interval of
-the other machine, both ways, and what was flown farther than the other machine's contingency volume
-is no more than chance.
+On another machine the last digits of a calculation may differ, and so the flights and their digest.
+The figures have to agree: the share of wrong flights of each row lies in the exact interval of the
+other machine, in both directions, and so does the share of flights that leave the other machine's
+contingency volume.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from groundstation.evidence.intervals import two_sided
 
 
 class Agreement(NamedTuple):
-    """One figure of two folders."""
+    """One figure in two folders."""
 
     figure: str
     here: str
     there: str
-    is_within: bool
+    is_within: bool  # whether each lies in the other's interval
 
 
 def compared(here: Evidence, there: Evidence) -> list[Agreement]:
@@ -48,13 +48,18 @@ def compared(here: Evidence, there: Evidence) -> list[Agreement]:
 
 
 def _share(figure: str, here: tuple[int, int], there: tuple[int, int]) -> Agreement:
-    interval_here = two_sided(*here)
-    interval_there = two_sided(*there)
-    is_within = interval_there.holds(here[0] / max(here[1], 1))
-    is_within = is_within and interval_here.holds(there[0] / max(there[1], 1))
+    """Compare two shares, each given as the number of events and the number of flights."""
+    events_here, flights_here = here
+    events_there, flights_there = there
+    interval_here = two_sided(events_here, flights_here)
+    interval_there = two_sided(events_there, flights_there)
+
+    # without flights the share is 0
+    is_within = interval_there.holds(events_here / max(flights_here, 1))
+    is_within = is_within and interval_here.holds(events_there / max(flights_there, 1))
     return Agreement(
         figure=figure,
-        here=f"{here[0]} of {here[1]}",
-        there=f"{there[0]} of {there[1]}",
+        here=f"{events_here} of {flights_here}",
+        there=f"{events_there} of {flights_there}",
         is_within=is_within,
     )

@@ -1,6 +1,6 @@
-"""The evidence as one page that opens offline and prints. Pure.
+"""The evidence as one HTML page that opens offline and can be printed. Pure.
 
-It has no script. Everything in it is text that is escaped, and one picture.
+The page has no script. It consists of escaped text and one picture.
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ from groundstation.evidence.evidence_summary import Evidence
 from groundstation.evidence.matrix import NOT_SHOWN, SHOWN, WRONG, FailsafeRow, MatrixRow
 
 PAGE_NAME = "evidence.html"
-_MOST_REASONS = 8  # of a row that are shown
+_MOST_REASONS = 8  # reasons of a row that are shown
 _SHORT_HASH = 16  # letters of a digest that are shown
 _GUST_FACTOR = 1.25  # wind with gusts over mean wind
-_WIDE_BOUND = 0.2  # of the share of wrong flights: above it a row is no more than a look
+# a row whose upper bound of the share of wrong flights is larger rests on too few flights
+_WIDE_BOUND = 0.2
 
 _WORDS = {SHOWN: "evidence for", WRONG: "against it", NOT_SHOWN: "not shown"}
 _STYLE = """\
@@ -47,10 +48,10 @@ def page(evidence: Evidence, picture: bytes, beside: Sequence[Agreement], other:
     """Return the page.
 
     Args:
-        evidence: that is shown.
-        picture: of the volumes, a PNG.
-        beside: figures compared with another machine's; empty without one.
-        other: that machine, in words.
+        evidence: the evidence.
+        picture: a PNG of the volumes.
+        beside: figures compared with another machine's; empty if there is no other one.
+        other: the other machine in words.
     """
     title = f"{evidence.fleet}, {evidence.mission}, {evidence.wind_m_s:g} m/s of wind"
     parts = [
@@ -127,8 +128,8 @@ def _volumes(evidence: Evidence, picture: bytes) -> str:
         for name, size, why in rows
     )
 
-    # none of n came farther: with 95 % confidence their share is below the one that n such flights
-    # would show with a chance of 5 %
+    # None of n flights left the volume, so with 95 % confidence the share s of such flights is
+    # below the one at which n flights without any have a probability of 5 %: (1 - s)^n = 0.05.
     largest_share = 1.0 - 0.05 ** (1.0 / max(evidence.flights, 1))
     encoded = base64.b64encode(picture).decode("ascii")
     return (
@@ -190,7 +191,7 @@ def _matrix_row(row: MatrixRow) -> str:
 
 
 def _is_wide(row: MatrixRow) -> bool:
-    """Whether a row has evidence, of so few flights that its bound says little."""
+    """Return whether a row has evidence, but from so few flights that its bound is wide."""
     return row.status == SHOWN and row.upper_bound > _WIDE_BOUND
 
 
@@ -203,8 +204,8 @@ def _result(row: MatrixRow) -> str:
     return words
 
 
-def _number(count: int, what: str) -> str:
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+def _number(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def _reasons(reasons: Sequence[str]) -> str:

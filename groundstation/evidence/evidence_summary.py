@@ -1,4 +1,4 @@
-"""All of the evidence as one value: what ``evidence.json`` holds, and the page is written from."""
+"""All evidence of a campaign as one value, which ``evidence.json`` stores and the page shows."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SCHEMA = 1
 
 
 class Evidence(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything."""
+    """The evidence of one campaign."""
 
     schema: int
     fleet: str
@@ -30,20 +30,20 @@ class Evidence(msgspec.Struct, frozen=True, kw_only=True):
     vehicles: tuple[str, ...]
     wind_m_s: float
     rounds: int
-    command: str  # which makes this again
+    command: str  # the command that repeats the campaign
     flights: int
     wrong_flights: int
-    digest: str  # of all flights
+    digest: str  # digest of all flights
     matrix: tuple[MatrixRow, ...]
-    not_shown: tuple[tuple[str, str], ...]
-    never_seen: tuple[str, ...]  # conditions that no flight has brought about
+    not_shown: tuple[tuple[str, str], ...]  # what no simulation shows, each with the reason
+    never_seen: tuple[str, ...]  # conditions that held in no flight
     volumes: Volumes
-    excursions_m: tuple[float, ...]  # of each flight, outside of the flight geography
+    excursions_m: tuple[float, ...]  # greatest distance of each flight outside the geography
     provenance: Provenance
 
     @property
     def is_wrong(self) -> bool:
-        """Whether any row is."""
+        """Whether any row of the matrix is wrong."""
         return any(row.status == WRONG for row in self.matrix)
 
 
@@ -61,13 +61,13 @@ def summarized(
     """Return the evidence of a campaign.
 
     Args:
-        flights: of it, all of them.
-        fleet: that flew.
-        mission: its name.
-        planned: places that the mission plans, east, north and up [m].
-        wind_m_s: the mean wind.
-        rounds: of the campaign.
-        command: which makes it again.
+        flights: all flights of the campaign.
+        fleet: the fleet that flew.
+        mission: name of the mission.
+        planned: positions that the mission plans, east, north and up [m].
+        wind_m_s: mean wind.
+        rounds: number of rounds of the campaign.
+        command: the command that repeats the campaign.
         made_by: versions, machine and files.
     """
     undisturbed = [one for one in flights if one.case.fault == NOTHING]
@@ -103,6 +103,7 @@ def summarized(
 
 
 def _excursion_m(shapes: Volumes, one: FlownCase) -> float:
+    """Return the greatest distance of a flight outside the flight geography."""
     outside_m = [distance_outside_m(shapes.geography, point) for point in one.hull_m]
     return round(max(outside_m, default=0.0), 3)
 
@@ -121,7 +122,7 @@ def read_evidence(folder: Path) -> Evidence:
     """Return the evidence of a folder.
 
     Raises:
-        ConfigError: there is none, or it cannot be understood.
+        ConfigError: there is none, or it cannot be read.
     """
     path = folder / EVIDENCE_NAME
     data = read_bytes(path, EVIDENCE_FILE)

@@ -1,4 +1,4 @@
-"""The folder of evidence: GeoJSON, picture, page and ``evidence.json``."""
+"""Writes the folder of evidence: GeoJSON, picture, page and ``evidence.json``."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ def write_folder(
     """Write all files of the evidence.
 
     Args:
-        folder: an existing one, to write into.
-        evidence: of a campaign.
-        fleet: the one that was flown.
-        flights: of the campaign, for the picture.
-        other: evidence of another machine, to be put beside it.
+        folder: an existing folder.
+        evidence: the evidence of a campaign.
+        fleet: the fleet that was flown.
+        flights: the flights of the campaign, for the picture.
+        other: evidence of another machine, with which the figures are compared; or None.
 
     Returns:
-        the figures compared with the other machine's; empty without one.
+        The compared figures; empty without other evidence.
 
     Raises:
-        OSError: the disk refuses.
+        OSError: a file cannot be written.
     """
     shapes = geojson(evidence.volumes, fleet)
     encoded = msgspec.json.format(msgspec.json.encode(shapes), indent=1)

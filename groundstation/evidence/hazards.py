@@ -1,21 +1,22 @@
-"""What an authority asks about a fleet, and what Covey has to show for each question. Pure data.
+"""The questions of authorities about a fleet, and what Covey claims and flies for each. Pure data.
 
 A row of :data:`HAZARDS` is a question that the documents of authorities ask in some form: what
-happens when the link is lost, when one drone fails among others, and so on. It names where it is
-asked, which conditions of the failsafe table answer it, with the action that a *flying* vehicle
-takes, and which things are broken in flights to show it.
+happens when the link is lost, when one drone fails among others, and so on. The row names the
+documents that ask it, the conditions of the failsafe table that answer it, the claimed action of a
+*flying* vehicle for each condition, and the faults that are flown to show it.
 
-The actions stand here a second time, beside the failsafe table: a row that is taken out of that
-table, or weakened, then contradicts what is claimed here, and shows red.
+The claimed actions repeat the failsafe table on purpose. If a row of that table is removed or
+weakened, it contradicts the claim here, and the evidence shows the question as wrong.
 
-Where a question is asked:
+The documents:
 
-* SORA 2.5: Annex A.4 is a matrix of requirements and where the operator answers them; the
-  requirements are operational safety objectives (OSO) and the containment of step 8. OSO #13 is of
-  services that others provide: satellites are one, one's own motion capture or ground is none.
-* CAP 722E: what the CAA of the United Kingdom asks of an operator of rotary-wing aircraft that fly
-  as a swarm within visual line of sight, as a part of his safety case.
-* 14 CFR 107.35: nobody flies more than one drone at a time, unless a waiver says so; it is given to
+* SORA 2.5: Annex A.4 is a matrix of requirements, and of the places where the operator answers
+  them. The requirements are operational safety objectives (OSO) and the containment of step 8. OSO
+  #13 is about services that others provide: satellites are one; an operator's own motion capture or
+  ground station is none.
+* CAP 722E: the CAA of the United Kingdom asks these questions of an operator of rotary-wing
+  aircraft that fly as a swarm within visual line of sight, as a part of the safety case.
+* 14 CFR 107.35: nobody may fly more than one drone at a time without a waiver. A waiver is given to
   those who show how they remain safe.
 """
 
@@ -42,12 +43,12 @@ WAIVER = "14 CFR 107.35"
 class Hazard(NamedTuple):
     """One row of the matrix."""
 
-    key: str  # short, for tests and JSON
+    key: str  # short name for tests and JSON
     question: str
-    asked_by: tuple[str, ...]
-    claims: dict[C, Action]  # what a flying vehicle does
-    faults: tuple[str, ...]  # of the campaign, by their names
-    remains: str  # what flights of this kind do not show
+    asked_by: tuple[str, ...]  # documents that ask it
+    claims: dict[C, Action]  # condition -> action that a flying vehicle takes
+    faults: tuple[str, ...]  # names of the campaign's faults that are flown for it
+    remains: str  # what such flights do not show
 
 
 HAZARDS: tuple[Hazard, ...] = (
@@ -359,7 +360,7 @@ HAZARDS: tuple[Hazard, ...] = (
     ),
 )
 
-# What no flight of a simulation shows at all: the same table ends with it.
+# What no simulated flight shows, each with the reason; the last rows of the table.
 NOT_SHOWN: tuple[tuple[str, str], ...] = (
     (
         "Hardware",
@@ -402,7 +403,7 @@ NOT_SHOWN: tuple[tuple[str, str], ...] = (
 
 
 def claimed_action(conditions: Iterable[C]) -> Action:
-    """Return what a flying vehicle does when these conditions hold, by the claims alone."""
+    """Return the action that the claims demand of a flying vehicle in which conditions hold."""
     strongest = _GO_ON
     for condition in conditions:
         strongest = max(strongest, CLAIMS[condition])

@@ -1,7 +1,8 @@
-"""Exact intervals of a share, by Clopper and Pearson. Pure.
+"""Exact confidence intervals of a share, by Clopper and Pearson. Pure.
 
-Of n flights k showed something. The interval holds every share for which so many, or so few, are no
-surprise. It assumes flights that are drawn independently, and says nothing of what was not drawn.
+An event happened in k of n flights. The interval contains every true share for which k events are
+not improbable. It assumes independent flights, and it says nothing about cases that are not among
+the possible flights.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ CONFIDENCE = 0.95
 
 
 class Interval(NamedTuple):
-    """A share, and where the true one lies with 95 % confidence."""
+    """The events and flights of a share, and the interval of the true share, 95 % confidence."""
 
     events: int
     flights: int
@@ -22,43 +23,44 @@ class Interval(NamedTuple):
     high: float
 
     def holds(self, share: float) -> bool:
-        """Return whether a share lies in it."""
+        """Return whether a share lies in the interval."""
         return self.low <= share <= self.high
 
 
 def two_sided(events: int, count: int) -> Interval:
-    """Return the exact interval with 2.5 % beyond each end.
+    """Return the exact two-sided interval.
 
     Args:
-        events: among the flights.
-        count: of flights, 0 or more.
+        events: number of events.
+        count: number of flights, 0 or more.
     """
-    rest = 0.5 * (1.0 - CONFIDENCE)
+    tail = 0.5 * (1.0 - CONFIDENCE)  # probability beyond each end: 2.5 %
     low = 0.0
     if events > 0:
-        # the share at which so many events or more have a chance of 2.5 %
-        low = _share_where(lambda share: 1.0 - _chance_of_at_most(events - 1, count, share) < rest)
+        # the share at which so many events or more have a probability of 2.5 %
+        low = _share_where(lambda share: 1.0 - _chance_of_at_most(events - 1, count, share) < tail)
     high = 1.0
     if events < count:
-        high = _share_where(lambda share: _chance_of_at_most(events, count, share) > rest)
+        # the share at which so many events or fewer have a probability of 2.5 %
+        high = _share_where(lambda share: _chance_of_at_most(events, count, share) > tail)
     return Interval(events=events, flights=count, low=low, high=high)
 
 
 def upper_bound(events: int, count: int) -> float:
-    """Return the share that the true one is below with 95 % confidence; one-sided.
+    """Return the one-sided upper bound of the true share, with 95 % confidence.
 
     Args:
-        events: among the flights.
-        count: of flights, 0 or more.
+        events: number of events.
+        count: number of flights, 0 or more.
     """
     if events >= count:
         return 1.0
-    rest = 1.0 - CONFIDENCE
-    return _share_where(lambda share: _chance_of_at_most(events, count, share) > rest)
+    tail = 1.0 - CONFIDENCE
+    return _share_where(lambda share: _chance_of_at_most(events, count, share) > tail)
 
 
 def _share_where(is_below: Callable[[float], bool]) -> float:
-    """Return the share up to which something holds, by bisection."""
+    """Return the share below which a condition is true and above which it is false (bisection)."""
     low = 0.0
     high = 1.0
     for _ in range(60):

@@ -1,8 +1,8 @@
-"""The flights of a campaign, kept as lines of JSON behind a first line that says of which campaign.
+"""The flights of a campaign, kept in a file of JSON lines.
 
-A campaign that was stopped goes on with the lines that there are. They belong to one fleet, one
-mission, one wind and one Covey: with others the file is refused, so that no line of another
-campaign is counted.
+The first line identifies the campaign: fleet, mission, wind and version of Covey. Each further line
+is one flight. A campaign that was stopped continues with the flights in the file. The file of
+another campaign is refused, so that no flight of it is counted.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from onboard.config.file_reading import EVIDENCE_FILE, read_bytes
 from onboard.config.fleet import ConfigError
 
 KEPT_NAME = "flights.jsonl"
-NOTHING = "nothing"  # what breaks in a flight in which nothing does
+NOTHING = "nothing"  # the fault of an undisturbed flight
 
 
 class FlightCase(msgspec.Struct, frozen=True, kw_only=True):
@@ -27,30 +27,31 @@ class FlightCase(msgspec.Struct, frozen=True, kw_only=True):
     fault: str
     round: int
     victim: str = ""
-    at_s: float = 0.0  # since the start of the simulation
+    at_s: float = 0.0  # time of the fault since the start of the simulation
     seed: int = 0
     wind_enu_m_s: tuple[float, float] = (0.0, 0.0)
 
 
 class FlownCase(msgspec.Struct, frozen=True, kw_only=True):
-    """The outcome of a flight. Everything is rounded: the digest of the campaign is of these."""
+    """The outcome of a flight. All numbers are rounded, since the digest contains them."""
 
     case: FlightCase
-    wrong: tuple[str, ...]  # sentences; empty when all held
-    seen: dict[str, int]  # ticks in which a condition of the failsafe table held
+    wrong: tuple[str, ...]  # sentences about what must not happen; empty: the flight is right
+    seen: dict[str, int]  # condition of the failsafe table -> ticks in which it held
     took_off: bool
     first_airborne_s: float
     last_airborne_s: float
-    # by ground truth, of pairs that the law flies, and of pairs with one that fell silent
+    # smallest distance by ground truth, of pairs that the law flies, and of pairs of which one
+    # vehicle has stopped avoiding
     smallest_m: float | None
     smallest_silenced_m: float | None
-    hull_m: tuple[tuple[float, float], ...]  # around all places in the air, east and north
+    hull_m: tuple[tuple[float, float], ...]  # convex hull of positions in the air, east and north
     highest_m: float
-    fastest_m_s: float  # over the ground
+    fastest_m_s: float  # horizontal
 
     @property
     def is_right(self) -> bool:
-        """Whether all held."""
+        """Whether nothing happened that must not happen."""
         return not self.wrong
 
 
@@ -58,17 +59,17 @@ class KeptFlights:
     """The file of a campaign.
 
     Args:
-        path: of the file.
-        origin: of which campaign: hashes and numbers, by their names.
+        path: path of the file; it is created if it does not exist.
+        origin: hashes and numbers that identify the campaign, by name.
 
     Raises:
-        ConfigError: the file is of another campaign, or cannot be read.
+        ConfigError: the file belongs to another campaign, or cannot be read.
     """
 
     def __init__(self, path: Path, origin: dict[str, str]) -> None:
         self.path = path
         self.flown: dict[FlightCase, FlownCase] = {}
-        if os.path.lexists(path):  # also a link that leads nowhere
+        if os.path.lexists(path):  # a broken symbolic link counts, too; reading it then refuses it
             self._read(origin)
         else:
             path.write_bytes(msgspec.json.encode(origin) + b"\n")
@@ -92,12 +93,12 @@ class KeptFlights:
             try:
                 one = msgspec.json.decode(line, type=FlownCase)
             except (msgspec.DecodeError, RecursionError):
-                break  # the last line, cut when it was stopped
+                break  # the last line, which is incomplete if the campaign was stopped
             self.flown[one.case] = one
         self._write_whole(origin)
 
     def _write_whole(self, origin: dict[str, str]) -> None:
-        """Write the file anew, without a line that was cut."""
+        """Write the file anew, without an incomplete line."""
         lines = [msgspec.json.encode(origin), *map(msgspec.json.encode, self.flown.values())]
         self.path.write_bytes(b"".join(line + b"\n" for line in lines))
 
@@ -109,6 +110,6 @@ class KeptFlights:
 
 
 def digest(flights: Sequence[FlownCase]) -> str:
-    """Return the SHA-256 of flights, whatever the order in which they were flown."""
+    """Return the SHA-256 of flights; the order in which they were flown does not change it."""
     lines = sorted(msgspec.json.encode(one, order="deterministic") for one in flights)
     return hashlib.sha256(b"\n".join(lines)).hexdigest()

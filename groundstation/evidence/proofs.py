@@ -1,7 +1,7 @@
-"""Covey's own tests by the condition of the failsafe table that they show.
+"""The names of Covey's own tests, by the condition of the failsafe table that they show.
 
-The file beside this one is printed from the markers of the tests, so that an installed wheel, which
-has no tests, can name them.
+They are read from ``proofs.toml``, which is printed from the markers of the tests. So an installed
+wheel, which contains no tests, can name them, too.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""By what the evidence was made: versions, machine, hashes of files, fingerprints of certificates.
+"""The provenance of evidence: versions, machine, hashes of files, fingerprints of certificates.
 
-Private keys are not read: a certificate is public, and its fingerprint tells which one was meant.
+Private keys are not read. A certificate is public, and its fingerprint identifies it.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ _CPU_FILE = Path("/proc/cpuinfo")
 
 
 class Provenance(msgspec.Struct, frozen=True, kw_only=True):
-    """By what, of what and where."""
+    """The software, machine and files with which evidence was made."""
 
     versions: dict[str, str]
     source: str  # SHA-256 of Covey's own files
     machine: dict[str, str]
-    files: dict[str, str]  # SHA-256 by name
-    config_hash: str  # of the fleet's values
-    certificates: dict[str, str]  # SHA-256 by node; empty on an open bus
+    files: dict[str, str]  # name of a file -> its SHA-256
+    config_hash: str  # hash of the fleet file's values
+    certificates: dict[str, str]  # name of a certificate -> its SHA-256; empty without keys
 
 
 def provenance(fleet_path: Path, mission_path: Path, mission: Mission) -> Provenance:
-    """Return by what the evidence for a fleet and a mission is made, on this machine."""
+    """Return the provenance of evidence for a fleet and a mission that is made on this machine."""
     return Provenance(
         versions=_versions(),
         source=source_hash(),
@@ -61,7 +61,7 @@ def _versions() -> dict[str, str]:
 
 
 def source_hash() -> str:
-    """Return the SHA-256 of all Python and TOML files of Covey as it runs here."""
+    """Return the SHA-256 of all Python and TOML files of the Covey that runs here."""
     total = hashlib.sha256()
     for package in _PACKAGES:
         spec = importlib.util.find_spec(package)
@@ -100,7 +100,7 @@ def _processor() -> str:
 
 
 def _files(fleet_path: Path, mission_path: Path, mission: Mission) -> dict[str, str]:
-    """Return the hashes of fleet, mission and the paths that the mission names."""
+    """Return the hashes of fleet file, mission file, and the files of the mission's paths."""
     hashes_of = {}
     folder = mission_path.parent
     for path in [fleet_path, mission_path, *(folder / name for name in sorted(mission.paths))]:
@@ -110,7 +110,7 @@ def _files(fleet_path: Path, mission_path: Path, mission: Mission) -> dict[str, 
 
 
 def _certificates(fleet: FleetConfig) -> dict[str, str]:
-    """Return the fingerprints of those certificates of a locked bus that lie on this computer."""
+    """Return the fingerprints of the certificates of a fleet's bus that are on this computer."""
     if not fleet.has_keys:
         return {}
 
@@ -121,6 +121,6 @@ def _certificates(fleet: FleetConfig) -> dict[str, str]:
             try:
                 certificate = read_certificate(os.path.join(fleet.keys_folder, name))
             except ConfigError:
-                continue  # a ground need not hold the certificates of all
+                continue  # a ground does not need the certificates of all vehicles
             found[name] = certificate.fingerprint(hashes.SHA256()).hex()
     return found

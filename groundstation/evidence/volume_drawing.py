@@ -1,4 +1,4 @@
-"""The three volumes from above, as a picture."""
+"""The picture of the three volumes, seen from above."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from onboard.config.fleet import FleetConfig
 from onboard.config.flight_space import flight_space_of
 
 DRAWING_NAME = "volumes.png"
-# as authorities draw them: green, yellow, red
+# the colours in which authorities draw the volumes
 _GREEN = "#1a9850"
 _YELLOW = "#e6ab02"
 _RED = "#d73027"
-_MARGIN = 0.04  # of the width
-_LONGEST_NAME = 24  # of a fence, in the legend
+_MARGIN = 0.04  # margin as a share of the width
+_LONGEST_NAME = 24  # letters of a fence's name in the legend
 
 
 def draw_volumes(
@@ -28,11 +28,11 @@ def draw_volumes(
     """Write the picture.
 
     Args:
-        path: of the PNG.
-        title: fleet, mission and wind.
+        path: path of the PNG.
+        title: title of the picture.
         shapes: the volumes.
-        fleet: whose fence and spots are drawn.
-        hulls: outlines of the flights, each drawn thinly.
+        fleet: the fleet file, whose fence and spots are drawn.
+        hulls: convex hulls of the flights, which are drawn as thin lines.
     """
     with styled():
         figure = new_figure(9.0, 8.6, title)

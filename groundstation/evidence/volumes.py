@@ -1,17 +1,19 @@
-"""Flight geography, contingency volume and ground risk buffer, from what was flown. Pure.
+"""Flight geography, contingency volume and ground risk buffer, computed from flown flights. Pure.
 
-All three are a convex outline, seen from above, with a height.
+Each of the three is a convex outline, seen from above, with a height.
 
-* The **flight geography** is around everything that the mission plans, and around every place in
-  the air in flights in which nothing failed, in the wind given, wider by half a vehicle.
-* The **contingency volume** is the flight geography, wider on all sides by the farthest that any
-  vehicle came outside of it when something failed, and as high as the highest.
-* The **ground risk buffer** is the contingency volume, wider by the farthest that a vehicle without
-  thrust can fall from the greatest height at the greatest speed that was flown, with the wind.
+* The **flight geography** surrounds all planned positions of the mission and all positions in the
+  air in undisturbed flights, in the given wind, widened by half a vehicle.
+* The **contingency volume** is the flight geography, widened on all sides by the greatest distance
+  that any vehicle came outside of it when something failed. Its height is that of the highest
+  vehicle.
+* The **ground risk buffer** is the contingency volume, widened by the greatest distance that a
+  vehicle without thrust can fall, from the greatest height and at the greatest speed flown, with
+  the wind.
 
-The fall: its time is that of a body with the drag of the fleet file, which makes it longer, and its
-way counts the speed undiminished and the wind in full, as if there were no drag on the one and an
-endless one for the other. So the way is not shorter than that of any drag in between.
+The distance of the fall is an upper bound. Its time is that of a body with the drag of the fleet
+file, which makes the fall longer. Its horizontal speed is the full flown speed, as if there were no
+drag, plus the full speed of the wind, as if the drag were infinite.
 """
 
 from __future__ import annotations
@@ -24,9 +26,9 @@ from onboard.config.fleet import FleetConfig
 from onboard.config.fleet_config import Origin
 
 Point = tuple[float, float]  # east, north [m]
-Outline = tuple[Point, ...]  # counter-clockwise, the first point once
+Outline = tuple[Point, ...]  # counter-clockwise; the first point is not repeated at the end
 
-GUST_OF_MEAN = 1.25  # a wind with its gusts, as limits count it (docs/wind.md)
+GUST_OF_MEAN = 1.25  # wind with gusts over mean wind, as in wind limits (docs/wind.md)
 GRAVITY_M_S2 = 9.81
 _CORNERS_OF_CIRCLE = 32
 _EARTH_RADIUS_M = 6_371_000.0  # PX4's sphere
@@ -42,11 +44,11 @@ class Volumes(NamedTuple):
     contingency: Outline
     contingency_height_m: float
     buffer: Outline
-    excursion_m: float  # the farthest outside of the geography, seen from above
-    rise_m: float  # above the geography
-    fastest_m_s: float  # over the ground
-    fall_s: float  # from the greatest height
-    fall_reach_m: float  # what the buffer adds
+    excursion_m: float  # greatest horizontal distance outside of the geography
+    rise_m: float  # greatest height above the geography
+    fastest_m_s: float  # greatest horizontal speed
+    fall_s: float  # time of a fall from the greatest height
+    fall_reach_m: float  # width that the buffer adds
     wind_m_s: float
 
 
@@ -64,14 +66,14 @@ def volumes(
     """Return the three volumes.
 
     Args:
-        planned: places that the mission plans, east, north and up [m].
-        undisturbed: places in the air in flights in which nothing failed.
-        undisturbed_height_m: the highest of them.
-        failed: places in the air in all flights.
-        highest_m: the highest in all flights.
-        fastest_m_s: the greatest speed over the ground in all flights.
-        wind_m_s: the mean wind.
-        fleet: whose vehicles fly.
+        planned: planned positions of the mission, east, north and up [m].
+        undisturbed: positions in the air in undisturbed flights.
+        undisturbed_height_m: greatest height in undisturbed flights.
+        failed: positions in the air in all flights.
+        highest_m: greatest height in all flights.
+        fastest_m_s: greatest horizontal speed in all flights.
+        wind_m_s: mean wind.
+        fleet: the fleet file.
     """
     planned_m = list(planned)
     half_body_m = 0.5 * fleet.fleet.body_diameter_m
@@ -104,7 +106,7 @@ def volumes(
 
 
 def convex_hull(points: Iterable[Point]) -> Outline:
-    """Return the outline around points, counter-clockwise (Andrew's monotone chain)."""
+    """Return the convex hull of points, counter-clockwise (Andrew's monotone chain)."""
     ordered = sorted(set(points))
     if len(ordered) <= 2:
         return tuple(ordered)
@@ -124,7 +126,7 @@ def _half_hull(ordered: Sequence[Point]) -> list[Point]:
 
 
 def _turn(first: Point, second: Point, third: Point) -> float:
-    """Return above zero where three points turn to the left."""
+    """Return a number that is positive if three points turn to the left, negative to the right."""
     east = (second[0] - first[0]) * (third[1] - first[1])
     north = (second[1] - first[1]) * (third[0] - first[0])
     return east - north
@@ -132,7 +134,7 @@ def _turn(first: Point, second: Point, third: Point) -> float:
 
 def widened(outline: Outline, by_m: float) -> Outline:
     """Return a convex outline that is wider by a distance on all sides; corners become round."""
-    # a circle of straight pieces that lie outside of the true one
+    # each corner becomes a polygon around the true circle, so the result is not too small
     radius_m = by_m / math.cos(math.pi / _CORNERS_OF_CIRCLE)
     moved = []
     for east, north in outline:
@@ -143,7 +145,7 @@ def widened(outline: Outline, by_m: float) -> Outline:
 
 
 def distance_outside_m(outline: Outline, point: Point) -> float:
-    """Return how far a point lies outside of a convex outline; 0 inside."""
+    """Return the distance of a point from a convex outline; 0 inside of it."""
     ends = (*outline[1:], outline[0])
     edges = list(zip(outline, ends, strict=True))
     if len(outline) >= 3 and all(_turn(begin, end, point) >= 0.0 for begin, end in edges):
@@ -163,10 +165,10 @@ def _distance_to_edge_m(begin: Point, end: Point, point: Point) -> float:
 
 
 def fall_time_s(height_m: float, drag_1_s: float) -> float:
-    """Return how long a body without thrust falls, with a drag that grows with its speed.
+    """Return how long a body without thrust falls from rest, with a drag linear in its speed.
 
     Args:
-        height_m: from which it falls, at rest.
+        height_m: height of the fall.
         drag_1_s: deceleration for each m/s.
     """
     fallen_m = 0.0
@@ -185,8 +187,8 @@ def fall_time_s(height_m: float, drag_1_s: float) -> float:
 def geojson(shapes: Volumes, fleet: FleetConfig) -> dict[str, Any]:
     """Return the volumes as a GeoJSON feature collection.
 
-    In longitude and latitude where the fleet has an origin on Earth; else in metres east and north
-    of the fleet's frame, which a member ``note`` says.
+    Coordinates are longitude and latitude if the fleet has an origin on Earth. Otherwise they are
+    metres east and north in the fleet's frame, and a member ``note`` says so.
     """
     origin = fleet.fleet.global_origin
     features = [
@@ -220,12 +222,12 @@ def _feature(name: str, outline: Outline, height_m: float, origin: Origin | None
 
 
 def longitude_latitude_deg(origin: Origin, east_m: float, north_m: float) -> Point:
-    """Return longitude and latitude of a place: azimuthal equidistant, on PX4's sphere.
+    """Return longitude and latitude of a position, by PX4's azimuthal equidistant projection.
 
     Args:
-        origin: of the fleet's frame.
-        east_m: of the origin.
-        north_m: of the origin.
+        origin: origin of the fleet's frame.
+        east_m: distance east of the origin.
+        north_m: distance north of the origin.
     """
     angle = math.hypot(east_m, north_m) / _EARTH_RADIUS_M
     if angle == 0.0:
