@@ -1,1 +1,4 @@
-"""PX4 itself, past the agents: its parameters, versions, state and signing keys."""
+"""Direct access to PX4 without the agents: parameters, versions, state, logs and signing keys.
+
+``covey px4`` and ``covey log fetch`` come from here.
+"""

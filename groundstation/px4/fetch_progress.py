@@ -1,20 +1,20 @@
-"""How far several transfers are, for a terminal or for a file that somebody reads later."""
+"""The progress of several transfers, shown on a terminal or written as lines to a file."""
 
 from __future__ import annotations
 
 import threading
 from typing import TextIO
 
-_STEPS = 10  # of a transfer that is written to a file
+_STEP_PERCENT = 10  # progress between two lines in a file
 
 
 class FetchProgress:
-    """Shows how far each vehicle's log is.
+    """Shows the progress of each vehicle's log.
 
-    A terminal shows one line that is written anew; anything else gets a line at each tenth.
+    A terminal shows one line that is overwritten; any other stream gets a line at each tenth.
 
     Args:
-        stream: to write to.
+        stream: the stream to which it writes.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -25,12 +25,12 @@ class FetchProgress:
         self._width = 0
 
     def show(self, vehicle: str, count: int, size: int) -> None:
-        """Say how far a vehicle's log is; may be called from several threads.
+        """Show the progress of a vehicle's log; several threads may call this.
 
         Args:
-            vehicle: its name.
-            count: bytes that have come.
-            size: bytes in all.
+            vehicle: name of the vehicle.
+            count: number of bytes received so far.
+            size: number of bytes of the log.
         """
         percent = 100 * count // max(1, size)
         with self._lock:
@@ -38,12 +38,13 @@ class FetchProgress:
             self._percents[vehicle] = percent
             if self._is_terminal:
                 self._write_line()
-            elif percent // _STEPS > before // _STEPS or percent < before:
+            # a smaller number than before: the next log of this vehicle has begun
+            elif percent // _STEP_PERCENT > before // _STEP_PERCENT or percent < before:
                 self._stream.write(f"{vehicle}: {percent} % of {size / 1e6:.2f} MB\n")
                 self._stream.flush()
 
     def end(self) -> None:
-        """Leave the line of the terminal."""
+        """End the line on the terminal."""
         if self._is_terminal and self._percents:
             self._stream.write("\n")
             self._stream.flush()

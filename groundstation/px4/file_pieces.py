@@ -1,7 +1,7 @@
-"""A file whose pieces arrive in any order, twice, or not at all. Pure.
+"""Assembles a file from pieces that arrive in any order, twice, or not at all. Pure.
 
-Only what is whole from the first byte on is given back, to be written: so a file on disk never has
-a hole, however its transfer ends. Pieces from behind a hole wait in memory until it is filled.
+Bytes are handed out, to be written, only when all bytes before them have arrived. So a file on disk
+never has a hole, however its transfer ends. Pieces behind a hole wait in memory until it is filled.
 """
 
 from __future__ import annotations
@@ -15,42 +15,42 @@ class Pieces:
     """The parts of one file.
 
     Args:
-        size: of the whole file.
-        count: bytes from the first one on that are there already.
+        size: size of the whole file [byte].
+        count: number of bytes from the first one on that are on the disk already.
     """
 
     def __init__(self, size: int, count: int = 0) -> None:
         self.size = size
-        self.count = count  # bytes from the first one on
-        self._waiting: list[tuple[int, bytes]] = []  # offset and data, the first on top
+        self.count = count  # number of bytes from the first one on without a hole
+        self._waiting: list[tuple[int, bytes]] = []  # heap of pieces behind a hole: offset, data
         self._waiting_bytes = 0
 
     @property
     def is_whole(self) -> bool:
-        """Whether nothing is missing."""
+        """Whether no byte is missing."""
         return self.count >= self.size
 
     @property
     def is_full(self) -> bool:
-        """Whether so much waits that nothing more is taken from behind a hole."""
+        """Whether so many bytes wait that further pieces behind a hole are dropped."""
         return self._waiting_bytes >= _MOST_WAITING_BYTES
 
     @property
     def gap(self) -> tuple[int, int]:
-        """Offset of the first missing byte, and where the missing part ends."""
+        """Offset of the first missing byte, and offset at which the missing part ends."""
         if self._waiting:
             return self.count, min(self.size, self._waiting[0][0])
         return self.count, self.size
 
     def add(self, offset: int, data: bytes) -> bytes:
-        """Take in a piece.
+        """Add a piece.
 
         Args:
-            offset: in the file.
-            data: of the piece.
+            offset: offset of the piece in the file.
+            data: bytes of the piece.
 
         Returns:
-            What follows the bytes that were given back before; empty while those are missing.
+            The bytes that follow those returned before; empty while there is a hole.
         """
         data = data[: max(0, self.size - offset)]
         if offset > self.count:

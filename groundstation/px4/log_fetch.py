@@ -1,10 +1,11 @@
-"""Fetches the logs of flights (ULog) from several PX4s, unattended.
+"""Fetches the flight logs (ULog) of several PX4s, unattended.
 
-Each log comes by file transfer. Where that ends in the middle, the file is opened again and goes on
-at the byte that is missing; where it brings nothing more, the rest comes by LOG_DATA. While it
-comes it is called ``NAME.ulg.part``: a fetch that ends early leaves there what has come, and the
-next one goes on behind it. Only of disarmed vehicles: PX4 writes the log of a flight until it
-disarms, and until then the link belongs to the flight.
+Each log is fetched by file transfer. If the transfer ends early, the file is opened again and read
+from the first missing byte. If file transfer brings nothing more, the rest is fetched by LOG_DATA.
+An incomplete log is named ``NAME.ulg.part``, and the next fetch continues behind its last byte.
+
+Logs are fetched from disarmed vehicles only, because PX4 writes the log of a flight until it
+disarms, and until then the link is needed for the flight.
 """
 
 from __future__ import annotations
@@ -31,17 +32,17 @@ from groundstation.px4.log_transfer import (
 from groundstation.px4.parameter_sets import VehicleReport
 from groundstation.px4.vehicle_links import VehicleLink, for_each, is_device_of_another_computer
 
-# Called with the name of a vehicle, bytes that have come, and bytes in all.
+# Called with the name of a vehicle, the number of received bytes, and the number of all bytes.
 Progress = Callable[[str, int, int], None]
 
 SUFFIX = ".ulg"
 _PART_SUFFIX = ".part"
-# On a flight controller; of PX4 on a computer. An agent passes on requests below these alone.
+# On a flight controller, and of a PX4 on a computer. An agent forwards requests below these only.
 _ROOTS = ("/fs/microsd/log", "/log")
-_HEAD_BYTES = 16  # of a ULog: with the time of its begin they tell one flight from another
-_MOST_FAILURES = 2  # times in a row without a new byte, after which a way is given up
-_SMALL_GAP_BYTES = 5_000  # that is read piece by piece, rather than by a burst
-_SHOWN_BYTES = 50_000  # between two reports of progress
+_HEAD_BYTES = 16  # head of a ULog, whose time of begin tells one flight from another
+_MOST_FAILURES = 2  # attempts in a row without a new byte, after which a method is given up
+_SMALL_GAP_BYTES = 5_000  # a gap up to this size is read by single requests, not by a burst
+_SHOWN_BYTES = 50_000  # bytes between two reports of progress
 _MB = 1e6
 
 
@@ -50,24 +51,24 @@ class ArmedInBetween(Exception):
 
 
 class IncompleteError(Exception):
-    """A log did not come whole; a sentence."""
+    """A log was not fetched completely; the message is a sentence."""
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleLog:
     """One log on a vehicle's card."""
 
-    name: str  # date and time of its begin, as PX4 names it
+    name: str  # date and time of its begin, in PX4's form
     size: int
-    path: str = ""  # for file transfer; empty where PX4 offers none
-    number: int | None = None  # for LOG_DATA, where it was listed that way
+    path: str = ""  # path for file transfer; empty if it was listed by LOG_DATA
+    number: int | None = None  # number for LOG_DATA; None if it was listed by file transfer
 
 
 class CheckedLink:
-    """A link on which only a disarmed vehicle is listened to.
+    """A link that raises as soon as the vehicle is armed.
 
     Args:
-        link: to the vehicle's PX4, or to it through its agent.
+        link: the link to the vehicle's PX4, directly or through its agent.
     """
 
     def __init__(self, link: AutopilotLink | AgentLogLink) -> None:
@@ -78,10 +79,10 @@ class CheckedLink:
         self._link.send(name, *values)
 
     def next_message(self, names: Iterable[str], timeout_s: float) -> Any | None:
-        """Return the autopilot's next message of these names; None when none comes in time.
+        """Return the autopilot's next message of these names; None if none comes in time.
 
         Raises:
-            ArmedInBetween: a heartbeat says that it is armed.
+            ArmedInBetween: a heartbeat says that the vehicle is armed.
         """
         end_s = time.monotonic() + timeout_s
         while True:
@@ -104,11 +105,11 @@ def fetch(
     """Fetch the newest logs of vehicles.
 
     Args:
-        links: to the vehicles.
-        through_agents: by name, for those whose PX4 is not reached otherwise.
-        folder: to write into; a log is named VEHICLE-DATE_TIME.ulg.
-        newest: how many of each vehicle.
-        progress: called from several threads.
+        links: links to the vehicles.
+        through_agents: vehicle -> link through its agent, where its PX4 is not reached directly.
+        folder: folder for the logs, which are named VEHICLE-DATE_TIME.ulg.
+        newest: number of logs of each vehicle.
+        progress: called with the progress, from several threads.
     """
 
     def fetch_one(link: VehicleLink) -> VehicleReport:
@@ -188,8 +189,8 @@ def listed(link: LogLink, newest: int) -> list[VehicleLog]:
     """Return the newest logs of a vehicle, the newest first.
 
     Args:
-        link: to its PX4.
-        newest: how many.
+        link: link to its PX4.
+        newest: number of logs.
     """
     transfer = FileTransfer(link)
     try:
@@ -198,9 +199,9 @@ def listed(link: LogLink, newest: int) -> list[VehicleLog]:
             try:
                 return _listed_in(transfer, root, newest)
             except TransferRefused:
-                continue  # PX4 has another root
+                continue  # this PX4 has another root folder
     except (TransferSilent, TransferRefused):
-        pass
+        pass  # no file transfer: list by LOG_DATA
 
     entries = sorted(LogData(link).entries(), key=lambda one: (one.unix_s, one.number))
     return [
@@ -212,11 +213,11 @@ def listed(link: LogLink, newest: int) -> list[VehicleLog]:
 def _listed_in(transfer: FileTransfer, root: str, newest: int) -> list[VehicleLog]:
     """Return the newest logs in the folders below a root.
 
-    PX4 names folders and files by date and time; those of flights whose date it did not know
-    (``sess012/log001``) come after all others.
+    PX4 names folders and files by date and time. If it does not know the date of a flight, it names
+    them ``sess012/log001``; these logs count as older than all others.
     """
     folders = [entry.name for entry in transfer.folder(root) if entry.is_folder]
-    folders.sort(key=_newest_first, reverse=True)
+    folders.sort(key=_folder_age_key, reverse=True)
 
     found: list[VehicleLog] = []
     for folder in folders:
@@ -235,7 +236,8 @@ def _listed_in(transfer: FileTransfer, root: str, newest: int) -> list[VehicleLo
     return found[:newest]
 
 
-def _newest_first(folder: str) -> tuple[bool, str]:
+def _folder_age_key(folder: str) -> tuple[bool, str]:
+    """Return a sort key of folders, from the oldest to the newest."""
     is_dated = folder[:1].isdecimal()
     return is_dated, folder
 
@@ -250,12 +252,12 @@ def _name_of(entry: LogEntry) -> str:
 
 
 class _Download:
-    """One log on its way into a file.
+    """Writes the pieces of one log to a file.
 
     Args:
-        file: to append to.
-        pieces: of the log.
-        show: called with the bytes that have come.
+        file: the file to which bytes are appended.
+        pieces: assembles the pieces of the log.
+        show: called with the number of received bytes.
     """
 
     def __init__(self, file: BinaryIO, pieces: Pieces, show: Callable[[int], None]) -> None:
@@ -265,14 +267,14 @@ class _Download:
         self.pieces = pieces
 
     def head(self) -> bytes:
-        """Return the first bytes of the file, as far as they have come."""
+        """Return the first bytes of the file, as far as they have been received."""
         self._file.seek(0)
         head = self._file.read(_HEAD_BYTES)
         self._file.seek(0, 2)
         return head
 
     def take(self, piece: Piece) -> None:
-        """Take in a piece."""
+        """Add a piece."""
         self._file.write(self.pieces.add(piece.offset, piece.data))
         if self.pieces.count - self._shown >= _SHOWN_BYTES or self.pieces.is_whole:
             self._shown = self.pieces.count
@@ -280,10 +282,10 @@ class _Download:
 
 
 def _fetched(link: LogLink, log: VehicleLog, target: Path, vehicle: str, progress: Progress) -> str:
-    """Fetch one log; return a sentence about it.
+    """Fetch one log; return a line about it.
 
     Raises:
-        ArmedInBetween, IncompleteError, OSError: it did not come whole.
+        ArmedInBetween, IncompleteError, OSError: it was not fetched completely.
     """
     if target.exists() and target.stat().st_size == log.size:
         return f"{target}: is here already"
@@ -292,11 +294,11 @@ def _fetched(link: LogLink, log: VehicleLog, target: Path, vehicle: str, progres
     part = target.with_name(target.name + _PART_SUFFIX)
     begin_s = time.monotonic()
     with part.open("ab+") as file:
-        count_before = _usable(link, log, file)
+        count_before = _usable_bytes(link, log, file)
         pieces = Pieces(log.size, count_before)
         download = _Download(file, pieces, lambda count: progress(vehicle, count, log.size))
 
-        ways = _by_all_ways(link, log, download)
+        methods = _by_all_methods(link, log, download)
 
     if not pieces.is_whole:
         raise IncompleteError(
@@ -306,16 +308,16 @@ def _fetched(link: LogLink, log: VehicleLog, target: Path, vehicle: str, progres
     part.replace(target)
 
     if count_before:
-        ways.insert(0, f"{count_before / _MB:.2f} MB were here")
+        methods.insert(0, f"{count_before / _MB:.2f} MB were here")
     took_s = time.monotonic() - begin_s
-    return f"{target}: {log.size / _MB:.2f} MB in {took_s:.0f} s, {'; '.join(ways)}"
+    return f"{target}: {log.size / _MB:.2f} MB in {took_s:.0f} s, {'; '.join(methods)}"
 
 
-def _by_all_ways(link: LogLink, log: VehicleLog, download: _Download) -> list[str]:
-    """Fetch what is missing by one way after the other, round after round while it helps.
+def _by_all_methods(link: LogLink, log: VehicleLog, download: _Download) -> list[str]:
+    """Fetch the missing bytes by one method after the other, until no method brings more.
 
     Returns:
-        Words about the ways that brought something.
+        Words about each method that brought bytes.
     """
     pieces = download.pieces
     sessions = 0
@@ -334,17 +336,17 @@ def _by_all_ways(link: LogLink, log: VehicleLog, download: _Download) -> list[st
         count_by_data += pieces.count - between
         failures = 0 if pieces.count > before else failures + 1
 
-    ways = []
+    methods = []
     if count_by_file:
         again = f", opened {sessions} times" if sessions > 1 else ""
-        ways.append(f"{count_by_file / _MB:.2f} MB by file transfer{again}")
+        methods.append(f"{count_by_file / _MB:.2f} MB by file transfer{again}")
     if count_by_data:
-        ways.append(f"{count_by_data / _MB:.2f} MB by LOG_DATA")
-    return ways
+        methods.append(f"{count_by_data / _MB:.2f} MB by LOG_DATA")
+    return methods
 
 
-def _usable(link: LogLink, log: VehicleLog, file: BinaryIO) -> int:
-    """Return how many bytes of an earlier fetch are of this very log; others are dropped."""
+def _usable_bytes(link: LogLink, log: VehicleLog, file: BinaryIO) -> int:
+    """Return the number of bytes from an earlier fetch; the bytes of another log are removed."""
     count = file.seek(0, 2)
     if count and count <= log.size:
         file.seek(0)
@@ -357,7 +359,7 @@ def _usable(link: LogLink, log: VehicleLog, file: BinaryIO) -> int:
 
 
 def _head(link: LogLink, log: VehicleLog) -> bytes:
-    """Return the first bytes of a log on the vehicle; empty when they cannot be read."""
+    """Return the first bytes of a log on the vehicle; empty if they cannot be read."""
     if log.path:
         transfer = FileTransfer(link)
         try:
@@ -371,7 +373,7 @@ def _head(link: LogLink, log: VehicleLog) -> bytes:
 
 
 def _by_file_transfer(link: LogLink, path: str, download: _Download) -> int:
-    """Fetch what is missing by file transfer; return how often the file was opened."""
+    """Fetch the missing bytes by file transfer; return how often the file was opened."""
     transfer = FileTransfer(link)
     pieces = download.pieces
     sessions = 0
@@ -383,17 +385,17 @@ def _by_file_transfer(link: LogLink, path: str, download: _Download) -> int:
             sessions += 1
             _read_on(transfer, download)
         except (TransferRefused, TransferSilent):
-            pass  # PX4 has ended the session: it is opened once more
+            pass  # PX4 has ended the session: open the file once more
         failures = 0 if pieces.count > before else failures + 1
 
-    # else PX4 closes it by itself after a while
+    # close the session; if this fails, PX4 closes it by itself after a while
     with contextlib.suppress(TransferRefused, TransferSilent):
         transfer.reset()
     return sessions
 
 
 def _read_on(transfer: FileTransfer, download: _Download) -> None:
-    """Read an open file until it is whole, or brings nothing more."""
+    """Read an open file until the log is whole, or no more bytes come."""
     pieces = download.pieces
     while not pieces.is_whole:
         before = pieces.count
@@ -404,13 +406,13 @@ def _read_on(transfer: FileTransfer, download: _Download) -> None:
             for piece in transfer.burst(begin):
                 download.take(piece)
                 if pieces.is_full:
-                    return  # the burst goes on behind a hole; opened anew, it ends
+                    return  # the caller opens the file anew, which ends this burst behind a hole
         if pieces.count == before:
             return
 
 
 def _by_log_data(link: LogLink, log: VehicleLog, download: _Download) -> None:
-    """Fetch what is missing by LOG_DATA."""
+    """Fetch the missing bytes by LOG_DATA."""
     data = LogData(link)
     number = log.number
     if number is None:
@@ -430,10 +432,10 @@ def _by_log_data(link: LogLink, log: VehicleLog, download: _Download) -> None:
 
 
 def _number_of(data: LogData, log: VehicleLog, download: _Download) -> int | None:
-    """Return the number that LOG_DATA gives a log of the card; None when it cannot be told.
+    """Return the number that LOG_DATA gives a log of the card; None if it cannot be found.
 
-    LOG_ENTRY names size and date of the last change only. So candidates are those of its size, or a
-    little more where PX4 still writes, and the first bytes have to be the same.
+    LOG_ENTRY contains only size and date of the last change. So candidates are logs of the same
+    size, or of a larger one in case PX4 still writes, and their first bytes must be the same.
     """
     known = download.head()
     candidates = [entry for entry in data.entries() if entry.size >= log.size]

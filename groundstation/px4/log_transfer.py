@@ -1,13 +1,13 @@
-"""The two ways in which PX4 gives out a log: file transfer (MAVLink FTP), and LOG_DATA.
+"""The two protocols by which PX4 sends a log: file transfer (MAVLink FTP), and LOG_DATA.
 
-File transfer is quick: one request for a burst is answered by piece after piece. PX4 ends it in the
-middle for reasons of its own (v1.16 after some seconds, without a word), and has one session for
-each link, which may still be open from before. So a session is reset before a file is opened, and
-what is missing is asked for once more, from its offset. LOG_DATA is slower, and needs no session.
+File transfer is fast: PX4 answers one request for a burst with many pieces. But it may end a burst
+early (v1.16 does so after some seconds, without a message). It also has only one session for each
+link, which may still be open from before. So the session is reset before a file is opened, and
+missing bytes are requested again, from their offset. LOG_DATA is slower, and needs no session.
 
-Layout of a payload of FTP: sequence (2 bytes), session, operation, size, operation that is
-answered, whether a burst is complete, padding, offset (4 bytes), data (up to 239 bytes). Described
-in MAVLink's documentation, "File Transfer Protocol".
+Layout of a payload of FTP: sequence (2 bytes), session, operation, size, answered operation,
+whether a burst is complete, padding, offset (4 bytes), data (up to 239 bytes). It is described in
+MAVLink's documentation, "File Transfer Protocol".
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ END_OF_FILE = 6
 
 _ATTEMPTS = 4
 _ANSWER_S = 0.6
-_SILENT_S = 1.0  # within a burst, after which it has ended
-_MOST_ENTRIES = 20_000  # of a folder
+_SILENT_S = 1.0  # a burst has ended after this time without a piece
+_MOST_ENTRIES = 20_000  # entries of a folder
 _MOST_LOGS = 10_000
-_ALL_LOGS = 0xFFFF
-_LOG_PART_BYTES = 90 * 512  # of one request
+_ALL_LOGS = 0xFFFF  # last log of a request for all logs
+_LOG_PART_BYTES = 90 * 512  # largest part of a log in one request; a LOG_DATA has 90 bytes
 
 
 class LogLink(Protocol):
@@ -48,7 +48,7 @@ class LogLink(Protocol):
         """Send a message to the autopilot."""
 
     def next_message(self, names: Iterable[str], timeout_s: float) -> Any | None:
-        """Return the autopilot's next message of these names; None when none comes in time."""
+        """Return the autopilot's next message of these names; None if none comes in time."""
 
 
 class Piece(NamedTuple):
@@ -67,18 +67,18 @@ class FileEntry(NamedTuple):
 
 
 class LogEntry(NamedTuple):
-    """One log, as LOG_ENTRY names it."""
+    """One log in PX4's list (LOG_ENTRY)."""
 
     number: int
     size: int
-    unix_s: int  # of its last change; 0 when PX4 does not know the date
+    unix_s: int  # Unix time of its last change; 0 if PX4 does not know the date
 
 
 class TransferRefused(Exception):
-    """PX4 answered a request with an error; its number is kept.
+    """PX4 answered a request with an error.
 
     Attributes:
-        error: as MAVLink FTP numbers them.
+        error: number of the error in MAVLink FTP.
     """
 
     def __init__(self, error: int) -> None:
@@ -87,14 +87,14 @@ class TransferRefused(Exception):
 
 
 class TransferSilent(Exception):
-    """PX4 does not answer this request."""
+    """PX4 did not answer a request."""
 
 
 class FileTransfer:
     """A client of PX4's file transfer.
 
     Args:
-        link: to PX4.
+        link: link to PX4.
     """
 
     def __init__(self, link: LogLink) -> None:
@@ -102,11 +102,11 @@ class FileTransfer:
         self._sequence = 0
 
     def reset(self) -> None:
-        """Close whatever is open on this link.
+        """Close the session on this link.
 
         Raises:
-            TransferSilent: PX4 knows no file transfer, or is not heard.
-            TransferRefused: it will not.
+            TransferSilent: PX4 does not answer, or has no file transfer.
+            TransferRefused: PX4 refuses.
         """
         self._ask(_RESET)
 
@@ -118,7 +118,7 @@ class FileTransfer:
             TransferSilent: PX4 does not answer.
         """
         entries: list[FileEntry] = []
-        seen = 0  # entries, those that PX4 leaves out included
+        seen = 0  # number of entries so far, including those that are neither file nor folder
         while seen < _MOST_ENTRIES:
             try:
                 answer = self._ask(_LIST, offset=seen, data=path.encode("utf-8"))
@@ -130,7 +130,10 @@ class FileTransfer:
             if not listed:
                 break
             seen += len(listed)
-            entries += [entry for one in listed if (entry := _entry(one)) is not None]
+            for one in listed:
+                entry = _entry(one)
+                if entry is not None:
+                    entries.append(entry)
         return entries
 
     def open(self, path: str) -> int:
@@ -159,18 +162,23 @@ class FileTransfer:
             answer = self._next_answer(_BURST, _SILENT_S)
             if answer is None:
                 return
-            _, _, operation, size, _, is_complete, at = _HEAD.unpack_from(answer)
+            _, _, operation, size, _, is_complete, piece_offset = _HEAD.unpack_from(answer)
             if operation != _ACK:
                 return
-            yield Piece(at, answer[_HEAD.size : _HEAD.size + min(size, _MOST_DATA)])
+            yield Piece(piece_offset, answer[_HEAD.size : _HEAD.size + min(size, _MOST_DATA)])
             if is_complete:
                 return
 
     def _ask(self, operation: int, *, offset: int = 0, data: bytes = b"", size: int = 0) -> bytes:
-        """Send a request until it is answered; return the data of the answer."""
+        """Send a request until it is answered; return the data of the answer.
+
+        Raises:
+            TransferRefused: the answer is an error.
+            TransferSilent: there is no answer.
+        """
         self._sequence = (self._sequence + 1) & 0xFFFF
         for _ in range(_ATTEMPTS):
-            # the same number again: PX4 answers a repeated request as it did before
+            # with the same sequence number PX4 repeats its answer instead of acting twice
             self._send_numbered(operation, offset, data, size or len(data))
             answer = self._next_answer(operation, _ANSWER_S, sequence=self._sequence + 1)
             if answer is None:
@@ -197,7 +205,7 @@ class FileTransfer:
     def _next_answer(
         self, operation: int, timeout_s: float, *, sequence: int | None = None
     ) -> bytes | None:
-        """Return the next payload that answers an operation; None when none comes in time."""
+        """Return the next payload that answers an operation; None if none comes in time."""
         while True:
             message = self._link.next_message(("FILE_TRANSFER_PROTOCOL",), timeout_s)
             if message is None:
@@ -211,7 +219,7 @@ class FileTransfer:
 
 
 def _entry(listed: bytes) -> FileEntry | None:
-    """Return one entry of a listed folder; None for what is neither file nor folder."""
+    """Return one entry of a listed folder; None if it is neither file nor folder."""
     kind = listed[:1]
     name, _, size = listed[1:].decode("utf-8", "replace").partition("\t")
     is_plain = name not in ("", ".", "..") and "/" not in name and name.isprintable()
@@ -231,9 +239,9 @@ class LogData:
         self._link = link
 
     def entries(self) -> list[LogEntry]:
-        """Return the logs that PX4 has; none when it does not answer, as PX4 without logs."""
+        """Return the logs that PX4 has; an empty list if it has none or does not answer."""
         found: dict[int, LogEntry] = {}
-        count = 0  # that PX4 has; 0 until it has said so
+        count = 0  # number of logs of this PX4; 0 until it has sent it
 
         for _ in range(_ATTEMPTS):
             first = 0
@@ -252,12 +260,12 @@ class LogData:
         return list(found.values())
 
     def read(self, number: int, offset: int, size: int) -> Iterator[Piece]:
-        """Yield pieces of a log until a part of it has come, or PX4 falls silent.
+        """Yield pieces of a log until all requested bytes have come, or PX4 falls silent.
 
         Args:
-            number: of the log, in the newest list.
-            offset: of the first byte.
-            size: how many bytes; at most a part of them is requested at once.
+            number: number of the log in the newest list.
+            offset: offset of the first byte.
+            size: number of bytes; at most _LOG_PART_BYTES of them are requested.
         """
         wanted = min(size, _LOG_PART_BYTES)
         self._link.send("log_request_data", number, offset, wanted)
@@ -273,5 +281,5 @@ class LogData:
                 return
 
     def stop(self) -> None:
-        """Have PX4 send nothing more."""
+        """Ask PX4 to send no more of the log."""
         self._link.send("log_request_end")

@@ -1,4 +1,4 @@
-"""Parameters written to one PX4, each with its outcome, also when the link dies on the way."""
+"""Writes parameters to one PX4, with an outcome for each, also if the link is lost meanwhile."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ from typing import Protocol
 from groundstation.client.autopilot_link import LinkSilentError
 from onboard.px4.required_params import RequiredParam, Value
 
-_STORE_S = 5.0  # within which PX4 confirms that it has stored
-_STORE_ANSWER_S = 0.5  # within which it answers one request
-_STORE_PAUSE_S = 0.1  # between two requests
-_SECOND_WRITE_S = 0.5  # for the writing that the second request has begun
+_STORE_S = 5.0  # longest wait for the confirmation that parameters are stored
+_STORE_ANSWER_S = 0.5  # longest wait for the answer to one request
+_STORE_PAUSE_S = 0.1  # pause between two requests
+_SECOND_WRITE_S = 0.5  # time for the writing that the second request has begun
 _ACCEPTED = 0  # MAV_RESULT_ACCEPTED
 
 
 class Outcome(Enum):
-    """The outcome for one parameter that was to be set."""
+    """The outcome for one parameter."""
 
-    SET = "set"  # and read back
+    SET = "set"  # it was set and read back
     REFUSED = "refused"  # PX4 keeps another value
     UNKNOWN = "unknown"  # this PX4 has no such parameter
-    LOST = "not confirmed"  # sent, and PX4 fell silent
-    UNTOUCHED = "not set"  # PX4 had fallen silent before
+    LOST = "not confirmed"  # it was sent, but PX4 fell silent
+    UNTOUCHED = "not set"  # it was not sent, because PX4 had fallen silent before
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterChange:
-    """One parameter that was to be set."""
+    """One parameter: its values before and after, and the outcome."""
 
     name: str
     before: Value | None  # None: PX4 did not send it
-    required: Value
+    required: Value  # the value to set
     after: Value | None
     outcome: Outcome
 
@@ -43,26 +43,26 @@ class ParameterLink(Protocol):
     """The part of a link that writes parameters."""
 
     def write(self, name: str, value: Value) -> Value | None:
-        """Write a parameter; return the value that PX4 answers, None without an answer."""
+        """Write a parameter; return the value in PX4's answer, or None without an answer."""
         ...
 
     def request_storage(self, timeout_s: float) -> int | None:
-        """Have PX4 store its parameters; return its result, None without an answer."""
+        """Ask PX4 to store its parameters; return its MAV_RESULT, or None without an answer."""
         ...
 
 
 def write_all(
     link: ParameterLink, required: Iterable[RequiredParam], before: Mapping[str, Value | None]
 ) -> tuple[list[ParameterChange], str]:
-    """Set parameters one after the other, and have PX4 store them.
+    """Set parameters one after the other, and let PX4 store them.
 
     Args:
-        link: to PX4.
+        link: link to PX4.
         required: parameters to set.
-        before: parameter -> value that PX4 has.
+        before: parameter -> value that PX4 has now.
 
     Returns:
-        A change for each, and a sentence on what went wrong; empty when nothing did.
+        A change for each parameter, and sentences about what went wrong; empty if nothing did.
     """
     changes: list[ParameterChange] = []
     is_silent = False
@@ -92,7 +92,7 @@ def write_all(
 
 
 def _write(link: ParameterLink, demand: RequiredParam) -> tuple[Value | None, Outcome]:
-    """Set one parameter; return the value that PX4 then has, and what became of it."""
+    """Set one parameter; return the value that PX4 has then, and the outcome."""
     try:
         after = link.write(demand.name, demand.value)
     except LinkSilentError:
@@ -141,16 +141,16 @@ def store(
     timeout_s: float,
     sleep: Callable[[float], None] = time.sleep,
 ) -> bool:
-    """Have PX4 write its parameters, and wait until it has; return whether it confirmed in time.
+    """Let PX4 store its parameters, and wait until it has; return whether it confirmed in time.
 
-    PX4 writes changed parameters by itself up to 3.5 s later, and a restart before that loses them.
-    PREFLIGHT_STORAGE writes at once, but is accepted before the writing. While PX4 writes it
-    rejects another one: so the next acceptance shows that the first writing has ended. The second
-    has nothing new to write.
+    PX4 stores changed parameters by itself up to 3.5 s later, and a restart before that loses them.
+    PREFLIGHT_STORAGE stores them at once, but PX4 accepts it before it writes. While PX4 writes, it
+    rejects a further PREFLIGHT_STORAGE. So when it accepts a second one, the first writing has
+    ended. The second writing has nothing new to write.
 
     Args:
-        request: sends PREFLIGHT_STORAGE, waits so long for the answer, and returns it.
-        timeout_s: for all of it.
+        request: sends PREFLIGHT_STORAGE and returns the answer; its argument is the timeout.
+        timeout_s: longest time for all requests.
         sleep: waits between two requests.
     """
     end_s = time.monotonic() + timeout_s

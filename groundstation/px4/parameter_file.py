@@ -1,7 +1,7 @@
-"""Files of parameters, as QGroundControl writes and reads them.
+"""Parameter files in the format of QGroundControl.
 
-A row holds vehicle id, component id, name, value and type, with tabs between them. One file holds
-all parameters of one vehicle or of several, which their MAVLink ids tell apart.
+A row holds vehicle id, component id, name, value and type, separated by tabs. A file holds all
+parameters of one vehicle, or of several, which differ in their MAVLink ids.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from onboard.config.file_reading import PARAMETER_FILE, read_text
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.px4.required_params import Value
 
-# Types of MAV_PARAM_TYPE: PX4 has no others.
+# the two types of MAV_PARAM_TYPE that PX4 uses
 _INT32 = 6
 _REAL32 = 9
-_INT32_LIMIT = 2**31  # the first that is too large
-_LARGEST_REAL32 = (2.0 - 2.0**-23) * 2.0**127  # of IEEE 754's binary32
+_INT32_LIMIT = 2**31  # the first number that is too large
+_LARGEST_REAL32 = (2.0 - 2.0**-23) * 2.0**127  # largest number of IEEE 754's binary32
 
-_AUTOPILOT = 1  # component id
+_AUTOPILOT = 1  # component id of the autopilot
 _COLUMNS = 5
 
 # Parameters that belong to one vehicle by nature: its id, its calibration, its statistics.
@@ -48,12 +48,12 @@ class _Row(NamedTuple):
 
 
 def is_one_of(name: str, patterns: tuple[str, ...]) -> bool:
-    """Whether a parameter's name fits one of the patterns."""
+    """Return whether a parameter's name matches one of the patterns."""
     return any(fnmatchcase(name, pattern) for pattern in patterns)
 
 
 def default_backup(fleet: FleetConfig) -> Path:
-    """Return the name of a new backup."""
+    """Return the path of a new backup, named after the fleet and the time."""
     return Path(time.strftime(f"px4-{fleet.fleet.name}-%Y%m%d-%H%M%S.params"))
 
 
@@ -61,11 +61,11 @@ def write_file(path: Path, vehicles: Mapping[int, tuple[str, Mapping[str, Value]
     """Write the parameters of vehicles to a new file.
 
     Args:
-        path: of the file.
-        vehicles: MAVLink id -> a remark, and its parameters.
+        path: path of the file.
+        vehicles: MAVLink id -> a remark about the vehicle, and its parameters.
 
     Raises:
-        ConfigError: it exists, or cannot be written.
+        ConfigError: the file exists already, or cannot be written.
     """
     lines = [
         "# Parameters of PX4: covey px4 params --restore writes them back,"
@@ -99,13 +99,13 @@ def read_file(path: Path) -> dict[int, dict[str, Value]]:
     """Read a file of parameters.
 
     Args:
-        path: of the file.
+        path: path of the file.
 
     Returns:
         MAVLink id -> parameter -> value.
 
     Raises:
-        ConfigError: it cannot be read, or holds something else; with the line.
+        ConfigError: the file cannot be read, or a line of it is no parameter.
     """
     text = read_text(path, PARAMETER_FILE)
     vehicles: dict[int, dict[str, Value]] = {}
@@ -134,7 +134,7 @@ def read_file(path: Path) -> dict[int, dict[str, Value]]:
 
 
 def _row(line: str) -> _Row | None:
-    """Return the parameter of a line; None for a line without one."""
+    """Return the parameter in a line; None if the line has another form."""
     columns = line.split("\t")
     if len(columns) != _COLUMNS:
         return None
@@ -153,13 +153,13 @@ def _row(line: str) -> _Row | None:
 
 
 def _value(text: str, *, is_whole: bool) -> Value | None:
-    """Return a parameter's value; None when it is no number, or one that PX4 cannot hold."""
+    """Return a parameter's value; None if it is no number, or a number that PX4 cannot store."""
     try:
         value: Value = int(text) if is_whole else float(text)
     except ValueError:
         return None
 
-    # "Not a number" lies in no range.
+    # these comparisons are false for NaN, too
     if is_whole and -_INT32_LIMIT <= value < _INT32_LIMIT:
         return value
     if not is_whole and -_LARGEST_REAL32 <= value <= _LARGEST_REAL32:

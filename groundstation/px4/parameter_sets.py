@@ -1,4 +1,4 @@
-"""All parameters of vehicles: saved to a file, compared with others, read back from a file."""
+"""All parameters of vehicles: saved to a file, compared with others, restored from a file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.exit_status import EXIT_NO_ANSWER
 from onboard.px4.required_params import RequiredParam, Value
 
-# All parameters of a vehicle, or a sentence on why they are not known.
+# All parameters of a vehicle, or a sentence that says why they are not known.
 _Parameters = Mapping[str, Value] | str
 
 
@@ -31,14 +31,14 @@ class VehicleReport:
 
 
 class Differences(NamedTuple):
-    """Two sets of parameters, one beside the other."""
+    """The differences between two sets of parameters."""
 
-    rows: list[str]  # one for each that differs
-    left_out: int  # number of those that are each vehicle's own
+    rows: list[str]  # one line for each parameter that differs
+    left_out: int  # number of differing parameters that belong to one vehicle by nature
 
 
 def exit_status(reports: Sequence[VehicleReport]) -> int:
-    """Return 0 all are fine; 1 none is; 10 nobody answered; 50 some are."""
+    """Return 0 if all vehicles are fine, 1 if none is, 10 if none answered, 50 if some are."""
     if not any(report.answers for report in reports):
         return EXIT_NO_ANSWER
     return status_of([report.is_fine for report in reports])
@@ -70,8 +70,8 @@ def dump(links: Sequence[VehicleLink], path: Path) -> list[VehicleReport]:
     """Write all parameters of the vehicles that answer to a new file.
 
     Args:
-        links: to the vehicles.
-        path: of the file.
+        links: links to the vehicles.
+        path: path of the file.
 
     Raises:
         ConfigError: the file cannot be written.
@@ -91,15 +91,15 @@ def dump(links: Sequence[VehicleLink], path: Path) -> list[VehicleReport]:
 
 
 def diff(links: Sequence[VehicleLink], fleet: FleetConfig, reference: str) -> list[VehicleReport]:
-    """Compare all parameters of vehicles with a file's, or with those of one of them.
+    """Compare all parameters of vehicles with those in a file, or with those of a vehicle.
 
     Args:
-        links: to the vehicles, the one to compare with among them.
+        links: links to the vehicles, including the one to compare with.
         fleet: the fleet file.
-        reference: a vehicle's name or index, or a path.
+        reference: name or index of the vehicle to compare with, or path of the file.
 
     Raises:
-        ConfigError: the file holds nothing about a vehicle.
+        ConfigError: the file cannot be read, or there is no such vehicle.
     """
     parameters: dict[str, _Parameters] = {}
     for link, values in zip(links, for_each(read_whole, links), strict=True):
@@ -117,7 +117,7 @@ def diff(links: Sequence[VehicleLink], fleet: FleetConfig, reference: str) -> li
     for link in links:
         name = link.vehicle.name
         is_reference = name == reference_name
-        # The reference itself is worth a line only when it could not be read.
+        # the reference itself gets a report only if it could not be read
         if not is_reference or isinstance(parameters[name], str):
             reports.append(_compared(link, parameters[name], parameters[reference_name], reference))
     return reports
@@ -126,7 +126,7 @@ def diff(links: Sequence[VehicleLink], fleet: FleetConfig, reference: str) -> li
 def _compared(
     link: VehicleLink, values: _Parameters, other: _Parameters, reference: str
 ) -> VehicleReport:
-    """Return how a vehicle's parameters differ from others."""
+    """Return a report about how a vehicle's parameters differ from others."""
     name = link.vehicle.name
     is_heard = link.link is not None
     if isinstance(values, str):
@@ -144,7 +144,10 @@ def _compared(
 
 
 def _of_file(sets: Mapping[int, Mapping[str, Value]], link: VehicleLink) -> _Parameters:
-    """Return the vehicle's own parameters of a file, or those of the one vehicle that it holds."""
+    """Return a vehicle's parameters in a file.
+
+    If the file does not contain this vehicle, but a single other one, return those of the other.
+    """
     system_id = link.vehicle.system_id
     if system_id in sets:
         return sets[system_id]
@@ -154,12 +157,7 @@ def _of_file(sets: Mapping[int, Mapping[str, Value]], link: VehicleLink) -> _Par
 
 
 def differences(values: Mapping[str, Value], other: Mapping[str, Value]) -> Differences:
-    """Return what differs between two sets of parameters.
-
-    Args:
-        values: parameter -> value here.
-        other: parameter -> value there.
-    """
+    """Return the differences between two sets of parameters, each parameter -> value."""
     rows = []
     left_out = 0
     for name in sorted(values.keys() | other.keys()):
@@ -175,7 +173,7 @@ def differences(values: Mapping[str, Value], other: Mapping[str, Value]) -> Diff
 
 
 def _is_same(name: str, value: Value | None, required: Value) -> bool:
-    """Whether a value is as good as the required one."""
+    """Return whether a value counts as equal to the required one."""
     return RequiredParam(name, required, "").is_met(value)
 
 
@@ -188,12 +186,12 @@ def _listed(sets: Mapping[int, object]) -> str:
 
 
 def restore(links: Sequence[VehicleLink], path: Path, backup: Path) -> list[VehicleReport]:
-    """Write a file's parameters back, each vehicle its own, after a backup of what is there now.
+    """Restore each vehicle's parameters from a file, after a backup of the present ones.
 
     Args:
-        links: to the vehicles.
-        path: of the file.
-        backup: file to write.
+        links: links to the vehicles.
+        path: path of the file.
+        backup: path of the backup, which is written first.
 
     Raises:
         ConfigError: the file holds none of these vehicles, or the backup cannot be written; nothing
@@ -227,7 +225,7 @@ def restore(links: Sequence[VehicleLink], path: Path, backup: Path) -> list[Vehi
 
 
 def _restore(link: VehicleLink, values: Mapping[str, Value]) -> VehicleReport:
-    """Write back what differs from a file's values."""
+    """Write the values of a file that differ from the vehicle's."""
     assert link.link is not None
     name = link.vehicle.name
     before = read_whole(link)

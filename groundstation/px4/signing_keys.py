@@ -1,7 +1,7 @@
-"""Keys of MAVLink signing: what each PX4 does with messages; giving it a key, or taking it away.
+"""Keys of MAVLink signing: look at what each PX4 does, set its key, or remove it.
 
-PX4 acknowledges no key. So what it does afterwards is looked at: whether it signs with the key, and
-whether it still answers what is not signed.
+PX4 does not acknowledge a key. So its messages are checked afterwards: whether it signs them with
+the key, and whether it still answers messages that are not signed.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.security.mavlink_key import key_file, read_key
 
 _LISTEN_S = 0.5
-_AUTOPILOT_VERSION = 148  # a message that PX4 sends when it is asked
+_AUTOPILOT_VERSION = 148  # id of a message that PX4 sends on request
 _ATTEMPTS = 3
 _SINCE = ".".join(str(number) for number in SIGNING_SINCE)
 KeyAction = Literal["look", "set", "remove"]
 
 
 class Signs(Enum):
-    """What a PX4 does with the messages that it sends, in words."""
+    """Whether and with which key a PX4 signs its messages, in words."""
 
     NOTHING = "does not sign its messages"
     OURS = "signs its messages with the key of this vehicle"
@@ -36,19 +36,18 @@ class Signs(Enum):
 def keys_of(
     fleet: FleetConfig, vehicles: Sequence[Vehicle], *, is_changed: bool
 ) -> dict[str, bytes]:
-    """Read the keys of vehicles, as far as they are here.
+    """Read the keys of vehicles that are on this computer.
 
     Args:
         fleet: the fleet file.
-        vehicles: whose.
-        is_changed: whether PX4 is to be given a key, or to lose it: then each vehicle must have one
-            here.
+        vehicles: the vehicles.
+        is_changed: whether a key is to be set or removed: then each vehicle must have one here.
 
     Returns:
-        vehicle -> key.
+        name of a vehicle -> key.
 
     Raises:
-        ConfigError: a key that is needed is missing, or is not a key.
+        ConfigError: a required key is missing, or its file holds no key.
     """
     keys = {}
     for vehicle in vehicles:
@@ -67,10 +66,10 @@ def run(
     """Look at several PX4s, and set or remove their keys.
 
     Args:
-        links: to them, hearing whatever they sign with.
-        keys: vehicle -> key.
-        action: what to do.
-        old_key: that they have now, where it is another one.
+        links: links to them, which receive messages with any signature.
+        keys: name of a vehicle -> its key.
+        action: whether to look only, to set the key, or to remove it.
+        old_key: the key that PX4 has now, if it is another one; or None.
     """
 
     def run_one(link: VehicleLink) -> VehicleReport:
@@ -98,14 +97,14 @@ def _run_one(
         headline = f"nothing was changed: {_words(link, found)} already."
         return VehicleReport(name, True, headline)
 
-    present_key = None  # that PX4 demands of the message which changes it
+    present_key = None  # the key with which the message that changes it must be signed
     if found is Signs.OTHER:
         present_key = old_key
     elif found is Signs.OURS:
         present_key = key
     new_key = key if action == "set" else None
 
-    # The message may be lost, and PX4 does not answer it.
+    # repeated, because the message may be lost and PX4 does not answer it
     for _ in range(_ATTEMPTS):
         link.link.sign(present_key)
         link.link.set_key(new_key)
@@ -119,7 +118,7 @@ def _run_one(
 
 
 def _refusal(link: VehicleLink, found: Signs, action: KeyAction, old_key: bytes | None) -> str:
-    """Return why nothing can be changed; empty when it can."""
+    """Return why the key cannot be changed; empty if it can."""
     assert link.link is not None
     if not link.link.is_own:
         refusal = (
@@ -143,13 +142,13 @@ def _refusal(link: VehicleLink, found: Signs, action: KeyAction, old_key: bytes 
 
 
 def _is_too_old(link: VehicleLink) -> bool:
-    """Whether a PX4 is known to be older than signing."""
+    """Return whether a PX4 is known to be too old for signing."""
     version = plausible_version(link.version)
     return version is not None and version < SIGNING_SINCE
 
 
 def _removed(link: VehicleLink, found: Signs) -> VehicleReport:
-    """Return what became of a PX4 that was to lose its key."""
+    """Return the report about a PX4 whose key was to be removed."""
     is_gone = found is Signs.NOTHING
     result = " any more" if is_gone else ": it kept its key"
     hint = ""
@@ -159,7 +158,7 @@ def _removed(link: VehicleLink, found: Signs) -> VehicleReport:
 
 
 def _set(link: VehicleLink, found: Signs) -> VehicleReport:
-    """Return what became of a PX4 that was to get a key."""
+    """Return the report about a PX4 whose key was to be set."""
     name = link.vehicle.name
     if found is not Signs.OURS:
         headline = f"PX4 took no key: it {found.value}. Restart it, and try once more."
@@ -177,7 +176,7 @@ def _set(link: VehicleLink, found: Signs) -> VehicleReport:
 
 
 def _looked_at(link: VehicleLink, found: Signs) -> VehicleReport:
-    """Return whether a PX4 does as the fleet file demands."""
+    """Return the report about whether a PX4 signs as the fleet file demands."""
     is_demanded = link.vehicle.mavlink_signing
     is_fine = found is (Signs.OURS if is_demanded else Signs.NOTHING)
     demand = ""
@@ -194,13 +193,13 @@ def _words(link: VehicleLink, found: Signs) -> str:
 
 
 def _state(link: AutopilotLink, key: bytes | None) -> Signs:
-    """Listen for a moment, and say what PX4 does with its messages.
+    """Listen for a moment; return how PX4 signs its messages.
 
-    What is sent meanwhile is signed with the key, so that PX4's timestamps catch up.
+    Messages that are sent meanwhile are signed with the key, so that PX4's timestamps catch up.
     """
     signing = link.sign(key)
 
-    # What PX4 had sent before is no sign of what it does now.
+    # first skip messages that PX4 has sent before, since they may be signed in another way
     link.listen(_LISTEN_S, [_AUTOPILOT_VERSION])
     signed_before = signing.sig_count
     good_before = signing.goodsig_count

@@ -1,4 +1,4 @@
-"""What each PX4 says of itself: version, board, uptime, state, sensors and links."""
+"""Facts that each PX4 reports about itself: version, board, uptime, state, sensors and links."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from onboard.px4.message_parsers import PARSERS
 from onboard.px4.sensor_status import sensors
 
 _LISTEN_S = 2.5
-_ASKED = 3  # times, in all, until PX4 says its version
-_AGAIN_S = 1.0  # for an answer to a repeated question: twice the round trip of a slow radio
-_AUTOPILOT_VERSION = 148  # a message that PX4 sends when it is asked
+_ATTEMPTS = 3  # requests for the version, in total
+_AGAIN_S = 1.0  # wait for the answer to a repeated request: twice the round trip of a slow radio
+_AUTOPILOT_VERSION = 148  # id of a message that PX4 sends on request
 _WIDTH = 118
 
 # FIRMWARE_VERSION_TYPE of MAVLink.
@@ -37,7 +37,7 @@ _FIXES = {
     6: "RTK",
 }
 
-# Name of each message that was heard, and the newest one.
+# name of a message -> the newest one that was received
 _Messages = Mapping[str, Any]
 
 
@@ -46,13 +46,13 @@ class VehicleInfo:
     """Facts about one vehicle."""
 
     name: str
-    facts: dict[str, str] = field(default_factory=dict)  # by subject
-    trouble: str = ""  # why nothing was heard
+    facts: dict[str, str] = field(default_factory=dict)  # subject -> fact in words
+    trouble: str = ""  # why nothing was received; empty if something was
 
 
 @dataclass(slots=True)
 class _Traffic:
-    """Messages of one link."""
+    """Counts the messages on one link."""
 
     count: int = 0
     is_signed: bool = False
@@ -64,18 +64,18 @@ class _Traffic:
 
 
 def ask(link: VehicleLink, key: bytes | None = None) -> VehicleInfo:
-    """Listen to one vehicle for some seconds.
+    """Listen to one vehicle for some seconds; return the facts about it.
 
     Args:
-        link: to its PX4.
-        key: of its MAVLink signing, where its messages are signed.
+        link: link to its PX4.
+        key: key of its MAVLink signing; None if its messages are not signed.
     """
     if link.link is None:
         return VehicleInfo(link.vehicle.name, trouble=link.trouble)
 
     traffic = _Traffic()
     heard = link.link.listen(_LISTEN_S, [_AUTOPILOT_VERSION], take=traffic.take)
-    heard |= _asked_again(link.link, heard)
+    heard |= _version_again(link.link, heard)
     facts = {
         "version": _version(link, heard),
         "board": _board(heard),
@@ -95,10 +95,14 @@ def ask(link: VehicleLink, key: bytes | None = None) -> VehicleInfo:
     return VehicleInfo(link.vehicle.name, facts)
 
 
-def _asked_again(link: AutopilotLink, heard: _Messages) -> dict[str, Any]:
-    """Return what PX4 answers to repeated questions: one lost message is no answer."""
+def _version_again(link: AutopilotLink, heard: _Messages) -> dict[str, Any]:
+    """Request the version again if it is missing, because a message may be lost.
+
+    Returns:
+        The messages that PX4 sent meanwhile.
+    """
     more: dict[str, Any] = {}
-    for _ in range(_ASKED - 1):
+    for _ in range(_ATTEMPTS - 1):
         if "AUTOPILOT_VERSION" in (heard.keys() | more.keys()):
             break
         more |= link.listen(_AGAIN_S, [_AUTOPILOT_VERSION], until="AUTOPILOT_VERSION")
@@ -113,7 +117,7 @@ def _version(link: VehicleLink, heard: _Messages) -> str:
     if plausible_version(version) is None:
         return link.version_text
 
-    # Four bytes: major, minor, patch, and the kind of firmware.
+    # its four bytes are major, minor, patch, and the kind of firmware
     number = message.flight_sw_version
     patch = number >> 8 & 0xFF
     kind = _KINDS.get(number & 0xFF, f"type {number & 0xFF}")
@@ -148,11 +152,12 @@ def _uptime(heard: _Messages) -> str:
 
 
 def _snapshot(heard: _Messages, *names: str) -> Snapshot:
-    """Return what some messages say, read as an agent reads them."""
+    """Return the values of some messages, parsed as an agent parses them."""
     changes: dict[str, Any] = {}
     for name in names:
         if name in heard:
-            changes |= PARSERS[name](heard[name].to_dict(), 1)
+            received_ns = 1  # any time but 0, which would mean "never"
+            changes |= PARSERS[name](heard[name].to_dict(), received_ns)
     return Snapshot(**changes)
 
 
@@ -195,7 +200,7 @@ def _links(link: VehicleLink, traffic: _Traffic, key: bytes | None) -> str:
 
 
 def _direct_link(vehicle: Vehicle, key: bytes | None) -> str:
-    """Return whether PX4 answers at its ground link too."""
+    """Return in words whether PX4 also answers on its ground link."""
     if vehicle.direct is None:
         return "no direct link in the fleet file"
     try:
@@ -211,7 +216,7 @@ def _direct_link(vehicle: Vehicle, key: bytes | None) -> str:
 
 
 def exit_status(found: Sequence[VehicleInfo]) -> int:
-    """Return 0 all answered; 10 nobody; 50 some."""
+    """Return 0 if all vehicles answered, 10 if none did, 50 if some did."""
     if all(vehicle.trouble for vehicle in found):
         return EXIT_NO_ANSWER
     return status_of([not vehicle.trouble for vehicle in found])

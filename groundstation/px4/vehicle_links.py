@@ -1,8 +1,8 @@
-"""Links to each vehicle's PX4 past its agent, and the same work done for several at a time.
+"""Links to the PX4s of several vehicles without their agents.
 
-The vehicle's own link is used when no agent holds it, else PX4's ground link (``direct``): PX4
-answers on a link only the program that it heard there first, so nothing may push in between an
-agent and its autopilot.
+The vehicle's own link is used if no agent holds it, or else PX4's ground link (``direct``). On a
+link PX4 answers only the program that it has heard there first, so no other program may use the
+link of an agent.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from onboard.autopilot import LinkError, Version, plausible_version
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle
 from onboard.px4.port_lock import PortClaim
 
-_ANSWER_S = 4.0  # within which a PX4 is heard
-_LARGEST_BATCH = 8  # vehicles at a time
+_ANSWER_S = 4.0  # longest wait for a heartbeat of PX4
+_LARGEST_BATCH = 8  # number of vehicles at a time
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
 @dataclass(slots=True)
 class VehicleLink:
-    """One vehicle, and the link that its PX4 answers at; without one, ``trouble`` says why."""
+    """One vehicle, and the link on which its PX4 answers; without one, ``trouble`` says why."""
 
     vehicle: Vehicle
     link: AutopilotLink | None = None
     is_armed: bool = False
-    version: Version | None = None  # as reported
+    version: Version | None = None  # version that PX4 reports
     trouble: str = ""
-    silent_links: tuple[str, ...] = ()  # sentences on links that were tried before
+    silent_links: tuple[str, ...] = ()  # sentences about links on which PX4 did not answer
 
     @property
     def endpoint(self) -> str:
-        """The endpoint at which PX4 answers; empty when it does not."""
+        """The endpoint at which PX4 answers; empty if it does not."""
         if self.link is None:
             return ""
         return self.link.endpoint
@@ -75,12 +75,12 @@ def selected_vehicles(
 def opened(
     vehicles: Sequence[Vehicle], keys: Mapping[str, bytes], *, hears_all: bool = False
 ) -> Iterator[list[VehicleLink]]:
-    """Open links to several vehicles, closed with the block.
+    """Open links to several vehicles; they are closed at the end of the block.
 
     Args:
-        vehicles: whose.
-        keys: of those that sign.
-        hears_all: whether PX4 is heard whatever it signs with.
+        vehicles: the vehicles.
+        keys: name of a vehicle that signs -> its key.
+        hears_all: whether messages with any signature are received.
     """
     with contextlib.ExitStack() as stack:
 
@@ -91,7 +91,7 @@ def opened(
 
 
 def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    """Call a function for several vehicles at a time, each in a thread."""
+    """Return a function's result for each item; several calls run at a time, each in a thread."""
     with ThreadPoolExecutor(_LARGEST_BATCH) as pool:
         return list(pool.map(function, items))
 
@@ -99,15 +99,15 @@ def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[
 def _open(
     vehicle: Vehicle, stack: contextlib.ExitStack, key: bytes | None, *, hears_all: bool
 ) -> VehicleLink:
-    """Open the first link at which a vehicle's PX4 is heard.
+    """Open the first link on which a vehicle's PX4 answers.
 
     Args:
-        vehicle: whose.
-        stack: closes the link.
-        key: of its MAVLink signing.
-        hears_all: whether PX4 is heard whatever it signs with.
+        vehicle: the vehicle.
+        stack: closes the link at its end.
+        key: key of the vehicle's MAVLink signing; None if it does not sign.
+        hears_all: whether messages with any signature are received.
     """
-    # Each endpoint, and whether it is the vehicle's own link, which an agent may hold.
+    # each endpoint, and whether it is the vehicle's own link, which an agent may hold
     endpoints = [(vehicle.autopilot, True)]
     if vehicle.direct:
         endpoints.append((vehicle.direct, False))
@@ -159,10 +159,10 @@ def _open(
 
 
 def is_device_of_another_computer(vehicle: Vehicle) -> bool:
-    """Return whether a vehicle's PX4 hangs on a serial device of a computer that is not this one.
+    """Return whether a vehicle's PX4 is connected to a serial device of another computer.
 
     Args:
-        vehicle: of the fleet file; its agent's address is that of its computer.
+        vehicle: the vehicle; the address of its agent is that of its computer.
     """
     return vehicle.autopilot.startswith("serial://") and not _is_this_computer(vehicle.host)
 
@@ -172,7 +172,7 @@ def _is_this_computer(host: str) -> bool:
     try:
         family, kind, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_DGRAM)[0]
         with socket.socket(family, kind) as own:
-            own.bind(address)  # only an own address can be bound
+            own.bind(address)  # only an address of this computer can be bound
     except OSError:
         return False
     return True
@@ -188,7 +188,7 @@ def _device_words(vehicle: Vehicle) -> str:
 
 
 def _silence(link: AutopilotLink, vehicle: Vehicle, *, is_signed: bool) -> str:
-    """Return a sentence on a link at which this vehicle's PX4 is not heard."""
+    """Return a sentence about a link on which this vehicle's PX4 does not answer."""
     if link.other_system_id is not None:
         return (
             f"The PX4 at {link.endpoint} has MAVLink system id {link.other_system_id}, but the"

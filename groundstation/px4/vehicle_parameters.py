@@ -1,6 +1,6 @@
-"""Parameters that close flight needs: what each PX4 has instead, setting and reading them back.
+"""The PX4 parameters that Covey requires: reads them, reports differences, and sets them.
 
-Before anything is set, all parameters of the vehicles concerned are saved to a file.
+Before anything is set, all parameters of the concerned vehicles are saved to a file.
 """
 
 from __future__ import annotations
@@ -29,29 +29,29 @@ class ParameterState:
 
     demand: RequiredParam
     value: Value | None  # None: PX4 did not send it
-    change: ParameterChange | None = None  # it was to be set
+    change: ParameterChange | None = None  # the attempt to set it; None if there was none
 
     @property
     def is_met(self) -> bool:
-        """Whether it is as it should be."""
+        """Whether it has the required value."""
         return self.demand.is_met(self.value)
 
     @property
     def was_set(self) -> bool:
-        """Whether it was set, and read back."""
+        """Whether it was set and read back."""
         return self.change is not None and self.change.outcome is Outcome.SET
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleParams:
-    """Parameters of one vehicle."""
+    """The required parameters of one vehicle."""
 
     name: str
-    endpoint: str  # at which they were read
+    endpoint: str  # endpoint at which they were read
     rows: tuple[ParameterState, ...]
-    trouble: str = ""  # why there are no more
-    version: str = ""  # of its PX4, in words
-    is_stored: bool = False  # PX4 has written them: a restart keeps them
+    trouble: str = ""  # why some are missing or were not set; empty if all went well
+    version: str = ""  # version of its PX4, in words
+    is_stored: bool = False  # whether PX4 has stored them, so that a restart keeps them
     is_armed: bool = False
 
     @property
@@ -61,19 +61,19 @@ class VehicleParams:
 
     @property
     def is_fine(self) -> bool:
-        """Whether everything is met that take-off is refused without."""
+        """Whether all parameters have their required values, except those that are only advice."""
         return not self.trouble and all(row.is_met or row.demand.is_advice for row in self.rows)
 
     @property
     def restarts_for(self) -> tuple[str, ...]:
-        """Parameters that were set and that PX4 reads only when it starts."""
+        """Names of parameters that were set, but that PX4 reads only when it starts."""
         return tuple(
             row.demand.name for row in self.rows if row.was_set and row.demand.needs_restart
         )
 
 
 def read_one(link: VehicleLink, fleet: FleetConfig) -> VehicleParams:
-    """Read what one vehicle needs."""
+    """Read the parameters that one vehicle requires."""
     demands = all_params(fleet, link.vehicle, link.version)
     values: dict[str, Value | None] = {}
     trouble = link.trouble
@@ -91,8 +91,9 @@ def read_one(link: VehicleLink, fleet: FleetConfig) -> VehicleParams:
     rows = []
     for demand in demands:
         value = values.get(demand.name)
-        is_needless = demand.is_optional and value is None and not trouble
-        if not is_needless:
+        # this PX4 does not have the parameter, and does not need it
+        is_superfluous = demand.is_optional and value is None and not trouble
+        if not is_superfluous:
             rows.append(ParameterState(demand, value))
 
     return VehicleParams(
@@ -108,12 +109,12 @@ def read_one(link: VehicleLink, fleet: FleetConfig) -> VehicleParams:
 def set_all(
     links: Sequence[VehicleLink], states: Sequence[VehicleParams], backup: Path
 ) -> list[VehicleParams]:
-    """Set what differs, after all parameters of the vehicles concerned are in a backup.
+    """Set the parameters that differ, after a backup of all parameters of these vehicles.
 
     Args:
-        links: to the vehicles.
-        states: of the same vehicles, as they were read.
-        backup: file to write, if anything is to be set.
+        links: links to the vehicles.
+        states: parameters of the same vehicles, as they were read.
+        backup: path of the backup, which is written if anything is to be set.
 
     Raises:
         ConfigError: the backup cannot be written; nothing was changed.
@@ -142,7 +143,7 @@ def set_all(
 
 
 def _to_be_set(state: VehicleParams) -> list[RequiredParam]:
-    """Return what differs; a parameter that PX4 did not send cannot be set."""
+    """Return the parameters that differ; one that PX4 did not send cannot be set."""
     return [row.demand for row in state.rows if not row.is_met and row.value is not None]
 
 
@@ -169,11 +170,11 @@ def save(links: Sequence[VehicleLink], path: Path) -> tuple[dict[str, str], dict
     """Write all parameters of vehicles to one file.
 
     Args:
-        links: to the vehicles.
-        path: of the file.
+        links: links to the vehicles.
+        path: path of the file.
 
     Returns:
-        Vehicle -> why it is not in the file, empty when it is; vehicle -> number of its parameters.
+        Vehicle -> why it is not in the file, empty if it is; vehicle -> number of its parameters.
 
     Raises:
         ConfigError: the file cannot be written.
@@ -196,7 +197,7 @@ def save(links: Sequence[VehicleLink], path: Path) -> tuple[dict[str, str], dict
 
 
 def read_whole(link: VehicleLink) -> dict[str, Value] | str:
-    """Return all parameters of one vehicle, or a sentence on why not."""
+    """Return all parameters of one vehicle, or a sentence that says why they are not known."""
     if link.link is None:
         return link.trouble
     try:
@@ -206,14 +207,14 @@ def read_whole(link: VehicleLink) -> dict[str, Value] | str:
 
 
 def exit_status(answers: Sequence[VehicleParams]) -> int:
-    """Return 0 all are as needed; 1 none is; 10 nobody answered; 50 some are and some are not."""
+    """Return 0 if all vehicles are fine, 1 if none is, 10 if none answered, 50 if some are."""
     if not any(answer.answers for answer in answers):
         return EXIT_NO_ANSWER
     return status_of([answer.is_fine for answer in answers])
 
 
 def status_of(fine: Sequence[bool]) -> int:
-    """Return 0 all are fine; 1 none is; 50 some are."""
+    """Return 0 if all are fine, 1 if none is, 50 if some are."""
     if all(fine):
         return EXIT_OK
     if any(fine):

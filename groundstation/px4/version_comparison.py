@@ -1,8 +1,8 @@
-"""What another version of PX4 changes for a fleet.
+"""The comparison of two versions of PX4 for a fleet.
 
-Four things can change: which parameters the fleet demands, which parameters and defaults PX4 has,
-how a vehicle's attitude lags, and what else was measured of PX4, such as its failsafes. What was
-measured comes from outside (:class:`MeasuredPx4`); the table ``comparison.toml`` says what each
+Four things can change: the parameters that the fleet demands, the parameters and defaults of PX4,
+the lag of a vehicle's attitude, and other measured facts about PX4, such as its failsafes. The
+caller passes the measurements (:class:`MeasuredPx4`). The table ``comparison.toml`` says what each
 measured fact means for a fleet, and which vehicles it concerns.
 """
 
@@ -48,12 +48,12 @@ class MeasuredFact(Protocol):
 class MeasuredPx4(NamedTuple):
     """Measurements of the versions of PX4."""
 
-    versions: tuple[str, ...]  # that were measured, the oldest first
-    # any version -> the measured one to judge by, and a sentence when it is another one
+    versions: tuple[str, ...]  # measured versions, the oldest first
+    # any version -> the nearest measured one, and a sentence if that is another version
     nearest: Callable[[Version], tuple[str, str]]
-    # measured version -> name of each fact, and the fact
+    # measured version -> facts by name
     facts_of: Callable[[str], Mapping[str, MeasuredFact]]
-    # measured version -> parameters that are gone, and defaults before and after
+    # measured version -> its removed parameters, and its changed defaults (before, after)
     parameters: Mapping[str, Mapping[str, Any]]
 
 
@@ -62,23 +62,23 @@ class ChangedFact:
     """One measured fact that differs between the versions."""
 
     name: str
-    says: str
+    says: str  # subject of the measurement
     group: str
     before: str
     after: str
-    meaning: str  # for a fleet
-    concerns: tuple[str, ...]  # vehicles that it matters to
+    meaning: str  # what it means for a fleet
+    concerns: tuple[str, ...]  # names of the vehicles for which it matters
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """Two versions of PX4, for one fleet."""
 
-    old: str  # as asked for
+    old: str  # versions as the user has written them
     new: str
     vehicles: tuple[str, ...]
-    notes: tuple[str, ...]  # versions that nobody measured, and other remarks
-    parameters: tuple[str, ...]  # sentences
+    notes: tuple[str, ...]  # remarks, for instance about a version that was not measured
+    parameters: tuple[str, ...]  # sentences about changed parameters
     facts: tuple[ChangedFact, ...]
 
 
@@ -89,10 +89,10 @@ def compare(fleet: FleetConfig, old: str, new: str, measured: MeasuredPx4) -> Co
         fleet: the fleet file.
         old: version that flies now.
         new: version to fly.
-        measured: what is known about them.
+        measured: measurements of the versions of PX4.
 
     Raises:
-        ConfigError: one is no version.
+        ConfigError: one of the texts is no version.
     """
     old_version = _version(old, measured)
     new_version = _version(new, measured)
@@ -103,12 +103,12 @@ def compare(fleet: FleetConfig, old: str, new: str, measured: MeasuredPx4) -> Co
     notes = [note[0].upper() + note[1:] + "." for note in (old_note, new_note) if note]
     notes += _lag_notes(vehicles, new_name, measured)
 
-    passed = _versions_between(old_name, new_name, measured)
-    is_back = old_version > new_version
+    steps = _versions_between(old_name, new_name, measured)
+    is_downgrade = old_version > new_version
     parameters = [
         *_changed_demands(fleet, old_version, new_version),
-        *_gone_parameters(vehicles, passed, measured),
-        *_changed_defaults(fleet, passed, new_version, measured, is_back=is_back),
+        *_gone_parameters(vehicles, steps, measured),
+        *_changed_defaults(fleet, steps, new_version, measured, is_downgrade=is_downgrade),
     ]
     return Comparison(
         old=old,
@@ -129,7 +129,10 @@ def _version(text: str, measured: MeasuredPx4) -> Version:
 
 
 def _versions_between(old: str, new: str, measured: MeasuredPx4) -> tuple[str, ...]:
-    """Return the versions whose changes lie between two, the older one left out."""
+    """Return the versions from one to the other, without the older of the two.
+
+    Their changes together are the difference of the two versions.
+    """
     first, last = sorted((measured.versions.index(old), measured.versions.index(new)))
     return measured.versions[first + 1 : last + 1]
 
@@ -137,7 +140,7 @@ def _versions_between(old: str, new: str, measured: MeasuredPx4) -> tuple[str, .
 def _by_vehicle(
     vehicles: Sequence[Vehicle], sentences_of: Callable[[Vehicle], Iterable[str]]
 ) -> list[str]:
-    """Return each sentence once, with the vehicles that it holds for unless it holds for all."""
+    """Return each sentence once; one that is not true for all vehicles begins with their names."""
     names: dict[str, list[str]] = {}
     for vehicle in vehicles:
         for sentence in sentences_of(vehicle):
@@ -161,7 +164,7 @@ def _demanded(fleet: FleetConfig, vehicle: Vehicle, version: Version) -> dict[st
 
 
 def _changed_demands(fleet: FleetConfig, old: Version, new: Version) -> list[str]:
-    """Return sentences on parameters that are demanded with one version only."""
+    """Return sentences about parameters that are demanded with only one of the versions."""
 
     def sentences(vehicle: Vehicle) -> Iterator[str]:
         before = _demanded(fleet, vehicle, old)
@@ -175,11 +178,11 @@ def _changed_demands(fleet: FleetConfig, old: Version, new: Version) -> list[str
 
 
 def _gone_parameters(
-    vehicles: Sequence[Vehicle], passed: Sequence[str], measured: MeasuredPx4
+    vehicles: Sequence[Vehicle], steps: Sequence[str], measured: MeasuredPx4
 ) -> list[str]:
-    """Return sentences on parameters of the fleet file that PX4 does not have any more."""
+    """Return sentences about parameters of the fleet file that PX4 does not have any more."""
     gone_with = {}
-    for version in passed:
+    for version in steps:
         for name in measured.parameters.get(version, {}).get("gone", ()):
             gone_with[name] = version
 
@@ -196,24 +199,24 @@ def _gone_parameters(
 
 def _changed_defaults(
     fleet: FleetConfig,
-    passed: Sequence[str],
+    steps: Sequence[str],
     new: Version,
     measured: MeasuredPx4,
     *,
-    is_back: bool,
+    is_downgrade: bool,
 ) -> list[str]:
-    """Return sentences on defaults of PX4 that differ.
+    """Return sentences about defaults of PX4 that differ.
 
     Args:
         fleet: the fleet file.
-        passed: versions whose changes lie between the two, the older one left out.
+        steps: the versions from one to the other, without the older one.
         new: version to fly.
-        measured: what is known about them.
-        is_back: whether the new version is the older one.
+        measured: measurements of the versions of PX4.
+        is_downgrade: whether the new version is the older one.
     """
-    # Over several versions only the first value and the last one count.
+    # if a default changes in several versions, only its first and its last value count
     changed: dict[str, tuple[Value, Value]] = {}
-    for version in passed:
+    for version in steps:
         defaults = measured.parameters.get(version, {}).get("defaults", {})
         for name, (older, newer) in defaults.items():
             if name in changed:
@@ -223,7 +226,9 @@ def _changed_defaults(
     def sentences(vehicle: Vehicle) -> Iterator[str]:
         demanded = _demanded(fleet, vehicle, new)
         for name, (older, newer) in changed.items():
-            before, after = (newer, older) if is_back else (older, newer)
+            before, after = older, newer
+            if is_downgrade:
+                before, after = newer, older
             effect = ""
             if name in demanded:
                 effect = f"; the fleet demands {demanded[name].value:g}, so nothing changes"
@@ -233,7 +238,7 @@ def _changed_defaults(
 
 
 def _lag_notes(vehicles: Sequence[Vehicle], new: str, measured: MeasuredPx4) -> list[str]:
-    """Return sentences on attitude values that were identified with another version."""
+    """Return sentences about attitude values that were identified with another version."""
 
     def sentences(vehicle: Vehicle) -> Iterator[str]:
         identified = vehicle.px4_version
@@ -282,7 +287,7 @@ def _changed_facts(
 
 
 def _row_of(fact_name: str) -> dict[str, Any]:
-    """Return the first row of the table that has a pattern for a fact; each fact has one."""
+    """Return the first row of the table with a pattern that matches a fact; each fact has one."""
     for row in _ROWS:
         if any(fnmatchcase(fact_name, pattern) for pattern in row["facts"]):
             return row
@@ -290,7 +295,10 @@ def _row_of(fact_name: str) -> dict[str, Any]:
 
 
 def _concerns(row: dict[str, Any], demanded: Mapping[str, RequiredParam]) -> bool:
-    """Whether a change matters to a vehicle: not where a demanded value keeps it from happening."""
+    """Return whether a change matters to a vehicle.
+
+    It does not if the fleet demands a parameter value with which the change has no effect.
+    """
     if row.get("is_harmless", False):
         return False
     demand = demanded.get(row.get("parameter", ""))
@@ -322,7 +330,7 @@ def as_text(found: Comparison) -> str:
 
 
 def _fact_lines(facts: Sequence[ChangedFact], vehicles: tuple[str, ...]) -> list[str]:
-    """Return the facts of one group: those that concern the fleet first, by what they mean."""
+    """Return lines about the facts of one group, by meaning; those that concern the fleet first."""
     ordered = sorted(facts, key=lambda fact: (not fact.concerns, fact.meaning))
     lines = []
     for (meaning, concerned), of_meaning in groupby(

@@ -1,1 +1,1 @@
-"""Shows of other programs: read, made flyable, and written as a fleet file, a mission and paths."""
+"""Shows of other programs: read, made flyable, and written as fleet file, mission and paths."""

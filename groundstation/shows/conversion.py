@@ -1,11 +1,11 @@
-"""A show made flyable.
+"""Makes a show flyable.
 
-Its own take-off and landing are cut off, since Covey flies these; homes are dealt out again where
-they are far from the paths; the whole show is slowed where it is too fast; vehicles whose paths
-come too near begin later.
+The show's own take-off and landing are cut off, since Covey flies these. Homes are assigned anew if
+they are far from the paths. If the show is too fast, the whole show is slowed down. Vehicles whose
+paths come too near to each other begin later.
 
-Nothing is changed silently: every change is a note, for one drone or for all, and import writes
-them into its files.
+No change is silent: each becomes a note, about one drone or about all, and ``covey import`` writes
+the notes into the files.
 """
 
 from __future__ import annotations
@@ -36,19 +36,21 @@ from onboard.tuples import Xyz
 
 _TAKEOFF_M = 1.0
 _LOWEST_TAKEOFF_M = 0.5
-_JOIN_S = 1.0  # on either side of the height at which the show is taken over from the take-off
+# a path that begins or ends in motion gets a piece from or to rest, which replaces so much time of
+# the show and takes twice as long
+_JOIN_S = 1.0
 _GRID_S = 0.05
-_STILL_M_S = 0.02  # a path that is slower at its end needs no piece that brings it to rest
-_ROOM = 1.005  # by which a show is slowed beyond what is needed
-_SLOWEST = 4.0
-_DEAL_ABOVE_M = 0.5  # by which the longest distance from home to path must become shorter
+_STILL_M_S = 0.02  # a path whose end is slower than this counts as at rest there
+_ROOM = 1.005  # a show is slowed by this factor more than needed
+_SLOWEST = 4.0  # a show that would have to be slowed by a larger factor is refused
+_DEAL_ABOVE_M = 0.5  # homes are assigned anew if the longest way becomes shorter by this
 
-# a vertical separation that is proposed where heights would do
+# bounds of a vertical separation that is proposed if heights would keep vehicles apart
 _MOST_VERTICAL_M = 4.0
 _LEAST_VERTICAL_M = 1.5
 _SHARE_OF_HEIGHT = 0.6
 
-# starts are spread in steps, one vehicle a round
+# starts are delayed in steps, one vehicle in each round
 _SPREAD_STEP_S = 0.5
 _MOST_SPREAD_S = 4.0
 _SPREAD_ROUNDS = 24
@@ -56,23 +58,23 @@ _SPREAD_ROUNDS = 24
 
 @dataclass(slots=True)
 class Converted:
-    """A show ready to be written."""
+    """A flyable show; the keys of its mappings are names of vehicles."""
 
     takeoff_m: float
     homes: dict[str, Xyz]
     paths: dict[str, Path]
     lights: dict[str, tuple[TimedColour, ...]]
-    begin_s: float = 0.0  # of the flight along the paths, on the show's own clock
-    slowing: float = 1.0  # times as long as in the show
-    notes: list[str] = field(default_factory=list)  # for all
-    own_notes: dict[str, list[str]] = field(default_factory=dict)  # by name
+    begin_s: float = 0.0  # time on the show's own clock at which the paths begin
+    slowing: float = 1.0  # duration over that in the show
+    notes: list[str] = field(default_factory=list)  # notes about all vehicles
+    own_notes: dict[str, list[str]] = field(default_factory=dict)  # notes about one vehicle
 
     def show_s(self, flight_s: float) -> float:
-        """Return a time of the flight on the show's own clock, as its designer knows it [s]."""
+        """Return the time [s] on the show's own clock that belongs to a time of the flight."""
         return self.begin_s + flight_s / self.slowing
 
     def own_time_words(self) -> str:
-        """Return how times of the flight become the designer's; empty where they are the same."""
+        """Return words about how to convert times of the flight; empty if both are the same."""
         if self.slowing == 1.0 and not self.begin_s:
             return ""
         return (
@@ -91,12 +93,12 @@ def converted(
     """Make a show flyable.
 
     Args:
-        show: as it was read.
-        names: of the vehicles, by those of the drones.
-        limits: of the vehicles.
-        spacing_m: separation that paths keep [m].
-        home_spacing_m: that homes keep, horizontally [m].
-        height_share: what a metre of height counts in the separation of paths; 0: nothing.
+        show: the show as it was read.
+        names: name of a drone -> name of its vehicle.
+        limits: limits of the vehicles.
+        spacing_m: least separation of paths [m].
+        home_spacing_m: least horizontal distance of homes [m].
+        height_share: factor of height differences in the separation of paths; 0: they do not count.
 
     Returns:
         Homes, paths and lights by the vehicles' names, with a note for each change.
@@ -127,7 +129,8 @@ def converted(
         begin_s, pieces = flown[drone.name]
         waiting_s = begin_s - zero_s
         if waiting_s > 1e-3:
-            pieces = np.concatenate([[resting(waiting_s, pieces[0][1::8])], pieces])
+            first_position = pieces[0][1::8]  # constant coefficients of the first piece
+            pieces = np.concatenate([[resting(waiting_s, first_position)], pieces])
         vehicle = names[drone.name]
         made.paths[vehicle] = _path(drone.name, pieces.tolist())
         made.lights[vehicle] = tuple(
@@ -141,7 +144,7 @@ def converted(
 
 
 def _takeoff_height_m(show: Show) -> float:
-    """Return the height from which the show is flown: one that every path of it reaches."""
+    """Return the take-off height, from which the show is flown; every path reaches it."""
     highest_m = {
         drone.name: float(sampled(drone.path, _grid(drone.path))[0][:, 2].max())
         for drone in show.drones
@@ -162,10 +165,10 @@ def _grid(path: Path) -> Array:
 
 
 def _flown(drone: Drone, takeoff_m: float) -> tuple[float, Array]:
-    """Return when a path's part above the take-off's height begins in the show, and its pieces.
+    """Return the part of a path above the take-off height: its time in the show, and its pieces.
 
-    It begins and ends at rest; where the show is moving there, a piece is added that leads to or
-    from rest.
+    The part begins and ends at rest. If the drone moves there in the show, a piece is added that
+    leads from or to rest.
     """
     times_s = _grid(drone.path)
     heights_m = sampled(drone.path, times_s)[0][:, 2]
@@ -201,7 +204,7 @@ def _flown(drone: Drone, takeoff_m: float) -> tuple[float, Array]:
 
 
 def _path(name: str, pieces: Sequence[Sequence[float]]) -> Path:
-    """Return the path of a drone or a vehicle with what was added to it."""
+    """Return the path of a drone or a vehicle from its pieces, including the added ones."""
     try:
         return path_of(pieces)
     except ConfigError as error:
@@ -223,7 +226,7 @@ def _slowed(paths: Mapping[str, Path], factor: float) -> dict[str, Path]:
 
 
 def _check_homes(homes: Mapping[str, Xyz], spacing_m: float) -> None:
-    """Refuse homes that stand nearer than a distance."""
+    """Refuse homes that are nearer to each other than a distance."""
     names = list(homes)
     spots = np.array([home[:2] for home in homes.values()])
     distances_m = np.sqrt(((spots[:, None] - spots[None]) ** 2).sum(-1))
@@ -245,9 +248,9 @@ def _check_homes(homes: Mapping[str, Xyz], spacing_m: float) -> None:
 
 
 def _deal_homes(made: Converted) -> None:
-    """Give each vehicle a home near the begin of its path, where the show's own are far from it."""
+    """Assign homes anew, near to the begins of the paths, if that makes the longest way shorter."""
     begins = {name: point_at(path, 0.0).position_enu_m for name, path in made.paths.items()}
-    # each home, at the height at which its path begins
+    # each home, raised to the height at which its path begins
     above_home = {name: (x, y, begins[name][2]) for name, (x, y, _) in made.homes.items()}
     dealt = nearest_slots(above_home, begins, (0.0, 0.0, 0.0))
 
@@ -277,7 +280,7 @@ def _slow_down(made: Converted, limits: FlightLimits) -> None:
     factor = 1.0
     slower = made.paths
     while needed > 1.0 and factor <= _SLOWEST:
-        # a slower path is sampled at more of its points, and may show a larger acceleration
+        # a slower path is sampled at more points, which may show a larger acceleration
         factor *= needed * _ROOM
         slower = _slowed(made.paths, factor)
         needed, _ = needed_slowing(sample(slower), limits)
@@ -294,26 +297,29 @@ def _slow_down(made: Converted, limits: FlightLimits) -> None:
 
 
 def _spread_starts(made: Converted, spacing_m: float, height_share: float) -> None:
-    """Let vehicles that would come too near begin later, one after the other.
+    """Delay vehicles that would come too near to others, one after the other.
 
     Raises:
-        ConfigError: that does not keep them apart.
+        ConfigError: delays do not keep them apart.
     """
     delays_s = dict.fromkeys(made.paths, 0.0)
     paths = dict(made.paths)
     pairs = _too_near(paths, spacing_m, height_share)
     first_pairs = pairs
 
-    # a show in which everybody is near somebody is not mended by delays
+    # with too many such pairs, delays do not help
     can_be_mended = 0 < len(pairs) <= 2 * len(paths)
     rounds = _SPREAD_ROUNDS if can_be_mended else 0
     for _ in range(rounds):
-        late = max((pairs[0].first, pairs[0].second), key=lambda name: (delays_s[name], name))
+        # of the nearest pair the one that is delayed already, so that not both wait
+        nearest = pairs[0]
+        late = max((nearest.first, nearest.second), key=lambda name: (delays_s[name], name))
         delays_s[late] += _SPREAD_STEP_S
         if delays_s[late] > _MOST_SPREAD_S:
             break
 
-        waiting = resting(delays_s[late], np.array(made.paths[late].pieces[0][1::8]))
+        first_position = np.array(made.paths[late].pieces[0][1::8])
+        waiting = resting(delays_s[late], first_position)
         paths[late] = _path(late, [waiting.tolist(), *made.paths[late].pieces])
         pairs = _too_near(paths, spacing_m, height_share)
         if not pairs:
@@ -343,7 +349,7 @@ def _spread_starts(made: Converted, spacing_m: float, height_share: float) -> No
 
 
 def _heights_words(pairs: Sequence[ClosestApproach], height_share: float) -> str:
-    """Return how vehicles may fly above each other, where that would do for all these pairs."""
+    """Return a proposal to use heights, if they would keep all these pairs apart; else empty."""
     least_m = min(pair.height_m for pair in pairs)
     vertical_m = min(_MOST_VERTICAL_M, math.floor(10.0 * _SHARE_OF_HEIGHT * least_m) / 10.0)
     if height_share or vertical_m < _LEAST_VERTICAL_M:

@@ -1,4 +1,4 @@
-"""Folders of CSVs, one for each drone, as show tools export them: times, positions, colours."""
+"""Reads shows that are folders or zips of CSVs, one for each drone: times, positions, colours."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from onboard.config.fleet import ConfigError
 from onboard.control.path import Path, point_at
 
 _COLOURS = ("red", "green", "blue")
-_MOST_BYTES = 268_435_456  # of all CSVs: 200 drones, 10 minutes, 40 lines a second
+_MOST_BYTES = 268_435_456  # all CSVs together: 200 drones, 10 minutes, 40 lines in a second
 
 
 def read_csv_zip(file: FilePath) -> Show:
     """Read a show from a zip of CSVs.
 
     Args:
-        file: with one CSV for each drone, in any of its folders.
+        file: a zip with one CSV for each drone, in any of its folders.
 
     Raises:
-        ConfigError: it is no such zip, or what :func:`read_folder` refuses.
+        ConfigError: it is no such zip, or :func:`read_folder` refuses its CSVs.
     """
     with tempfile.TemporaryDirectory(prefix="covey-csvs-") as name:
         folder = FilePath(name) / file.stem
@@ -42,13 +42,13 @@ def read_folder(folder: FilePath) -> Show:
     """Read a show from a folder.
 
     Args:
-        folder: with one CSV for each drone.
+        folder: a folder with one CSV for each drone.
 
     Returns:
-        Its drones, in the order of the files' names.
+        The show; its drones are in the order of the files' names.
 
     Raises:
-        ConfigError: there is none, or too many, or a file is no path.
+        ConfigError: there are no CSVs or too many, or one of them is no path.
     """
     files = sorted(folder.glob("*.csv"), key=lambda file: _natural(file.stem))
     if not 1 <= len(files) <= MOST_DRONES:
@@ -79,7 +79,7 @@ def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None])
     """Return a show whose CSVs have latitudes and longitudes.
 
     Raises:
-        ConfigError: some have not.
+        ConfigError: some CSVs have none.
     """
     known = {file: one for file, one in places.items() if one is not None}
     if len(known) < len(places):
@@ -106,7 +106,7 @@ def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None])
 
 
 def _natural(text: str) -> list[tuple[int, str]]:
-    """Return a key that sorts drone10 after drone9."""
+    """Return a sort key that sorts drone10 after drone9."""
     key = []
     for part in re.split(r"(\d+)", text):
         if part.isdigit():
@@ -128,11 +128,11 @@ def _drone(file: FilePath, path: Path) -> Drone:
 
 
 def _lights(file: FilePath) -> tuple[TimedColour, ...]:
-    """Return the colours of a CSV that has them, without those that only repeat the one before."""
+    """Return the colours of a CSV, without repetitions; an empty tuple if it has none."""
     try:
         columns, numbers = read_columns(str(file))
     except ConfigError:
-        return ()  # a file of places, of which only some columns are read
+        return ()  # a CSV of latitudes may have other columns, with text in them
     if columns[0] != "t" or not set(_COLOURS) <= set(columns):
         return ()
 
@@ -143,6 +143,7 @@ def _lights(file: FilePath) -> tuple[TimedColour, ...]:
     last = len(numbers) - 1
     for k, (red, green, blue) in enumerate(colours.tolist()):
         is_repeated = k > 0 and (colours[k] == colours[k - 1]).all()
+        # the last colour is kept, as the end of the lights
         if is_repeated and k != last:
             continue
         lights.append((float(times_s[k]), red, green, blue))

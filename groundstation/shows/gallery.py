@@ -1,6 +1,6 @@
-"""The missions of the gallery by name: files of configs/missions, and one imported show.
+"""The missions of the gallery, by name: files in configs/missions, and one imported show.
 
-Four of the files are accidents; ``sitl/lockstep/accidents.py`` lets go wrong what went wrong then.
+Four further files are real accidents; ``sitl/lockstep/accidents.py`` makes them happen again.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from groundstation.shows.skyc import read_skyc
 from onboard.config.example_files import EXAMPLES
 from onboard.config.fleet import ConfigError
 
-SHOW = "thirty"  # a file of Skybrush, imported before it flies
+SHOW = "thirty"  # a .skyc file, which is imported before it flies
 GALLERY = (
     "paper",
     "swap",
@@ -31,7 +31,7 @@ GALLERY = (
     "mocap-lost",
     SHOW,
 )
-# Accidents that happened: each is flown without its defence and with it.
+# Real accidents: each is flown without its defence and with it.
 ACCIDENTS = ("orlando", "docklands", "aaib-29203", "london")
 _SHOW_SENTENCE = (
     "Show of thirty: a show of another program, imported: five rows of six turn with a wave"
@@ -44,7 +44,7 @@ def gallery_mission(name: str, folder: Path) -> Mission:
 
     Args:
         name: one of GALLERY.
-        folder: of the flight, for the imported show.
+        folder: the flight folder, to which the imported show is written.
 
     Raises:
         ConfigError: there is no such mission.
@@ -62,7 +62,7 @@ def gallery_mission(name: str, folder: Path) -> Mission:
 
 
 def sentence_of(name: str) -> str:
-    """Return what a mission shows: the comment at its begin."""
+    """Return what a mission shows, in words: the comment at the begin of its file."""
     if name == SHOW:
         return _SHOW_SENTENCE
 

@@ -1,8 +1,8 @@
-"""CSVs of a drone's places on Earth: times, latitudes, longitudes, altitudes.
+"""Reads CSVs of a drone's positions on Earth: times, latitudes, longitudes, altitudes.
 
-Columns with other names, also with text in them, are left out: mission planners write many. Places
-become metres east and north of the show's first one, by the projection that PX4 uses for its local
-positions; heights count from the lowest altitude of the show.
+Other columns, which mission planners write in large numbers, are ignored; they may contain text.
+Positions become metres east and north of the first position of the show, by the projection that
+PX4 uses for its local positions. Heights count from the lowest altitude of the show.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from onboard.config.file_reading import CSV_FILE, read_text
 from onboard.config.fleet import ConfigError, Origin
 from onboard.control.path import LONGEST_S, Path
 
-_EARTH_RADIUS_M = 6_371_000.0  # of PX4's sphere
+_EARTH_RADIUS_M = 6_371_000.0  # radius of PX4's sphere
+# what a column holds -> its possible names, in small letters and without other signs
 _KINDS = {
     "time": ("t", "time", "timestamp", "timefromstart", "seconds"),
     "latitude": ("lat", "latitude"),
@@ -43,13 +44,13 @@ class Places(NamedTuple):
 
 
 def read_places(file: FilePath) -> Places | None:
-    """Return the places of a CSV; None where it has no columns of latitude and longitude.
+    """Return the positions in a CSV; None if it has no columns of latitude and longitude.
 
     Args:
-        file: of one drone.
+        file: the CSV of one drone.
 
     Raises:
-        ConfigError: it has them, and they are no places at rising times.
+        ConfigError: it has such columns, but they are not positions at rising times.
     """
     text = read_text(str(file), CSV_FILE)
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
@@ -76,10 +77,10 @@ def read_places(file: FilePath) -> Places | None:
 
 
 def origin_of(places: Sequence[Places]) -> Origin:
-    """Return the show's first place, at its lowest altitude.
+    """Return the origin of a show: its first position, at its lowest altitude.
 
     Args:
-        places: of all drones.
+        places: positions of all drones.
     """
     return Origin(
         latitude_deg=float(places[0].latitudes_deg[0]),
@@ -92,8 +93,8 @@ def path_of_places(places: Places, origin: Origin) -> Path:
     """Return a drone's path in metres east, north and up.
 
     Args:
-        places: of the drone.
-        origin: of the show.
+        places: positions of the drone.
+        origin: origin of the show.
     """
     east_m, north_m = east_north_m(origin, places.latitudes_deg, places.longitudes_deg)
     up_m = places.altitudes_m - origin.altitude_m
@@ -105,12 +106,12 @@ def path_of_places(places: Places, origin: Origin) -> Path:
 def east_north_m(
     origin: Origin, latitudes_deg: Array, longitudes_deg: Array
 ) -> tuple[Array, Array]:
-    """Return metres east and north of an origin: azimuthal equidistant, on PX4's sphere.
+    """Return metres east and north of an origin, by PX4's azimuthal equidistant projection.
 
     Args:
-        origin: whose east and north.
-        latitudes_deg: of the places.
-        longitudes_deg: of the places; the date line is no edge.
+        origin: the origin.
+        latitudes_deg: latitudes of the positions.
+        longitudes_deg: longitudes of the positions, which may lie on both sides of the date line.
     """
     latitude_0 = math.radians(origin.latitude_deg)
     latitude = np.radians(latitudes_deg)
@@ -119,6 +120,7 @@ def east_north_m(
     cosine = math.sin(latitude_0) * np.sin(latitude)
     cosine = cosine + math.cos(latitude_0) * np.cos(latitude) * np.cos(turn)
     angle = np.arccos(np.clip(cosine, -1.0, 1.0))
+    # angle / sin(angle) is 1 at the origin, where it would be 0 / 0
     stretch = np.where(angle > 1e-7, angle / np.maximum(np.sin(angle), 1e-12), 1.0)
 
     east = stretch * np.cos(latitude) * np.sin(turn)
@@ -128,9 +130,9 @@ def east_north_m(
 
 
 def _columns(first_line: str) -> dict[str, tuple[int, float]]:
-    """Return place and factor of each column that is read, by what it is."""
+    """Return by kind (a key of _KINDS) the index of its column and the factor of its numbers."""
     columns: dict[str, tuple[int, float]] = {}
-    for place, name in enumerate(_cells(first_line)):
+    for index, name in enumerate(_cells(first_line)):
         match = _UNIT_AT_END.search(name.strip())
         unit = (match[1] or "").lower() if match else ""
         stem = name.strip()
@@ -141,7 +143,7 @@ def _columns(first_line: str) -> dict[str, tuple[int, float]]:
 
         for kind, words in _KINDS.items():
             if kind not in columns and (stem in words or whole in words):
-                columns[kind] = (place, 1e-3 if unit in ("ms", "msec") else 1.0)
+                columns[kind] = (index, 1e-3 if unit in ("ms", "msec") else 1.0)
     return columns
 
 
@@ -155,6 +157,7 @@ def _cells(line: str) -> list[str]:
 
 
 def _body(lines: Sequence[str]) -> list[tuple[int, str]]:
+    """Return the lines below the first one, with their numbers."""
     return list(enumerate(lines[1:], 2))
 
 
@@ -165,9 +168,9 @@ def _numbers(
     cells = _cells(line)
     values = []
     for kind in _KINDS:
-        place, factor = columns[kind]
+        index, factor = columns[kind]
         try:
-            value = factor * float(cells[place])
+            value = factor * float(cells[index])
         except (IndexError, ValueError):
             value = math.nan
         if not math.isfinite(value):
@@ -177,10 +180,10 @@ def _numbers(
 
 
 def _checked(file: FilePath, numbers: Array) -> Places:
-    """Return places (T, 4) that lie on Earth at rising times.
+    """Return the positions of rows (T, 4) after checks.
 
     Raises:
-        ConfigError: they do not.
+        ConfigError: they do not lie on Earth, or their times do not rise.
     """
     times_s, latitudes_deg, longitudes_deg, altitudes_m = numbers.T
     late = np.flatnonzero(np.diff(times_s) <= 0.0)

@@ -1,4 +1,4 @@
-"""A show of another program: read, made flyable, judged as it will be flown, then written."""
+"""``covey import``: reads a show of another program, makes it flyable, checks it and writes it."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from onboard.config.fleet import ConfigError, FleetConfig
 
 
 def read_show(path: Path) -> Show:
-    """Return a show as its program wrote it.
+    """Return a show as it is in its file.
 
     Args:
         path: a .skyc of Skybrush, or a folder or a zip with a CSV for each drone.
 
     Raises:
-        ConfigError: it cannot be read.
+        ConfigError: the show cannot be read.
     """
     if path.suffix.lower() == ".vviz":
         raise ConfigError(
@@ -49,15 +49,15 @@ def import_show(
     promise_m: float | None,
     vertical_m: float | None = None,
 ) -> Converted:
-    """Write a show's files; what cannot be flown leaves no file behind.
+    """Write the files of a show; if it cannot be flown, no file is written.
 
     Args:
-        show: as it was read.
-        folder: for the files.
-        source: where the show was read from.
-        fleet: whose types, endpoints and promise are taken; None makes one.
-        promise_m: distance that the fleet promises [m]; None: the fleet's, or the default.
-        vertical_m: difference in height that does instead [m]; None: the fleet's, or none.
+        show: the show as it was read.
+        folder: folder for the files.
+        source: name of the show's file.
+        fleet: fleet file whose types, endpoints and safety distance are taken; None makes one.
+        promise_m: safety distance [m]; None: that of the fleet file, or the default.
+        vertical_m: vertical separation [m]; None: that of the fleet file, or none.
 
     Raises:
         ConfigError: the show cannot be flown.

@@ -1,4 +1,4 @@
-"""Skybrush's light programs: bytes of commands -> the times at which colours are set. Pure."""
+"""Decodes Skybrush's light programs: bytes of commands become colours at times. Pure."""
 
 from __future__ import annotations
 
@@ -6,29 +6,29 @@ from dataclasses import dataclass
 
 from groundstation.paths.lights import TimedColour
 
-_FRAME_S = 0.02  # durations are frames of 50 a second
-_MOST = 20_000  # commands, with those of loops: ten a second for half an hour
+_FRAME_S = 0.02  # a frame, the unit of durations: 50 in a second
+_MOST = 20_000  # executed commands, including repetitions: ten in a second for half an hour
 
 # commands
 _END = 0
 _NOTHING = 1
 _SLEEP = 2
 _WAIT = 3
-_SET = range(4, 8)  # to a colour, to grey, to black, to white
-_FADE = range(8, 12)  # the same
+_SET = range(4, 8)  # set to a colour, to grey, to black, to white
+_FADE = range(8, 12)  # fade to a colour, to grey, to black, to white
 _LOOP = 12
 _LOOP_END = 13
 _PYRO = (20, 21)
 
 
 def colours(data: bytes) -> tuple[TimedColour, ...]:
-    """Return the colours of a program; between two of them the colour changes evenly.
+    """Return the colours of a program; between two of them the colour changes linearly.
 
     Args:
-        data: its bytes.
+        data: bytes of the program.
 
     Raises:
-        ValueError: a command is not known, the bytes end within one, or loops do not end.
+        ValueError: a command is unknown or incomplete, or loops do not end.
     """
     reader = _Reader(data)
     out: list[TimedColour] = [(0.0, 0, 0, 0)]
@@ -81,10 +81,10 @@ def colours(data: bytes) -> tuple[TimedColour, ...]:
 
 @dataclass(slots=True)
 class _Loop:
-    """A loop that runs."""
+    """A loop under way."""
 
     begin: int  # position of its first command
-    left: int  # how often it still runs
+    left: int  # number of remaining repetitions, including this one
 
 
 class _Reader:
@@ -92,7 +92,7 @@ class _Reader:
 
     def __init__(self, data: bytes) -> None:
         self._data = data
-        self.position = 0  # of the next byte
+        self.position = 0  # index of the next byte
 
     @property
     def has_more(self) -> bool:
@@ -107,7 +107,7 @@ class _Reader:
         return self._data[self.position - 1]
 
     def frames(self) -> int:
-        """Return a duration: seven bits in each byte, the lowest first."""
+        """Return a duration in frames: seven bits in each byte, the lowest bits first."""
         value = 0
         shift = 0
         while True:
@@ -119,7 +119,7 @@ class _Reader:
 
 
 def _colour(reader: _Reader, kind: int) -> tuple[int, int, int]:
-    """Return the colour of a command: 0 in full, 1 grey, 2 black, 3 white."""
+    """Return the colour of a command, whose kind is 0 any colour, 1 grey, 2 black, 3 white."""
     if kind == 0:
         return reader.byte(), reader.byte(), reader.byte()
 

@@ -1,6 +1,6 @@
-"""The files of an imported show: a fleet, a mission, a path and the lights of each vehicle.
+"""Writes the files of an imported show: a fleet, a mission, and path and lights of each vehicle.
 
-Each begins with comments that say what was changed.
+Each file begins with comments that say what was changed.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ from onboard.config.fleet import (
 from onboard.control.path import sampled
 
 DEFAULT_PROMISE_M = 0.8
-_ROOM_M = 2.0  # of the fence around the show
-_ABOVE_M = 1.5  # of the fence above it
-# top speed of a fleet made for the show; faster ones brake too late for each other
+_ROOM_M = 2.0  # horizontal distance from the show to the fence
+_ABOVE_M = 1.5  # height of the fence above the show
+# bounds of the top speed of a fleet made for the show; faster vehicles would brake too late
 _SLOWEST_TOP_SPEED_M_S = 1.0
 _FASTEST_TOP_SPEED_M_S = 1.5
-_HOME_M = 0.10  # more than between paths: vehicles hover above their homes
-_NOWHERE = Origin(47.397742, 8.545594, 489.4)
+_HOME_M = 0.10  # homes are so much further apart than paths, because vehicles hover above them
+_NOWHERE = Origin(47.397742, 8.545594, 489.4)  # PX4's simulator's origin, for a show without one
 
 
 class _Promise(NamedTuple):
-    """What the vehicles keep from each other; None: what the fleet file says, or the default."""
+    """The separation of the vehicles; None: that of the fleet file, or the default."""
 
-    distance_m: float | None
-    vertical_m: float | None
+    distance_m: float | None  # safety distance
+    vertical_m: float | None  # vertical separation
 
 
 def write_show(
@@ -59,12 +59,12 @@ def write_show(
     """Make a show flyable and write it.
 
     Args:
-        show: as it was read.
-        folder: for the files.
-        source: where the show was read from, for the comments.
-        fleet: whose types, endpoints and promise are taken; None makes one.
-        promise_m: distance that the fleet promises [m]; None: the fleet's, or the default.
-        vertical_m: difference in height that does instead [m]; None: the fleet's, or none.
+        show: the show as it was read.
+        folder: folder for the files.
+        source: name of the show's file, for the comments.
+        fleet: fleet file whose types, endpoints and safety distance are taken; None makes one.
+        promise_m: safety distance [m]; None: that of the fleet file, or the default.
+        vertical_m: vertical separation [m]; None: that of the fleet file, or none.
 
     Returns:
         The show and the fleet as they are written.
@@ -87,7 +87,7 @@ def write_show(
 
     promise = _Promise(promise_m, vertical_m)
 
-    # the show is converted for the limits of a fleet whose homes and fence are not known yet
+    # convert the show for the limits of a draft of the fleet, without its homes and its fence
     path = str(folder / "fleet.toml")
     draft_text = _fleet_text(show, fleet, vehicles, None, promise)
     draft = fleet_from_mapping(tomllib.loads(draft_text), path=path)
@@ -118,7 +118,7 @@ def write_show(
 
 
 def _battery_words(made: Converted, fleet: FleetConfig, vehicles: Sequence[str]) -> str:
-    """Return how long the show is beside the vehicles' batteries."""
+    """Return words that compare the duration of the show with the vehicles' batteries."""
     show_s = max(path.duration_s for path in made.paths.values())
     words = f"the paths take {show_s / 60.0:.1f} min, take-off and landing come on top"
     land_pct = fleet.fleet.battery_land_pct
@@ -156,9 +156,10 @@ def _fleet_text(
     made: Converted | None,
     promise: _Promise,
 ) -> str:
-    """Return the fleet file.
+    """Return the text of the fleet file.
 
-    Before the show is converted and its homes are checked, spots far from each other stand there.
+    Before the show is converted (``made`` is None), its spots are far from each other, so that the
+    file is valid.
     """
     if made is None:
         homes = {name: (10.0 * k, 0.0, 0.0) for k, name in enumerate(vehicles)}
@@ -178,14 +179,14 @@ def _changed_fleet_text(
     has_show: bool,
     promise: _Promise,
 ) -> str:
-    """Return a fleet file of somebody's own with the homes of the show."""
+    """Return the user's fleet file with the homes of the show."""
     data = in_another_folder(tomllib.loads(fleet.text), fleet)
     for name, table in data["vehicles"].items():
         table["start_enu_m"] = spots.get(name, table.get("start_enu_m"))
         if name not in spots:
             table["enabled"] = False
 
-    data.pop("formations", None)  # of the vehicles' former spots
+    data.pop("formations", None)  # they are made for the former spots of the vehicles
     if not has_show:
         data["fleet"]["geofence_m"] = {"x": [-1e4, 1e4], "y": [-1e4, 1e4], "z": [-1.0, 1e4]}
     if promise.distance_m is not None:
@@ -201,7 +202,7 @@ def _new_fleet_text(
     made: Converted | None,
     promise: _Promise,
 ) -> str:
-    """Return a fleet file made for the show, of emulated vehicles."""
+    """Return a new fleet file for the show, with emulated vehicles."""
     promise_m = promise.distance_m
     if promise_m is None:
         promise_m = DEFAULT_PROMISE_M
@@ -250,7 +251,7 @@ def _new_fleet_text(
 
 
 def _top_speed_m_s(made: Converted | None) -> float:
-    """Return the top speed of a fleet made for the show: the show's, within what its law brakes."""
+    """Return the top speed of a fleet made for the show: that of the show, within bounds."""
     if made is None:
         return _FASTEST_TOP_SPEED_M_S
     velocity = sample(made.paths).values[1, :, :, :3]

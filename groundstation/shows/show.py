@@ -1,4 +1,7 @@
-"""A show as it was read: homes, paths and lights of its drones, in its own frame and time."""
+"""A show as it was read: homes, paths and lights of its drones, in the show's own frame and time.
+
+The readers of all file formats use the checks and conversions of this file.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +18,9 @@ from onboard.tuples import Xyz
 
 MOST_DRONES = 200
 MOST_LIGHTS = 1_000_000  # colours of all drones together
-_KINK_M_S = 0.05  # a jump of the speed beyond it is smoothed away
+_KINK_M_S = 0.05  # a path is smoothed if its velocity jumps by more than this
 
-# beyond these the numbers are no metres and seconds
+# a path that exceeds these bounds is not in metres and seconds
 _FAR_M = 2000.0
 _FAST_M_S = 40.0
 
@@ -29,32 +32,30 @@ class Drone:
     name: str
     home_enu_m: Xyz
     path: Path
-    begin_s: float = 0.0  # of the path, on the show's clock
+    begin_s: float = 0.0  # time on the show's clock at which the path begins
     lights: tuple[TimedColour, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Show:
-    """All that an import takes from a show's files."""
+    """The content of a show's files, as far as an import uses it."""
 
     title: str
     drones: tuple[Drone, ...]
     is_outdoors: bool = False
-    origin: Origin | None = None  # of the show's frame, where the file gives one
-    notes: tuple[str, ...] = ()  # what was read differently than it stands there
+    origin: Origin | None = None  # origin of the show's frame; None if the file gives none
+    notes: tuple[str, ...] = ()  # sentences about values that were converted when they were read
 
 
 def check_light_count(name: str, drones: Sequence[Drone]) -> None:
-    """Refuse a show with more colours than its file can reasonably mean.
-
-    A light program of few bytes with loops makes many.
+    """Refuse a show with absurdly many colours, which a short light program with loops can make.
 
     Args:
-        name: of the show's file, for the sentence.
-        drones: that were read so far.
+        name: name of the show's file, for the message.
+        drones: drones that were read so far.
 
     Raises:
-        ConfigError: there are more than MOST_LIGHTS.
+        ConfigError: there are more than MOST_LIGHTS colours.
     """
     count = sum(len(drone.lights) for drone in drones)
     if count > MOST_LIGHTS:
@@ -68,7 +69,7 @@ def path_from_pieces(name: str, pieces: list[list[float]]) -> Path:
     """Return the path of a drone; pieces with kinks between them are smoothed.
 
     Raises:
-        ConfigError: it is no path in metres with z up.
+        ConfigError: the pieces are no path in metres with z up.
     """
     try:
         path = _smooth(path_of(pieces))
@@ -93,7 +94,7 @@ def path_from_pieces(name: str, pieces: list[list[float]]) -> Path:
 
 def _smooth(path: Path) -> Path:
     """Return the path without kinks between its pieces."""
-    # speeds a moment before and after the end of each piece but the last
+    # velocities a moment before and after the end of each piece but the last
     ends_s = np.array(path.ends_s)[:-1]
     before = sampled(path, ends_s - 1e-4)
     after = sampled(path, ends_s + 1e-4)
@@ -105,16 +106,21 @@ def _smooth(path: Path) -> Path:
 
 
 def bezier_piece(duration_s: float, points: list[list[float]]) -> list[float]:
-    """Return the piece of a Bezier curve of first to third degree; points are x, y, z."""
+    """Return the piece of a path for a Bezier curve of first to third degree.
+
+    Args:
+        duration_s: duration of the piece.
+        points: the two to four control points, each x, y, z.
+    """
     p = np.array(points, dtype=float)
 
-    # rows: what each power of the share of the duration takes of each control point
+    # row k holds the factors of the control points in the coefficient of (t / duration)^k
     linear = [[1, 0], [-1, 1]]
     quadratic = [[1, 0, 0], [-2, 2, 0], [1, -2, 1]]
     cubic = [[1, 0, 0, 0], [-3, 3, 0, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]
     rows = {2: linear, 3: quadratic}.get(len(p), cubic)
 
-    # absurdly large points overflow, and whoever reads the piece refuses what is not finite
+    # absurdly large points overflow; the caller refuses pieces that are not finite
     with np.errstate(all="ignore"):
         powers = np.array(rows, dtype=float) @ p
         per_time = powers / duration_s ** np.arange(len(p))[:, None]

@@ -1,9 +1,9 @@
-"""Skybrush's compiled shows, ``.skyc``.
+"""Reads Skybrush's compiled shows, ``.skyc``.
 
-They are zips with ``show.json`` and the members that its ``$ref`` name.
+They are zips with ``show.json`` and the members to which its ``$ref`` refer.
 
-Lengths are metres with z up, times seconds, yaw degrees counterclockwise; a point's control points
-belong to the Bezier curve that ends at it.
+Lengths are metres with z up, times are seconds, and yaw is in degrees counterclockwise. The control
+points of a point belong to the Bezier curve that ends at it.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ from onboard.config.fleet import ConfigError, Origin
 from onboard.control.path import MOST_PIECES, Path, path_of
 from onboard.tuples import Xyz
 
-_MOST_BYTES = 67_108_864  # unpacked, all members that are read together
-_DEEPEST = 20  # references within references
+_MOST_BYTES = 67_108_864  # unpacked size of all members that are read
+_DEEPEST = 20  # levels of references and tables within each other
 
 _LONGEST_NAME = 200  # letters of a show's and a drone's name
-_HIGHEST_M = 10_000.0  # altitude of a show's place
+_HIGHEST_M = 10_000.0  # altitude of a show's origin
 _MOST_YAW_DEG = 360_000.0  # a thousand turns
 
 
@@ -53,14 +53,14 @@ def read_skyc(file: str | os.PathLike[str]) -> Show:
     """Read a show.
 
     Args:
-        file: of the ending .skyc.
+        file: path of the .skyc file.
 
     Returns:
-        Its drones.
+        The show.
 
     Raises:
-        ConfigError: no such file, no zip, truncated, too large, of another version, or without
-            paths.
+        ConfigError: the file does not exist, is no zip, is truncated or too large, is of another
+            version, or has no paths.
     """
     name = os.fspath(file)
     try:
@@ -82,7 +82,7 @@ def read_skyc(file: str | os.PathLike[str]) -> Show:
 
 
 class _Members:
-    """JSON members of a zip with their references resolved, within limits of size and depth."""
+    """Reads JSON members of a zip and resolves their references, with limits of size and depth."""
 
     def __init__(self, name: str, archive: zipfile.ZipFile) -> None:
         self._name = name
@@ -129,7 +129,7 @@ class _Members:
         return data
 
     def _resolved(self, value: Any, folder: str, depth: int) -> Any:
-        """Return a value with what its references point at in their place."""
+        """Return a value in which references are replaced by the values to which they refer."""
         if depth > _DEEPEST:
             raise ConfigError(
                 f"{self._name}: references within references without end. Export the show again."
@@ -141,20 +141,20 @@ class _Members:
                 return self._referenced(reference, folder, depth)
             return {key: self._resolved(part, folder, depth + 1) for key, part in value.items()}
 
-        # lists of numbers are left as they are: a show has millions
+        # lists of numbers contain no references, and a show has millions of them
         if isinstance(value, list) and any(isinstance(part, dict) for part in value):
             return [self._resolved(part, folder, depth + 1) for part in value]
         return value
 
     def _referenced(self, reference: str, folder: str, depth: int) -> Any:
-        """Return what ``member#/key/key`` points at.
+        """Return the value to which ``member#/key/key`` refers.
 
-        None where there is no such key, and for members that are no JSON.
+        Returns None if there is no such key, or if the member is no JSON.
         """
         member, _, pointer = reference.partition("#")
         path = posixpath.normpath(posixpath.join(folder, member))
         if not path.lower().endswith(".json"):
-            return None  # music, pictures and films, which no drone flies
+            return None  # music, pictures and films, which an import does not need
 
         target = self.read(path, depth + 1)
         for key in filter(None, pointer.split("/")):
@@ -194,7 +194,7 @@ def _show(name: str, data: Any) -> Show:
 
 
 def _table(value: Any, key: str) -> dict[str, Any]:
-    """Return a table within a table; an empty one where there is none."""
+    """Return a table within a table; an empty one if there is none."""
     if not isinstance(value, dict):
         return {}
     part = value.get(key)
@@ -204,7 +204,7 @@ def _table(value: Any, key: str) -> dict[str, Any]:
 
 
 def _origin(location: dict[str, Any]) -> Origin | None:
-    """Return where on the Earth a show is flown; None where the file says nothing of use."""
+    """Return the show's origin on Earth; None if the file has none, or a wrong one."""
     try:
         latitude_deg, longitude_deg, *altitude = (
             float(str(number)) for number in location["origin"]
@@ -213,7 +213,7 @@ def _origin(location: dict[str, Any]) -> Origin | None:
         return None
     altitude_m = altitude[0] if altitude else 0.0
 
-    # NaN lies in no range
+    # these comparisons are false for NaN, too
     is_on_earth = (
         -90.0 <= latitude_deg <= 90.0
         and -180.0 <= longitude_deg <= 180.0
@@ -255,7 +255,7 @@ def _drone(file: str, index: int, settings: dict[str, Any]) -> Drone:
 
 
 def _pieces(where: str, points: Any) -> tuple[float, list[list[float]], Xyz]:
-    """Return the time of the first point, the pieces after it, and where it is."""
+    """Return the time of the first point, the pieces of the path, and the first position."""
     if not isinstance(points, list) or len(points) < 2:
         raise ConfigError(f"{where}: its trajectory has fewer than two points: it is no path.")
     if len(points) > MOST_PIECES + 1:
@@ -297,7 +297,7 @@ def _pieces(where: str, points: Any) -> tuple[float, list[list[float]], Xyz]:
 
 
 def _with_yaw(where: str, path: Path, begin_s: float, control: dict[str, Any]) -> Path:
-    """Return the path with the yaw of its setpoints, smoothed over the pieces of the path."""
+    """Return the path with yaw from the setpoints; within each piece yaw turns smoothly."""
     setpoints = control.get("setpoints")
     if not isinstance(setpoints, list) or not setpoints:
         return path
@@ -330,9 +330,9 @@ def _with_yaw(where: str, path: Path, begin_s: float, control: dict[str, Any]) -
 
     pieces = np.array(path.pieces)
     durations_s = pieces[:, 0]
+    # columns 25 to 32 are the coefficients of yaw: a quintic from rest to rest
     pieces[:, 25:33] = 0.0
     pieces[:, 25] = knots_rad[:-1]
-    # from rest to rest within each piece
     for power, share in ((3, 10.0), (4, -15.0), (5, 6.0)):
         pieces[:, 25 + power] = share * np.diff(knots_rad) / durations_s**power
     return path_of(pieces.tolist())
@@ -348,7 +348,7 @@ def _lights(where: str, program: dict[str, Any]) -> tuple[TimedColour, ...]:
 
 
 def _number(where: str, value: Any) -> float:
-    # numbers of the file are finite and of at most 64 bits: json_values refuses all others
+    # json_values has refused numbers that are not finite or have more than 64 bits
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ConfigError(f"{where}: {str(value)[:40]!r} stands where a finite number is needed.")
     return float(value)

@@ -1,4 +1,4 @@
-"""Zips of others: opened within limits of members, size and packing."""
+"""Opens zips from outside, with limits of the number of members, of size, and of compression."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from typing import BinaryIO
 from onboard.config.file_reading import SHOW_FILE, opened
 from onboard.config.fleet import ConfigError
 
-PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # others unpack with gigabytes of memory
+PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # others may need gigabytes of memory
 _MOST_MEMBERS = 20_000
 
-# The end of a zip says how long its list of members is, of which zipfile makes objects: signature,
-# numbers of disks and members, length and place of the list, length of a comment.
+# The end of a zip states the length of its list of members, from which zipfile makes objects.
+# Fields: signature, numbers of disks and members, length and offset of the list, length of a
+# comment.
 _ZIP_END = struct.Struct("<4s4H2LH")
 _ZIP_END_SIGNATURE = b"PK\x05\x06"
 _LONGEST_COMMENT = 65_535
-_MEMBER_BYTES = 46  # the least that a member takes in the list
+_MEMBER_BYTES = 46  # least size of a member in the list
 
 
 def refuse_many_members(name: str, stream: BinaryIO) -> None:
@@ -37,7 +38,7 @@ def refuse_many_members(name: str, stream: BinaryIO) -> None:
 
     begin = tail.rfind(_ZIP_END_SIGNATURE)
     if begin < 0 or len(tail) < begin + _ZIP_END.size:
-        return  # no zip: zipfile says so
+        return  # no zip; zipfile will refuse it
     *_, count, list_bytes, _, _ = _ZIP_END.unpack_from(tail, begin)
     if count > _MOST_MEMBERS or list_bytes > 4 * _MEMBER_BYTES * _MOST_MEMBERS:
         raise ConfigError(
@@ -47,17 +48,17 @@ def refuse_many_members(name: str, stream: BinaryIO) -> None:
 
 
 def unpack(file: FilePath, folder: FilePath, *, ending: str, most: int, most_bytes: int) -> None:
-    """Write the members of one kind into a folder, under their last names.
+    """Write the members with an ending into a folder, under their names without folders.
 
     Args:
         file: the zip.
-        folder: empty, for the members.
-        ending: of the members' names, in small letters.
-        most: members that may be there.
-        most_bytes: that all may have together, unpacked.
+        folder: an empty folder for the members.
+        ending: ending of the members' names, in small letters.
+        most: largest number of such members.
+        most_bytes: largest size of all of them together, unpacked.
 
     Raises:
-        ConfigError: it is no zip, or truncated, or larger than these limits, or has none.
+        ConfigError: the file is no zip, is truncated, exceeds these limits, or has no such members.
     """
     name = str(file)
     try:

@@ -338,11 +338,11 @@ class _LossyLink:
 @pytest.mark.parametrize(("lost", "answers"), [(0, True), (1, True), (2, False)])
 def test_px4_is_asked_three_times_for_its_version(lost: int, answers: bool) -> None:
     link = _LossyLink(lost)
-    heard = vehicle_info._asked_again(link, {})  # type: ignore[arg-type]
+    heard = vehicle_info._version_again(link, {})  # type: ignore[arg-type]
     assert ("AUTOPILOT_VERSION" in heard) is answers
     assert link.asked == min(lost + 1, 2)  # the first time is part of listening
 
-    assert vehicle_info._asked_again(link, {"AUTOPILOT_VERSION": "v1.16"}) == {}  # type: ignore[arg-type]
+    assert vehicle_info._version_again(link, {"AUTOPILOT_VERSION": "v1.16"}) == {}  # type: ignore[arg-type]
 
 
 def test_a_link_that_dies_in_the_middle_leaves_a_list_of_what_was_set_and_a_backup(
