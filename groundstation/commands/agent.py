@@ -23,16 +23,16 @@ from onboard.agent.main import main
 from onboard.agent.main import parser as agent_parser
 from onboard.process import deploy, service
 
-# A drone's computer has the base libraries only, and argparse reads the words there. The commands
-# here are made from the same parsers, so that each option stands once. They give these options to
-# the page of help and to the completion of a shell, and hand the words on.
+# A drone's computer has only the base libraries, so there argparse parses the command line. The
+# commands here are made from the same parsers, so that each option is defined once. They show these
+# options in the help and in a shell's completion, and pass the words of the command line on.
 
 
 def _command(parser: argparse.ArgumentParser, *verb: str) -> Callable[..., int]:
-    """Return a function that has the options of a parser, and hands the words to the agent.
+    """Return a function that has the options of a parser, and passes them to the agent as words.
 
-    Cyclopts reads the options of a command from its signature, so the function gets one that is
-    made from the parser.
+    Cyclopts reads the options of a command from its signature, so the function gets a signature
+    that is made from the parser.
     """
 
     def command(**values: object) -> int:
@@ -49,7 +49,7 @@ def _command(parser: argparse.ArgumentParser, *verb: str) -> Callable[..., int]:
 
 
 def _words(option: str, value: object) -> list[str]:
-    """Return the words of an option with its value."""
+    """Return the words of an option and its value on the command line."""
     if value is None or value is False:
         return []
     if value is True:
@@ -73,7 +73,8 @@ def _parameters(parser: argparse.ArgumentParser) -> Iterator[inspect.Parameter]:
         elif isinstance(action.default, list):
             default = ()
 
-        # an option that may be given several times, or may be left out
+        # an option that may be given several times has a list as its default, and one that may be
+        # left out has None
         if isinstance(action.default, list):
             kind = tuple[kind, ...]
         elif action.default is None and not action.required:

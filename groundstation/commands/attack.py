@@ -31,7 +31,7 @@ from onboard.exit_status import EXIT_FAILED, EXIT_OK
 from sitl.monte_carlo.campaign_settings import setup_for
 from sitl.monte_carlo.lie_search import SearchReport, search
 
-_LIES = 1000
+_LIES = 1000  # flights of the search of lies
 
 
 def attack(

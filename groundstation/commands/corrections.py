@@ -57,7 +57,7 @@ def corrections(
 async def _run(relay: CorrectionsRelay, *, seconds: float | None, every_s: float) -> int:
     stopped = asyncio.Event()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):  # a clean end
+    for number in (signal.SIGINT, signal.SIGTERM):  # both end the relay cleanly
         loop.add_signal_handler(number, stopped.set)
     return await relay.run(seconds=seconds, every_s=every_s, stopped=stopped)
 

@@ -74,6 +74,7 @@ def demo(
 
 
 def _loaded(mission: str, options: FlightOptions) -> Mission:
+    """Return a mission, loaded with the fleet that the options name."""
     if mission == "paper" and options.fleet is not None:
         own = load_fleet(options.fleet)
         if _PAPER_FORMATION not in {**own.formations, **own.shapes}:

@@ -152,7 +152,7 @@ def _command(campaign: Campaign, out: Path) -> str:
 
 
 class _Progress:
-    """Lines with the time that is left, from the flights so far."""
+    """Prints lines of progress, with the remaining time estimated from the flights so far."""
 
     def __init__(self) -> None:
         self._begin_s = time.monotonic()
@@ -163,6 +163,7 @@ class _Progress:
         done_word, _, rest = line.partition(" of ")
         done = int(done_word)
         total = int(rest.partition(" ")[0])
+        # flights that were kept from before took no time
         if self._first_done is None:
             self._first_done = done - 1
 

@@ -40,7 +40,7 @@ def fence(
         height: floor and top of each fence in the fleet's frame, in metres
         write: put them at the end of the fleet file
     """
-    # imported here: the command's help needs none of it
+    # Imported here: the help page needs none of them.
     from groundstation.starter.fence_files import read_fences, toml_of
     from groundstation.starter.fleet_edit import checked_text, write_text
 
@@ -58,6 +58,7 @@ def fence(
 
 
 def _heights(text: str | None) -> tuple[float, float] | None:
+    """Return floor and top [m] from the words LOW,HIGH; None if the option is not given."""
     if text is None:
         return None
     try:

@@ -76,13 +76,13 @@ def fly_mission(
     """Fly a mission as the options say; return the exit status.
 
     Args:
-        mission: as it was read, or its path.
-        options: of all commands that fly a mission.
+        mission: the loaded mission, or its path.
+        options: options of all commands that fly a mission.
         world: weather, faults and orders of others.
         bus: delays and losses of the simulated bus.
         is_simulated: whether emulator and agents are started, also without --lockstep.
-        has_free_ports: whether a simulated fleet gets ports that nobody else uses.
-        at: time of the world's clock at which it begins; empty: when the vehicles are ready.
+        has_free_ports: whether a simulated fleet gets ports that no other program uses.
+        at: time of day at which it begins; empty: when the vehicles are ready.
 
     Raises:
         ConfigError: wrong input; nothing was started.
@@ -117,7 +117,7 @@ def fly_mission(
 def _refuse_misplaced(
     options: FlightOptions, world: WorldOptions, bus: BusOptions, *, is_simulated: bool
 ) -> None:
-    """Refuse options of simulations where nothing, or not all of it, is simulated."""
+    """Refuse options for simulated flights, or for lockstep flights, if this flight is none."""
     if bus.given and not options.lockstep:
         first = next(iter(bus.given)).replace("_", "-")
         raise ConfigError(f"--bus-{first} is for flights in lockstep. Add --lockstep.")
@@ -131,7 +131,11 @@ def _refuse_misplaced(
 
 
 def _begin_of(at: str, options: FlightOptions) -> WorldTime | None:
-    """Return the time of the world's clock at which the mission begins, checked."""
+    """Return the time of day at which the mission begins; None if the option is not given.
+
+    Raises:
+        ConfigError: the time is wrong, or the flight is one in lockstep.
+    """
     if not at:
         return None
     if options.lockstep:
@@ -147,7 +151,7 @@ def _begin_of(at: str, options: FlightOptions) -> WorldTime | None:
 
 
 def _simulation(options: FlightOptions, world: WorldOptions, bus: BusOptions) -> SimulationSettings:
-    """Return what the options say of the simulation, checked."""
+    """Return the settings of the simulation from the options, after checks."""
     wind_enu_m_s = (0.0, 0.0)
     if world.wind_m_s is not None:
         wind_enu_m_s = wind_of(world.wind_m_s)
@@ -167,7 +171,7 @@ def _simulation(options: FlightOptions, world: WorldOptions, bus: BusOptions) ->
 
 
 def _refuse_wrong_faults(lines: tuple[str, ...]) -> None:
-    """Refuse faults that are not written as such; the emulator checks their values."""
+    """Refuse lines that are no faults; the emulator checks the values of a fault."""
     if not lines:
         return
 
@@ -182,7 +186,7 @@ def _refuse_wrong_faults(lines: tuple[str, ...]) -> None:
 
 
 def _arguments(written: tuple[str, ...]) -> dict[str, str]:
-    """Return the value of each NAME=VALUE by its name."""
+    """Return arguments NAME=VALUE as a mapping from name to value."""
     arguments: dict[str, str] = {}
     for word in written:
         name, sign, value = word.partition("=")

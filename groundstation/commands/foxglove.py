@@ -29,7 +29,7 @@ from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_OK
 
 _SCENE_S = 0.1
-_STATIC_S = 5.0  # after which who connects later gets fence and obstacles
+_STATIC_S = 5.0  # period of fence and obstacles, so that a viewer that connects later gets them
 
 
 def foxglove(*, fleet: File, port: int = 8765, host: str = "127.0.0.1") -> int:
@@ -47,7 +47,7 @@ def foxglove(*, fleet: File, port: int = 8765, host: str = "127.0.0.1") -> int:
 
 
 async def _serve(fleet: FleetConfig, host: str, port: int) -> int:
-    """Serve a fleet until an interrupt."""
+    """Serve a fleet until an interrupt; return the exit status."""
     # Imported here: only this needs the libraries of the extra `viewers`.
     from groundstation.viewers.live_scene import LiveScene
     from groundstation.viewers.live_server import LiveServer
@@ -55,7 +55,8 @@ async def _serve(fleet: FleetConfig, host: str, port: int) -> int:
 
     client = FleetClient(fleet, operates=False, bus=session(fleet, WATCHER))
     server = LiveServer(f"Covey: {fleet.fleet.name}")
-    shift_ns = time.time_ns() - client.now_ns()  # viewers show times of the day
+    # from the monotonic clock to the time of day, which viewers show
+    shift_ns = time.time_ns() - client.now_ns()
 
     def put(topic: Topic, name: str, message: Message, received_ns: int) -> None:
         """Pass on a message of the bus, on the thread that has received it."""

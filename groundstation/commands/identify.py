@@ -134,11 +134,11 @@ def _identify_record(
     """Identify the vehicles of a record and print them; return the exit status.
 
     Args:
-        folder: of the flight.
-        fleet_path: fleet file; without it the one beside the record.
-        name: of the vehicle to identify; without it all.
-        target: fleet file that gets the values.
-        is_json: whether objects are printed instead of a page.
+        folder: flight folder.
+        fleet_path: fleet file; None for the one beside the record.
+        name: name of the vehicle to identify; None for all.
+        target: fleet file into which the values are written; None writes none.
+        is_json: whether JSON objects are printed instead of a page.
     """
     result = identify_flight(folder, fleet_path, name)
 

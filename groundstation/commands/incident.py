@@ -76,7 +76,7 @@ def _seconds(stamp_ns: int, begin_ns: int) -> str:
 
 
 def _print_what_would_have_helped(folder: Path, config: FleetConfig) -> None:
-    """Fly the flight again with each candidate, and print what follows."""
+    """Fly the flight again with each candidate, and print the results and the findings."""
     print()
     try:
         flown = open_recorded(folder)
@@ -105,7 +105,7 @@ def trials_of(flown: RecordedFlight) -> Iterator[Trial]:
 
 
 def _trial(flown: RecordedFlight, candidate: Candidate) -> Trial:
-    """Fly again with a candidate's changes."""
+    """Fly a recorded flight again with a candidate's changes; return the result."""
     # Imported here: an account needs nothing of the simulation.
     from sitl.lockstep.reflight import fly_again
 

@@ -36,10 +36,10 @@ from onboard.exit_status import EXIT_OK
 
 
 def _position(_: object, tokens: Sequence[Token]) -> str:
-    """Return the source of positions.
+    """Return the word of --position, if it is a known source of positions.
 
     Raises:
-        CoercionError: it is none, with what to do instead.
+        CoercionError: it is unknown; the message says what to do instead.
     """
     word = tokens[0].value
     known = get_args(Position)
@@ -140,7 +140,7 @@ def init(
 
 
 def _refuse_existing(*paths: Path | None) -> None:
-    """Refuse to overwrite files.
+    """Refuse to overwrite files; a path may be None.
 
     Raises:
         ConfigError: one of them exists.
@@ -169,7 +169,7 @@ def _print_next(fleet_path: Path, mission_path: Path) -> None:
 
 
 def _ask_for_rest(answers: dict[str, Any]) -> None:
-    """Ask for what no option has said; an empty line takes the default."""
+    """Ask for the answers that no option has given; an empty line takes the default."""
     positions = get_args(Position)
 
     _ask(answers, "vehicles", "How many vehicles", int)
@@ -203,7 +203,7 @@ def _ask(
     question: str,
     kind: type[int] | type[float] | type[str] = str,
 ) -> None:
-    """Ask until there is an answer of this kind, where no option has given one."""
+    """Ask until there is an answer of this kind, unless an option has given it."""
     default = _default(key)
     while key not in answers:
         word = input(f"{question} [{default}]: ").strip()
@@ -228,6 +228,6 @@ def _ask_for_position(answers: dict[str, Any], question: str) -> None:
 
 
 def _default(key: str) -> Any:
-    """Return what a new fleet file holds where nobody says otherwise."""
+    """Return the default of an answer."""
     defaults = {field.name: field.default for field in fields(Answers)}
     return defaults[key]

@@ -48,7 +48,7 @@ from onboard.security.credentials import credentials_of, files_of, hosts_of
 from onboard.security.mavlink_key import key_file
 from onboard.security.node_roles import ROUTER, NodeRole
 
-# what covey keys list --running says of a node, by the authority with which it answers
+# authority with which a node answers -> what covey keys list --running says about it
 _RUNNING = {
     "present": "runs with the present authority",
     "former": (
@@ -201,10 +201,10 @@ def list_(fleet: FleetArgument, /, *, running: bool = False) -> int:
 
 
 def _validity(config: FleetConfig, node: str) -> str:
-    """Return until when a node's certificate is valid.
+    """Return in words until when a node's certificate is valid.
 
     Raises:
-        ConfigError: certificate or key is not good.
+        ConfigError: certificate or key is not valid.
     """
     folder = folder_of(config)
     _, certificate, key = (folder / name for name in files_of(node))
@@ -230,7 +230,7 @@ def _listed(files: Sequence[str]) -> str:
 
 
 def _loaded(fleet: str) -> FleetConfig:
-    """Return a fleet that may get keys: no example."""
+    """Return a fleet, unless it is an example, which gets no keys."""
     config = load_fleet(fleet)
     refuse_example(config)
     return config

@@ -52,7 +52,7 @@ def mocap(
         runner = _relay(config, source, hostname)
 
     stopped = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):  # a clean end
+    for number in (signal.SIGINT, signal.SIGTERM):  # both end the relay cleanly
         signal.signal(number, lambda *_: stopped.set())
     return runner.run(seconds=seconds, every_s=every_s, stopped=stopped)
 
@@ -61,7 +61,7 @@ def _relay(fleet: FleetConfig, source: SystemType | None, hostname: str | None) 
     """Return the relay of a fleet's motion capture, or of the one that the options name.
 
     Raises:
-        ConfigError: it is described wrongly, or not at all.
+        ConfigError: the motion capture is not configured, or wrongly.
     """
     config = with_source(fleet, type_=source, hostname=hostname)
     problem = next(problems(config.mocap, {}), None)

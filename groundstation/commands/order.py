@@ -87,7 +87,7 @@ def _print_lines(results: Results) -> None:
 
 
 def exit_status(results: Results) -> int:
-    """Return 0 when all vehicles did it, 50 when some did, 10 when nobody answered, else 1."""
+    """Return 0 if all vehicles did it, 50 if some did, 10 if none answered, or else 1."""
     done = [result for result in results.values() if result.is_done]
     if len(done) == len(results):
         return EXIT_OK

@@ -1,7 +1,7 @@
-"""Types of options that several commands share, with the words that their help shows.
+"""Types of options that several commands share, with the texts that their help shows.
 
-A command declares ``fleet: FleetFile`` or ``options: FlightOptions``; name, placeholder and
-sentence of the option are then the same everywhere.
+A command declares ``fleet: FleetFile`` or ``options: FlightOptions``. So name, placeholder and
+sentence of the option are the same in all commands.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from cyclopts import Group, Parameter
 from onboard.config.fleet import ConfigError
 from onboard.config.law import BUILT_IN
 
-# What a shell completes follows from the type: for a path the names of files. The first type that
-# fits makes the value, so that all of these are text.
+# A shell's completion follows from the types: a Path completes names of files. Cyclopts converts a
+# value to the first type of the union that accepts it, here str or a Literal, so values are text.
 FILE_OR_TEXT: Any = str | Path
 LAW_OR_TEXT: Any = Literal[BUILT_IN] | str
 if TYPE_CHECKING:
@@ -29,13 +29,13 @@ else:
 File = Annotated[FileName, Parameter(metavar="FILE")]
 FleetFile = Annotated[FileName, Parameter(metavar="FILE", help="fleet file")]
 Folder = Annotated[Path, Parameter(metavar="DIR")]
-Names = Annotated[str, Parameter(metavar="NAMES")]  # of vehicles: names or indices
+Names = Annotated[str, Parameter(metavar="NAMES")]  # names or indices of vehicles
 Seconds = Annotated[float, Parameter(metavar="S")]
-# covey, paper, off, or a law of one's own
+# covey, paper, off, or a user's own law
 LawName = Annotated[NameOfLaw | None, Parameter(metavar="NAME", show_choices=False)]
 
-_SHORTEST_S = 0.5  # of a relay's run
-# between two reports of a relay
+_SHORTEST_S = 0.5  # shortest run of a relay
+# bounds of the time between two reports of a relay
 _LEAST_PERIOD_S = 0.1
 _MOST_PERIOD_S = 3600.0
 
@@ -66,7 +66,7 @@ class BusOptions:
 
     @property
     def given(self) -> dict[str, float]:
-        """The options that were given, by the names of the lockstep bus's settings."""
+        """Values of the given options, by the names of the simulated bus's settings."""
         values = {}
         for field in fields(self):
             value = getattr(self, field.name)
@@ -121,7 +121,7 @@ class WorldOptions:
 
     @property
     def given(self) -> tuple[str, ...]:
-        """The options that were given, as they are typed."""
+        """Names of the given options, as they are typed."""
         names = []
         if self.wind_m_s is not None:
             names.append("--wind-m-s")
@@ -135,11 +135,14 @@ class WorldOptions:
 
 
 def refuse_wrong_times(seconds: float | None, every_s: float) -> None:
-    """Refuse times of a relay that no run can have.
+    """Refuse impossible times of a relay.
 
     Args:
-        seconds: of the run; None: until Ctrl-C.
-        every_s: between two reports.
+        seconds: duration of the run; None: until Ctrl-C.
+        every_s: time between two reports.
+
+    Raises:
+        ConfigError: one of them is out of bounds.
     """
     is_long_enough = seconds is None or seconds >= _SHORTEST_S
     if not is_long_enough or not _LEAST_PERIOD_S <= every_s <= _MOST_PERIOD_S:
@@ -150,7 +153,7 @@ def refuse_wrong_seed(seed: int) -> None:
     """Refuse a seed below 0.
 
     Raises:
-        ConfigError: it is negative.
+        ConfigError: the seed is negative.
     """
     if seed < 0:
         raise ConfigError(f"--seed is {seed}; it must be 0 or more.")

@@ -72,7 +72,7 @@ def preflight(
 async def _pages(
     fleet: FleetConfig, names: Sequence[str], timeout_s: float, wait_s: float
 ) -> tuple[VehiclePage, ...]:
-    """Return the vehicles' pages as a ground that only watches gets them."""
+    """Return the vehicles' pages, received by a ground that only watches."""
     client = FleetClient(fleet, operates=False, bus=session(fleet, WATCHER))
     await client.start()
     try:

@@ -107,7 +107,7 @@ def params(
 def _print_reports(
     reports: Sequence[parameter_sets.VehicleReport], backup: Path, *, is_json: bool
 ) -> int:
-    """Print what was done with all parameters; return the exit status."""
+    """Print the reports about all parameters; return the exit status."""
     if is_json:
         print(dumps(parameter_sets.as_mapping(reports), indent=2))
     else:
@@ -124,7 +124,11 @@ def _print_needed(
     is_set: bool,
     is_json: bool,
 ) -> int:
-    """Read the parameters that the fleet needs, set them if wanted; return the exit status."""
+    """Read the parameters that the fleet needs, set them if asked, and print them.
+
+    Returns:
+        The exit status.
+    """
 
     def read_one(link: VehicleLink) -> vehicle_parameters.VehicleParams:
         return vehicle_parameters.read_one(link, fleet)
@@ -143,14 +147,14 @@ def _print_needed(
 
 
 def _print_backup(backup: Path, *, is_json: bool) -> None:
-    """Name the backup, if parameters were changed and one was written."""
+    """Print where the backup is, if one was written."""
     if backup.exists():
         sentence = f"All parameters before: {backup}. Write them back with --restore {backup}."
         print(sentence, file=sys.stderr if is_json else sys.stdout)
 
 
 def _with_reference(fleet: FleetConfig, chosen: list[Vehicle], diff: str) -> list[Vehicle]:
-    """Return the vehicles to read: the one to compare with belongs to them."""
+    """Return the vehicles to read: the chosen ones, and the one to compare with."""
     if Path(diff).is_file():
         return chosen
     try:
@@ -270,8 +274,8 @@ def compare(
 
 
 def measured_px4() -> version_comparison.MeasuredPx4:
-    """Return what the conformance suite knows of the versions of PX4."""
-    # Imported here: all else of this command needs nothing of the simulation.
+    """Return the conformance suite's measurements of the versions of PX4."""
+    # Imported here: the other commands need nothing of the simulation.
     from sitl.conformance.facts import VERSIONS, facts_of, nearest
     from sitl.conformance.suite import FACTS
 

@@ -35,7 +35,7 @@ from groundstation.recording.replay import SPEEDS, Replay, open_flight, story
 from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_OK
 
-_LATEST_S = 1e9
+_LATEST_S = 1e9  # later than the end of every record
 _AGAIN = Group("Fly a flight in lockstep again", sort_key=8)
 
 
@@ -97,7 +97,7 @@ def replay(
             return EXIT_OK
 
         require_terminal("Add --headless.")
-        # Imported here: what is only printed needs no textual.
+        # Imported here: only the console needs textual.
         from groundstation.console.replay_app import ReplayApp
 
         app = ReplayApp(shown, title=f"replay of {flight.name}", at_s=at)
@@ -107,8 +107,8 @@ def replay(
 def _fly_again(
     flight: Path, resume_at_s: float | None, what_if: tuple[str, ...], folder: Path
 ) -> int:
-    """Fly a recorded flight again and print how it went; return the exit status of its verdict."""
-    # Imported here: who looks at a record needs nothing of the simulation.
+    """Fly a recorded flight again and print its outcome; return the exit status of its verdict."""
+    # Imported here: to look at a record needs nothing of the simulation.
     from sitl.lockstep.reflight import fly_again
 
     if resume_at_s is not None and not 0.0 <= resume_at_s < _LATEST_S:

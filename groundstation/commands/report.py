@@ -71,7 +71,7 @@ def report(
 
 
 def _rehearsal(folder: Path) -> Path:
-    """Return the folder of the mission's flight in lockstep; it is flown if it was not yet."""
+    """Return the folder of the rehearsal in lockstep, which is flown unless it is there already."""
     rehearsal = folder / "rehearsal"
     if (rehearsal / RECORD_NAME).is_file():
         return rehearsal
@@ -84,7 +84,7 @@ def _rehearsal(folder: Path) -> Path:
             " --compare DIR."
         )
 
-    # Imported here: who only looks at a record needs nothing of the simulation.
+    # Imported here: to look at a record needs nothing of the simulation.
     from sitl.lockstep.command import fly_mission
 
     settings = prepare(

@@ -54,14 +54,14 @@ def router(
         return EXIT_OK
 
     stopped = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):  # a clean end
+    for number in (signal.SIGINT, signal.SIGTERM):  # both end the router cleanly
         signal.signal(number, lambda *_: stopped.set())
 
     node = Router(settings)
     node.start()
-    known = dict(settings)
-    own = _bare(known["listen/endpoints"])[0]
-    others = ", ".join(_bare(known["connect/endpoints"])) or "no other"
+    setting_of = dict(settings)
+    own = _bare(setting_of["listen/endpoints"])[0]
+    others = ", ".join(_bare(setting_of["connect/endpoints"])) or "no other"
     names = ", ".join(fleet.fleet.name for fleet in loaded)
     print(f"router: {own} for {names}; other routers: {others}. Ctrl-C ends.", flush=True)
 
@@ -74,10 +74,10 @@ def router(
 
 
 def _links_left_s(fleets: Sequence[FleetConfig]) -> float | None:
-    """Return the time [s] after which all links are to be closed; None without keys.
+    """Return the time [s] from now after which all links are closed; None without keys.
 
-    It is counted from now by a clock that nobody sets. Whoever was in flight when the certificate
-    ended has landed by then.
+    A vehicle that is in flight when the certificate ends has landed by then. The caller counts the
+    time by a monotonic clock, since the time of day can be set.
     """
     end = first_end(fleets[0], ROUTER)
     if end is None:

@@ -112,7 +112,7 @@ def _rehearse(
     """Fly a script in simulated time.
 
     Raises:
-        ConfigError: it does not end well there.
+        ConfigError: its exit status is not 0.
     """
     print("Rehearsal in simulated time, before anything takes off:", flush=True)
     simulated = simulated_fleet(config, folder, law=None, has_free_ports=False, needs_ports=False)

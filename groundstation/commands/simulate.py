@@ -38,7 +38,6 @@ Scenarios: {scenarios.KNOWN}
 Laws: {_LAWS}, or your own as module:function. Classes of errors: {_ERRORS}.
 Keys of --set: {", ".join(campaign_settings.keys(with_aliases=True))}."""
 
-# flown where nothing is named
 _DEFAULT_SEEDS = "0:10"
 _DEFAULT_ERRORS = "mocap"
 _DEFAULT_SCALE = 1.0
@@ -94,8 +93,8 @@ def simulate(
 
     if map:
         is_changed = (seeds, errors, scale) != (_DEFAULT_SEEDS, _DEFAULT_ERRORS, _DEFAULT_SCALE)
-        not_of_a_map = (scenario, set, law, type, fleet, trace, plot, json)
-        if is_changed or any(not_of_a_map):
+        options_of_scenarios = (scenario, set, law, type, fleet, trace, plot, json)
+        if is_changed or any(options_of_scenarios):
             raise ConfigError(
                 "--map flies its own scenarios and values; of the other options it takes --jobs. "
                 "Its cells are chosen with --cells, for instance --cells errors=vision."

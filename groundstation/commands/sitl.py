@@ -34,7 +34,7 @@ from sitl.physics.contacts import SpawnError
 from sitl.physics.wind import WindSettings
 from sitl.server import Server, run, simulator_bus
 
-_LARGEST = 30.0  # of wind, gusts and scales
+_LARGEST = 30.0  # largest wind, gusts and scales
 
 
 def sitl(
@@ -143,11 +143,15 @@ def sitl(
 def _select(
     fleet: FleetConfig, vehicles: Names | None, exclude: str | None, *, has_poses: bool
 ) -> tuple[str, ...]:
-    """Return the vehicles to emulate: no body may get poses from two sources."""
+    """Return the names of the vehicles to emulate.
+
+    Raises:
+        ConfigError: one of them is real, so that its body would get poses from two sources.
+    """
     marked = fleet.emulated_names
     names = fleet.select(vehicles or marked, exclude)
 
-    # Where some are marked as emulated, all others are real.
+    # If some vehicles are marked as emulated, all others are real.
     real = [name for name in names if marked and name not in marked]
     if real and has_poses:
         raise ConfigError(
@@ -161,9 +165,9 @@ def _select(
 def _station(
     fleet: FleetConfig, names: Sequence[str], endpoint: str | None, *, is_silent: bool
 ) -> Address | None:
-    """Return the ground station to stream to.
+    """Return the address of the ground station to which vehicles stream; None for none.
 
-    It is the given one, or PX4's own where the fleet uses PX4's ports.
+    It is the given endpoint, or else PX4's default if the fleet uses PX4's ports.
     """
     if endpoint is not None:
         return station_of(endpoint)

@@ -110,7 +110,7 @@ def sitl_check(
 
 
 def _facts(patterns: tuple[str, ...], px4: str) -> dict[str, Fact]:
-    """Return the facts to check, as they hold for a version, by name."""
+    """Return the facts to check by name, with their expectations for a version of PX4."""
     version = VERSIONS[0] if px4 == "auto" else px4
     try:
         return matching(facts_of(version, FACTS).values(), patterns)
@@ -125,7 +125,7 @@ def _open(endpoint: str) -> UdpPort:
     """Open a port of this computer for an endpoint.
 
     Raises:
-        ConfigError: it is written wrongly, or its port is taken.
+        ConfigError: the endpoint has a wrong form, or its port is in use.
     """
     match = _ENDPOINT.fullmatch(endpoint)
     if match is None or not 0 < int(match["port"]) < 65536:
@@ -158,11 +158,11 @@ def _check(
     """Check facts, print each as soon as it is known, and return the exit status.
 
     Args:
-        endpoint: as the user wrote it.
-        report: gets the results.
-        ports: of the endpoint, of the ground station's link and of the simulator's.
-        terms: of the check.
-        is_json: standard output is for the findings; what people read goes to standard error.
+        endpoint: the endpoint as the user wrote it.
+        report: collects the results.
+        ports: ports of the endpoint, of the ground station's link and of the simulator's link.
+        terms: conditions of the check.
+        is_json: whether JSON goes to standard output, and lines for people to standard error.
     """
     out = sys.stderr if is_json else sys.stdout
 
@@ -204,7 +204,7 @@ def _check(
 
 
 def _line_of(result: FactResult) -> str:
-    """Return the line about one fact: its verdict, what was measured, what PX4 does."""
+    """Return the line about one fact: verdict, measurement, and expectation."""
     fact = result.fact
     line = f"{_MARKS[result.verdict]} {fact.name:38} {result.measured}   expected {fact.expected}"
     if result.reason:

@@ -47,7 +47,7 @@ def spots(
         spread: standard deviation of positions that a spot may have, in metres
         write: put them into the fleet file
     """
-    # imported here: the command's help needs none of it
+    # Imported here: the help page needs none of them.
     from groundstation.starter.fleet_edit import checked_edit, write_text
     from groundstation.starter.spot_survey import (
         changes_of,

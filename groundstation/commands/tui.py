@@ -41,7 +41,7 @@ def tui(
     config = load_fleet(fleet)
     require_terminal()
 
-    # They import textual, which takes a while.
+    # Imported here: both import textual, which takes a while.
     from groundstation.console.app import ConsoleApp
     from groundstation.orders.forecast_process import Forecaster
 
@@ -67,10 +67,10 @@ def tui(
 
 
 def require_terminal(remedy: str = "") -> None:
-    """Refuse to open a console where nobody can see it.
+    """Refuse to open a console without a terminal or a browser's page.
 
     Raises:
-        ConfigError: the output is no terminal, and no browser's page either.
+        ConfigError: the output is neither of them.
     """
     is_page_of_browser = "TEXTUAL_DRIVER" in os.environ
     if not sys.stdout.isatty() and not is_page_of_browser:

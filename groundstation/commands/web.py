@@ -26,7 +26,7 @@ from onboard.bus.control_token import WATCHER
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_OK
 
-_KEY_BYTES = 24  # of the address at which pages may give orders
+_KEY_BYTES = 24  # random bytes in the address at which pages may give orders
 
 
 def web(
@@ -95,7 +95,7 @@ async def _serve_fleet(
 
 async def _serve_record(folder: Path, host: str, port: int, tiles: Path | None) -> int:
     """Serve the report of a recorded flight until an interrupt."""
-    # Imported here: a page of a fleet needs none of it.
+    # Imported here: the page of a fleet does not need it.
     from groundstation.report.flight_page import make_page
 
     title = f"Covey: {folder.name}"
@@ -108,7 +108,7 @@ async def _serve_record(folder: Path, host: str, port: int, tiles: Path | None) 
 
 
 async def _serve(title: str, address: str) -> int:
-    """Say where the page is, and wait for an interrupt."""
+    """Print the address of the page, and wait for an interrupt."""
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -1,17 +1,17 @@
-"""Changes of a simulated flight: what would have happened if one thing had been otherwise.
+"""Changes of a recorded lockstep flight, with which it is flown again to see what differs.
 
-A change is written KEY=VALUE. It changes the flight from its start, or from a second on: then
-everything before is as it was, and only what can change in flight may be changed.
+A change is written KEY=VALUE. It takes effect at the start of the flight, or at a second of it. In
+the second case the flight is the recorded one until then, and only some changes are possible.
 
-* ``law.kappa_1_1_s=5``: a value of the fleet file by its keys; in flight the numbers of ``[law]``
-* ``law=off``: the law that flies; not in flight
-* ``seed=4``: everything random; not in flight
-* ``wind=3,0`` and ``gust=0.5``: mean wind towards east and north, and its gusts
-* ``bus.delay_s=0.1``: a quality of the simulated bus
-* ``fault=mav1 motor_dead motor=2``: one fault more, which begins then
-* ``order=hold all``: one order more, of another ground, which comes then
-* ``without_fault=1``, ``without_order=1``: one of its faults or orders less, counted from 1
-* ``without_step=3``: one step of a mission file less, counted from 1; not in flight
+* ``law.kappa_1_1_s=5``: changes a value of the fleet file; in flight only a number of ``[law]``
+* ``law=off``: changes the law; not in flight
+* ``seed=4``: changes the seed of all random numbers; not in flight
+* ``wind=3,0`` and ``gust=0.5``: change the mean wind towards east and north, and its gusts
+* ``bus.delay_s=0.1``: changes a quality of the simulated bus
+* ``fault=mav1 motor_dead motor=2``: adds a fault, which begins at that second
+* ``order=hold all``: adds an order of another ground at that second
+* ``without_fault=1``, ``without_order=1``: remove a fault or an order, counted from 1
+* ``without_step=3``: removes a step of a mission file, counted from 1; not in flight
 """
 
 from __future__ import annotations
@@ -31,20 +31,22 @@ _BUS = "bus."
 _LAW = "law."
 _WITHOUT_FAULT = "without_fault"
 _WITHOUT_ORDER = "without_order"
+# keys that may change in flight, beside those of the bus and the law
 _IN_FLIGHT = ("wind", "gust", "fault", "order", _WITHOUT_FAULT, _WITHOUT_ORDER)
 _WITHOUT_STEP = "without_step"
+# keys that are not keys of the fleet file, beside those of the bus
 _OF_FLIGHT = (*_IN_FLIGHT, "seed", _WITHOUT_STEP)
 
 
 class Change(NamedTuple):
-    """One thing that is otherwise."""
+    """One change of a flight."""
 
     key: str
     value: str
 
     @property
     def text(self) -> str:
-        """The change as it is written."""
+        """The change in its written form, KEY=VALUE."""
         return f"{self.key}={self.value}"
 
     @property
@@ -54,7 +56,7 @@ class Change(NamedTuple):
 
 
 class FlightOrigin(NamedTuple):
-    """Files and settings of a flight."""
+    """The files and settings from which a flight is flown."""
 
     fleet_text: str  # TOML
     mission_text: str  # TOML or Python
@@ -65,7 +67,7 @@ def parse_change(text: str) -> Change:
     """Return the change of a text KEY=VALUE.
 
     Raises:
-        ConfigError: it is written otherwise.
+        ConfigError: the text has another form.
     """
     key, sign, value = text.partition("=")
     key = key.strip()
@@ -78,12 +80,12 @@ def parse_change(text: str) -> Change:
 
 
 def changed(origin: FlightOrigin, changes: Sequence[Change], at_s: float | None) -> FlightOrigin:
-    """Return what the changed flight is flown from.
+    """Return the files and settings of a changed flight.
 
     Args:
-        origin: of the flight as it was.
-        changes: of it.
-        at_s: second from which on they count; None: from the start.
+        origin: files and settings of the recorded flight.
+        changes: the changes.
+        at_s: second at which they take effect; None: at the start.
 
     Raises:
         ConfigError: a change is impossible, or not possible in flight.
@@ -106,7 +108,7 @@ def _changed_from_start(origin: FlightOrigin, change: Change) -> FlightOrigin:
 
 
 def _changed_settings(settings: SimulationSettings, change: Change) -> SimulationSettings:
-    """Return settings with a change that counts from the start."""
+    """Return settings with a change that takes effect at the start."""
     if change.key == "wind":
         return replace(settings, wind_enu_m_s=wind_of(change.value))
     if change.key == "gust":
@@ -116,13 +118,13 @@ def _changed_settings(settings: SimulationSettings, change: Change) -> Simulatio
     if change.key.startswith(_BUS):
         name = change.key.removeprefix(_BUS)
         return replace(settings, bus={**settings.bus, name: _number(change)})
-    return _with_other_plan(settings, change, 0.0)
+    return _with_changed_plan(settings, change, 0.0)
 
 
 def _changed_in_flight(
     settings: SimulationSettings, change: Change, at_s: float
 ) -> SimulationSettings:
-    """Return settings with a change that counts from a second on."""
+    """Return settings with a change that takes effect at a second of the flight."""
     is_of_law = change.key.startswith(_LAW) and change.key != "law.name"
     if not (change.key in _IN_FLIGHT or change.key.startswith(_BUS) or is_of_law):
         raise ConfigError(
@@ -130,8 +132,9 @@ def _changed_in_flight(
             " counts from the start."
         )
     if change.key in ("fault", "order", _WITHOUT_FAULT, _WITHOUT_ORDER):
-        return _with_other_plan(settings, change, at_s)
+        return _with_changed_plan(settings, change, at_s)
 
+    # raises if the value is wrong
     if change.key == "wind":
         wind_of(change.value)
     else:
@@ -139,10 +142,10 @@ def _changed_in_flight(
     return replace(settings, changes=(*settings.changes, f"{at_s:g} {change.text}"))
 
 
-def _with_other_plan(
+def _with_changed_plan(
     settings: SimulationSettings, change: Change, at_s: float
 ) -> SimulationSettings:
-    """Return settings with a fault or an order more or less."""
+    """Return settings in which a fault or an order is added or removed."""
     if change.key == "fault":
         line = change.value
         if " at=" not in line:
@@ -160,18 +163,18 @@ def _with_other_plan(
     return replace(settings, orders=orders)
 
 
-def _without(lines: tuple[str, ...], change: Change, what: str) -> tuple[str, ...]:
-    """Return lines without the one of the change's number, counted from 1."""
+def _without(lines: tuple[str, ...], change: Change, noun: str) -> tuple[str, ...]:
+    """Return lines without the one whose number, counted from 1, is the value of the change."""
     number = int(_number(change))
     if not 1 <= number <= len(lines):
         raise ConfigError(
-            f"--what-if {change.text}: this flight has {len(lines)} {what}, counted from 1."
+            f"--what-if {change.text}: this flight has {len(lines)} {noun}, counted from 1."
         )
     return lines[: number - 1] + lines[number:]
 
 
 def _without_step(origin: FlightOrigin, change: Change) -> str:
-    """Return the text of a mission file without the step of the change's number."""
+    """Return the text of a mission file without the step whose number is the change's value."""
     if origin.settings.mission_path.endswith(".py"):
         raise ConfigError(f"--what-if {change.text}: a Python mission has no steps of a file.")
 
@@ -190,7 +193,7 @@ def timed_change(line: str) -> tuple[float, Change]:
     """Return the second and the change of a line ``SECONDS KEY=VALUE``.
 
     Raises:
-        ConfigError: it is written otherwise.
+        ConfigError: the line has another form.
     """
     timed = timed_order(line)
     return timed.at_s, parse_change(timed.text)
@@ -206,7 +209,7 @@ def edited_fleet(text: str, change: Change) -> str:
 
 
 def _value(text: str) -> Any:
-    """Return a value as TOML has it; what is no TOML is a word."""
+    """Return the TOML value of a text, or the text itself if it is no TOML."""
     try:
         return toml_values(f"value = {text}", "--what-if")["value"]
     except ConfigError:

@@ -1,4 +1,4 @@
-"""The missions of ``covey demo``: of any number of vehicles, and on a bus with keys of its own."""
+"""The missions of ``covey demo``: a ring of any number of vehicles, and a copy with keys."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from groundstation.starter.starter_files import Answers, starter
 
 
 def mission_of_ring(vehicles: int) -> Mission:
-    """Return a mission in which as many vehicles as wanted form a ring."""
+    """Return a mission in which this number of vehicles form a ring."""
     made = starter(Answers(name="demo", vehicles=vehicles, type="ardrone"))
     return replace(made.mission, path="demo.toml")
 
@@ -25,8 +25,8 @@ def locked_copy(mission: Mission, folder: Path) -> Mission:
     """Return a mission with a copy of its fleet on free ports and with keys of its own.
 
     Args:
-        mission: stays as it is, and so do its fleet file and the keys of that.
-        folder: of the copy, there already.
+        mission: the original; neither it nor its fleet file and keys are changed.
+        folder: an existing folder for the copy.
     """
     fleet = mission.fleet
     data = in_another_folder(tomllib.loads(fleet.text), fleet)

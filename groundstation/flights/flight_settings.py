@@ -1,7 +1,7 @@
-"""What a flight needs before it starts: its files checked, its ports free, its folder made.
+"""Prepares a flight before anything starts: checks its files and ports, and creates its folder.
 
-Everything that can be wrong is found here. When :func:`prepare` returns, nothing has been started
-yet, and the flight's folder holds the very files that will be flown.
+All input errors are found here. When :func:`prepare` returns, nothing has been started yet, and the
+flight folder contains exactly the files that will be flown.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ _CALM = SimulationSettings()
 
 @dataclass(frozen=True, slots=True)
 class FlightSettings:
-    """A flight that has been checked and can start."""
+    """The settings of a flight that has been checked and can start."""
 
     mission: Mission
-    folder: Path  # gets the record, the logs and the verdict
+    folder: Path  # folder for the record, the logs and the verdict
     is_simulated: bool  # whether the flight starts emulator and agents itself
     is_headless: bool  # whether it runs without the console
-    simulation: SimulationSettings  # of a simulated flight
-    at: WorldTime | None = None  # when the mission begins; None: when the vehicles are ready
+    simulation: SimulationSettings  # settings of a simulated flight
+    at: WorldTime | None = None  # begin of the mission; None: when the vehicles are ready
 
 
 def prepare(
@@ -61,24 +61,24 @@ def prepare(
     arguments: Mapping[str, str] = MappingProxyType({}),
     at: WorldTime | None = None,
 ) -> FlightSettings:
-    """Check everything before anything starts, and write the files that are flown into the folder.
+    """Check a flight before anything starts, and write the files that are flown into its folder.
 
     Args:
-        mission: as it was read, or its path.
-        folder: of the flight; made.
+        mission: the loaded mission, or its path.
+        folder: the flight folder, which is created.
         fleet_path: fleet file instead of the mission's.
         law: avoidance law instead of the fleet file's; for simulated flights only.
         is_simulated: whether the flight starts emulator and agents itself.
-        has_free_ports: whether a simulated fleet gets ports that nobody else uses.
+        has_free_ports: whether a simulated fleet gets ports that no other program uses.
         is_headless: whether the flight runs without the console.
         simulation: seed, weather, faults and orders of a simulated flight.
-        needs_ports: False for a flight without sockets.
-        arguments: of a Python mission, as they were written.
-        at: when the mission begins; None: when the vehicles are ready.
+        needs_ports: whether the flight uses sockets; a lockstep flight does not.
+        arguments: arguments of a Python mission, as texts.
+        at: begin of the mission; None: when the vehicles are ready.
 
     Raises:
-        ConfigError: wrong files, wrong combination, ports in use, no terminal, a folder that cannot
-            be used.
+        ConfigError: a file or a combination of options is wrong, a port is in use, there is no
+            terminal, or the folder cannot be used.
     """
     refuse_law_of_real_flight(law, is_simulated=is_simulated)
 
@@ -89,7 +89,7 @@ def prepare(
     mission = replace(mission, arguments=arguments)
 
     if mission.is_python:
-        load_function(mission)  # a mistake in it is found before anything starts
+        load_function(mission)  # so that an error in it is found before anything starts
 
     if is_simulated:
         fleet = simulated_fleet(
@@ -121,7 +121,7 @@ def prepare(
 
 
 def refuse_law_of_real_flight(law: str | None, *, is_simulated: bool) -> None:
-    """Refuse --law where the agents run already: they fly the law of their own fleet file.
+    """Refuse --law for a real flight, whose agents fly the law of their own fleet file.
 
     Raises:
         ConfigError: a law is given for a flight that is not simulated.
@@ -134,7 +134,7 @@ def refuse_law_of_real_flight(law: str | None, *, is_simulated: bool) -> None:
 
 
 def new_folder() -> Path:
-    """Return the folder of a flight that begins now."""
+    """Return the default folder of a new flight, named after the time."""
     return Path("flights") / datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
 
 
@@ -142,7 +142,7 @@ def refuse_flown_folder(folder: Path) -> None:
     """Refuse the folder of another flight.
 
     Raises:
-        ConfigError: it holds a record.
+        ConfigError: the folder contains a record.
     """
     if (folder / RECORD_NAME).exists():
         raise ConfigError(
@@ -151,15 +151,16 @@ def refuse_flown_folder(folder: Path) -> None:
 
 
 def open_folder(folder: Path, files: Mapping[str, str], *, is_headless: bool) -> None:
-    """Make the folder of a new flight with the files that it is flown from.
+    """Create the folder of a new flight with the files from which it is flown.
 
     Args:
-        folder: of the flight.
-        files: name of each file, and its text.
+        folder: the flight folder.
+        files: name of a file -> its text.
         is_headless: whether the flight runs without the console.
 
     Raises:
-        ConfigError: there is no terminal for the console, or the folder cannot take a flight.
+        ConfigError: there is no terminal for the console, the folder contains another flight, or it
+            cannot be written.
     """
     if not is_headless and not sys.stdout.isatty():
         raise ConfigError("The console needs a terminal, and this output is none. Add --headless.")
@@ -169,14 +170,14 @@ def open_folder(folder: Path, files: Mapping[str, str], *, is_headless: bool) ->
 
 
 def write_files(folder: Path, files: Mapping[str, str]) -> None:
-    """Make a folder with these files.
+    """Create a folder with these files.
 
     Args:
-        folder: of a flight.
-        files: name of each file, and its text.
+        folder: the folder.
+        files: name of a file -> its text.
 
     Raises:
-        ConfigError: the disk refuses.
+        ConfigError: the folder or a file cannot be written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -194,16 +195,16 @@ def simulated_fleet(
     """Return the fleet of a simulated flight, with this law, and on ports of this machine.
 
     Args:
-        fleet: as its file says.
-        folder: of the flight.
+        fleet: the fleet file.
+        folder: the flight folder.
         law: avoidance law instead of the fleet file's.
-        has_free_ports: whether it gets ports that nobody else uses.
-        needs_ports: False for a flight without sockets.
+        has_free_ports: whether it gets ports that no other program uses.
+        needs_ports: whether the flight uses sockets; a lockstep flight does not.
 
     Raises:
         ConfigError: ports are in use, or the law cannot be imported.
     """
-    # Endpoints on other computers cannot be listened at here.
+    # this computer cannot listen at endpoints of other computers
     is_elsewhere = needs_ports and not is_local(fleet)
     fleet = _fleet_of_flight(fleet, folder, law, has_free_ports=has_free_ports or is_elsewhere)
     fleet.import_law()
@@ -223,7 +224,7 @@ def simulated_fleet(
 def _fleet_of_flight(
     fleet: FleetConfig, folder: Path, law: str | None, *, has_free_ports: bool
 ) -> FleetConfig:
-    """Return the fleet as its copy in the flight's folder says."""
+    """Return the fleet of the copy that is written into the flight folder."""
     data = tomllib.loads(fleet.text)
 
     for vehicle in data["vehicles"].values():

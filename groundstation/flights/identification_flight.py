@@ -1,4 +1,4 @@
-"""The files of a flight in which one vehicle alone flies the manoeuvre that identifies it."""
+"""Writes the files of an identification flight, in which one vehicle alone flies a manoeuvre."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ def write_manoeuvre(
 
     Args:
         fleet_path: the fleet file.
-        vehicle: that flies.
-        folder: of the flight; made.
-        half_m: half the width of the box that the manoeuvre stays in.
-        seed: of the manoeuvre.
+        vehicle: name of the vehicle that flies.
+        folder: the flight folder, which is created.
+        half_m: half the width of the box in which the manoeuvre stays.
+        seed: seed of the manoeuvre.
         is_simulated: whether a copy of the fleet flies, in which the others are disabled.
         is_headless: whether the flight runs without the console.
 
     Raises:
-        ConfigError: the vehicle is not enabled, or the folder cannot take a flight.
+        ConfigError: the vehicle is not enabled, or the folder cannot be used for a flight.
     """
     fleet = load_fleet(fleet_path)
     if vehicle not in fleet.enabled_names:
@@ -54,7 +54,7 @@ def write_manoeuvre(
 
 
 def one_alone(fleet: FleetConfig, name: str) -> str:
-    """Return the fleet file with all other vehicles disabled."""
+    """Return the text of a fleet file in which all vehicles but one are disabled."""
     data = in_another_folder(tomllib.loads(fleet.text), fleet)
     for other, table in data["vehicles"].items():
         table["enabled"] = other == name

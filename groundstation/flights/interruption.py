@@ -1,9 +1,9 @@
-"""Interruption of Python missions that block the event loop.
+"""Interrupts a flight by signals, also if a Python mission blocks the event loop.
 
-``time.sleep`` in a mission holds up the loop, and with it the handlers of its signals. So each
-signal is handled twice. asyncio's handler runs as soon as the loop is free. Python's own handler
-runs between two steps of the interpreter, wherever it is: when the mission's file is being executed
-there, it ends that code as if its task was cancelled.
+``time.sleep`` in a mission blocks the loop, and with it the loop's signal handlers. So each signal
+is handled twice. asyncio's handler runs as soon as the loop is free. Python's own handler runs
+between two steps of the interpreter, wherever it is. If code of the mission's file is running at
+that moment, the handler ends it as if its task were cancelled.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _PROJECT_ROOT = os.path.realpath(Path(__file__).parents[2]) + os.sep
-# The loop may have been blocked while several signals came. Those that it then handles within this
-# time count as one.
+# Signals that the loop handles within this time count as one, because they may have arrived while
+# it was blocked.
 _TOGETHER_S = 0.3
 
 
@@ -27,10 +27,10 @@ def listen(mission_path: str, on_signal: Callable[[], None]) -> None:
     """Call a function on the event loop for each signal, and end a mission that blocks the loop.
 
     Args:
-        mission_path: file of the mission. Its code ends as if its task was cancelled, so that
+        mission_path: path of the mission. Its code ends as if its task were cancelled, so that
             vehicles land at once.
-        on_signal: called on the running event loop; once for signals that came while it was
-            blocked.
+        on_signal: called on the running event loop; only once for all signals that arrive while
+            the loop is blocked.
     """
     loop = asyncio.get_running_loop()
     mission_file = os.path.realpath(mission_path)
@@ -44,7 +44,7 @@ def listen(mission_path: str, on_signal: Callable[[], None]) -> None:
             on_signal()
 
     def end_blocking_code(_: int, frame: FrameType | None) -> None:
-        # From the innermost call outwards, until the first one of this project.
+        # Look at the calls from the innermost outwards, up to the first one of this project.
         while frame is not None:
             file = frame.f_code.co_filename
             if file.startswith(_PROJECT_ROOT):
@@ -55,12 +55,12 @@ def listen(mission_path: str, on_signal: Callable[[], None]) -> None:
 
     for number in SIGNALS:
         loop.add_signal_handler(number, handle_on_loop)
-        # asyncio has been given the signal; this handler comes in addition.
+        # asyncio still handles the signal by its wake-up descriptor; this handler is an addition
         signal.signal(number, end_blocking_code)
 
 
 def listen_no_more() -> None:
-    """Leave the signals as they were."""
+    """Remove the signal handlers."""
     loop = asyncio.get_running_loop()
     for number in SIGNALS:
         loop.remove_signal_handler(number)

@@ -1,6 +1,6 @@
-"""One flight from the command line: processes, client, record, mission, verdict; then all end.
+"""One flight of a mission from the command line, in real time.
 
-:class:`MissionFlight` composes what other rooms do. In this order:
+:class:`MissionFlight` composes the work of other rooms, in this order:
 
 1. the record opens, and in a simulated flight emulator and agents start,
 2. the client connects with the fleet, and the mission runs, with the console or without,
@@ -35,28 +35,28 @@ from onboard.bus.schema import Event
 from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_WRONG_INPUT
 from onboard.plain_text import plain_line, plain_lines
 
-READY_TIMEOUT_S = 10.0  # until agents that run already are ready
+READY_TIMEOUT_S = 10.0  # longest wait until agents that run already are ready
 _PROCESS_CHECK_PERIOD_S = 0.2
-_FLUSH_MARGIN_S = 0.3  # beyond a flush period, until the last message is in the file
+_FLUSH_MARGIN_S = 0.3  # the last message is in the file so long after a flush period
 
 Say = Callable[[str], None]
 
 
 class MissionFlight:
-    """A flight under way; :meth:`fly` is the one thing to call."""
+    """A flight under way; the caller calls only :meth:`fly`."""
 
     def __init__(self, settings: FlightSettings, *, say: Say) -> None:
         self.settings = settings
         self._fleet = settings.mission.fleet
         self._print = say
-        self._last_line = ""  # of progress, for the console
+        self._last_line = ""  # last line of progress, for the console
         self._processes = Processes(settings.folder)
         self._client: FleetClient | None = None
         self._record: RecordWriter | None = None
         self._run: MissionRun | None = None
-        self._verdicts: list[Verdict] = []  # on the missions so far
+        self._verdicts: list[Verdict] = []  # verdicts on the missions of this flight so far
         self._main: asyncio.Task[int] | None = None
-        self._signals = 0  # interrupts so far
+        self._signals = 0  # number of interrupts so far
 
     async def fly(self) -> int:
         """Fly from the first process to the verdict; return the exit status."""
@@ -132,10 +132,10 @@ class MissionFlight:
             self._print_end(console.mission.verdict)
             return status
         finally:
-            self._listen()  # until now the console has listened
+            self._listen()  # until now the console has handled the signals
 
     def _print_end(self, sentences: Sequence[str]) -> None:
-        """Print the verdict and what to type next, when the console has left the terminal."""
+        """Print the verdict and the next commands, after the console has left the terminal."""
         if not sentences:
             sentences = ["The console was left before the end of the mission: there is no verdict."]
         for line in sentences:
@@ -146,12 +146,12 @@ class MissionFlight:
         folder = self.settings.folder
         mission = folder / f"mission{Path(self.settings.mission.path).suffix}"
         self._print(f"Record, events, logs and verdict: {folder}")
-        for command, what in (
+        for command, purpose in (
             (f"covey replay {folder}", "see it again"),
             (f"covey plot {folder}", "draw it"),
             (f"covey check {mission} --fleet {folder}/fleet.toml", "how closely this can be flown"),
         ):
-            self._print(f"  {command:<50} {what}")
+            self._print(f"  {command:<50} {purpose}")
 
     @contextlib.asynccontextmanager
     async def _open(self) -> AsyncIterator[FleetClient]:
@@ -187,8 +187,7 @@ class MissionFlight:
             client.announce_recording(record.failure is None)
             yield client
         finally:
-            # Whatever interrupts the clearing up, the processes end: kill() runs even if an await
-            # here is cancelled.
+            # The processes end in any case: kill() runs even if an await here is cancelled.
             try:
                 await self._processes.stop()
                 await client.stop()
@@ -215,8 +214,8 @@ class MissionFlight:
         if self.settings.is_headless and self._client is not None:
             await asyncio.to_thread(self._record.stop)
         else:
-            # In the console the record goes on until the operator leaves. The verdict needs only
-            # what was written until now.
+            # With a console the record goes on until the operator leaves. The verdict needs only
+            # the messages until now.
             await asyncio.sleep(FLUSH_PERIOD_S + _FLUSH_MARGIN_S)
 
         verdict = await asyncio.to_thread(
@@ -231,7 +230,7 @@ class MissionFlight:
         return verdict
 
     async def _watch_processes(self, run: MissionRun) -> None:
-        """End the mission when a process has ended, or when its fleet is taken or silent."""
+        """End the mission if a process has ended, or if the fleet is taken or silent."""
         while True:  # asyncio cannot wait for the end of these children, so it looks at intervals
             await asyncio.sleep(_PROCESS_CHECK_PERIOD_S)
 
@@ -268,7 +267,7 @@ class MissionFlight:
         return live_line or self._last_line
 
     def _say(self, line: str) -> None:
-        """Tell the progress: to the console or the output, and to all who are connected."""
+        """Report a line of progress: to console or output, and as an event on the bus."""
         self._last_line = line.strip()
         if self.settings.is_headless:
             self._print(line)

@@ -1,4 +1,7 @@
-"""A simulated flight as its folder has it: what it was flown from, and the digests of its state."""
+"""Reads the folder of a lockstep flight: the files from which it was flown, and its digests.
+
+``covey replay --what-if``, ``covey incident`` and ``sitl/lockstep/reflight.py`` fly it again.
+"""
 
 from __future__ import annotations
 
@@ -28,15 +31,15 @@ class RecordedFlight(NamedTuple):
     """A flight that was flown in lockstep."""
 
     folder: Path
-    origin: FlightOrigin  # fleet file and settings
-    digests: dict[str, str]  # of the state: second as it is written -> digest
+    origin: FlightOrigin  # fleet file, mission and settings
+    digests: dict[str, str]  # second (as second_word writes it) -> digest of the state
 
 
 def open_recorded(folder: Path) -> RecordedFlight:
     """Return a recorded flight that can be flown again.
 
     Raises:
-        ConfigError: its folder does not say how it was flown, or it was not flown in lockstep.
+        ConfigError: the folder does not contain the settings, or it was not flown in lockstep.
     """
     settings = read_settings(folder)
     if not settings.is_lockstep:
@@ -58,11 +61,11 @@ def open_recorded(folder: Path) -> RecordedFlight:
 
 
 def fleet_of(text: str, path: Path) -> FleetConfig:
-    """Return the fleet of a file's text.
+    """Return the fleet of a fleet file's text.
 
     Args:
-        text: of the fleet file.
-        path: of the file, which refusals name; folders in it are relative to its place.
+        text: text of the fleet file.
+        path: path of the file, which messages name, and to which folders in it are relative.
 
     Raises:
         ConfigError: the file is wrong.
@@ -72,39 +75,41 @@ def fleet_of(text: str, path: Path) -> FleetConfig:
 
 
 def mission_of(flown: RecordedFlight, origin: FlightOrigin, fleet: FleetConfig) -> Mission:
-    """Return the mission of an origin.
-
-    Files that it names are read where the recorded flight has read them.
+    """Return the mission that is flown again.
 
     Args:
-        flown: the recorded flight, whose folder has a copy of its mission.
-        origin: of the flight that is flown again.
-        fleet: of that origin.
+        flown: the recorded flight, whose folder contains a copy of its mission.
+        origin: files and settings of the new flight, with changes.
+        fleet: the fleet of the new flight.
 
     Raises:
         ConfigError: the mission is wrong, or does not fit this fleet.
     """
     path = origin.settings.mission_path
     if path.endswith(".py"):
+        # Python code is loaded from a file. The copy in the folder will do, because a change cannot
+        # alter a Python mission.
         mission = load_mission(flown.folder / "mission.py", fleet)
     else:
+        # A change may have altered the text. The path is the original one, because files that the
+        # mission names are relative to it.
         values = toml_values(origin.mission_text, path)
         mission = mission_from_mapping(values, path=path, text=origin.mission_text, fleet=fleet)
     return replace(mission, arguments=origin.settings.arguments)
 
 
 def write_digest(folder: Path, time_s: float, digest: str) -> None:
-    """Add a digest of the state at a second of simulated time to a flight's folder.
+    """Append the digest of the state at a second of simulated time to a flight's folder.
 
     Raises:
-        OSError: the disk refuses.
+        OSError: the file cannot be written.
     """
     with (folder / DIGESTS_NAME).open("a", encoding="utf-8") as file:
         file.write(f"{second_word(time_s)} {digest}\n")
 
 
 def second_word(time_s: float) -> str:
-    """Return a second as it stands beside its digest."""
+    """Return a second in the form in which it is written beside its digest."""
     return f"{time_s:.3f}"
 
 

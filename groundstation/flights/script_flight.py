@@ -1,8 +1,8 @@
 """One flight of a script: a Python program that connects with a fleet by itself.
 
-A mission is called with a connected fleet. A script is a program that connects when it wants to,
-with groundstation.Fleet, groundstation.BlockingFleet or groundstation.crazyswarm. It may fail in
-any way, or leave without landing; the verdict says what became of the fleet.
+A mission is a function that is called with a connected fleet. A script is a whole program that
+connects by groundstation.Fleet, groundstation.BlockingFleet or groundstation.crazyswarm. It may
+fail in any way, or end without landing; the verdict tells whether the fleet has landed.
 """
 
 from __future__ import annotations
@@ -35,22 +35,22 @@ from onboard.plain_text import plain_lines
 
 _ROS = ("rclpy", "rospy", "tf2_ros", "geometry_msgs", "nav_msgs", "sensor_msgs", "std_msgs")
 
-# whose own sentence is enough; others are shown with where they were raised
-_TOLD = (ConfigError, FleetTaken, NotReady, OrderFailed, TimeoutError)
+# exceptions whose message is enough for the user; all others are printed with a traceback
+_SELF_EXPLANATORY = (ConfigError, FleetTaken, NotReady, OrderFailed, TimeoutError)
 
 
 class _ScriptEnd(NamedTuple):
-    """The end of a script."""
+    """How a script has ended."""
 
-    status: int
-    failure: str  # a sentence; empty when nothing went wrong
+    status: int  # exit status
+    failure: str  # a sentence about what went wrong; empty if nothing did
 
 
 def refuse_what_is_no_script(path: str) -> None:
     """Refuse a file that cannot be run, before anything starts.
 
     Raises:
-        ConfigError: it cannot be read, is not Python, or is a mission.
+        ConfigError: the file cannot be read, is not Python, or is a mission.
     """
     tree = python_tree(read_text(path, SCRIPT), path)
     for node in tree.body:
@@ -67,9 +67,9 @@ def fly_script_in_real_time(
 
     Args:
         script: path of the Python file.
-        arguments: for the script.
-        fleet: to connect with.
-        folder: of the flight, with its files.
+        arguments: arguments for the script.
+        fleet: the fleet to which the script connects.
+        folder: the flight folder with its files.
     """
     host = RealTime(fleet, folder=folder, say=clock_say())
     return fly_script(script, arguments, host, folder)
@@ -82,10 +82,10 @@ def fly_script_emulated(
 
     Args:
         script: path of the Python file.
-        arguments: for the script.
-        fleet: of the file ``fleet.toml`` in the folder.
-        folder: of the flight, with its files.
-        seed: seed of everything random in the emulator.
+        arguments: arguments for the script.
+        fleet: the fleet of the file ``fleet.toml`` in the folder.
+        folder: the flight folder with its files.
+        seed: seed of all random numbers of the emulator.
     """
     host = RealTime(fleet, folder=folder, say=clock_say())
     host.ready_timeout_s = READY_TIMEOUT_SIM_S
@@ -108,10 +108,10 @@ def fly_script(
 
     Args:
         script: path of the Python file.
-        arguments: for the script.
-        host: to which the script connects.
-        folder: of the flight.
-        run_it: runs the script with its arguments, where time is simulated.
+        arguments: arguments for the script.
+        host: the host that connects the script with a fleet.
+        folder: the flight folder.
+        run_it: runs the script with its arguments in simulated time; None: real time.
     """
     end = _run_to_end(script, arguments, host, run_it)
 
@@ -125,7 +125,7 @@ def fly_script(
     host.flown.failure = end.failure
     host.flown.is_interrupted = end.status == EXIT_INTERRUPTED
 
-    # Whoever flies on has to be declared: a script says so with the state in which it leaves.
+    # vehicles may stay in the air only if the script has declared "hold" as its state at the end
     is_up = any(view.is_airborne for view in host.flown.state.vehicles.values())
     may_stay_up = is_up and host.at_end == "hold"
     record_end = host.end_record() or RecordEnd(begin_ns=host.flown.begin_ns)
@@ -141,7 +141,7 @@ def fly_script(
 def _run_to_end(
     script: str, arguments: Sequence[str], host: Host, run_it: Callable[..., None] | None
 ) -> _ScriptEnd:
-    """Run a script; whatever it raises becomes an exit status and a sentence."""
+    """Run a script; an exception becomes an exit status and a sentence."""
     try:
         with crazyswarm_names(script):
             if run_it is None:
@@ -152,29 +152,30 @@ def _run_to_end(
         return _ScriptEnd(EXIT_INTERRUPTED, "")
     except SystemExit as error:
         return _end_by_exit(error.code)
-    except _TOLD as error:
+    except _SELF_EXPLANATORY as error:
         return _ScriptEnd(EXIT_FAILED, str(error))
     except ExceptionGroup as failures:
         first = first_failure(failures)
-        if isinstance(first, _TOLD):
+        if isinstance(first, _SELF_EXPLANATORY):
             return _ScriptEnd(EXIT_FAILED, str(first))
         traceback.print_exc()
         return _ScriptEnd(EXIT_FAILED, f"{type(first).__name__}: {first}")
     except ModuleNotFoundError as error:
         return _ScriptEnd(EXIT_FAILED, missing_module_words(error.name or "", script))
-    except Exception as error:  # noqa: BLE001 - the script's author sees it; the fleet has been left
+    except Exception as error:  # noqa: BLE001 - a script can raise anything; its author sees it
         traceback.print_exc()
         return _ScriptEnd(EXIT_FAILED, f"{type(error).__name__}: {error}")
     return _ScriptEnd(EXIT_OK, "")
 
 
 def missing_module_words(module: str, script: str = "") -> str:
-    """Return what to do about a module that a script imports and that is not here.
+    """Return what to do about a module that a script imports and that is not installed.
 
     Args:
-        module: as Python's error names it. Where a whole package is missing, that is the package.
-        script: path of the Python file that imports it. It is read for the modules of the package
-            that it imports; a path that leads to no file is left unread.
+        module: name of the module in Python's error; if a whole package is missing, that is the
+            name of the package.
+        script: path of the script, which is read to find the modules of that package that it
+            imports; if there is no such file, only ``module`` is named.
     """
     package = module.partition(".")[0]
     imported = [one for one in _imports_of(script, package) if one not in PROVIDED]
@@ -198,7 +199,7 @@ def missing_module_words(module: str, script: str = "") -> str:
 
 
 def _imports_of(script: str, package: str) -> list[str]:
-    """Return the modules of a package that a script imports, with their dots."""
+    """Return the full names of the modules of a package that a script imports."""
     if not Path(script).is_file():
         return []
 
@@ -217,7 +218,7 @@ def _end_by_exit(code: object) -> _ScriptEnd:
         status = int(code)
     elif code is None:
         status = EXIT_OK
-    else:  # Python takes any other value as a message
+    else:  # any other value is a message, and Python's exit status is 1
         status = EXIT_FAILED
 
     if status == EXIT_OK:

@@ -1,7 +1,7 @@
-"""What a simulated flight is flown under, beside its fleet and its mission.
+"""The settings of a simulated flight, beside its fleet and its mission.
 
-Seed, weather, faults and orders of others are given on the command line. They are written into the
-flight's folder, so that the folder alone says how the flight can be flown again.
+Seed, weather, faults and orders of others come from the command line. They are written into the
+flight folder, so that the folder contains all that is needed to fly the flight again.
 """
 
 from __future__ import annotations
@@ -24,32 +24,32 @@ _LATEST_ORDER_S = 1e6
 
 
 class SimulationSettings(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything that one simulated flight differs in from another one of the same files."""
+    """All settings in which two simulated flights of the same files can differ."""
 
-    is_lockstep: bool = False  # in simulated time, and so repeatable
-    seed: int = 0  # of everything random
+    is_lockstep: bool = False  # whether it is flown in simulated time, and so is repeatable
+    seed: int = 0  # seed of all random numbers
     wind_enu_m_s: tuple[float, float] = (0.0, 0.0)  # mean velocity of the air, east and north
     gust_m_s: float = 0.0  # standard deviation of gusts per axis
     faults: tuple[str, ...] = ()  # lines as `covey sitl --fault` takes them
-    orders: tuple[str, ...] = ()  # of another ground: "SECONDS ORDER"; in lockstep only
+    orders: tuple[str, ...] = ()  # orders of another ground, "SECONDS ORDER"; in lockstep only
     bus: dict[str, float] = {}  # settings of the simulated bus by name; in lockstep only
-    changes: tuple[str, ...] = ()  # in flight: "SECONDS KEY=VALUE", see changes.py
-    mission_path: str = ""  # of the mission that was read: its files are relative to it
-    arguments: dict[str, str] = {}  # of a Python mission
+    changes: tuple[str, ...] = ()  # changes in flight, "SECONDS KEY=VALUE"; see changes.py
+    mission_path: str = ""  # path of the mission file, to which files that it names are relative
+    arguments: dict[str, str] = {}  # arguments of a Python mission
 
 
 class TimedOrder(NamedTuple):
     """An order that another ground gives at a time."""
 
-    at_s: float  # of simulated time
-    text: str  # as in the console
+    at_s: float  # simulated time
+    text: str  # the order as in the console
 
 
 def wind_of(text: str) -> tuple[float, float]:
     """Return a wind that is written as EAST,NORTH [m/s].
 
     Raises:
-        ConfigError: it is not written so, or is stronger than the emulator's air may be.
+        ConfigError: the text has another form, or the wind is too strong for the emulator.
     """
     try:
         east, north = (float(part) for part in text.split(","))
@@ -67,7 +67,7 @@ def timed_order(line: str) -> TimedOrder:
     """Return the order of a line ``SECONDS ORDER``.
 
     Raises:
-        ConfigError: it does not begin with a time, or nothing is ordered.
+        ConfigError: the line does not begin with a time, or has no order.
     """
     time_word, _, text = line.strip().partition(" ")
     try:
@@ -83,10 +83,10 @@ def timed_order(line: str) -> TimedOrder:
 
 
 def refuse_wrong_settings(settings: SimulationSettings) -> None:
-    """Refuse a negative seed, gusts that no air has, and orders without a time.
+    """Refuse a negative seed, gusts out of bounds, and orders without a time.
 
     Raises:
-        ConfigError: one of them.
+        ConfigError: there is one of them.
     """
     if settings.seed < 0:
         raise ConfigError(f"--seed is {settings.seed}; it must be 0 or more.")
@@ -100,7 +100,7 @@ def refuse_wrong_settings(settings: SimulationSettings) -> None:
 
 
 def emulator_options(settings: SimulationSettings) -> list[str]:
-    """Return the words of ``covey sitl`` for the weather and the faults."""
+    """Return the options of ``covey sitl`` for the weather and the faults."""
     words: list[str] = []
     east_m_s, north_m_s = settings.wind_enu_m_s
     if east_m_s or north_m_s:
@@ -116,7 +116,7 @@ def write_settings(folder: Path, settings: SimulationSettings) -> None:
     """Write the settings into the folder of a flight.
 
     Raises:
-        ConfigError: the disk refuses.
+        ConfigError: the file cannot be written.
     """
     failure = write_json(folder / SIMULATION_NAME, settings)
     if failure is not None:
@@ -124,10 +124,10 @@ def write_settings(folder: Path, settings: SimulationSettings) -> None:
 
 
 def read_settings(folder: str | os.PathLike[str]) -> SimulationSettings:
-    """Return the settings of a flight that was simulated.
+    """Return the settings of a simulated flight from its folder.
 
     Raises:
-        ConfigError: the folder holds none, or they cannot be understood.
+        ConfigError: the folder contains none, or they are wrong.
     """
     path = Path(folder) / SIMULATION_NAME
     if not path.is_file():
