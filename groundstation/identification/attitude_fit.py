@@ -1,8 +1,8 @@
-"""The attitude's part of the identification.
+"""The attitude part of the identification: how the measured tilt follows the commanded one.
 
-The measured tilt is explained by the commanded one: through a dead time and a second-order
-response, times a static gain, plus a constant error. The fit is Gauss-Newton with damping
-(Levenberg and Marquardt), begun at the best point of a coarse grid.
+The model is the commanded tilt after a dead time and a second-order response, times a static gain,
+plus a constant error. The fit is Gauss-Newton with damping (Levenberg and Marquardt), which starts
+at the best point of a coarse grid.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from groundstation.identification.logged_stretch import (
 )
 from onboard.arrays import Array
 
-_CLUSTER_S = 1.0
+_CLUSTER_S = 1.0  # residuals of so much time form a cluster of the jackknife
 _GRID_DELAYS_S = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2)
 _GRID_WN = (4.0, 6.0, 9.0, 14.0, 22.0)
-_OUTLIER = 6.0  # times the median
-# half steps of the numeric slopes over delay, wn and zeta
+_OUTLIER = 6.0  # a difference of more than so many times the median is an outlier
+# half steps of the numeric derivatives with respect to delay, wn and zeta
 _STEPS = np.array([1e-3, 1e-2, 1e-3])
-_LEAST = [-0.02, 1.5, 0.15]  # delay, wn, zeta
-_MOST = [0.5, 60.0, 3.0]
+_LEAST = [-0.02, 1.5, 0.15]  # lower bounds of delay, wn, zeta
+_MOST = [0.5, 60.0, 3.0]  # upper bounds of the same
 _ROUNDS = 25
 _MOST_DAMPING = 1e6
 
 
 def fit_attitude(log: Log, begin_s: float, end_s: float) -> LeastSquares:
-    """Fit the attitude's response to the commanded tilt: Gauss-Newton from the best of a grid.
+    """Fit the attitude's response to the commanded tilt.
 
     Args:
         log: one stretch in the air.
@@ -53,7 +53,10 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> LeastSquares:
     )
 
     def linear(theta: Array) -> tuple[Array, Array]:
-        """Fit gain and errors, and return them with the model's tilt, on every fourth sample."""
+        """Return the best gain and errors for a delay, wn and zeta, and the model's tilt.
+
+        This uses every fourth sample.
+        """
         shape = response(every_fourth, theta)
         centred = shape - shape.mean(0)
         gain = float((centred * measured[::4]).sum() / max(float((centred * centred).sum()), 1e-12))
@@ -118,11 +121,11 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> LeastSquares:
 def unexplained_times_s(log: Log, fit: LeastSquares, begin_s: float, end_s: float) -> Array:
     """Return the times at which the attitude did not follow the log's commands.
 
-    A failsafe, a push or a fall moved it.
+    The reason may be a failsafe, a push or a fall.
 
     Args:
         log: one stretch in the air.
-        fit: of its attitude.
+        fit: fit of its attitude.
         begin_s: first time used [s].
         end_s: last time used [s].
 
@@ -145,12 +148,12 @@ class CommandedTilt:
     """The last w commands before each of m times."""
 
     ago_s: Array  # (m, w): time since each command
-    change: Array  # (m, w, 2): change of tilt by each command
-    oldest: Array  # (m, 2): tilt before the first of them
+    change: Array  # (m, w, 2): change of the commanded tilt by each command
+    oldest: Array  # (m, 2): commanded tilt before the first of them
 
 
 def commanded_tilt(log: Log, time_s: Array) -> CommandedTilt:
-    """Collect the commands that the attitude still remembers at each time (m,)."""
+    """Return the commands that still influence the attitude at each time (m,)."""
     command = tilt_vector_rad(log.command_quaternion_wxyz)
     width = math.ceil(MEMORY_S / float(np.median(np.diff(log.command_time_s))))
 
@@ -179,11 +182,11 @@ def step_response(time_s: Array, wn_rad_s: float, zeta: float) -> Array:
 
     It is looked up in a table in steps of 0.5 ms.
     """
-    # the two poles; the small number keeps them apart at critical damping
+    # the two poles; 1e-9 keeps them apart at critical damping, where fast - slow would be 0
     root = np.sqrt(complex(zeta * zeta - 1.0)) + 1e-9
     fast = wn_rad_s * (-zeta - root)
     slow = wn_rad_s * (-zeta + root)
 
-    late = np.arange(0.0, MEMORY_S + 0.3, 0.0005)
-    answer = 1.0 + (slow * np.exp(fast * late) - fast * np.exp(slow * late)) / (fast - slow)
-    return np.asarray(np.interp(time_s, late, answer.real, left=0.0))
+    table_s = np.arange(0.0, MEMORY_S + 0.3, 0.0005)
+    table = 1.0 + (slow * np.exp(fast * table_s) - fast * np.exp(slow * table_s)) / (fast - slow)
+    return np.asarray(np.interp(time_s, table_s, table.real, left=0.0))

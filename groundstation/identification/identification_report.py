@@ -1,7 +1,7 @@
 """The report of ``covey identify``.
 
-A table of what flew beside what the fleet file says, which differences matter, and TOML for the
-fleet file.
+It has a table that compares the flown parameters with those of the fleet file, says which
+differences matter, and gives TOML for the fleet file.
 """
 
 from __future__ import annotations
@@ -15,15 +15,16 @@ from groundstation.identification.identify import Estimate, Identified
 from onboard.avoidance.prediction import LAG_ERROR_S
 from onboard.config.fleet import Vehicle
 
-_HOVER_SHARE = 0.05  # of the hover thrust: the observer compensates so much
-_DRAG_M_S2 = 0.15
+# differences up to these are harmless
+_HOVER_SHARE = 0.05  # share of the hover thrust, which the observer compensates
+_DRAG_M_S2 = 0.15  # deceleration by drag at top speed
 _TILT_DEG = 2.0
 _GAIN = 0.15
 
 
 @dataclass(frozen=True, slots=True)
 class IdentifiedVehicle:
-    """A vehicle as configured, and as it flew."""
+    """A vehicle of the fleet file, and the parameters with which it flew."""
 
     vehicle: Vehicle
     identified: Identified
@@ -99,7 +100,7 @@ def rows(flown: IdentifiedVehicle) -> list[dict[str, Any]]:
 def _row(
     name: str, *, configured: float, flown: Estimate, harmless: float, reason: str
 ) -> dict[str, Any]:
-    """Compare one parameter; a difference up to ``harmless`` has no effect that anybody notices."""
+    """Return the row of one parameter; a difference up to ``harmless`` has no noticeable effect."""
     if flown.low <= configured <= flown.high:
         word = "agrees"
     elif abs(flown.value - configured) <= harmless:
@@ -122,11 +123,11 @@ def page(flown: Sequence[IdentifiedVehicle]) -> str:
     lines: list[str] = []
     for one in flown:
         vehicle = one.vehicle
-        flown_as = one.identified
+        identified = one.identified
         lines.append(
-            f"{vehicle.name} (type {vehicle.type or 'none'}), {flown_as.duration_s:.0f} s in the "
-            f"air; attitude explained to {flown_as.attitude_rms_deg:.2f} deg, position to "
-            f"{1e3 * flown_as.position_rms_m:.1f} mm rms"
+            f"{vehicle.name} (type {vehicle.type or 'none'}), {identified.duration_s:.0f} s in the "
+            f"air; attitude explained to {identified.attitude_rms_deg:.2f} deg, position to "
+            f"{1e3 * identified.position_rms_m:.1f} mm rms"
         )
         lines.append(f"  {'':<24} {'fleet file':>10} {'flown':>9} {'1 sigma':>8}   95 % interval")
         for row in rows(one):
@@ -140,7 +141,7 @@ def page(flown: Sequence[IdentifiedVehicle]) -> str:
 
 
 def toml_of_types(flown: Sequence[IdentifiedVehicle]) -> dict[str, str]:
-    """Return TOML for the fleet file, by the name of each type that has flown."""
+    """Return by the name of each flown type TOML for the fleet file."""
     types: dict[str, list[IdentifiedVehicle]] = {}
     for one in flown:
         types.setdefault(one.vehicle.type, []).append(one)
@@ -164,7 +165,7 @@ def type_toml(kind: str, members: Sequence[IdentifiedVehicle]) -> str:
 
     delay_s = lag_s.value - 2.0 * zeta.value / wn.value
     wn_rad_s = wn.value
-    # the response is quicker than its own shape says: keep L, which is what the law uses
+    # a dead time below 0 is not allowed; keep the lag L, because the law uses only L
     if delay_s < 0.0:
         delay_s = 0.0
         wn_rad_s = 2.0 * zeta.value / max(lag_s.value, 0.01)
@@ -198,12 +199,12 @@ def type_toml(kind: str, members: Sequence[IdentifiedVehicle]) -> str:
 def _mean(estimates: Sequence[Estimate]) -> Estimate:
     """Return the mean over vehicles.
 
-    Its interval covers the width of their own intervals, and how far they lie apart.
+    Its interval covers the vehicles' own intervals, and their differences.
     """
     count = len(estimates)
     value = sum(one.value for one in estimates) / count
-    own = math.sqrt(sum(one.std**2 for one in estimates)) / count
+    own_std = math.sqrt(sum(one.std**2 for one in estimates)) / count
     spread = math.sqrt(sum((one.value - value) ** 2 for one in estimates) / count)
-    std = math.hypot(own, spread)
-    half = std * max((one.high - one.value) / one.std for one in estimates)
-    return Estimate(value=value, std=std, low=value - half, high=value + half)
+    std = math.hypot(own_std, spread)
+    half_width = std * max((one.high - one.value) / one.std for one in estimates)
+    return Estimate(value=value, std=std, low=value - half_width, high=value + half_width)

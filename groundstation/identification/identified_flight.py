@@ -1,4 +1,4 @@
-"""A recorded flight -> what can be identified of each vehicle that flew in it."""
+"""Identifies the vehicles that flew in a recorded flight."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class IdentifiedFlight:
 
 
 def identify_flight(folder: Path, fleet_path: str | None, name: str | None) -> IdentifiedFlight:
-    """Identify everybody who flew in a record, or one of them.
+    """Identify all vehicles that flew in a record, or one of them.
 
     Args:
-        folder: of the flight, or its MCAP file.
-        fleet_path: fleet file; without it the one beside the record.
-        name: of the vehicle to identify; without it all.
+        folder: flight folder, or its MCAP file.
+        fleet_path: fleet file; None for the one beside the record.
+        name: name of the vehicle to identify; None for all.
 
     Raises:
         ConfigError: there is no record, no fleet file, or no such vehicle.
@@ -49,7 +49,7 @@ def identify_flight(folder: Path, fleet_path: str | None, name: str | None) -> I
             else:
                 result.vehicles.append(IdentifiedVehicle(fleet.vehicles[one], identified))
         elif name is not None or not logs:
-            # A vehicle that stayed down is worth a word only if it was meant, or if nobody flew.
+            # A vehicle that did not fly is reported only if it was named, or if none flew.
             result.refusals[one] = "it did not fly in this record."
     return result
 

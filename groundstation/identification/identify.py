@@ -1,17 +1,21 @@
 """Parameters of a vehicle from a short flight: hover thrust, tilt error, drag and lag. Pure.
 
-Two fits. The attitude: commanded tilt through a dead time and a second-order response, times a
-static gain, plus a constant error, against the measured attitude (Gauss-Newton from the best of a
-grid). The motion: the acceleration by that response and the throttle, integrated twice, against
-measured positions, in windows of two seconds whose initial position and velocity are free; it is
-linear in hover thrust, drag, tilt error and in the time by which the motion comes before the
-attitude's own time stamps. That time, together with what is known of the attitude's age, takes out
-of the lag L, from a command to the acceleration it causes, how old the attitude was when it was
-written down.
+There are two fits:
 
-Residuals are correlated (gusts, thrust noise, model error): standard deviations are a jackknife
-over windows, with Student's factor for their number, and never below a floor for what the model
-leaves out.
+* Attitude (``attitude_fit``): the commanded tilt after a dead time and a second-order response,
+  times a static gain, plus a constant error, is compared with the measured attitude.
+* Motion (``motion_fit``): the acceleration by that response and the thrust, integrated twice, is
+  compared with measured positions, in windows of two seconds with free initial position and
+  velocity. This fit is linear in hover thrust, drag, tilt error, and in the time by which the
+  motion precedes the time stamps of the attitude.
+
+An attitude is stamped some time after it was measured, and this age must not count in the lag L
+from a command to the acceleration that it causes. The time from the second fit and the known age
+remove it.
+
+Residuals are correlated (gusts, thrust noise, model error). Therefore standard deviations come from
+a jackknife over windows, with Student's factor for their number. They are never below a floor for
+effects that the model leaves out.
 """
 
 from __future__ import annotations
@@ -39,8 +43,8 @@ from onboard.types import GRAVITY_M_S2
 
 MIN_DURATION_S = 8.0
 MIN_TILT_RMS_DEG = 0.5
-# what the model leaves out: battery sag, the thrust curve, steady wind (which looks like tilt), the
-# tick's own length
+# least standard deviations, for effects that the model leaves out: battery sag, the thrust curve,
+# steady wind (which looks like tilt), the length of a tick
 _FLOOR = {"hover": 0.001, "lag": 0.003, "drag": 0.02, "tilt_deg": 0.1, "gain": 0.003}
 
 
@@ -56,7 +60,7 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """The vehicle as flown."""
+    """The identified parameters of a vehicle, and the quality of the fits."""
 
     hover_thrust_frac: Estimate
     lag_s: Estimate  # L = delay_s + 2 zeta / wn, known better than its three parts
@@ -82,11 +86,11 @@ def identify(log: Log) -> Identified:
         Its parameters.
 
     Raises:
-        TooLittleFlown: the log is too short, or hardly anything moves in it.
+        TooLittleFlown: the log is too short, or the vehicle hardly moves in it.
     """
     begin_s, end_s = _span(log)
 
-    # twice, the second time without what the commands do not explain
+    # fit again without the times at which the attitude did not follow the commands
     attitude = fit_attitude(log, begin_s, end_s)
     bad_s = unexplained_times_s(log, attitude, begin_s, end_s)
     if bad_s.size:
@@ -104,13 +108,13 @@ def identify(log: Log) -> Identified:
     hover = GRAVITY_M_S2 / scale
     hover_std = math.hypot(hover * scale_std / scale, _FLOOR["hover"] * hover)
 
-    # the motion says how old the attitude's stamps were, which is no part of the vehicle's lag
+    # correct the dead time by the age of the attitude, which the fit of the motion has found
     delay_s, wn, zeta = attitude.theta[:3]
     delay_s += motion.theta[1]
     lag_std = math.hypot(motion.std[1], _FLOOR["lag"])
     part_std = np.hypot(attitude.std[:3], [lag_std, 0.0, 0.0])
 
-    # constant errors of the attitude's measurement and of the thrust against it
+    # constant error of the measured attitude, plus the tilt of the thrust against that attitude
     degree = math.degrees(1.0)
     tilt = attitude.theta[4:6] + motion.theta[2:4] / GRAVITY_M_S2
     tilt_std = np.hypot(attitude.std[4:6], motion.std[2:4] / GRAVITY_M_S2)
@@ -140,10 +144,11 @@ def identify(log: Log) -> Identified:
 
 
 def _without(log: Log, bad_s: Array) -> Log:
-    """Return the log without the times that its commands do not explain, unless they are most.
+    """Return the log without bad times and the samples after them.
 
-    A position counts until a whole window later, since the model of its window has integrated over
-    the bad time.
+    Attitudes are left out for 0.4 s after a bad time, and positions for a whole window, since the
+    model integrates over the window. If more than half of the samples would be left out, the log
+    stays as it is.
     """
 
     def is_kept(time_s: Array, after_s: float) -> BoolArray:
@@ -165,7 +170,11 @@ def _without(log: Log, bad_s: Array) -> Log:
 
 
 def _span(log: Log) -> tuple[float, float]:
-    """Return the first and the last time that can be used; refuse a log that says too little."""
+    """Return the first and the last time that can be used.
+
+    Raises:
+        TooLittleFlown: the log is too short, or the vehicle hardly moves in it.
+    """
     times = (log.command_time_s, log.attitude_time_s, log.position_time_s)
     if min(time.size for time in times) < 100:
         raise TooLittleFlown(

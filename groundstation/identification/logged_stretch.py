@@ -1,7 +1,7 @@
-"""Input of the identification, one logged stretch in the air, and its least squares.
+"""The input of the identification (one logged stretch in the air) and the tools that fits share.
 
-Residuals are correlated (gusts, thrust noise, model error), so that the textbook's standard
-deviations would be too small: see :func:`jackknife`.
+Residuals are correlated (gusts, thrust noise, model error), so the usual standard deviations of
+least squares would be too small: see :func:`jackknife`.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ import numpy as np
 
 from onboard.arrays import Array, IntArray
 
-MEMORY_S = 2.0  # a command has no effect on the attitude any more
+MEMORY_S = 2.0  # a command that is older than this has no effect on the attitude any more
 
 
 class TooLittleFlown(ValueError):
-    """The log is not enough for an identification: a sentence with the remedy."""
+    """The log is not enough for an identification; the message says why, with the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,22 +27,22 @@ class Log:
     command_quaternion_wxyz: Array  # (n, 4): FLU to ENU, held until the next command
     thrust_frac: Array  # (n,)
     attitude_time_s: Array  # (m,)
-    attitude_quaternion_wxyz: Array  # (m, 4): flown
+    attitude_quaternion_wxyz: Array  # (m, 4): measured, FLU to ENU
     position_time_s: Array  # (k,)
     position_enu_m: Array  # (k, 3)
-    # of an attitude at its time: an attitude over a link was measured earlier
+    # time from the measurement of an attitude to its stamp, which is not 0 over a link
     attitude_age_s: float = 0.0
-    attitude_age_std_s: float = 0.002  # standard deviation of the same
+    attitude_age_std_s: float = 0.002  # standard deviation of that age
 
 
 @dataclass(frozen=True, slots=True)
 class LeastSquares:
     """Result of a least-squares fit."""
 
-    theta: Array  # (p,)
-    std: Array  # (p,)
-    rms: float  # of the residuals
-    clusters: int  # number of them
+    theta: Array  # (p,) parameters
+    std: Array  # (p,) their standard deviations
+    rms: float  # rms of the residuals
+    clusters: int  # number of clusters of the jackknife
 
 
 def tilt_vector_rad(quaternion_wxyz: Array) -> Array:
@@ -54,17 +54,22 @@ def tilt_vector_rad(quaternion_wxyz: Array) -> Array:
     horizontal = np.hypot(up[..., 0], up[..., 1])
     angle = np.arctan2(horizontal, 1.0 - 2.0 * (x * x + y * y))
 
-    # near the vertical, angle and sine are equal
+    # near the vertical angle and sine are equal, and their quotient would be 0 / 0
     share = np.where(horizontal > 1e-9, angle / np.maximum(horizontal, 1e-9), 1.0)
     return np.asarray(up * share[..., None])
 
 
 def jackknife(jacobian: Array, residual: Array, cluster: IntArray) -> tuple[Array, int]:
-    """Return standard deviations (p,) by the jackknife over clusters (r,), and their number.
+    """Return standard deviations (p,) by the jackknife over clusters, and the number of clusters.
 
-    Residuals may be correlated within a cluster, and between neighbours (numbers that differ by
-    one), which enter with half their product. Leaving out whole clusters stays correct where few of
-    them carry most of the information.
+    Residuals may be correlated within a cluster, and between neighbouring clusters (whose numbers
+    differ by one). The jackknife leaves out whole clusters, which stays correct if few of them
+    carry most of the information.
+
+    Args:
+        jacobian: derivatives (r, p) of the residuals.
+        residual: residuals (r,).
+        cluster: number (r,) of the cluster of each residual.
     """
     names, index = np.unique(cluster, return_inverse=True)
     count = names.size
@@ -76,7 +81,7 @@ def jackknife(jacobian: Array, residual: Array, cluster: IntArray) -> tuple[Arra
     np.add.at(scores, index, jacobian * residual[:, None])
     np.add.at(weights, index, jacobian[:, :, None] * jacobian[:, None, :])
 
-    # how far the result moves when a cluster is left out
+    # change (clusters, p) of the result when a cluster is left out
     moved = (np.linalg.pinv(weights.sum(0) - weights) @ scores[..., None])[..., 0]
     own = np.einsum("ci,ci->i", moved, moved)
     is_next = np.diff(names) == 1

@@ -12,7 +12,7 @@ from onboard.config.fleet import ConfigError, FleetConfig, parking_distance_m
 from onboard.config.flight_space import flight_space_of
 from onboard.tuples import Xyz
 
-BOX_M = 0.6  # to each side
+BOX_M = 0.6  # half width of the box
 HEIGHT_M = 1.0
 MOVES = 14
 _MOVE_TIMEOUT_S = 8.0
@@ -27,10 +27,17 @@ def manoeuvre(
     height_m: float = HEIGHT_M,
     seed: int = 0,
 ) -> tuple[tuple[Xyz, float], ...]:
-    """Return goals and durations of a zig-zag in a box about the vehicle's start.
+    """Return goals and durations [s] of a zigzag in a box about the vehicle's start.
 
-    The box keeps clear of the fence and of where the others stand. A duration of 0 is as quick as
-    the limits allow.
+    The box keeps a distance from the fence and from the spots of the others. A duration of 0 means
+    as fast as the limits allow.
+
+    Args:
+        fleet: the fleet file.
+        name: name of the vehicle.
+        half_m: largest half width of the box.
+        height_m: height of the manoeuvre.
+        seed: the seed of its random lengths.
 
     Raises:
         ConfigError: there is no room for a box of 0.25 m to each side.
@@ -45,7 +52,9 @@ def manoeuvre(
     room_m = min(x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y) - 0.4
     to_fence_m, _ = flight_space_of(fleet).room_m((x, y, height_m))
     room_m = min(room_m, to_fence_m - 0.4)
-    half_m = min(half_m, room_m / (1.0 if math.isinf(to_fence_m) else math.sqrt(2.0)), apart_m)
+    # areas may have edges in any direction, so there the corners of the box must fit, too
+    corner_factor = 1.0 if math.isinf(to_fence_m) else math.sqrt(2.0)
+    half_m = min(half_m, room_m / corner_factor, apart_m)
     if not half_m >= 0.25:
         raise ConfigError(
             f"{fleet.path}: around the start of {name} there are {max(0.0, half_m):.2f} m to each "
@@ -76,9 +85,9 @@ def manoeuvre(
 
 
 def mission_text(fleet_path: Path, name: str, steps: Sequence[tuple[Xyz, float]]) -> str:
-    """Return the manoeuvre as a mission file in Python.
+    """Return the manoeuvre as the text of a Python mission.
 
-    A goal that is not reached in time is no failure: the next one follows.
+    A goal that is not reached in time is no failure; the mission goes on with the next one.
     """
     first_goal, _ = steps[0]
     height_m = first_goal[2]

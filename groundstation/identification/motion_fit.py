@@ -1,8 +1,8 @@
-"""The motion's part of the identification.
+"""The motion part of the identification: how positions follow from attitude and thrust.
 
-The acceleration that attitude and throttle give is integrated twice and compared with the measured
-positions, in windows of two seconds. Each window has its own position and velocity at its begin,
-which nobody knows; they are projected out. What is left is linear in the parameters.
+The acceleration by attitude and thrust is integrated twice and compared with the measured
+positions, in windows of two seconds. The position and the velocity at the begin of each window are
+unknown and are projected out. The rest is linear in the parameters.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ WINDOW_S = 2.0
 _GRID_S = 0.005
 _MOTOR_LAG_S = 0.05
 
-# only weights: the jackknife does not believe them
+# these are only weights of the fit; the standard deviations come from the jackknife
 _GUST_M_S2 = 0.03
 _GUST_TIME_S = 1.0
 POSITION_NOISE_M = 0.003
@@ -29,20 +29,28 @@ POSITION_NOISE_M = 0.003
 
 @dataclass(frozen=True, slots=True)
 class _Drive:
-    """Input of the motion on a fine grid."""
+    """The input of the motion on a fine grid of g times."""
 
     time_s: Array  # (g,)
-    push: Array  # (g, 3): throttle behind the motors times the thrust's direction
-    position_enu_m: Array  # (g, 3)
+    push: Array  # (g, 3): throttle after the motors' lag, times the direction of the thrust
+    position_enu_m: Array  # (g, 3): measured, interpolated
 
 
 def _drive(
     log: Log, attitude: LeastSquares, shift_s: float, begin_s: float, end_s: float
 ) -> _Drive:
-    """Return the input of the motion, the attitude's response shifted by a time."""
+    """Return the input of the motion.
+
+    Args:
+        log: one stretch in the air.
+        attitude: fit of its attitude.
+        shift_s: time by which the attitude's response is shifted.
+        begin_s: first time of the grid.
+        end_s: last time of the grid.
+    """
     time_s = np.arange(begin_s, end_s, _GRID_S)
 
-    # direction of the thrust, by the fitted response; on every second point, since it is slow
+    # direction of the thrust by the fitted response, on every second point to save time
     coarse_s = np.arange(begin_s, end_s + 2.0 * _GRID_S, 2.0 * _GRID_S)
     theta = attitude.theta
     coarse = theta[3] * response(commanded_tilt(log, coarse_s - shift_s), theta) + theta[4:6]
@@ -51,7 +59,7 @@ def _drive(
     horizontal = tilt * np.sinc(angle / np.pi)[:, None]
     direction = np.concatenate([horizontal, np.cos(angle)[:, None]], axis=-1)
 
-    # throttle behind the motors, a first-order lag
+    # throttle after the motors' first-order lag
     early_s = np.arange(begin_s - 0.5, end_s, _GRID_S)
     index = np.searchsorted(log.command_time_s, early_s, side="right") - 1
     held = log.thrust_frac[np.maximum(index, 0)]
@@ -82,10 +90,13 @@ def _windows(
     Args:
         log: one stretch in the air.
         drive: input of the motion on the grid.
-        axes: of the position that are used.
-        inputs: contribution of each parameter on the grid (g, axes).
-        target: known motion on the grid (g, axes), which is subtracted.
+        axes: indexes of the used axes of the position.
+        inputs: contribution of each parameter to the position on the grid (g, axes).
+        target: known part of the position on the grid (g, axes), which is subtracted.
         gust_m_s2: standard deviation of the gusts, for the weights.
+
+    Raises:
+        TooLittleFlown: too few windows have enough positions.
     """
     rows: list[Array] = []
     right: list[Array] = []
@@ -99,7 +110,7 @@ def _windows(
             continue
         time_s = log.position_time_s[used]
 
-        # what initial position and velocity can explain, in whitened coordinates
+        # basis of the motions by initial position and velocity, in whitened coordinates
         whiten = np.linalg.inv(np.linalg.cholesky(_covariance_m2(time_s, gust_m_s2)))
         free = np.stack([np.ones_like(time_s), time_s - begin_s], axis=1)
         basis, _ = np.linalg.qr(whiten @ free)
@@ -116,6 +127,7 @@ def _windows(
             all_columns -= basis @ (basis.T @ all_columns)
             rows.append(all_columns[:, :-1])
             right.append(all_columns[:, -1])
+            # 10,000 keeps clusters of different axes from being neighbours
             clusters.append(np.full(time_s.size, number + 10_000 * axis, dtype=np.int64))
     if len(rows) < 3 * len(axes):
         raise TooLittleFlown(
@@ -127,8 +139,8 @@ def _windows(
 def _covariance_m2(time_s: Array, gust_m_s2: float) -> Array:
     """Return the covariance (n, n) of positions at these times.
 
-    It is that of white measurement noise, and of gusts that are correlated in time, integrated
-    twice.
+    It is the sum of that of white measurement noise, and of that of time-correlated gusts, which
+    are integrated twice.
     """
     step_s = np.diff(time_s, prepend=time_s[0])
     once = np.tril(np.broadcast_to(step_s, (time_s.size, time_s.size)))
@@ -220,7 +232,8 @@ def fit_horizontal(
         ]
         columns, right, cluster = _windows(log, drive, (0, 1), inputs, _integral(once), _GUST_M_S2)
 
-        # residuals are whitened to about one, and so is this row
+        # The known age is one more row. Its residual is about 1, as those of the whitened rows, and
+        # its cluster (-10) is no neighbour of another one.
         columns = np.concatenate([columns, [[0.0, weight, 0.0, 0.0]]])
         right = np.concatenate([right, [weight * (known_s - shift_s)]])
         cluster = np.concatenate([cluster, [-10]])

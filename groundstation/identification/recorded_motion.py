@@ -1,4 +1,4 @@
-"""A record as input of the identification: what each vehicle was commanded and did in the air."""
+"""Reads the input of the identification from a record: commands and motion of each vehicle."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from groundstation.recording.reader import Sample, read
 from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig
 
-_LOW_M = 0.3  # below, the ground bears part of the weight
-_GAP_S = 0.1
-# PX4's attitude comes at 50-100 Hz over a link: half a period and the transmission
+_LOW_M = 0.3  # below this height the ground may bear a part of the weight
+_GAP_S = 0.1  # a longer gap between ticks ends a stretch
+# age of an attitude that PX4 sends at 50-100 Hz over a link: half a period, and the transmission
 _LINK_AGE_S = 0.012
 _LINK_AGE_STD_S = 0.008
 _QUATERNIONS = ("setpoint_quaternion_enu_flu_wxyz", "attitude_quaternion_enu_flu_wxyz")
@@ -24,13 +24,13 @@ _QUATERNIONS = ("setpoint_quaternion_enu_flu_wxyz", "attitude_quaternion_enu_flu
 def logs_of(path: Path, fleet: FleetConfig, names: Sequence[str]) -> dict[str, Log]:
     """Read the longest stretch in the air of each vehicle.
 
-    Positions and attitudes come from the mocap's own samples with their own stamps; without a mocap
-    from the agent's.
+    Positions and attitudes come from the mocap's samples with their own stamps, or without a mocap
+    from the agent's ticks.
 
     Args:
         path: flight folder or MCAP file.
         fleet: the fleet file.
-        names: vehicles.
+        names: names of the vehicles.
 
     Returns:
         A log of each vehicle that flew.
@@ -64,6 +64,7 @@ def _log(ticks: list[Sample], poses: list[Sample]) -> Log | None:
     thrust = np.array([tick.values["setpoint_thrust_frac"] for tick in air], np.float64)
 
     tracked = [pose for pose in poses if origin_ns <= pose.stamp_ns <= last_ns]
+    # without a mocap, or with too few poses of it: from the ticks
     if len(tracked) < 0.5 * len(air):
         return Log(
             command_time_s=time_s,
@@ -106,9 +107,9 @@ def _is_tracked(pose: Sample) -> bool:
 
 
 def _are_numbers(values: Mapping[str, Any], *fields: str, count: int) -> bool:
-    """Whether the fields hold so many numbers together.
+    """Return whether the fields together hold ``count`` numbers.
 
-    A number that is not finite is null in a record.
+    A number that is not finite is null in a record, so it does not count.
     """
     numbers: list[Any] = []
     for field in fields:
@@ -121,6 +122,7 @@ def _are_numbers(values: Mapping[str, Any], *fields: str, count: int) -> bool:
 
 
 def _longest_stretch(ticks: list[Sample]) -> list[Sample]:
+    """Return the longest run of ticks without a gap."""
     ticks = sorted(ticks, key=lambda tick: tick.stamp_ns)
     best: list[Sample] = []
     stretch: list[Sample] = []
@@ -136,7 +138,7 @@ def _longest_stretch(ticks: list[Sample]) -> list[Sample]:
 def _series(
     samples: list[Sample], origin_ns: int, fields: Sequence[str]
 ) -> tuple[Array, list[Array]]:
-    """Return times (n,) since the origin, increasing, and the fields (n, ...)."""
+    """Return increasing times (n,) since the origin, and the values (n, ...) of each field."""
     stamps, first = np.unique([sample.stamp_ns for sample in samples], return_index=True)
     columns = [
         np.array([samples[index].values[field] for index in first], np.float64) for field in fields

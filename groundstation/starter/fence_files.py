@@ -1,11 +1,11 @@
-"""Fences of other programs, as the ``[[fences]]`` of a fleet file.
+"""Reads fences of other programs, and writes them as the ``[[fences]]`` of a fleet file.
 
-Two kinds are read: the geoFence of QGroundControl's ``.plan``, and GeoJSON as RFC 7946 has it:
-polygons, their holes as areas to stay out of, and points with a radius. Both are in latitude and
-longitude, and so is what is made of them.
+Two formats are read: the geoFence of QGroundControl's ``.plan``, and GeoJSON (RFC 7946). Of GeoJSON
+these are polygons, their holes as areas to stay out of, and points with a radius. All coordinates
+are latitudes and longitudes, in the files as in the result.
 
 In PX4 a vehicle may be in any of several areas to stay in; in Covey all fences hold at once. So a
-file with more than one area to stay in is refused: its areas would leave what they share only.
+file with more than one area to stay in is refused: vehicles could only be where these overlap.
 """
 
 from __future__ import annotations
@@ -36,11 +36,13 @@ def read_fences(
     """Return the fences of a file.
 
     Args:
-        path: of a ``.plan`` or GeoJSON.
-        buffer_m: that each fence gets.
-        height_m: that each fence gets.
+        path: path of a ``.plan`` or GeoJSON file.
+        buffer_m: buffer of each fence.
+        height_m: floor and top of each fence; None for all heights.
+
     Raises:
-        ConfigError: it is neither, has no fence, or one that Covey has no counterpart for.
+        ConfigError: the file has another format, has no fence, or has a fence of a kind that Covey
+            does not have.
     """
     name = os.fspath(path)
     data = json_values(read_bytes(path, FENCE_FILE), name)
@@ -88,7 +90,7 @@ def toml_of(fences: list[Fence]) -> str:
     """Return the text of fences for a fleet file.
 
     Args:
-        fences: in latitude and longitude.
+        fences: fences in latitude and longitude.
     """
     blocks = []
     for fence in fences:
@@ -118,7 +120,7 @@ def _text(name: str) -> str:
 
 
 def _point(degrees: Degrees) -> str:
-    return f"[{degrees[0]:.8f}, {degrees[1]:.8f}]"  # a millimetre
+    return f"[{degrees[0]:.8f}, {degrees[1]:.8f}]"  # eight decimals are a millimetre
 
 
 # -- QGroundControl --------------------------------------------------------------------------------
@@ -161,12 +163,12 @@ def _of_plan(data: dict[str, Any], name: str, stem: str) -> Iterator[Fence]:
         )
 
 
-def _check_version(data: dict[str, Any], version: int, name: str, what: str) -> None:
-    has = data.get("version")
-    if has != version:
+def _check_version(data: dict[str, Any], version: int, name: str, part: str) -> None:
+    actual = data.get("version")
+    if actual != version:
         raise ConfigError(
-            f"{name}: {what} has version {str(has)[:20]}; version {version} can be read. Open it "
-            "in a QGroundControl of today, and save it again."
+            f"{name}: {part} has version {str(actual)[:20]}; version {version} can be read. Open "
+            "it in a QGroundControl of today, and save it again."
         )
 
 
@@ -254,7 +256,7 @@ def _of_geometry(
 
 
 def _swapped(place: Any, where: str) -> Degrees:
-    """Return latitude and longitude; GeoJSON has the longitude first, and perhaps a height."""
+    """Return latitude and longitude of a GeoJSON position, whose longitude comes first."""
     values = _items(place, where)
     if len(values) not in (2, 3):
         raise ConfigError(f"{where} has a point of {len(values)} numbers; write two.")
@@ -265,7 +267,7 @@ def _swapped(place: Any, where: str) -> Degrees:
 
 
 def _opened(corners: list[Degrees]) -> list[Degrees]:
-    """Return corners without a last one that is the first once more."""
+    """Return corners without the last one, if it repeats the first one."""
     if len(corners) > 1 and corners[0] == corners[-1]:
         return corners[:-1]
     return corners

@@ -1,4 +1,4 @@
-"""Changes of a fleet file's text that leave its comments and its formatting as they were."""
+"""Changes the text of a fleet file without changing its comments and its formatting."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ def edited(text: str, changes: Mapping[str, Any]) -> str:
     """Return a TOML text with some values changed or added.
 
     Args:
-        text: of a fleet file.
-        changes: tables in tables, with only the values that change.
+        text: text of a fleet file.
+        changes: nested tables that contain only the changed values.
 
     Returns:
-        the text; every other line is as it was.
+        The new text; all other lines are unchanged.
     """
     document = tomlkit.parse(text)
     _merge(document, changes)
@@ -33,24 +33,24 @@ def write_changes(path: Path, changes: Mapping[str, Any]) -> None:
     """Change values of a fleet file.
 
     Args:
-        path: of the file.
-        changes: as in :func:`edited`.
+        path: path of the file.
+        changes: changes as in :func:`edited`.
 
     Raises:
-        ConfigError: the file would be wrong with them, or cannot be written; it is as it was.
+        ConfigError: the file would be wrong with them, or cannot be written; it is unchanged.
     """
     write_text(path, checked_edit(path, changes))
 
 
 def checked_edit(path: Path, changes: Mapping[str, Any]) -> str:
-    """Return the text of a fleet file with values changed.
+    """Return the text of a fleet file with changed values, after a check of the whole file.
 
     Args:
-        path: of the file.
-        changes: as in :func:`edited`.
+        path: path of the file.
+        changes: changes as in :func:`edited`.
 
     Raises:
-        ConfigError: the file would be wrong with them.
+        ConfigError: the file would be wrong with the changes.
     """
     text = edited(read_text(path, FLEET_FILE), changes)
     fleet_from_mapping(tomllib.loads(text), path=str(path))
@@ -58,14 +58,14 @@ def checked_edit(path: Path, changes: Mapping[str, Any]) -> str:
 
 
 def checked_text(path: Path, more: str) -> str:
-    """Return the text of a fleet file with more tables at its end.
+    """Return the text of a fleet file with more tables at its end, after a check of the whole.
 
     Args:
-        path: of the file.
-        more: tables, as TOML.
+        path: path of the file.
+        more: the tables as TOML.
 
     Raises:
-        ConfigError: the file would be wrong with them.
+        ConfigError: the file would be wrong with the tables.
     """
     text = read_text(path, FLEET_FILE).rstrip() + "\n\n" + more
     fleet_from_mapping(toml_values(text, str(path)), path=str(path), finds_law=False)
@@ -73,19 +73,19 @@ def checked_text(path: Path, more: str) -> str:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Put a text in the place of a file's, at once.
+    """Replace the text of a file, wholly or not at all.
 
     Args:
-        path: of the file.
-        text: checked.
+        path: path of the file.
+        text: the new text, which has been checked.
 
     Raises:
-        ConfigError: the file cannot be written; it is as it was.
+        ConfigError: the file cannot be written; it is unchanged.
     """
-    whole = path.with_name(f".{path.name}.new")
+    new_path = path.with_name(f".{path.name}.new")
     try:
-        whole.write_text(text, encoding="utf-8")
-        whole.replace(path)
+        new_path.write_text(text, encoding="utf-8")
+        new_path.replace(path)
     except OSError as error:
         raise ConfigError(
             f"{path} cannot be written ({error.strerror}). Put in the values above by hand."

@@ -1,7 +1,4 @@
-"""A law of somebody's own to begin with.
-
-Its module, its test, and the line of the fleet file that names it.
-"""
+"""The first files of a user's own law: its module, its test, and its line in the fleet file."""
 
 from __future__ import annotations
 
@@ -36,7 +33,7 @@ def law_module(name: str) -> str:
     """Return the name of the law's module.
 
     Raises:
-        ConfigError: Python could not import it.
+        ConfigError: Python cannot import a module of this name.
     """
     is_module_name = name.isidentifier() and name.isascii() and not keyword.iskeyword(name)
     if not is_module_name:
@@ -53,11 +50,11 @@ def own_law_texts() -> tuple[str, str]:
 
 
 def with_own_law(fleet_text: str, name: str) -> str:
-    """Return a new fleet file's text with that law.
+    """Return the text of a new fleet file with the user's law.
 
     Args:
-        fleet_text: of a fleet that flies Covey's law.
-        name: of the law's module.
+        fleet_text: text of a fleet file with Covey's law.
+        name: name of the law's module.
     """
     own = f'name = "{name}:law"  # the function law of {name}.py beside this file'
     return fleet_text.replace('[law]\nname = "covey"', f"[law]\n{own}", 1)

@@ -1,7 +1,4 @@
-"""Where the vehicles of a new fleet stand, how they form up, and how large the fence must be.
-
-Pure.
-"""
+"""The layout of a new fleet: take-off spots, a ring formation, and the size of the fence. Pure."""
 
 from __future__ import annotations
 
@@ -14,10 +11,11 @@ def grid(count: int, spacing_m: float) -> list[Plan]:
     """Return take-off spots in rows about the origin, up to four in one row.
 
     Args:
-        count: how many vehicles.
-        spacing_m: distance of neighbours in a row and of rows [m].
+        count: number of vehicles.
+        spacing_m: distance of neighbours in a row, and of rows [m].
+
     Returns:
-        east and north of each vehicle [m].
+        East and north of each vehicle [m].
     """
     columns = count
     if count > 4:
@@ -35,19 +33,20 @@ def grid(count: int, spacing_m: float) -> list[Plan]:
 
 
 def ring(count: int, spacing_m: float, starts: list[Plan]) -> list[Plan]:
-    """Return slots on a circle, each vehicle's towards the side on which it starts.
+    """Return slots on a circle; each vehicle's slot is on the side on which it starts.
 
     Args:
-        count: how many vehicles.
+        count: number of vehicles.
         spacing_m: least distance of two slots [m].
         starts: take-off spots [m].
+
     Returns:
-        east and north of each vehicle's slot from the centre [m].
+        East and north of each vehicle's slot from the centre [m].
     """
     if count == 1:
         return [(0.0, 0.0)]
 
-    # the rounding below must not bring them nearer
+    # 0.01 m more, so that rounding below does not bring slots nearer
     radius_m = 0.5 * spacing_m / math.sin(math.pi / count) + 0.01
     slots = []
     for slot in range(count):
@@ -56,7 +55,7 @@ def ring(count: int, spacing_m: float, starts: list[Plan]) -> list[Plan]:
         y = round(radius_m * math.sin(angle_rad), 2)
         slots.append((x, y))
 
-    # vehicles in the order of their directions from the centre take slots in the order of theirs
+    # vehicles, sorted by their direction from the centre, get the slots in the order of the circle
     def direction_rad(index: int) -> float:
         x, y = starts[index]
         return math.atan2(y, x)
@@ -64,7 +63,7 @@ def ring(count: int, spacing_m: float, starts: list[Plan]) -> list[Plan]:
     in_turn = sorted(range(count), key=direction_rad)
 
     def sum_of_squares(offset: int) -> float:
-        """Return the sum of squared distances with the slots counted on by ``offset``."""
+        """Return the sum of squared distances if the slots are shifted by ``offset`` places."""
         return sum(
             math.dist(starts[index], slots[(position + offset) % count]) ** 2
             for position, index in enumerate(in_turn)
@@ -78,13 +77,14 @@ def ring(count: int, spacing_m: float, starts: list[Plan]) -> list[Plan]:
 
 
 def half_width_m(points: list[Plan], room_m: float) -> float:
-    """Return half the width of a square fence around the origin with room beside all points.
+    """Return half the width of a square fence around the origin.
 
     Args:
-        points: east and north [m].
-        room_m: between the points and the fence [m].
+        points: east and north of points inside the fence [m].
+        room_m: least distance of the points from the fence [m].
+
     Returns:
-        half width [m], a multiple of half a metre.
+        Half width [m], a multiple of half a metre.
     """
     farthest_m = max(max(abs(x), abs(y)) for x, y in points)
     return math.ceil(2.0 * (farthest_m + room_m)) / 2.0

@@ -10,10 +10,10 @@ import math
 from onboard.avoidance.own_law import LawInputs
 from onboard.types import Thrust
 
-REACH = 1.5  # of the distance to keep: nobody farther away is felt
-PUSH_1_S2 = 12.0  # for each metre too near
-TURN_FRAC = 0.4  # of the push, to the right
-DAMPING_1_S = 1.5  # of the speed at which two come nearer
+REACH = 1.5  # neighbours farther away than this multiple of the distance to keep do not count
+PUSH_1_S2 = 12.0  # push for each metre that a neighbour is too near
+TURN_FRAC = 0.4  # share of the push that is added to the right
+DAMPING_1_S = 1.5  # push for each m/s of the speed at which two come nearer
 
 
 def law(memory: int | None, inputs: LawInputs) -> tuple[int, Thrust]:

@@ -1,8 +1,9 @@
-"""Take-off spots where the vehicles stand, from positions that they report while they rest. Pure.
+"""Computes take-off spots from the positions that resting vehicles report. Pure.
 
-Each spot is the mean of a vehicle's positions. How far they are spread says how much it is worth:
-satellites wander by decimetres within a minute, with corrections by centimetres. What wanders
-slower than the survey took is not seen, and neither is what is wrong for all alike.
+Each spot is the mean of a vehicle's positions, and their spread tells how accurate it is. Positions
+by satellites wander by decimetres within a minute, with corrections by centimetres. Errors that
+change more slowly than the survey lasts do not show in the spread, and neither do errors that all
+vehicles share.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ class SurveyedSpot(NamedTuple):
     name: str
     east_m: float
     north_m: float
-    spread_m: float  # standard deviation, of east and north together
-    farthest_m: float  # of a position from the mean
+    spread_m: float  # standard deviation of east and north together
+    farthest_m: float  # greatest distance of a position from the mean
     samples: int
-    moved_m: float  # from the spot of the fleet file
+    moved_m: float  # distance from the spot of the fleet file
 
 
 def surveyed(
@@ -38,8 +39,8 @@ def surveyed(
     """Return the spots of vehicles.
 
     Args:
-        positions_enu_m: by name, as reported.
-        fleet: with the spots until now.
+        positions_enu_m: name of a vehicle -> its reported positions.
+        fleet: the fleet file with the present spots.
 
     Raises:
         ConfigError: a vehicle has reported too few positions.
@@ -51,9 +52,9 @@ def surveyed(
                 f"{name} has reported {len(reported)} positions; {LEAST_SAMPLES} are the least. "
                 "Survey for longer, and see covey check vehicles."
             )
-        places = np.array(reported)[:, :2]
-        mean = places.mean(axis=0)
-        away_m = np.hypot(*(places - mean).T)
+        positions_m = np.array(reported)[:, :2]
+        mean = positions_m.mean(axis=0)
+        away_m = np.hypot(*(positions_m - mean).T)
         spots.append(
             SurveyedSpot(
                 name=name,
@@ -71,15 +72,15 @@ def surveyed(
 def refuse_poor_spots(
     spots: Sequence[SurveyedSpot], fleet: FleetConfig, most_spread_m: float
 ) -> None:
-    """Refuse spots that are not known well enough, or too near to each other to take off.
+    """Refuse spots that are too inaccurate, or too near to each other to take off.
 
     Args:
-        spots: all that were surveyed.
-        fleet: the others' spots, and the distance that its law needs.
-        most_spread_m: that a spot may have.
+        spots: the surveyed spots.
+        fleet: the fleet file, with the spots of other vehicles and the distance of the law.
+        most_spread_m: largest spread of a spot.
 
     Raises:
-        ConfigError: naming the worst one, or the nearest two.
+        ConfigError: a spot is refused; the message names the worst one, or the nearest two.
     """
     worst = max(spots, key=lambda spot: spot.spread_m)
     if worst.spread_m > most_spread_m:
@@ -89,12 +90,12 @@ def refuse_poor_spots(
             "allow more with --spread."
         )
 
-    places = {name: fleet.vehicles[name].start_enu_m[:2] for name in fleet.enabled_names}
-    places |= {spot.name: (spot.east_m, spot.north_m) for spot in spots}
+    spots_m = {name: fleet.vehicles[name].start_enu_m[:2] for name in fleet.enabled_names}
+    spots_m |= {spot.name: (spot.east_m, spot.north_m) for spot in spots}
     least_m = parking_distance_m(fleet)
     apart = [
-        (math.dist(places[first], places[second]), first, second)
-        for first, second in itertools.combinations(places, 2)
+        (math.dist(spots_m[first], spots_m[second]), first, second)
+        for first, second in itertools.combinations(spots_m, 2)
     ]
     if not apart:
         return
@@ -107,11 +108,11 @@ def refuse_poor_spots(
 
 
 def changes_of(spots: Sequence[SurveyedSpot], fleet: FleetConfig) -> dict[str, Any]:
-    """Return what changes in the fleet file; heights of spots stay as they are.
+    """Return the changes of the fleet file; the heights of spots are not changed.
 
     Args:
-        spots: surveyed.
-        fleet: with the spots until now.
+        spots: the surveyed spots.
+        fleet: the fleet file with the present spots.
     """
     vehicles = {}
     for spot in spots:

@@ -1,6 +1,6 @@
-"""A commented fleet file and a first mission, written from a few answers.
+"""Writes a commented fleet file and a first mission from a few answers.
 
-Both are checked as if they were flown now, before anybody gets them.
+Both are checked as if they were flown now, before they are returned.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, r
 from onboard.config.mocap import SystemType
 
 Position = Literal["optitrack", "vicon", "qualisys", "vrpn", "motionanalysis", "bus", "gps"]
-# sources that people ask for and that are not flown, each with what to do instead
+# sources of positions that Covey does not read, each with what to do instead
 NOT_POSITIONS = {
     "vision": (
         "No camera on a vehicle is read by Covey. Where another program of yours knows each "
@@ -40,26 +40,27 @@ NOT_POSITIONS = {
     "vio": "No camera on a vehicle is read by Covey: docs/mocap.md says how poses come by the bus.",
 }
 HERE = "here"
-MOST = 200  # of MAVLink's 255 system ids; some are other programs'
-_MOST_AT_50_HZ = 8  # vehicles that send all their states over one channel
-_FIRST_PORT = 7460  # of agents
+MOST = 200  # vehicles; MAVLink has 255 system ids, of which other programs use some
+_MOST_AT_50_HZ = 8  # vehicles that can send all their states over one radio channel
+_FIRST_PORT = 7460  # port of the first agent
 _FIRST_DIRECT = 18570
 
-# ports of PX4's instance 0: to its companion, and direct; PX4's own collide from the eleventh on
+# ports of PX4's instance 0: to its companion, and direct. From the eleventh instance on PX4's two
+# ranges of ports would overlap, so others are used.
 _PORTS = (14540, 18570)
 _PORTS_FROM_TEN = (15540, 19570)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answers:
-    """All that a new fleet file is written from."""
+    """The answers from which a new fleet file is written."""
 
     name: str = "fleet"
     vehicles: int = 3
     position: Position = "bus"
     mocap_host: str = "192.168.1.2"
     origin: str = "47.397742,8.545594,489.4"  # latitude, longitude [deg], altitude [m]
-    companions: str = HERE  # first address, or all of them
+    companions: str = HERE  # first address of the companion computers, or all of them
     autopilot: str = "serial:///dev/ttyAMA0:921600"  # as each companion sees its PX4
     spacing_m: float | None = None
     type: str = "quad"
@@ -73,7 +74,7 @@ class Answers:
 
 @dataclass(frozen=True, slots=True)
 class Starter:
-    """Texts of the new files, and what they mean."""
+    """The texts of the new files, and their contents as values."""
 
     fleet_text: str
     mission_text: str
@@ -85,9 +86,11 @@ def starter(answers: Answers) -> Starter:
     """Write fleet file and mission, and check both as if they were flown now.
 
     Args:
-        answers: of the operator.
+        answers: answers of the user.
+
     Returns:
-        texts and values.
+        The files.
+
     Raises:
         ConfigError: an answer is wrong, or the law cannot fly such a fleet.
     """
@@ -100,7 +103,7 @@ def starter(answers: Answers) -> Starter:
             f"--type is {answers.type!r}; a type has 1 to 40 of A-Z a-z 0-9 _ - as its name."
         )
 
-    # satellites err by metres where a motion capture errs by millimetres
+    # positions by satellites are wrong by metres, those of a motion capture by millimetres
     default_spacing_m = 1.6
     wider_in_ring = 1.1
     if answers.is_outdoors:
@@ -122,7 +125,7 @@ def starter(answers: Answers) -> Starter:
 
 
 def type_names() -> list[str]:
-    """Return the vehicle types of the examples; any other name is a new, cautious type."""
+    """Return the names of the example vehicle types; any other name is a new, cautious type."""
     return sorted(_example_types())
 
 
@@ -226,7 +229,7 @@ def _origin(answers: Answers) -> list[str]:
 
 
 def law_lines(answers: Answers) -> list[str]:
-    """Return what ``[law]`` needs beside its name."""
+    """Return the lines of ``[law]`` after its name."""
     if not answers.is_outdoors:
         return []
     return [
@@ -270,7 +273,7 @@ def _mocap(answers: Answers, names: Sequence[str]) -> list[str]:
 
 
 def type_lines(answers: Answers) -> list[str]:
-    """Return the table of the answers' type, with that of the emulator."""
+    """Return the lines of the table of the vehicle type, with its table for the emulator."""
     if answers.is_outdoors:
         position = [
             "mocap_required = false",
@@ -342,7 +345,7 @@ def endpoint_lines(index: int) -> list[str]:
     """Return agent, autopilot and direct endpoint of a vehicle whose PX4 runs on this machine.
 
     Args:
-        index: number of PX4's instance, from 0.
+        index: index of PX4's instance, from 0.
     """
     onboard, direct = _PORTS
     if index >= 10:
@@ -358,13 +361,15 @@ def companion_addresses(words: str, count: int) -> list[str]:
     """Return the address of each vehicle's companion computer.
 
     Args:
-        words: ``here``, the first IPv4 address, from which is counted up, or all addresses with
-            commas between.
-        count: how many vehicles.
+        words: ``here``, or the first IPv4 address, which is counted up, or all addresses separated
+            by commas.
+        count: number of vehicles.
+
     Returns:
-        one address each.
+        One address for each vehicle.
+
     Raises:
-        ConfigError: too few or too many addresses, or no address to count from.
+        ConfigError: the number of addresses is wrong, or the first one cannot be counted up.
     """
     if words == HERE:
         return ["127.0.0.1"] * count
@@ -385,7 +390,7 @@ def companion_addresses(words: str, count: int) -> list[str]:
 
 
 def _seconds(spots: list[Plan], slots: list[Plan], answers: Answers) -> int:
-    """Return the time for a change of formation, with room for detours."""
+    """Return the timeout [s] of a change of formation, with time for detours."""
     longest_m = max(math.dist(spot, slot) for spot, slot in zip(spots, slots, strict=True))
     return 30 + 10 * math.ceil(0.5 * longest_m + 0.1 * answers.vehicles)
 
