@@ -1,3 +1,3 @@
-"""The paper's figures for a recorded flight; one module per figure, all drawn from
-:class:`FlightData`.
+"""The paper's figures of a recorded flight: one module for each, all drawn from :class:`FlightData`
+(``data.py``).
 """

@@ -44,7 +44,7 @@ def draw(flight: FlightData) -> Any:
 
 
 def _limit_deg(flight: FlightData) -> float:
-    """Return a scale for nearly all angles: a spike on the ground must not flatten the flight."""
+    """Return a scale [deg] for nearly all angles, so that a spike does not flatten the curves."""
     parts = []
     for track in flight.tracks:
         parts.append(track.commanded_deg.ravel())

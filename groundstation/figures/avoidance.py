@@ -10,8 +10,8 @@ from groundstation.figures.data import FlightData, PairSeparation, Track
 from groundstation.figures.style import LIMIT, SOFT, colour, new_figure
 from onboard.arrays import Array
 
-MAX_PAIRS = 10  # with more of them each vehicle gets one line, to its nearest neighbour
-_FAR_M = 10.0  # a line that is further from all others has room enough for its name
+MAX_PAIRS = 10  # with more pairs, one line for each vehicle shows its nearest neighbour
+_FAR_M = 10.0  # more room than this around a line makes no difference for its name
 
 
 def draw(flight: FlightData) -> Any:
@@ -52,7 +52,7 @@ def _draw_thrust(ax: Any, track: Track, axis: int, tint: str) -> None:
 
 
 def _limit_thrust(ax: Any, flight: FlightData) -> None:
-    """Scale the axis to nearly all values: one spike must not flatten the flight."""
+    """Scale the axis to nearly all values, so that a spike does not flatten the curves."""
     parts = []
     for track in flight.tracks:
         parts.append(track.thrust_baseline_enu_m_s2[:, :2].ravel())
@@ -75,18 +75,18 @@ def _draw_distances(ax: Any, flight: FlightData) -> None:
     _draw_closest(ax, flight)
     ax.set_ylim(0.0, 1.08 * ax.get_ylim()[1])
 
-    what = "horizontal distance between centres"
+    quantity = "horizontal distance between centres"
     if flight.height_share > 0.0:
-        what = f"separation (a metre of height counts {flight.height_share:.2f} m)"
-    ax.set_title(f"{what}, while one of the two flies (by {flight.source})", loc="left")
+        quantity = f"separation (a metre of height counts {flight.height_share:.2f} m)"
+    ax.set_title(f"{quantity}, while one of the two flies (by {flight.source})", loc="left")
     ax.set_ylabel("distance [m]")
     ax.set_xlabel("time since take-off [s]")
 
 
 def _draw_pairs(ax: Any, flight: FlightData) -> None:
-    """Draw a line for each pair, in both vehicles' colours.
+    """Draw a line for each pair, in the colours of both vehicles.
 
-    It is solid in the first's colour, and dashed over it in the second's.
+    The line is solid in the colour of the first vehicle, with dashes in that of the second.
     """
     tints = {track.name: colour(index) for index, track in enumerate(flight.tracks)}
     for pair in flight.pairs:
@@ -145,14 +145,14 @@ def _draw_closest(ax: Any, flight: FlightData) -> None:
 
 
 def _name_lines(ax: Any, grid_s: Array, pairs: tuple[PairSeparation, ...]) -> None:
-    """Write each name where its line is furthest from the others."""
+    """Write the name of each pair where its line is furthest from the other lines."""
     lines_m = np.stack([pair.distance_m for pair in pairs])
     margin = len(grid_s) // 20  # no name at the very begin or end
 
     for index, pair in enumerate(pairs):
         gaps_m = np.abs(np.delete(lines_m, index, axis=0) - pair.distance_m)
         room_m = np.fmin.reduce(np.vstack([gaps_m, np.full(len(grid_s), _FAR_M)]))
-        room_m[~np.isfinite(pair.distance_m)] = -1.0
+        room_m[~np.isfinite(pair.distance_m)] = -1.0  # there is no line
         inner_m = room_m[margin : len(room_m) - margin]
         if inner_m.size == 0 or inner_m.max() < 0.0:
             continue

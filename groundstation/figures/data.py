@@ -1,6 +1,6 @@
-"""A flight record as arrays per vehicle, on one time axis.
+"""A flight record as arrays for the figures, on one time axis.
 
-The axis starts when the first vehicle leaves the ground.
+Time 0 is when the first vehicle leaves the ground.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from onboard.config.pair_separation import separations_m
 TOPICS = ("truth", "tick", "telemetry")
 GRID_S = 0.02
 _AIRBORNE_Z_M = 0.12
-_LONGEST_START_NS = 600_000_000_000  # from a record's begin to the first vehicle in it
-_LEAD_S = 1.0  # shown before the start
-_LIFTED_M = 0.05  # above where it stood
+_LONGEST_START_NS = 600_000_000_000  # longest time from a record's begin to its first vehicle
+_LEAD_S = 1.0  # time before the start that is shown
+_LIFTED_M = 0.05  # a vehicle that is so much above its first height has left the ground
 _SLOT_STEP_M = 0.05  # a goal further from the one before is another slot
 
 
@@ -44,9 +44,9 @@ class Track:
     commanded_deg: Array  # (n, 2): roll and pitch, FLU in ENU
     flown_deg: Array  # (n, 2)
     path_time_s: Array  # (m,)
-    path_enu_m: Array  # (m, 3): ground truth where is_truth, else the vehicle's estimate
+    path_enu_m: Array  # (m, 3): ground truth if is_truth, or else the vehicle's estimate
     is_truth: bool
-    slots_enu_m: Array  # (k, 3): goals in the order they were ordered
+    slots_enu_m: Array  # (k, 3): goals in the order of the orders
 
     def path_at(self, time_s: Array) -> Array:
         """Return positions (n, 3) at these times, NaN outside the record."""
@@ -59,7 +59,7 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class PairSeparation:
-    """Two vehicles of a flight."""
+    """The distance of two vehicles over time."""
 
     first: str
     second: str
@@ -75,10 +75,10 @@ class FlightData:
     safety_distance_m: float
     grid_s: Array  # (n,): common time axis
     pairs: tuple[PairSeparation, ...]
-    # Zero of all times here, in the record's own seconds, as replay and verdict count.
+    # time 0 of the figures, in seconds of the record, which replay and verdict count
     take_off_s: float
-    height_share: float = 0.0  # what a metre of height counts in a separation
-    outlines: tuple[Outline, ...] = ()  # of the fleet's fences
+    height_share: float = 0.0  # factor of height differences in separations
+    outlines: tuple[Outline, ...] = ()  # outlines of the fleet's fences
 
     @property
     def source(self) -> str:
@@ -88,9 +88,9 @@ class FlightData:
         return "the vehicles' estimates"
 
     def closest(self) -> tuple[PairSeparation, int] | None:
-        """Return the pair with the smallest distance and its index on the grid.
+        """Return the pair with the smallest distance, and the index of that time on the grid.
 
-        There is none when no vehicle flew.
+        Returns None if no vehicle flew.
         """
         known = [pair for pair in self.pairs if np.isfinite(pair.distance_m).any()]
         if not known:
@@ -111,16 +111,16 @@ def from_samples(
     """Convert the samples of a record.
 
     Args:
-        samples: of the topics in TOPICS.
-        title: of the flight.
-        safety_distance_m: limit between two vehicles [m].
-        height_share: what a metre of height counts in a separation.
-        outlines: of the fleet's fences.
-        record_begin_ns: zero of the record's seconds, as verdict and replay count them; None: the
-            first of the samples.
+        samples: samples of the topics in TOPICS.
+        title: title of the flight.
+        safety_distance_m: limit of the distance between two vehicles [m].
+        height_share: factor of height differences in separations.
+        outlines: outlines of the fleet's fences.
+        record_begin_ns: stamp from which verdict and replay count the seconds of the record; None:
+            the stamp of the first sample.
 
     Returns:
-        The flight; None when no vehicle has two ticks.
+        The flight; None if no vehicle has two ticks.
     """
     by_topic = _sorted_samples(samples)
     ticks = {name: own for name, own in sorted(by_topic["tick"].items()) if len(own) > 1}
@@ -174,7 +174,7 @@ def _sorted_samples(samples: Iterable[Sample]) -> dict[str, dict[str, list[Sampl
 
 
 def _grid(tracks: tuple[Track, ...]) -> Array:
-    """Return the common time axis (n,) [s], from before the start to the last path's end."""
+    """Return the common time axis (n,) [s], from just before the start to the last path's end."""
     begin_s = max(-_LEAD_S, min(float(track.path_time_s[0]) for track in tracks))
     end_s = max(float(track.path_time_s[-1]) for track in tracks)
     end_s = min(end_s, begin_s + MAX_FLIGHT_NS * 1e-9)  # vehicles' clocks may be far apart
@@ -186,8 +186,8 @@ def _grid(tracks: tuple[Track, ...]) -> Array:
 def _start_ns(truths: dict[str, list[Sample]], ticks: dict[str, list[Sample]]) -> int:
     """Return the stamp at which the first vehicle leaves the ground.
 
-    The state "taking off" begins earlier, when the motors start. Where no vehicle leaves the ground
-    it is the first tick.
+    The state "taking off" does not serve for this: it begins earlier, when the motors start. If no
+    vehicle leaves the ground, the first tick counts.
     """
     lifted_ns = []
     for name, own_ticks in ticks.items():
@@ -236,7 +236,7 @@ def _times(samples: list[Sample], start_ns: int) -> Array:
 
 
 def _vectors(samples: list[Sample], field: str, size: int) -> Array:
-    """Return a field (n, size); NaN where it is missing, of another shape, or null."""
+    """Return a field (n, size); NaN in samples in which it is missing, null or of another size."""
     vectors = np.full((len(samples), size), np.nan)
     for index, sample in enumerate(samples):
         value = sample.values.get(field)
@@ -254,7 +254,7 @@ def _roll_pitch_deg(quaternion_wxyz: Array) -> Array:
 
 
 def _slots(telemetry: list[Sample]) -> Array:
-    """Return the goals (k, 3) of moves, in the order they were ordered."""
+    """Return the goals (k, 3) of orders to move, in the order in which they were given."""
     slots_enu_m: list[list[float]] = []
     for sample in telemetry:
         is_flying = sample.values.get("state") in ("flying", "holding")

@@ -1,7 +1,4 @@
-"""Fig. 4: trajectories from above.
-
-They have time marks, starts and slots, and the safety circles at the closest approach.
-"""
+"""Fig. 4: trajectories from above, with time marks, starts, slots, and the closest approach."""
 
 from __future__ import annotations
 
@@ -15,16 +12,16 @@ from groundstation.figures.data import FlightData, Track
 from groundstation.figures.style import LIMIT, SOFT, colour, new_figure
 from onboard.arrays import Array
 
-_SAME_M = 0.05  # slots that are nearer to each other are one
+_SAME_M = 0.05  # slots that are nearer to each other than this are one
 _DASHED = (0, (4, 3))
-# Sides of a slot on which its number may stand, x and y, in half widths and heights of the number.
+# Possible positions of a number beside its slot, x and y, in half widths and heights of the number.
 _SIDES = np.array(
     [[1, -1], [-1, -1], [-1, 1], [1, 1], [0, -1.3], [0, 1.3], [-1.3, 0], [1.3, 0]], np.float64
 )
-_STEPS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0)  # between two time marks
-_MOST_STEPS = 14.0  # over a flight
-_TIME_SHIFT_PT = (9.0, 8.0)  # from a mark to the middle of its time
-_SLOT_SHIFT_PT = (8.0, 7.0)  # from a slot to the edge of its number
+_STEPS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0)  # possible steps of time marks
+_MOST_STEPS = 14.0  # time marks on a path
+_TIME_SHIFT_PT = (9.0, 8.0)  # distance from a mark to the middle of its time
+_SLOT_SHIFT_PT = (8.0, 7.0)  # distance from a slot to the edge of its number
 _ENOUGH_ROOM_PT = 40.0  # more room makes a number no better to read
 
 
@@ -37,7 +34,7 @@ class _SlotLabel(NamedTuple):
 
 
 def draw(flight: FlightData) -> Any:
-    """Draw east to the right and north up, on one scale."""
+    """Draw the plan view, with east to the right, north up, and the same scale for both."""
     figure = new_figure(9.0, 8.6, f"Trajectories from above: {flight.title}")
     ax = figure.subplots()
 
@@ -79,7 +76,7 @@ def _draw_path(ax: Any, flight: FlightData, track: Track, tint: str) -> None:
 
 
 def _draw_time_marks(ax: Any, track: Track, times_s: Array, tint: str) -> Array:
-    """Draw a mark at each time, with the time where no other stands; return marks (n, 2) [m]."""
+    """Draw marks at these times, labelled where no other is near; return the marks (n, 2) [m]."""
     marks_m = track.path_at(times_s)
     ax.plot(marks_m[:, 0], marks_m[:, 1], "o", color="white", markeredgecolor=tint, markersize=5.5)
 
@@ -108,7 +105,7 @@ def _draw_start(ax: Any, track: Track, tint: str) -> None:
 
 
 def _slots(slots_enu_m: Array) -> list[tuple[Array, str]]:
-    """Return slots and the numbers of the orders that went there, those to one slot together."""
+    """Return the slots, each with the numbers of all orders that went to it."""
     slots: list[tuple[Array, str]] = []
     for number, slot_m in enumerate(slots_enu_m, start=1):
         for index, (other_m, orders) in enumerate(slots):
@@ -143,7 +140,7 @@ def _draw_fences(ax: Any, flight: FlightData) -> None:
 
 
 def _draw_closest(ax: Any, flight: FlightData) -> None:
-    """Draw the two vehicles that came closest to each other, as they were then."""
+    """Draw the two vehicles that came closest to each other, at that moment."""
     closest = flight.closest()
     if closest is None:
         return
@@ -200,17 +197,17 @@ def _draw_frame(ax: Any, step_s: float, *, vehicles: int) -> None:
 
 
 def _write_slot_labels(figure: Any, ax: Any, labels: list[_SlotLabel], marks_m: Array) -> None:
-    """Write the slots' numbers beside them.
+    """Write the numbers beside the slots.
 
-    Each stands on the side with the most room between marks, slots and other numbers.
+    Each number is on the side with the most room between marks, slots and other numbers.
 
     Args:
-        figure: of the axes.
+        figure: the figure of the axes.
         ax: axes in metres.
-        labels: of the slots.
-        marks_m: time marks (n, 2).
+        labels: labels of the slots.
+        marks_m: positions of the time marks (n, 2).
     """
-    figure.canvas.draw()  # fixes the positions of everything
+    figure.canvas.draw()  # computes the positions of all parts
     per_point = figure.dpi / 72.0
 
     slots_m = np.reshape([label.position_m for label in labels], (-1, 2))
@@ -221,6 +218,7 @@ def _write_slot_labels(figure: Any, ax: Any, labels: list[_SlotLabel], marks_m: 
     for label in labels:
         own_point = ax.transData.transform(label.position_m) / per_point
         size = np.array([5.0 * len(label.text) + 2.0, 9.0])
+        # all but the slot itself
         others = [other for other in busy if np.hypot(*(other - own_point)) > 0.5]
 
         best_shift = np.zeros(2)
@@ -247,7 +245,7 @@ def _write_slot_labels(figure: Any, ax: Any, labels: list[_SlotLabel], marks_m: 
 
 
 def _room(middle: Array, size: Array, others: Array) -> float:
-    """Return the distance from a text's box to the nearest of the others (n, 2), in points."""
+    """Return the distance from a text's box to the nearest of other points (n, 2), in points."""
     gaps = np.maximum(np.abs(others - middle) - size / 2.0, 0.0)
     distances = np.hypot(gaps[:, 0], gaps[:, 1])
     return float(np.min(distances, initial=_ENOUGH_ROOM_PT))

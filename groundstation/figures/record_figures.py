@@ -1,4 +1,4 @@
-"""All figures of a recorded flight: the paper's Figs. 2 and 4-6, as PNG and SVG."""
+"""``covey plot``: writes all figures of a recorded flight, the paper's Figs. 2 and 4-6."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from onboard.config.fleet import ConfigError, load_fleet, read_toml
 from onboard.config.flight_space import flight_space_of
 
 _MCAP_MAGIC = b"\x89MCAP0\r\n"  # at the begin and at the end of a complete file
-_DEFAULT_SAFETY_DISTANCE_M = 0.80  # the paper's
+_DEFAULT_SAFETY_DISTANCE_M = 0.80  # that of the paper
 _FIGURES = {
     "fig2_attitude": attitude,
     "fig4_plan": plan_figure,
@@ -26,14 +26,14 @@ _FIGURES = {
 
 
 def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], bool]:
-    """Write all figures; return their paths and whether the record was complete.
+    """Write all figures as PNG and SVG; return their paths, and whether the record is complete.
 
     Args:
         folder: flight folder, or its MCAP file.
-        out: folder of the figures; without it ``figures`` in the flight folder.
+        out: folder of the figures; None for ``figures`` in the flight folder.
 
     Raises:
-        ConfigError: no record, or none with a flight in it.
+        ConfigError: there is no record, or it contains no flight.
         OSError: the figures cannot be written.
     """
     path = record_path(folder)
@@ -63,7 +63,7 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], bool
 
 
 def _begin_ns(path: Path) -> int | None:
-    """Return the first stamp of a record, also of those that are not drawn."""
+    """Return the first stamp of all messages of a record; None if it cannot be read."""
     try:
         timeline = Timeline(path)
     except ConfigError:
@@ -73,7 +73,7 @@ def _begin_ns(path: Path) -> int | None:
 
 
 def is_complete(path: Path) -> bool:
-    """Whether an MCAP file ends as it should."""
+    """Return whether an MCAP file has its end mark."""
     with opened(path, RECORD) as file:
         file.seek(0, 2)
         size = file.tell()
@@ -82,7 +82,7 @@ def is_complete(path: Path) -> bool:
 
 
 def _limits(flight_folder: Path) -> dict[str, Any]:
-    """Return distances and fences of the flight folder's fleet file; the paper's without one."""
+    """Return distances and fences of the fleet file in the flight folder, or the paper's."""
     for path in sorted(flight_folder.glob("*.toml")):
         try:
             is_fleet = "vehicles" in read_toml(path, "fleet or mission file")[0]

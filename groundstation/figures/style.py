@@ -1,4 +1,7 @@
-"""Style of all figures: a colour per vehicle, also for people with a common colour blindness."""
+"""The style of all figures, with a colour for each vehicle.
+
+People with the common kinds of colour blindness can tell the colours apart.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ def colour(index: int) -> str:
 
 
 def styled() -> AbstractContextManager[None]:
-    """Return a context with the style's settings; outside of it matplotlib's own stay."""
+    """Return a context with the settings of this style; outside of it matplotlib's remain."""
     return matplotlib.rc_context(fname=_SETTINGS)
 
 
@@ -37,7 +40,7 @@ def save(figure: Any, folder: Path, name: str) -> list[Path]:
     png = folder / f"{name}.png"
     figure.savefig(png)
 
-    # Everything is laid out now; laying it out once more would take as long as the drawing.
+    # The layout is computed; to compute it once more would take as long as the drawing.
     figure.set_layout_engine("none")
     svg = folder / f"{name}.svg"
     figure.savefig(svg, metadata={"Date": None})

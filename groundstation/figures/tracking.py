@@ -9,9 +9,9 @@ from groundstation.figures.style import SOFT, colour, new_figure
 
 
 def draw(flight: FlightData) -> Any:
-    """Draw a row per axis.
+    """Draw a row for each axis.
 
-    Where a vehicle leaves its setpoint, the law held it off or it could not follow.
+    A vehicle leaves its setpoint if the law changes its thrust, or if it cannot follow.
     """
     columns = len(flight.tracks)
     title = f"Position and trajectory setpoint: {flight.title}"

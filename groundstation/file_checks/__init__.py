@@ -1,1 +1,1 @@
-"""What is wrong with a fleet or mission file, and whether it can be flown as configured."""
+"""``covey check FILE``: finds errors of a fleet or mission file, and whether it can be flown."""

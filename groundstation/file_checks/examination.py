@@ -1,4 +1,4 @@
-"""A fleet or mission file -> what it is, and all that is to be said about flying it."""
+"""Examines a fleet or mission file: returns what it is, and all findings about flying it."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from onboard.feasibility.fleet_checks import (
 
 
 class ExaminedFile(NamedTuple):
-    """One file that is right, and whether it can be flown."""
+    """One file without errors, and the findings about whether it can be flown."""
 
     headline: str  # what it is, in a sentence
-    fleet: FleetConfig  # its own, or the one that the mission flies with
+    fleet: FleetConfig  # the fleet, or the fleet that flies the mission
     findings: tuple[Finding, ...]  # the worst first
 
 
@@ -43,13 +43,13 @@ def examine(
     """Examine a fleet or mission file.
 
     Args:
-        path: of the file, or the name of an example.
+        path: path of the file, or name of an example.
         fleet_path: fleet file instead of the mission's.
-        errors: accuracy of the position; without it as the fleet file declares.
-        runs_law: whether a law of somebody's own is imported, which runs its code.
+        errors: accuracy of the position; None: as the fleet file declares.
+        runs_law: whether a user's own law is imported, which runs its code.
 
     Raises:
-        ConfigError: the file is wrong, or the law is, where it is imported.
+        ConfigError: the file is wrong, or the imported law is.
     """
     path = existing_file(path, "fleet or mission file")
     is_mission = path.endswith(".py") or "step" in read_toml(path, "fleet or mission file")[0]
@@ -69,7 +69,7 @@ def examine(
 
 
 def _with_words_about_law(findings: Iterable[Finding], sentence: str) -> tuple[Finding, ...]:
-    """Return the findings, with one more sentence in the one about a law of somebody's own."""
+    """Return the findings, with one more sentence in the finding about a user's own law."""
     longer = []
     for finding in findings:
         if finding.name == OWN_LAW:
@@ -82,17 +82,17 @@ def _with_words_about_law(findings: Iterable[Finding], sentence: str) -> tuple[F
 def _examine_mission(path: str, fleet_path: str | None, errors: ErrorClass | None) -> ExaminedFile:
     mission = load_mission(path, fleet_path)
     fleet = mission.fleet
-    what = f"{len(mission.steps)} steps"
+    content = f"{len(mission.steps)} steps"
     if mission.is_python:
-        load_function(mission)  # a mistake in it is found now
-        what = "Python"
+        load_function(mission)  # so that an error in it is found now
+        content = "Python"
 
     findings = [
         *mission_findings(mission, errors),
         *fleet_findings(fleet, errors=errors),
         *bus_findings(fleet),
     ]
-    headline = f"{path}: a valid mission, {what}, for fleet '{fleet.fleet.name}' ({fleet.path})."
+    headline = f"{path}: a valid mission, {content}, for fleet '{fleet.fleet.name}' ({fleet.path})."
     return ExaminedFile(headline, fleet, worst_first(findings))
 
 
@@ -113,7 +113,7 @@ def _examine_fleet(path: str, errors: ErrorClass | None) -> ExaminedFile:
 
 
 def _spacing_findings(fleet: FleetConfig, errors: ErrorClass | None) -> list[Finding]:
-    """Return whether all can hover above their starts, and in each formation that is a shape."""
+    """Return findings about whether all can hover above their starts, and in each shape."""
     accuracy = ACCURACIES[errors or error_class(fleet)]
     findings = []
 

@@ -14,17 +14,17 @@ from onboard.feasibility.fleet_checks import ErrorClass, error_class
 _NARROWEST = 60
 _WIDEST = 120
 _MARKS = {"refused": "REFUSED", "warning": "warning", "note": "note", "ok": "ok"}
-_MARK_WIDTH = 9  # with the space behind it
+_MARK_WIDTH = 9  # including the space after it
 
 
 def page(examined: ExaminedFile, errors: ErrorClass | None, shown: Collection[Finding] = ()) -> str:
     """Return the findings as a list, the worst first, and the verdict.
 
     Args:
-        examined: the file.
-        errors: accuracy of the position that was asked for.
-        shown: findings of the pages before this one, which are only counted here: a mission has all
-            those of its fleet.
+        examined: the examined file.
+        errors: accuracy of the position on the command line; None: as the fleet file declares.
+        shown: findings on the pages before this one. They are only counted here, since a mission
+            repeats all findings of its fleet.
     """
     own = [finding for finding in examined.findings if finding not in shown]
     repeated = len(examined.findings) - len(own)

@@ -1,1 +1,4 @@
-"""What happened in a flight that went wrong, and what would have kept its promise."""
+"""``covey incident``: what happened in a flight that went wrong, and what would have prevented it.
+
+The safety distance of the fleet file is called the flight's promise here.
+"""

@@ -1,7 +1,7 @@
-"""The seconds before a moment: who knew what, when, and whose rule acted.
+"""An account of the seconds before a moment: events, orders, what vehicles knew, and what they did.
 
-All of it stands in the record. Nothing is computed that a vehicle could not have known, but for the
-ground truth beside it.
+All of it comes from the record. Nothing is computed that a vehicle could not have known; only the
+ground truth is shown beside it.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from onboard.config.fleet import FleetConfig
 
 _TOPICS = frozenset(("tick", "telemetry", "truth", "event", "order"))
 _AFTER_NS = 1_000_000_000
-_OLD_S = 0.1  # a state of this age is worth a word
-_LATE_S = 0.030  # a tick that long after the one before, too
-_ERROR_M = 0.15  # and an own position that is so wrong
+# these and larger values are mentioned
+_OLD_S = 0.1  # age of a neighbour's state
+_LATE_S = 0.030  # time since the tick before
+_ERROR_M = 0.15  # error of a vehicle's own position
 _INACTIVE = "inactive"
 
 
@@ -31,35 +32,37 @@ class Line(NamedTuple):
 
 
 class Account(NamedTuple):
-    """The seconds before a moment, as a record has them."""
+    """An account of the seconds before a moment."""
 
     facts: tuple[str, ...]  # about the moment itself, a sentence each
     lines: tuple[Line, ...]  # what happened before it and shortly after, in order
 
 
 class _Seen:
-    """One vehicle in these seconds, as the record has it."""
+    """The messages of one vehicle in these seconds, and the largest values in them."""
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self.tick: TickSample | None = None  # newest up to the moment
-        self.telemetry: Telemetry | None = None  # likewise
-        self.truth: Truth | None = None  # likewise
-        self.largest_error_m = 0.0  # of its own position
-        self.largest_ages_s: dict[str, float] = {}  # of what it knew of each other vehicle
+        # the newest messages up to the moment
+        self.tick: TickSample | None = None
+        self.telemetry: Telemetry | None = None
+        self.truth: Truth | None = None
+
+        self.largest_error_m = 0.0  # error of its own position
+        self.largest_ages_s: dict[str, float] = {}  # neighbour -> age of its state
         self.longest_period_s = 0.0
-        self.first_avoided_ns: dict[str, int] = {}  # whom its law began to avoid, and when
+        self.first_avoided_ns: dict[str, int] = {}  # neighbour -> when its law first avoided it
         self.conditions: tuple[str, ...] = ()
 
 
 def account_of(timeline: Timeline, fleet: FleetConfig, moment: Moment, before_s: float) -> Account:
-    """Return what happened before a moment.
+    """Return the account of the seconds before a moment.
 
     Args:
-        timeline: of the record.
-        fleet: of the flight.
-        moment: of the incident.
-        before_s: so many seconds before it count.
+        timeline: timeline of the record.
+        fleet: fleet file of the flight.
+        moment: the moment.
+        before_s: number of seconds before it.
     """
     seen = {name: _Seen(name) for name in moment.vehicles if name in fleet.vehicles}
     lines: list[Line] = []
@@ -81,7 +84,7 @@ def _messages(timeline: Timeline, begin_ns: int, end_ns: int) -> Iterator[Record
 
 
 def _lines_of(recorded: RecordedMessage, seen: dict[str, _Seen]) -> list[Line]:
-    """Return what an event or an order says: all orders, and the events of those concerned."""
+    """Return the line about an order, or about an event that is critical or of these vehicles."""
     message = recorded.message
     if isinstance(message, Order):
         return [Line(recorded.stamp_ns, f"{recorded.name}: ordered by {message.text}")]
@@ -94,7 +97,7 @@ def _lines_of(recorded: RecordedMessage, seen: dict[str, _Seen]) -> list[Line]:
 
 
 def _take(vehicle: _Seen, recorded: RecordedMessage) -> list[Line]:
-    """Remember a message of a vehicle; return what is new in it."""
+    """Note a message of a vehicle; return lines about what is new in it."""
     message = recorded.message
     if isinstance(message, Truth):
         vehicle.truth = message
@@ -164,7 +167,7 @@ def _facts_of(vehicle: _Seen, seen: dict[str, _Seen]) -> Iterator[str]:
 
 
 def _knowledge(vehicle: _Seen, tick: TickSample, other: _Seen) -> Iterator[str]:
-    """Yield what a vehicle knew of another one."""
+    """Yield sentences about what a vehicle knew of another one."""
     name = vehicle.name
     believed_m = tick.neighbour_distances_m.get(other.name)
     if believed_m is None:
@@ -185,8 +188,8 @@ def _knowledge(vehicle: _Seen, tick: TickSample, other: _Seen) -> Iterator[str]:
     if tick.law_status == _INACTIVE:
         yield f"{name}: its law let the thrust of the trajectory pass unchanged."
     else:
-        whom = tick.active_neighbour or "nobody"
+        avoided = tick.active_neighbour or "nobody"
         yield (
             f"{name}: its law ({tick.law_status}) changed the thrust by"
-            f" {tick.intervention_m_s2:.1f} m/s², mostly for {whom}."
+            f" {tick.intervention_m_s2:.1f} m/s², mostly for {avoided}."
         )

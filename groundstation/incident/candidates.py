@@ -1,9 +1,9 @@
-"""What could have made the difference: named changes of a flight, to be flown one by one.
+"""The changes of a flight that might have kept its promise; they are flown one by one.
 
-A cause is something in this flight that need not be there: a fault, an order of somebody, a number
-of a file that others do not have, weather, a bad bus, another law. Without it the flight is what
-the files and the law are made for. A defence is something that could be added although nothing is
-wrong without it: more margin, less speed.
+There are two kinds. A cause is something unusual in this flight: a fault, an order of another
+ground, an unusual value in the fleet file, weather, a bad bus, another law. The change takes it
+away. A defence is something that was not wrong, but could be safer: the change adds margin or takes
+away speed.
 """
 
 from __future__ import annotations
@@ -33,23 +33,23 @@ _USUAL_BUS = {
     "reorder": 0.0,
     "duplicate": 0.0,
 }
-# names and folders, which change nothing that flies
+# keys of names and folders, which have no effect in flight
 _NAMES = ("name", "folder", "keys", "simulator", "origin")
 
 
 class Candidate(NamedTuple):
-    """One thing that is otherwise, by one or more changes."""
+    """One candidate, which consists of one or more changes."""
 
     kind: CandidateKind
-    what: str  # in words, as the subject of "would have kept the promise"
+    what: str  # in words that fit behind "The promise would have been kept"
     changes: tuple[Change, ...]
 
 
 def candidates_of(origin: FlightOrigin) -> list[Candidate]:
-    """Return what could have made the difference in a flight, the likeliest first.
+    """Return the candidates of a flight, the likeliest first.
 
     Args:
-        origin: what the flight was flown from.
+        origin: files and settings of the flight.
     """
     fleet = toml_values(origin.fleet_text, "fleet.toml")
     return [
@@ -64,7 +64,7 @@ def candidates_of(origin: FlightOrigin) -> list[Candidate]:
 
 
 def _faults(origin: FlightOrigin) -> Iterator[Candidate]:
-    """Yield each fault of the options and of the mission's steps less."""
+    """Yield candidates that remove one fault, of the options or of the mission's steps."""
     for number, line in enumerate(origin.settings.faults, start=1):
         yield _cause(f"without the fault '{line}'", "without_fault", number)
 
@@ -83,7 +83,10 @@ def _orders(origin: FlightOrigin) -> Iterator[Candidate]:
 
 
 def _numbers(fleet: Mapping[str, Any]) -> Iterator[Candidate]:
-    """Yield each value of the fleet file that is not the usual one, with the usual one."""
+    """Yield candidates that replace one unusual value of the fleet file by the usual one.
+
+    Usual are the defaults of the tables, the shipped vehicle types, and for a vehicle its type.
+    """
     for table, kind in (("law", LawConfig), ("fleet", FleetSection), ("radio", RadioConfig)):
         usual = _defaults(kind)
         for key, value in fleet.get(table, {}).items():
@@ -98,14 +101,14 @@ def _numbers(fleet: Mapping[str, Any]) -> Iterator[Candidate]:
     types = fleet.get("types", {})
     default_type = fleet.get("defaults", {}).get("type", "")
     for name, values in fleet.get("vehicles", {}).items():
-        of_type = types.get(values.get("type", default_type), {})
-        yield from _differences(f"vehicles.{name}", values, of_type)
+        type_values = types.get(values.get("type", default_type), {})
+        yield from _differences(f"vehicles.{name}", values, type_values)
 
 
 def _differences(
     path: str, values: Mapping[str, Any], usual: Mapping[str, Any]
 ) -> Iterator[Candidate]:
-    """Yield the values of a table that differ from the usual ones, tables within it too."""
+    """Yield candidates for the values of a table, and of tables within it, that are unusual."""
     for key, value in values.items():
         if key not in usual:
             continue
@@ -146,7 +149,7 @@ def _bus(origin: FlightOrigin) -> Iterator[Candidate]:
 
 
 def _defences(fleet: Mapping[str, Any]) -> Iterator[Candidate]:
-    """Yield more margin, and less speed of all types."""
+    """Yield the candidates of more margin, and of less speed of all types."""
     margin_m = fleet.get("law", {}).get("design_margin_m", LawConfig().design_margin_m)
     wider = Change("law.design_margin_m", f"{margin_m + _MORE_MARGIN_M:g}")
     what = f"{_MORE_MARGIN_M:g} m more margin (law.design_margin_m)"
@@ -178,7 +181,7 @@ def _toml(value: object) -> str:
 
 
 def _defaults(kind: type[msgspec.Struct]) -> dict[str, Any]:
-    """Return the fields of a table that have a default."""
+    """Return the defaults of the fields of a table that have one."""
     fields = msgspec.structs.fields(kind)
     return {field.name: field.default for field in fields if not field.required}
 
@@ -188,7 +191,7 @@ def _is_scalar(value: object) -> bool:
 
 
 def _shipped_types() -> dict[str, dict[str, Any]]:
-    """Return the vehicle types of the example fleets; of two of one name, the first."""
+    """Return the vehicle types of the example fleets; of two with the same name, the first."""
     types: dict[str, dict[str, Any]] = {}
     for name in example_names("fleet file"):
         path = Path(existing_file(name, "fleet file"))

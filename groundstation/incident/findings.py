@@ -1,4 +1,4 @@
-"""Which of the changed flights kept the promise, and what follows from it, in sentences."""
+"""Sorts the changed flights by whether they kept the promise, and words the result."""
 
 from __future__ import annotations
 
@@ -13,33 +13,32 @@ class Trial(NamedTuple):
     """The outcome of a changed flight."""
 
     candidate: Candidate
-    min_separation_m: float  # by ground truth; inf without a pair
-    has_passed: bool  # all came true that the mission declares
-    failure: str = ""  # why it could not be flown, in a sentence
+    min_separation_m: float  # by ground truth; inf if there is no pair
+    has_passed: bool  # whether all expectations of the mission came true
+    failure: str = ""  # a sentence that says why it could not be flown; empty: it was flown
 
     def keeps(self, promise_m: float) -> bool:
-        """Return whether the promise was kept and the mission came true."""
+        """Return whether the promise was kept and the expectations of the mission came true."""
         return not self.failure and self.has_passed and self.min_separation_m >= promise_m
 
 
 class Findings(NamedTuple):
     """The changed flights, sorted by their outcome."""
 
-    causes: tuple[Trial, ...]  # things of the flight: without any one, the promise is kept
-    defences: tuple[Trial, ...]  # things that it lacked: with any one, the promise is kept
-    others: tuple[Trial, ...]  # the promise is not kept
+    causes: tuple[Trial, ...]  # trials of causes in which the promise is kept
+    defences: tuple[Trial, ...]  # trials of defences in which the promise is kept
+    others: tuple[Trial, ...]  # trials in which the promise is not kept
 
 
 def findings_of(trials: Sequence[Trial], promise_m: float) -> Findings:
-    """Sort trials by what they say.
+    """Sort trials by their outcome.
 
     The trials that keep the promise are sorted by their smallest distance, the largest first.
-    Distances that differ by less than a decimetre count as equal; then the likelier change comes
-    first.
+    Distances are rounded to decimetres for this; among equals the likelier change comes first.
 
     Args:
-        trials: of the candidates, the likeliest change first.
-        promise_m: smallest distance that was promised.
+        trials: trials of the candidates, the likeliest change first.
+        promise_m: the safety distance.
     """
     keeping = [trial for trial in trials if trial.keeps(promise_m)]
     others = [trial for trial in trials if not trial.keeps(promise_m)]
@@ -57,7 +56,7 @@ def _best_first(trials: Sequence[Trial], kind: CandidateKind) -> list[Trial]:
 
 
 def sentences(findings: Findings) -> list[str]:
-    """Return what follows from the findings, most important first."""
+    """Return the findings in sentences, the most important first."""
     lines = []
 
     for number, trial in enumerate(findings.causes, start=1):
@@ -83,7 +82,7 @@ def sentences(findings: Findings) -> list[str]:
 
 
 def _other_way(trial: Trial) -> str:
-    """Return a change in words, behind "it would not have helped"."""
+    """Return a change in words that fit behind "It would not have helped"."""
     what = trial.candidate.what
     if trial.candidate.kind == "defence":
         return f"to have {what}"

@@ -1,8 +1,8 @@
-"""The moment of a flight that an incident is about.
+"""Finds the moment of a flight that an incident is about.
 
-It is the smallest distance by ground truth, if that is below the promise. Otherwise it is the first
-critical word of a vehicle, or else its first warning; and if there is none of them, the smallest
-distance all the same, which is then no incident.
+If the smallest distance by ground truth is below the promise, it is the moment of that distance.
+Otherwise it is the first critical event of a vehicle, or else the first warning. If there is none
+of these, it is the moment of the smallest distance nevertheless, which then is no incident.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Moment(NamedTuple):
 
     kind: MomentKind
     stamp_ns: int  # on the record's clock
-    vehicles: tuple[str, ...]  # that it is about
+    vehicles: tuple[str, ...]  # names of the vehicles that it is about
     sentence: str
 
 
@@ -32,9 +32,9 @@ def find_moment(folder: Path, fleet: FleetConfig, timeline: Timeline) -> Moment:
     """Return the moment of a flight that needs an explanation.
 
     Args:
-        folder: of the flight.
-        fleet: of the flight.
-        timeline: of its record.
+        folder: flight folder.
+        fleet: fleet file of the flight.
+        timeline: timeline of its record.
 
     Raises:
         ConfigError: there is no record.

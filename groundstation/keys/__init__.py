@@ -1,1 +1,1 @@
-"""A fleet's own authority, and the certificates of its nodes."""
+"""The keys of a fleet: its certificate authority, the certificates of its nodes, signing keys."""

@@ -1,8 +1,8 @@
-"""Make keys and certificates: a fleet's authority, and one certificate for each node.
+"""Makes keys and certificates: a fleet's certificate authority, and a certificate for each node.
 
-The authority has an ECDSA key on the curve P-256, its nodes have Ed25519 keys, which sign orders
-too; certificates are those of X.509. The authority's key, ``ca.key``, makes new nodes: it stays on
-the computer where the fleet is prepared.
+The authority has an ECDSA key on the curve P-256. The nodes have Ed25519 keys, with which they also
+sign orders. Certificates are X.509. The authority's key, ``ca.key``, is needed to make new nodes;
+it stays on the computer where the fleet is prepared.
 """
 
 from __future__ import annotations
@@ -27,19 +27,21 @@ from onboard.security.certificates import read_certificate
 from onboard.security.node_roles import NODES, ROUTER
 from onboard.security.private_files import refuse_open_to_others
 
-# Validity of certificates.
+# validity of certificates
 AUTHORITY_DAYS = 3650
 NODE_DAYS = 825
 
-AUTHORITY_KEY = "ca.key"  # in the folder of the keys
+AUTHORITY_KEY = "ca.key"  # name of the file in the folder of the keys
 
 _Key = ec.EllipticCurvePrivateKey | ed25519.Ed25519PrivateKey
-_EARLIER = datetime.timedelta(days=1)  # clocks of companions without a network are behind
+# certificates are valid from so much earlier, because clocks of companions without a network are
+# behind
+_EARLIER = datetime.timedelta(days=1)
 
 
 @dataclass(frozen=True, slots=True)
 class CertificateAuthority:
-    """A fleet's authority: whoever holds its key makes nodes."""
+    """A fleet's authority; the holder of its key can make nodes."""
 
     certificate: x509.Certificate
     key: ec.EllipticCurvePrivateKey
@@ -59,17 +61,17 @@ def nodes_of(fleet: FleetConfig) -> list[str]:
 
 
 def make_authority(folder: Path, fleet_name: str, now: datetime.datetime) -> CertificateAuthority:
-    """Make a new authority and write it.
+    """Make a new authority, and write its certificate and its key.
 
     Args:
-        folder: of the keys.
-        fleet_name: for its common name.
-        now: begin of its validity.
+        folder: folder of the keys.
+        fleet_name: name of the fleet, for the authority's common name.
+        now: present time, from which it is valid.
     """
     key = ec.generate_private_key(ec.SECP256R1())
     name = _name(f"{fleet_name} authority")
     builder = _builder(name, name, key, now, AUTHORITY_DAYS)
-    # It signs nodes, and no other authority.
+    # path_length 0: it signs nodes, but no other authority
     constraints = x509.BasicConstraints(ca=True, path_length=0)
     certificate = builder.add_extension(constraints, critical=True).sign(key, hashes.SHA256())
 
@@ -83,10 +85,10 @@ def load_authority(folder: Path) -> CertificateAuthority:
     """Read the authority.
 
     Args:
-        folder: of the keys.
+        folder: folder of the keys.
 
     Raises:
-        ConfigError: it is not on this computer, damaged, or open to others.
+        ConfigError: its key is not on this computer, is damaged, or other users can read it.
     """
     path = folder / AUTHORITY_KEY
     if not path.exists():
@@ -114,13 +116,13 @@ def load_authority(folder: Path) -> CertificateAuthority:
 
 
 def has_authority_key(folder: Path) -> bool:
-    """Whether the authority's key is on this computer.
+    """Return whether the authority's key is on this computer.
 
     Args:
-        folder: of the keys.
+        folder: folder of the keys.
 
     Raises:
-        ConfigError: it is, but damaged, of another certificate, or open to others.
+        ConfigError: the key is damaged, belongs to another certificate, or other users can read it.
     """
     if not (folder / AUTHORITY_KEY).exists():
         return False
@@ -135,14 +137,14 @@ def issue(
     hosts: Iterable[str],
     now: datetime.datetime,
 ) -> None:
-    """Make a node's key and certificate and write them.
+    """Make a node's key and certificate, and write them.
 
     Args:
-        folder: of the keys.
-        authority: signs the certificate.
-        node: vehicle or role: the common name.
-        hosts: addresses and names at which others reach it.
-        now: begin of its validity.
+        folder: folder of the keys.
+        authority: the authority that signs the certificate.
+        node: name of a vehicle or a role, which becomes the common name.
+        hosts: addresses and names at which other nodes reach it.
+        now: present time, from which it is valid.
     """
     key = ed25519.Ed25519PrivateKey.generate()
     constraints = x509.BasicConstraints(ca=False, path_length=None)
@@ -193,7 +195,7 @@ def _write(path: Path, certificate: x509.Certificate) -> None:
 
 
 def _write_key(path: Path, key: _Key) -> None:
-    """Write a private key that nobody else on this computer can read, not even for a moment."""
+    """Write a private key, which other users cannot read at any moment."""
     pem = key.private_bytes(
         serialization.Encoding.PEM,
         serialization.PrivateFormat.PKCS8,

@@ -1,4 +1,4 @@
-"""The folder of a fleet's keys: for its owner alone, and kept out of repositories."""
+"""Creates the folder of a fleet's keys, which only its owner can enter and which git ignores."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ _IGNORED = """\
 
 
 def make_key_folder(folder: Path) -> None:
-    """Make a folder for keys that only its owner can enter, and that git leaves out.
+    """Create a folder for keys that only its owner can enter, and that git ignores.
 
-    A folder that is there stays as it is, and gets what git reads.
+    An existing folder is not changed, except that it gets a ``.gitignore``.
 
     Args:
-        folder: of the keys.
+        folder: folder of the keys.
 
     Raises:
-        ConfigError: it cannot be made.
+        ConfigError: the folder cannot be created.
     """
     ignored = folder / ".gitignore"
     try:

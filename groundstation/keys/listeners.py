@@ -1,6 +1,6 @@
-"""Whether somebody listens at an endpoint at all, whatever keys it has.
+"""Finds out whether a process listens at an endpoint, without regard to its keys.
 
-Somebody who listens, and takes no link, has other keys.
+If a process listens but does not accept a link, it has other keys.
 """
 
 from __future__ import annotations
@@ -9,20 +9,20 @@ import socket
 
 _TIMEOUT_S = 1.0
 
-# A version that no QUIC ever has: whoever speaks QUIC answers it with the versions that it has
+# A reserved version that no QUIC ever uses. A QUIC server answers it with the versions that it has
 # (RFC 9000, section 15; the answer: section 17.2.1).
 _NO_VERSION = 0x1A2A3A4A
 _LONG_HEADER = 0x80  # bit of the first byte
-_LEAST_BYTES = 1200  # of a first packet of QUIC; a shorter one is not answered
-_CONNECTION_IDS = b"\x08doctor--\x08--covey-"  # each behind its length
+_LEAST_BYTES = 1200  # least size of a first packet of QUIC; a shorter one is not answered
+_CONNECTION_IDS = b"\x08doctor--\x08--covey-"  # two connection ids, each after its length
 _LARGEST_ANSWER = 2048
 
 
 def is_listening(endpoint: str) -> bool:
-    """Whether somebody listens at an endpoint of the bus.
+    """Return whether a process listens at an endpoint of the bus.
 
     Args:
-        endpoint: as in the fleet file, ``quic/HOST:PORT``, ``tls/...`` or ``tcp/...``.
+        endpoint: an endpoint of the fleet file: ``quic/HOST:PORT``, ``tls/...`` or ``tcp/...``.
     """
     protocol, _, address = endpoint.partition("/")
     host, _, port = address.rpartition(":")
@@ -37,8 +37,9 @@ def is_listening(endpoint: str) -> bool:
 
 
 def _speaks_quic(host: str, port: int) -> bool:
-    """Whether somebody answers a packet of an unknown version with the versions of its own."""
-    question = b"\xc3" + _NO_VERSION.to_bytes(4, "big") + _CONNECTION_IDS
+    """Return whether a packet of an unknown version is answered with a list of versions."""
+    first_byte = b"\xc3"  # long header of an Initial packet
+    question = first_byte + _NO_VERSION.to_bytes(4, "big") + _CONNECTION_IDS
     family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
     with socket.socket(family, kind) as probe:
         probe.settimeout(_TIMEOUT_S)
@@ -46,6 +47,6 @@ def _speaks_quic(host: str, port: int) -> bool:
         probe.send(question.ljust(_LEAST_BYTES, b"\0"))
         answer = probe.recv(_LARGEST_ANSWER)
 
-    # The answer names version 0, behind a first byte of a long header.
+    # The answer has a long header and version 0.
     is_long_header = len(answer) > 5 and bool(answer[0] & _LONG_HEADER)
     return is_long_header and answer[1:5] == bytes(4)

@@ -1,7 +1,4 @@
-"""Keys of MAVLink signing, one for each vehicle.
-
-What is missing is made, and the fleet file demands signing.
-"""
+"""Makes the keys of MAVLink signing, one for each vehicle (``covey keys secure --mavlink``)."""
 
 from __future__ import annotations
 
@@ -17,18 +14,18 @@ from onboard.security.mavlink_key import KEY_BYTES, key_file, read_key
 
 
 def sign_mavlink(path: str) -> FleetConfig:
-    """Make the keys that are missing, and have the fleet file demand signing.
+    """Make the missing keys, and set ``mavlink_signing`` of all vehicles in the fleet file.
 
     A second call changes nothing.
 
     Args:
-        path: of a fleet file, which is changed; its comments stay.
+        path: path of the fleet file, which is changed; its comments remain.
 
     Returns:
-        the fleet as it is now.
+        The changed fleet.
 
     Raises:
-        ConfigError: the fleet file is wrong, or an example, or names a PX4 that cannot sign.
+        ConfigError: the fleet file is wrong, is an example, or names a PX4 that cannot sign.
     """
     fleet = load_fleet(path)
     refuse_example(fleet)
@@ -51,7 +48,7 @@ def sign_mavlink(path: str) -> FleetConfig:
 
 
 def _write(file: Path, key: bytes) -> None:
-    """Write a key that nobody else on this computer can read, not even for a moment."""
+    """Write a key, which other users cannot read at any moment."""
     try:
         descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except OSError as error:

@@ -1,9 +1,9 @@
-"""Which nodes run with which authority.
+"""Finds out with which authority each running node runs.
 
-This is asked over links, because what lies on a disk says nothing of what runs. A node that was
-forgotten when the authority was replaced opens no link with the present keys. So the certificate of
-a viewer of each former authority is kept, beside the keys, and used for nothing but to look who
-still takes it.
+This needs links to the nodes, because the files on a disk do not tell which keys a process has
+loaded. A node that was forgotten when the authority was replaced opens no link with the present
+keys. Therefore a viewer's certificate of each former authority is kept beside the keys. It is used
+only to find nodes that still accept it.
 """
 
 from __future__ import annotations
@@ -24,12 +24,15 @@ from onboard.security.access_control import access_control
 from onboard.security.credentials import Credentials, credentials_of, files_of
 from onboard.security.node_roles import NodeRole
 
-WAIT_S = 2.0  # links are tried anew twice a second and more
+WAIT_S = 2.0  # enough for several attempts, since links are tried twice a second or more often
 _POLL_S = 0.05
 
 
 def keep_former(fleet: FleetConfig) -> None:
-    """Keep what finds nodes that run on with the authority that is about to be replaced."""
+    """Keep the viewer's certificate of the authority that is about to be replaced.
+
+    With it :func:`running_authorities` finds nodes that still run with that authority.
+    """
     folder = folder_of(fleet)
     files = [folder / name for name in files_of(NodeRole.VIEWER)]
     if not all(file.exists() for file in files):
@@ -40,28 +43,28 @@ def keep_former(fleet: FleetConfig) -> None:
     make_key_folder(_former_folder(fleet))
     kept.mkdir(mode=0o700, exist_ok=True)
     for file in files:
-        shutil.copy2(file, kept / file.name)  # with its mode
+        shutil.copy2(file, kept / file.name)  # copies the permissions, too
 
 
 def running_authorities(fleet: FleetConfig, wait_s: float = WAIT_S) -> dict[str, str]:
-    """Return the nodes that answer, each with the authority that it runs with.
+    """Return the nodes that answer, each with the authority with which it runs.
 
     Args:
-        fleet: a fleet with keys; its present ones, at least a viewer's or a ground's, are on this
-            computer.
+        fleet: a fleet with keys; the present keys of a viewer or a ground are on this computer.
         wait_s: time for all nodes to answer.
 
     Returns:
-        "present" or "former" for each node that answers: vehicles, and the relay or the emulator.
-        A node that is missing is off, not reached, or has keys that this computer has never had.
+        Node -> "present" or "former", for all nodes that answer: vehicles, and the mocap relay or
+        the emulator. A missing node is off, cannot be reached, or has keys that this computer has
+        never had.
 
     Raises:
-        ConfigError: this computer's own keys do not fit.
+        ConfigError: this computer's own keys are not valid.
     """
     has_viewer = (folder_of(fleet) / files_of(NodeRole.VIEWER)[1]).exists()
     present = credentials_of(fleet, NodeRole.VIEWER if has_viewer else NodeRole.GROUND)
 
-    # The first authority with which a node answers counts: the present one is tried first.
+    # The present authority is tried first, and the first one with which a node answers counts.
     seen: dict[str, str] = {}
     with contextlib.ExitStack() as stack:
         _watch(fleet, present, "present", seen, stack, wait_s)
@@ -85,14 +88,14 @@ def _watch(
     stack: contextlib.ExitStack,
     wait_s: float,
 ) -> None:
-    """Open a link with the keys of one authority, and note who answers.
+    """Open links with the keys of one authority, and note the nodes that answer.
 
     Args:
-        fleet: whose nodes.
-        credentials: of the authority.
+        fleet: the fleet of the nodes.
+        credentials: credentials of the authority.
         authority: "present" or "former".
-        seen: gets the nodes that answer.
-        stack: closes the link.
+        seen: the nodes that answer are added here, unless they are there already.
+        stack: closes the links at its end.
         wait_s: time for a router to answer.
     """
     bus = BusSession(

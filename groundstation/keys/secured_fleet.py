@@ -1,7 +1,7 @@
-"""Turn a fleet's bus into one with keys.
+"""Gives keys to a fleet's bus (``covey keys secure``).
 
-What is missing is made: the authority, the certificates of the nodes, the endpoints of the fleet
-file, which then say quic/.
+It makes the authority and the certificates of the nodes, as far as they are missing, and turns the
+endpoints in the fleet file into ``quic/`` endpoints.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ _PLAIN = ("tcp/", "udp/")  # protocols without keys
 
 
 def secure_fleet(path: str, now: datetime.datetime) -> FleetConfig:
-    """Make what is missing; a second call changes nothing.
+    """Make missing keys, and change the endpoints of the fleet file; a second call changes nothing.
 
     Args:
-        path: of a fleet file, which is changed; its comments stay.
-        now: begin of the certificates' validity.
+        path: path of the fleet file, which is changed; its comments remain.
+        now: present time, from which the certificates are valid.
 
     Returns:
-        the fleet as it is now.
+        The changed fleet.
 
     Raises:
-        ConfigError: the fleet file is wrong, or an example, or cannot be written.
+        ConfigError: the fleet file is wrong, is an example, or cannot be written.
     """
     plain = load_fleet(path)
     refuse_example(plain)
@@ -57,7 +57,7 @@ def secure_fleet(path: str, now: datetime.datetime) -> FleetConfig:
 
 
 def _issue_missing(fleet: FleetConfig, now: datetime.datetime) -> None:
-    """Issue the certificates that are not there; with a new authority, all."""
+    """Issue the missing certificates; if the authority itself is missing, issue all."""
     folder = folder_of(fleet)
     has_authority = (folder / "ca.pem").exists()
     missing = []
@@ -77,21 +77,22 @@ def _issue_missing(fleet: FleetConfig, now: datetime.datetime) -> None:
 
 
 def copied_files(fleet: FleetConfig, node: str) -> list[str]:
-    """Return the files that a node's computer gets, as paths beside the fleet file."""
+    """Return the files that a node's computer needs, as paths relative to the fleet file."""
     return [f"{fleet.fleet.keys}/{file}" for file in files_of(node)]
 
 
 def renew_authority(fleet: FleetConfig, now: datetime.datetime) -> list[str]:
-    """Make a new authority, and issue all nodes anew: the former files are valid no more.
+    """Make a new authority and issue the certificates of all nodes anew.
 
-    What finds nodes that run on with the former authority is kept.
+    The former files are not valid any more. A viewer's certificate of the former authority is kept,
+    to find nodes that still run with it.
 
     Args:
-        fleet: whose authority.
-        now: begin of the certificates' validity.
+        fleet: the fleet.
+        now: present time, from which the certificates are valid.
 
     Returns:
-        The nodes.
+        The names of the nodes.
     """
     nodes = nodes_of(fleet)
     keep_former(fleet)
@@ -109,13 +110,13 @@ def issue_all(
     """Issue the certificates of some nodes.
 
     Args:
-        fleet: says at which addresses they are reached.
-        authority: signs them.
-        nodes: vehicles and roles.
-        now: begin of their validity.
+        fleet: the fleet file, with the addresses of the nodes.
+        authority: the authority that signs them.
+        nodes: names of vehicles and roles.
+        now: present time, from which they are valid.
 
     Raises:
-        ConfigError: there is no such node; none was issued.
+        ConfigError: there is no such node; no certificate was issued.
     """
     known = nodes_of(fleet)
     for node in nodes:
@@ -124,7 +125,7 @@ def issue_all(
                 f"'{node}' is no node of {fleet.path}. Its nodes: {', '.join(known)}."
             )
     folder = folder_of(fleet)
-    make_key_folder(folder)  # an older one has nothing for git
+    make_key_folder(folder)  # a folder of an older version has no .gitignore
     for node in nodes:
         issue(folder, authority, node, hosts_of(fleet, node), now)
 
@@ -133,7 +134,7 @@ def refuse_example(fleet: FleetConfig) -> None:
     """Refuse to make keys beside an example.
 
     Raises:
-        ConfigError: the fleet file is one that is installed with Covey.
+        ConfigError: the fleet file is an example that is installed with Covey.
     """
     if Path(fleet.path).resolve().is_relative_to(Path(EXAMPLES).resolve()):
         raise ConfigError(
@@ -143,7 +144,7 @@ def refuse_example(fleet: FleetConfig) -> None:
 
 
 def _changes(fleet: FleetConfig) -> dict[str, Any]:
-    """Return the keys of the fleet file that change, with their values."""
+    """Return the changes of the fleet file, as nested tables."""
     changes: dict[str, Any] = {}
 
     agents = {name: _with_keys(vehicle.agent) for name, vehicle in fleet.vehicles.items()}

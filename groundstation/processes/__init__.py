@@ -1,1 +1,1 @@
-"""Processes and ports of a simulated flight."""
+"""The processes and ports of a simulated flight."""

@@ -1,5 +1,7 @@
-"""The processes of a simulated fleet: its routers, one emulator, an agent for each vehicle, and the
-node of corrections where the fleet takes some.
+"""Starts the processes of a simulated fleet.
+
+These are its routers, one emulator, an agent for each vehicle, and the node of corrections if the
+fleet has corrections.
 """
 
 from __future__ import annotations
@@ -11,8 +13,9 @@ from groundstation.processes.free_ports import is_free_endpoint
 from groundstation.processes.supervisor import Processes, agent_command, leaves_room
 from onboard.config.fleet import FleetConfig
 
-EMULATOR = "sitl"  # name of the emulator's process and of its log
-CORRECTIONS = "corrections"  # the same of the node of corrections
+# names of processes and of their logs
+EMULATOR = "sitl"
+CORRECTIONS = "corrections"  # the node of corrections
 
 
 def start_fleet(
@@ -25,14 +28,14 @@ def start_fleet(
 ) -> None:
     """Start the processes of the ``fleet.toml`` in a folder.
 
-    All start at once: they find each other in whatever order they come up.
+    All start at once; the order in which they become ready does not matter.
 
     Args:
         fleet: the fleet of that file.
-        folder: the flight's folder, which holds ``fleet.toml``.
-        seed: seed of everything random in the emulator.
-        processes: gets the processes.
-        emulator_options: further words for ``covey sitl``, for instance its weather.
+        folder: the flight folder, which contains ``fleet.toml``.
+        seed: seed of all random numbers of the emulator.
+        processes: starts and watches the processes.
+        emulator_options: further options of ``covey sitl``, for instance its weather.
 
     Raises:
         ProcessError: one of them cannot start.
@@ -40,7 +43,7 @@ def start_fleet(
     path = str(folder / "fleet.toml")
 
     for number, endpoint in enumerate(fleet.fleet.routers):
-        # An endpoint that is taken has a router already, which serves this fleet as well.
+        # If an endpoint is in use, a router runs there already, which serves this fleet, too.
         if is_free_endpoint(endpoint):
             words = ["groundstation", "router", path, "--endpoint", endpoint]
             processes.start(f"router{number}", words)
@@ -48,7 +51,7 @@ def start_fleet(
     processes.start(EMULATOR, ["sitl", "--fleet", path, "--seed", str(seed), *emulator_options])
 
     if fleet.corrections is not None:
-        # No real base stands beside emulated vehicles: this one is made up.
+        # emulated vehicles have no real base station, so the source is an invented one
         words = ["groundstation", "corrections", "--fleet", path, "--source", "mock"]
         processes.start(CORRECTIONS, words)
 

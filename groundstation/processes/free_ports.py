@@ -1,4 +1,4 @@
-"""Copies of a fleet file: in another folder, or on ports that nothing else on the machine uses."""
+"""Copies of a fleet file for another folder or for free ports, and checks of ports in use."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from onboard.config.corrections import beside
 from onboard.config.endpoints import host_of, is_loopback
 from onboard.config.fleet import ConfigError, FleetConfig
 
-# Below the kernel's own range for outgoing connections, so that nobody is handed one of these by
-# accident.
+# Below the kernel's own range for outgoing connections, so that no connection gets one of these by
+# chance.
 PORT_RANGE = (20_000, 30_000)
-PX4_OFFSET = 40  # an emulated PX4 binds a port so far above its endpoint's
+PX4_OFFSET = 40  # an emulated PX4 also binds the port that is so much above that of its endpoint
 
 _STREAMS = ("tcp/", "tls/")  # the other protocols of the bus use datagrams
 
@@ -25,18 +25,18 @@ _STREAMS = ("tcp/", "tls/")  # the other protocols of the bus use datagrams
 class _UsedPort(NamedTuple):
     """One port that a fleet needs on this machine."""
 
-    key: str  # of the fleet file
+    key: str  # key of the fleet file
     endpoint: str
-    offset: int  # from the endpoint's port to this one
+    offset: int  # this port minus the port of the endpoint
     kind: socket.SocketKind
 
 
 def is_free(port: int, kind: socket.SocketKind) -> bool:
-    """Whether a loopback port can be bound now."""
+    """Return whether a loopback port can be bound now."""
     with socket.socket(socket.AF_INET, kind) as probe:
         if kind == socket.SOCK_STREAM:
-            # As the bus's listener does it: a connection of the last flight that lingers in
-            # TIME_WAIT is no hindrance.
+            # as the bus's listener does, so that a connection of the last flight in TIME_WAIT does
+            # not count
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind(("127.0.0.1", port))
@@ -46,7 +46,7 @@ def is_free(port: int, kind: socket.SocketKind) -> bool:
 
 
 def is_free_endpoint(endpoint: str) -> bool:
-    """Whether an endpoint of the bus on this machine can be listened at now."""
+    """Return whether the port of an endpoint of the bus on this machine is free now."""
     port = int(endpoint.rsplit(":", 1)[-1])
     return is_free(port, _kind_of(endpoint))
 
@@ -58,16 +58,16 @@ def _kind_of(endpoint: str) -> socket.SocketKind:
 
 
 def with_free_ports(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
-    """Return the fleet file's data with every endpoint on a free loopback port, without keys.
+    """Return the data of a fleet file with all endpoints on free loopback ports, and without keys.
 
-    All else stays as it is.
+    All other values are unchanged.
 
     Args:
-        data: the file's content; not changed.
-        fleet: the same, resolved.
+        data: content of the fleet file, which is not changed.
+        fleet: the fleet of that content.
 
     Raises:
-        ConfigError: no free ports.
+        ConfigError: there are not enough free ports.
     """
     ports = _free_ports()
     vehicles = {}
@@ -90,14 +90,14 @@ def with_free_ports(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
 
 
 def in_another_folder(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
-    """Return the data of a fleet file for a copy elsewhere.
+    """Return the data of a fleet file for a copy in another folder.
 
-    A law of somebody's own, the keys, a recording of corrections and the password for a caster stay
-    where they are: the copy names their places.
+    Files that the fleet file names are not copied: a user's own law, the keys, a recording of
+    corrections, the password for a caster. The copy names them by their full paths.
 
     Args:
-        data: the file's content; not changed.
-        fleet: the same, resolved.
+        data: content of the fleet file, which is not changed.
+        fleet: the fleet of that content.
     """
     copied = dict(data)
     if "law" in data:
@@ -115,7 +115,7 @@ def in_another_folder(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any
 
 
 def _corrections_elsewhere(table: dict[str, Any], fleet_path: str) -> dict[str, Any]:
-    """Return the table of corrections with files that are named from the root."""
+    """Return the table of corrections with full paths of its files."""
     copied = dict(table)
     if table.get("source") == "file":
         copied["address"] = beside(fleet_path, str(table["address"]))
@@ -125,7 +125,7 @@ def _corrections_elsewhere(table: dict[str, Any], fleet_path: str) -> dict[str, 
 
 
 def is_local(fleet: FleetConfig) -> bool:
-    """Whether every endpoint of a fleet file is of this machine alone.
+    """Return whether all endpoints of a fleet file are loopback addresses.
 
     Only then may a simulated flight use them.
     """

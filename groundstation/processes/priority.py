@@ -1,8 +1,8 @@
-"""Priority of a ground that flies a mission, where the system allows one.
+"""Raises the priority of a ground that flies a mission, if the system allows it.
 
-Agents take real-time priority. A ground draws, plans and records beside its orders, so it only gets
-a larger share of a busy computer: a ground that is starved hears its agents late, and would blame
-them. What it starts does not inherit the priority.
+Agents take real-time priority. A ground also draws, plans and records, so it only gets a larger
+share of a busy computer. Without that, a starved ground would receive telemetry late and count its
+agents as silent. Processes that the ground starts do not inherit the priority.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from __future__ import annotations
 import contextlib
 import os
 
-# About ten times the share of an ordinary program; agents and emulator come before it by their
-# real-time priority.
+# About ten times the share of an ordinary program. Agents and emulator still run first, since they
+# have real-time priority.
 _NICE = -10
 
 
@@ -25,7 +25,7 @@ def take_priority() -> str:
     """
     try:
         for thread in [int(name) for name in os.listdir("/proc/self/task")]:
-            with contextlib.suppress(ProcessLookupError):  # it has just ended
+            with contextlib.suppress(ProcessLookupError):  # the thread has just ended
                 policy = os.SCHED_OTHER | os.SCHED_RESET_ON_FORK
                 os.sched_setscheduler(thread, policy, os.sched_param(0))
                 os.setpriority(os.PRIO_PROCESS, thread, _NICE)

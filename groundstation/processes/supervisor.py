@@ -1,12 +1,12 @@
-"""Processes of a simulated flight: started in groups of their own, watched, and never left behind.
+"""Starts and watches the processes of a simulated flight, and ends all of them.
 
-A group keeps a Ctrl-C at the terminal away from them. A session for each would do so too, but the
-kernel gives every session of a busy machine the same share (autogroups), and a thread of one whose
-other threads run elsewhere then waits for up to half a second: ten agents that fill two cores fell
-out of the air, and fly when they share one session.
+Each process has a process group of its own, so that a Ctrl-C at the terminal does not reach it. A
+session of its own would have the same effect. But on a busy machine the kernel gives every session
+the same share (autogroups), and a thread then can wait for up to half a second. With a session for
+each, ten agents that fill two cores fell out of the air; in one session they fly.
 
-Each process dies with this one, even when this one is killed: the kernel sends it SIGKILL then
-(Linux), and on a normal end ``atexit`` does.
+Each process ends with this one. If this process is killed, the kernel sends SIGKILL to the others
+(Linux); on a normal end ``atexit`` does.
 """
 
 from __future__ import annotations
@@ -23,18 +23,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-_PR_SET_PDEATHSIG = 1  # of prctl(2)
+_PR_SET_PDEATHSIG = 1  # option of prctl(2)
 _LIBC = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
 
-STOP_TIMEOUT_S = 4.0  # for a process that got SIGTERM
-_KILL_TIMEOUT_S = 2.0  # for one that got SIGKILL
+STOP_TIMEOUT_S = 4.0  # longest wait for the end of a process after SIGTERM
+_KILL_TIMEOUT_S = 2.0  # the same after SIGKILL
 _LINE_POLL_S = 0.05
 _END_POLL_S = 0.02
 LOG_TAIL_LINES = 6
 
-# Loops of agents that may go first on a core; more would leave nothing for network and ground.
+# Agents' loops with real-time priority per core; more would leave nothing for network and ground.
 _LOOPS_PER_CORE = 5
-# Flights of 13 on two cores kept their time, of 20 did not: docs/processes.md.
+# Agents per core. Flights of 13 on two cores kept their time, flights of 20 did not
+# (docs/processes.md).
 _MOST_PER_CORE = 6.5
 
 
@@ -42,9 +43,9 @@ def agent_command(path: str, name: str, *, is_realtime: bool = True) -> list[str
     """Return the words after ``python -m`` that start one vehicle's agent.
 
     Args:
-        path: of the fleet file.
-        name: of the vehicle.
-        is_realtime: whether its loop goes first on the machine.
+        path: path of the fleet file.
+        name: name of the vehicle.
+        is_realtime: whether its loop takes real-time priority.
     """
     words = ["onboard", "--fleet", path, "--vehicle", name, "--apply-params", "--mocap", "bus"]
     if is_realtime:
@@ -53,17 +54,20 @@ def agent_command(path: str, name: str, *, is_realtime: bool = True) -> list[str
 
 
 def leaves_room(count: int) -> bool:
-    """Whether so many loops may go first on this machine, and leave room for network and ground."""
+    """Return whether so many loops may take real-time priority on this machine.
+
+    They must leave enough time for network and ground.
+    """
     return count <= _LOOPS_PER_CORE * (os.cpu_count() or 1)
 
 
 def most_agents() -> int:
-    """Return how many agents this machine flies in real time, with their emulator beside them."""
+    """Return how many agents this machine can fly in real time, together with their emulator."""
     return int(_MOST_PER_CORE * (os.cpu_count() or 1))
 
 
 class ProcessError(RuntimeError):
-    """A process did not start or ended too early: a sentence with the end of its log."""
+    """A process did not start or ended too early; the message contains the end of its log."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,11 +76,11 @@ class StartedProcess:
 
     name: str
     process: subprocess.Popen[bytes]
-    log: Path  # gets its output
+    log: Path  # file with its output
 
     @property
     def has_ended(self) -> bool:
-        """Whether it runs no more."""
+        """Whether it has ended."""
         return self.process.poll() is not None
 
     @property
@@ -90,10 +94,10 @@ class StartedProcess:
 
     @property
     def ending(self) -> str:
-        """A sentence on its end, by a signal from elsewhere or by itself."""
+        """A sentence about its end, which came by a signal or by itself."""
         status = self.process.returncode
         if status is not None and status < 0:
-            # The last line of its log was written in good health: it gives no reason.
+            # The last line of its log was written before the signal, so it gives no reason.
             name = _signal_name(-status)
             return f"{self.name} was ended by signal {-status} ({name}), see {self.log}"
 
@@ -103,7 +107,7 @@ class StartedProcess:
 
 
 def _signal_name(number: int) -> str:
-    """Return SIGKILL for 9; signals without a name of their own are real-time signals."""
+    """Return the name of a signal, SIGKILL for 9; signals without a name are real-time signals."""
     try:
         return signal.Signals(number).name
     except ValueError:
@@ -111,7 +115,10 @@ def _signal_name(number: int) -> str:
 
 
 class Processes:
-    """Starts, watches and stops; :meth:`kill` may be called from anywhere, any number of times."""
+    """Starts, watches and stops processes.
+
+    Any thread may call :meth:`kill`, any number of times.
+    """
 
     def __init__(self, log_folder: Path) -> None:
         self._folder = log_folder
@@ -126,18 +133,18 @@ class Processes:
 
     @property
     def pids(self) -> dict[str, int]:
-        """Process ids by name, of those that have ended too."""
+        """Process ids by name, including those of processes that have ended."""
         return {started.name: started.process.pid for started in self._started}
 
     def start(self, name: str, arguments: Sequence[str]) -> None:
         """Start ``python -m ...`` with its output in ``<name>.log``.
 
         Args:
-            name: of the process.
-            arguments: behind ``python -m``.
+            name: name of the process.
+            arguments: arguments after ``python -m``.
 
         Raises:
-            ProcessError: it cannot be started.
+            ProcessError: the process cannot be started.
         """
         log = self._folder / f"{name}.log"
         environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
@@ -159,16 +166,16 @@ class Processes:
         self._started.append(StartedProcess(name, process, log))
 
     def dead(self) -> list[StartedProcess]:
-        """Return the processes that ended although nobody stopped them."""
+        """Return the processes that have ended before they were stopped."""
         if self._is_stopping:
             return []
         return [started for started in self._started if started.has_ended]
 
     def check(self) -> None:
-        """Look whether all run.
+        """Check that all processes run.
 
         Raises:
-            ProcessError: one of them ended.
+            ProcessError: one of them has ended.
         """
         for started in self.dead():
             raise ProcessError(f"{started.ending}\nThe end of its log:\n{started.tail}")
@@ -177,12 +184,12 @@ class Processes:
         """Wait until a process has written a line that begins with a text.
 
         Args:
-            name: of the process.
+            name: name of the process.
             text: begin of the line.
-            timeout_s: for the line.
+            timeout_s: longest wait for the line.
 
         Raises:
-            ProcessError: it did not write one in time, or a process ended.
+            ProcessError: the line did not come in time, or a process has ended.
         """
         started = next(started for started in self._started if started.name == name)
         try:
@@ -197,13 +204,16 @@ class Processes:
             ) from None
 
     async def stop(self, timeout_s: float = STOP_TIMEOUT_S) -> list[str]:
-        """End them with SIGTERM and then SIGKILL; return the names of those that had to be killed.
+        """End all processes with SIGTERM, and those that remain with SIGKILL.
 
-        The one started first, the emulator, ends last: an agent in the air lands before it goes,
-        and needs it for that.
+        The process that was started first, the emulator, ends last, because an agent in the air
+        lands before it ends, and needs the emulator for that.
 
         Args:
-            timeout_s: for the end after SIGTERM.
+            timeout_s: longest wait for the end after SIGTERM.
+
+        Returns:
+            Names of the processes that had to be killed.
         """
         self._is_stopping = True
         killed = []
@@ -220,7 +230,7 @@ class Processes:
         return killed
 
     def kill(self) -> None:
-        """End everything at once."""
+        """End all processes at once with SIGKILL."""
         self._is_stopping = True
         for started in self._started:
             _signal_group(started.process, signal.SIGKILL)
@@ -236,7 +246,7 @@ def _has_line(log: Path, text: str) -> bool:
 
 
 def _signal_group(process: subprocess.Popen[bytes], number: signal.Signals) -> None:
-    # The number of a process that has ended may belong to somebody else by now.
+    # The id of a process that has ended may belong to another process by now.
     if process.poll() is None:
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(process.pid, number)
