@@ -1,1 +1,1 @@
-"""PX4's own logs (ULog): read, put on the clock of a flight's record, said in few lines."""
+"""PX4's own logs (ULog): reads them, aligns them with a flight's record and summarises them."""

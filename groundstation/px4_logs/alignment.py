@@ -1,17 +1,19 @@
 """Puts a log of PX4 on the clock of a flight's record, by how the vehicle tilted. Pure.
 
-PX4 counts time since its start, the record since its own begin, and nobody wrote down which is
-which. But both have the attitude: what PX4 logged, and what the agent got of it by telemetry. Roll
-and pitch of the two are shifted against each other until they fit: first the cross-correlation says
-where, on a grid, then the smallest difference says it finely. The heading is left out: PX4's and
-the fleet's frame may differ by a turn.
+PX4 counts time since its start, the record since its own begin, and nothing in the files relates
+the two clocks. But both contain the attitude: the log what PX4 estimated, the record what the agent
+received of it by telemetry. Roll and pitch of the two are shifted against each other until they
+fit: the cross-correlation on a grid finds candidates, and the smallest difference near each
+candidate refines them. The heading is left out, because the north of PX4's frame and that of the
+fleet's frame may differ.
 
 The two clocks also run at slightly different rates, by some 20 to 100 parts in a million: 30 ms at
-either end of ten minutes. So where the two overlap for long, the offset of the first half and that
-of the second are found apart, and the log is stretched by what they differ.
+either end of ten minutes. So where log and record overlap for long, the offset is found separately
+for the first and the second half, and the log is stretched by the difference.
 
-A hover has no tilt to go by, and an orbit fits at every turn. So the fit is refused when nothing
-moves, when the two do not agree, or when another place fits nearly as well.
+A hover has no tilt to compare, and an orbit fits at every turn. So the alignment is refused when
+the vehicle does not tilt, when the two attitudes do not agree, or when another offset fits nearly
+as well.
 """
 
 from __future__ import annotations
@@ -28,23 +30,23 @@ FINE_S = 0.002
 _FINE_HALF_S = 0.05
 LEAST_OVERLAP_S = 5.0
 LEAST_TILT_DEG = 0.3  # standard deviation of roll and pitch together
-LEAST_DRIFT_OVERLAP_S = 60.0  # in less, clocks of a different rate cannot be told apart
-LARGEST_SHARE = 0.5  # of the tilt that the residual may have
+LEAST_DRIFT_OVERLAP_S = 60.0  # a shorter overlap does not show that the clocks' rates differ
+LARGEST_SHARE = 0.5  # largest residual, as a share of the tilt
 _LONGEST_S = 6 * 3600.0
-_GAP_S = 0.5  # between two samples; over a longer one nothing is known
-_OTHER_PLACE_S = 1.0  # from the best, from where on a place is another one
-_NEARLY_AS_WELL = 1.15  # times the residual of the best
-_NOISE_DEG = 0.05  # below which residuals do not differ
+_GAP_S = 0.5  # nothing is interpolated between samples that are farther apart
+_OTHER_PLACE_S = 1.0  # least difference between the offsets of two separate fits
+_NEARLY_AS_WELL = 1.15  # a fit is ambiguous if another residual is less than this times its own
+_NOISE_DEG = 0.05  # smaller residuals count as this one
 
 
 class Alignment(NamedTuple):
-    """Place of a log on a record's clock."""
+    """Relation between the clock of a log and that of a record."""
 
-    offset_s: float  # record less log, at the middle of the log
-    residual_deg: float  # standard deviation of what the two attitudes differ by
-    overlap_s: float  # of both
-    middle_s: float = 0.0  # of the log
-    drift_frac: float = 0.0  # by which the record's clock runs faster than PX4's
+    offset_s: float  # record's time less log's time, at middle_s
+    residual_deg: float  # standard deviation of the difference between the two attitudes
+    overlap_s: float  # time that both cover
+    middle_s: float = 0.0  # log's time at which the offset holds
+    drift_frac: float = 0.0  # share by which the record's clock runs faster than PX4's
 
     def on_record(self, log_time_s: Array) -> Array:
         """Return times of the log on the record's clock."""
@@ -53,17 +55,17 @@ class Alignment(NamedTuple):
 
 
 class NoAlignment(Exception):
-    """The two do not fit: a sentence."""
+    """Log and record cannot be aligned; the message says why in a sentence."""
 
 
 def up_in_body(quaternion_wxyz: Array) -> Array:
-    """Return which way is up, in the body's frame: forward, left, up.
+    """Return the upward direction in the body's frame: forward, left, up.
 
     Args:
-        quaternion_wxyz: (n, 4) ENU <- FLU.
+        quaternion_wxyz: quaternions (n, 4), ENU <- FLU.
 
     Returns:
-        (n, 3); it does not depend on the heading.
+        Unit vectors (n, 3), which do not depend on the heading.
     """
     w, x, y, z = quaternion_wxyz.T
     return np.stack(
@@ -77,38 +79,38 @@ def flu_of_frd(quaternion_ned_frd_wxyz: Array) -> Array:
     Both frames are turned by half a turn about x, which changes the signs of y and z.
 
     Args:
-        quaternion_ned_frd_wxyz: (n, 4).
+        quaternion_ned_frd_wxyz: quaternions (n, 4), NED <- FRD.
     """
     turned: Array = quaternion_ned_frd_wxyz * np.array([1.0, 1.0, -1.0, -1.0])
     return turned
 
 
 def align(record_time_s: Array, record_up: Array, log_time_s: Array, log_up: Array) -> Alignment:
-    """Find how a log lies on a record's clock.
+    """Find the relation between a log's clock and a record's clock.
 
     Args:
-        record_time_s: (n,), rising.
-        record_up: (n, 3), see :func:`up_in_body`.
-        log_time_s: (m,), rising.
-        log_up: (m, 3).
+        record_time_s: times of the record (n,), rising.
+        record_up: upward directions (n, 3) in the record, see :func:`up_in_body`.
+        log_time_s: times of the log (m,), rising.
+        log_up: upward directions (m, 3) in the log.
 
     Raises:
-        NoAlignment: they do not fit, or nothing tells where.
+        NoAlignment: log and record do not fit, or the offset is ambiguous.
     """
-    for time_s, who in ((record_time_s, "record"), (log_time_s, "log")):
+    for time_s, source in ((record_time_s, "record"), (log_time_s, "log")):
         if time_s.size < 2 or time_s[-1] - time_s[0] < LEAST_OVERLAP_S:
-            raise NoAlignment(f"The {who} has less than {LEAST_OVERLAP_S:g} s of attitude.")
+            raise NoAlignment(f"The {source} has less than {LEAST_OVERLAP_S:g} s of attitude.")
         if time_s[-1] - time_s[0] > _LONGEST_S:
-            raise NoAlignment(f"The {who} is longer than {_LONGEST_S / 3600.0:g} h.")
+            raise NoAlignment(f"The {source} is longer than {_LONGEST_S / 3600.0:g} h.")
 
     record = _on_grid(record_time_s, record_up)
     log = _on_grid(log_time_s, log_up)
-    for signal, who in ((record, "record"), (log, "log")):
+    for signal, source in ((record, "record"), (log, "log")):
         tilt_deg = _spread_deg(signal)
         if tilt_deg < LEAST_TILT_DEG:
             raise NoAlignment(
-                f"The vehicle hardly tilts in the {who} ({tilt_deg:.1f} deg): nothing tells which"
-                " moments are the same."
+                f"The vehicle hardly tilts in the {source} ({tilt_deg:.1f} deg): nothing tells"
+                " which moments are the same."
             )
 
     lags = _best_lags(record, log)
@@ -117,7 +119,7 @@ def align(record_time_s: Array, record_up: Array, log_time_s: Array, log_up: Arr
         _refined(record_time_s, record_up, log_time_s, log_up, begin_offset_s + lag * GRID_S)
         for lag in lags
     ]
-    best = min(candidates, key=lambda one: one.residual_deg)
+    best = min(candidates, key=lambda candidate: candidate.residual_deg)
     _check(best, _spread_deg(log), candidates)
     return _stretched(record_time_s, record_up, log_time_s, log_up, best)
 
@@ -125,7 +127,7 @@ def align(record_time_s: Array, record_up: Array, log_time_s: Array, log_up: Arr
 def _stretched(
     record_time_s: Array, record_up: Array, log_time_s: Array, log_up: Array, best: Alignment
 ) -> Alignment:
-    """Return the alignment with the drift of the two clocks, where it makes them fit better."""
+    """Return the alignment with the drift of the two clocks if that fits better, else best."""
     begin_s = max(float(log_time_s[0]), float(record_time_s[0]) - best.offset_s)
     end_s = min(float(log_time_s[-1]), float(record_time_s[-1]) - best.offset_s)
     if end_s - begin_s < LEAST_DRIFT_OVERLAP_S:
@@ -151,7 +153,7 @@ def _stretched(
 
 
 def _check(best: Alignment, tilt_deg: float, candidates: list[Alignment]) -> None:
-    """Refuse what does not fit, or fits elsewhere as well."""
+    """Refuse an alignment that does not fit, or is ambiguous."""
     if best.overlap_s < LEAST_OVERLAP_S or not math.isfinite(best.residual_deg):
         raise NoAlignment("Nowhere do the log and the record overlap long enough.")
     if best.residual_deg > LARGEST_SHARE * tilt_deg:
@@ -170,7 +172,7 @@ def _check(best: Alignment, tilt_deg: float, candidates: list[Alignment]) -> Non
 
 
 def _on_grid(time_s: Array, up: Array) -> Array:
-    """Return forward and left part of up on a grid of GRID_S, less its mean; 0 in gaps."""
+    """Return forward and left part of upward directions each GRID_S, less the mean; 0 in gaps."""
     grid_s = np.arange(time_s[0], time_s[-1], GRID_S)
     values = _between(time_s, up, grid_s)[:, :2]
     is_known = np.isfinite(values).all(-1)
@@ -182,13 +184,13 @@ def _on_grid(time_s: Array, up: Array) -> Array:
 
 
 def _between(time_s: Array, values: Array, at_s: Array) -> Array:
-    """Return values between samples, at other times; NaN outside and in gaps."""
-    found = np.stack(
+    """Return values interpolated at other times; NaN outside the samples and in gaps."""
+    interpolated = np.stack(
         [np.interp(at_s, time_s, values[:, part], np.nan, np.nan) for part in range(3)], axis=-1
     )
     after = np.clip(np.searchsorted(time_s, at_s), 1, time_s.size - 1)
-    found[time_s[after] - time_s[after - 1] > _GAP_S] = np.nan
-    return found
+    interpolated[time_s[after] - time_s[after - 1] > _GAP_S] = np.nan
+    return interpolated
 
 
 def _spread_deg(signal: Array) -> float:
@@ -199,17 +201,17 @@ def _spread_deg(signal: Array) -> float:
 
 
 def _best_lags(record: Array, log: Array) -> list[int]:
-    """Return where the log fits the record best, in steps of the grid: the peaks, best first."""
+    """Return the shifts at which the log fits the record best, in grid steps, best first."""
     size = 1 << (record.shape[0] + log.shape[0] - 1).bit_length()
     spectrum = np.fft.rfft(record, size, axis=0) * np.conj(np.fft.rfft(log, size, axis=0))
     correlation = np.fft.irfft(spectrum, size, axis=0).sum(-1)
 
-    # normalised by what the two have where they overlap: a short overlap is no better fit
-    energy = np.fft.irfft(
+    # Normalised by the tilt of both within the overlap: a short overlap is no better fit.
+    record_energy = np.fft.irfft(
         np.fft.rfft((record**2).sum(-1), size) * np.conj(np.fft.rfft(np.ones(log.shape[0]), size)),
         size,
     )
-    other = np.fft.irfft(
+    log_energy = np.fft.irfft(
         np.fft.rfft(np.ones(record.shape[0]), size) * np.conj(np.fft.rfft((log**2).sum(-1), size)),
         size,
     )
@@ -219,36 +221,39 @@ def _best_lags(record: Array, log: Array) -> list[int]:
         size,
     )
     with np.errstate(all="ignore"):
-        score = correlation / np.sqrt(np.maximum(energy, 1e-9) * np.maximum(other, 1e-9))
+        score = correlation / np.sqrt(
+            np.maximum(record_energy, 1e-9) * np.maximum(log_energy, 1e-9)
+        )
     score[overlap * GRID_S < LEAST_OVERLAP_S] = -1.0
-    # a lag at which little of the flight overlaps may fit by chance
-    moved = np.sqrt(np.clip(energy / energy.max(), 0.0, 1.0) * np.clip(other / other.max(), 0, 1))
-    score *= moved
+    # A lag at which little of the tilting overlaps may fit by chance.
+    record_share = np.clip(record_energy / record_energy.max(), 0.0, 1.0)
+    log_share = np.clip(log_energy / log_energy.max(), 0, 1)
+    score *= np.sqrt(record_share * log_share)
 
     lags: list[int] = []
-    apart = round(_OTHER_PLACE_S / GRID_S)
-    left = score.copy()
+    least_distance = round(_OTHER_PLACE_S / GRID_S)
+    remaining = score.copy()
     for _ in range(3):
-        lag = int(left.argmax())
-        if left[lag] <= 0.0:
+        lag = int(remaining.argmax())
+        if remaining[lag] <= 0.0:
             break
         lags.append(lag if lag < size // 2 else lag - size)
-        near = (np.arange(lag - apart, lag + apart + 1)) % size
-        left[near] = -1.0
+        near = (np.arange(lag - least_distance, lag + least_distance + 1)) % size
+        remaining[near] = -1.0
     return lags or [0]
 
 
 def _refined(
     record_time_s: Array, record_up: Array, log_time_s: Array, log_up: Array, offset_s: float
 ) -> Alignment:
-    """Return the best offset near one, with what the attitudes differ by there."""
+    """Return the alignment with the smallest residual near an offset."""
     best = Alignment(offset_s, math.inf, 0.0)
     for fine_s in (GRID_S, FINE_S):
         half = _FINE_HALF_S if fine_s == GRID_S else GRID_S
         for shift_s in np.arange(-half, half + fine_s / 2.0, fine_s):
-            one = _fit(record_time_s, record_up, log_time_s, log_up, offset_s + float(shift_s))
-            if one.residual_deg < best.residual_deg:
-                best = one
+            fit = _fit(record_time_s, record_up, log_time_s, log_up, offset_s + float(shift_s))
+            if fit.residual_deg < best.residual_deg:
+                best = fit
         offset_s = best.offset_s
     return best
 
@@ -256,9 +261,9 @@ def _refined(
 def _fit(
     record_time_s: Array, record_up: Array, log_time_s: Array, log_up: Array, offset_s: float
 ) -> Alignment:
-    """Return by how much the attitudes differ with an offset.
+    """Return the alignment with a given offset, and its residual.
 
-    A difference that lasts (a body that is mounted askew) is no matter of time, and left out.
+    A constant difference (an autopilot mounted askew) says nothing about time and is subtracted.
     """
     shown = _between(log_time_s + offset_s, log_up, record_time_s)
     difference = (shown - record_up)[:, :2]

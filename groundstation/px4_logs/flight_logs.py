@@ -1,9 +1,9 @@
-"""The logs of PX4 that lie in a flight folder, each on the clock of the flight's record.
+"""Reads the PX4 logs in a flight folder and puts each on the clock of the flight's record.
 
-``covey log fetch`` puts them into ``DIR/px4`` as ``VEHICLE-DATE_TIME.ulg``. Of several of a vehicle
-the newest is taken that fits the record by attitude; one that fits nowhere is named with the reason
-and left out. Positions of PX4 are in a frame of its own: they are shifted by the median of what
-they differ from the record by, so that the two can be compared in form and not in place.
+``covey log fetch`` puts them into ``DIR/px4`` as ``VEHICLE-DATE_TIME.ulg``. Of a vehicle's logs,
+the newest one is taken whose attitude fits the record; a vehicle without such a log gets a note
+with the reasons. PX4's positions are in a frame of its own: they are shifted by their median
+difference from the record's, so that shapes of the two paths can be compared, but not places.
 """
 
 from __future__ import annotations
@@ -28,30 +28,30 @@ from onboard.config.fleet import ConfigError
 from onboard.frames import enu_from_ned
 from onboard.plain_text import plain_line
 
-FOLDER = "px4"  # in a flight folder
+FOLDER = "px4"  # folder of the logs, in a flight folder
 SUFFIX = ".ulg"
-_MOST_TRIED = 8  # logs of one vehicle
+_MOST_TRIED = 8  # most logs tried for one vehicle
 _MOST_FILES = 2_000
 _GAP_S = 1.0
 
 
 class FlightLog(NamedTuple):
-    """One vehicle's log of PX4 on the record's clock."""
+    """One vehicle's PX4 log on the record's clock."""
 
     vehicle: str
-    log: Px4Log  # times since PX4's start
+    log: Px4Log  # its times are seconds since PX4's start
     alignment: Alignment
-    shift_enu_m: Array  # (3,), record less log; NaN where positions cannot be compared
-    position_residual_m: float  # standard deviation of what is left; NaN likewise
+    shift_enu_m: Array  # (3,), record's position less log's; NaN if they cannot be compared
+    position_residual_m: float  # standard deviation after the shift; NaN likewise
 
     @property
     def begin_s(self) -> float:
-        """Of the log, on the record's clock."""
+        """Begin of the log on the record's clock."""
         return self.on_record_s(self.log.begin_s)
 
     @property
     def end_s(self) -> float:
-        """Of the log, on the record's clock."""
+        """End of the log on the record's clock."""
         return self.on_record_s(self.log.end_s)
 
     def on_record_s(self, time_s: float) -> float:
@@ -59,12 +59,12 @@ class FlightLog(NamedTuple):
         return float(self.alignment.on_record(np.array(time_s)))
 
     def on_record(self, rows: LogRows) -> LogRows:
-        """Return samples with times on the record's clock."""
+        """Return samples of the log with their times on the record's clock."""
         return rows._replace(time_s=self.alignment.on_record(rows.time_s))
 
     @property
     def texts(self) -> list[LoggedText]:
-        """Texts of PX4, on the record's clock."""
+        """PX4's messages on the record's clock."""
         return [text._replace(time_s=self.on_record_s(text.time_s)) for text in self.log.texts]
 
     @property
@@ -74,19 +74,20 @@ class FlightLog(NamedTuple):
 
     @property
     def position_setpoint_enu_m(self) -> LogRows:
-        """PX4's own setpoint of it."""
+        """PX4's position setpoint in the fleet's frame, on the record's clock."""
         return self._in_fleet(self.log.position_setpoint)
 
     def _in_fleet(self, rows: LogRows) -> LogRows:
-        moved = self.on_record(rows)
-        return moved._replace(values=enu_of_ned(moved.values) + self.shift_enu_m)
+        """Return positions of PX4 in the fleet's frame, on the record's clock."""
+        on_record = self.on_record(rows)
+        return on_record._replace(values=enu_of_ned(on_record.values) + self.shift_enu_m)
 
 
 class FoundLogs(NamedTuple):
     """Logs of a flight folder."""
 
     logs: dict[str, FlightLog]  # by vehicle
-    notes: tuple[str, ...]  # sentences about those that are left out
+    notes: tuple[str, ...]  # sentences about logs that are left out
 
 
 def enu_of_ned(values: Array) -> Array:
@@ -99,8 +100,8 @@ def logs_of_flight(folder: Path, flight: Flight) -> FoundLogs:
     """Read the logs of a flight folder.
 
     Args:
-        folder: flight folder, or its MCAP file.
-        flight: its record.
+        folder: the flight folder, or the MCAP file in it.
+        flight: the flight's record, already read.
     """
     if not folder.is_dir():
         folder = folder.parent
@@ -122,31 +123,32 @@ def logs_of_flight(folder: Path, flight: Flight) -> FoundLogs:
 
 
 def of_folder(folder: Path) -> FoundLogs:
-    """Read the logs of a flight folder, and its record only where there are any.
+    """Read the logs of a flight folder; its record is read only if there are logs.
 
     Raises:
         ConfigError: there is no record.
     """
-    inside = folder if folder.is_dir() else folder.parent
-    has_logs = (inside / FOLDER).is_dir() and any((inside / FOLDER).glob(f"*{SUFFIX}"))
+    flight_folder = folder if folder.is_dir() else folder.parent
+    log_folder = flight_folder / FOLDER
+    has_logs = log_folder.is_dir() and any(log_folder.glob(f"*{SUFFIX}"))
     if not has_logs:
         return FoundLogs({}, ())
     return logs_of_flight(folder, read_flight(folder))
 
 
 def _files(folder: Path, vehicles: list[str]) -> dict[str, list[Path]]:
-    """Return the logs of each vehicle, the newest first."""
-    found: dict[str, list[Path]] = {}
+    """Return the log files of each vehicle, the newest first."""
+    files: dict[str, list[Path]] = {}
     if not folder.is_dir():
-        return found
+        return files
     for path in sorted(folder.iterdir(), reverse=True)[:_MOST_FILES]:
         if path.suffix != SUFFIX:
             continue
-        # names may begin alike: mav1, mav1-b
+        # One vehicle's name may begin with another's: mav1, mav1-b.
         owners = [name for name in vehicles if path.name.startswith(f"{name}-")]
         if owners:
-            found.setdefault(max(owners, key=len), []).append(path)
-    return found
+            files.setdefault(max(owners, key=len), []).append(path)
+    return files
 
 
 def _aligned(vehicle: VehicleFlight, log: Px4Log) -> FlightLog:
@@ -168,10 +170,8 @@ def _aligned(vehicle: VehicleFlight, log: Px4Log) -> FlightLog:
     if log.position.size > 1:
         path_time_s, path_enu_m = vehicle.path
         log_time_s = alignment.on_record(log.position.time_s)
-        shown_enu_m = between_times(
-            log_time_s, enu_of_ned(log.position.values), path_time_s, _GAP_S
-        )
-        difference_m = path_enu_m - shown_enu_m
+        log_enu_m = between_times(log_time_s, enu_of_ned(log.position.values), path_time_s, _GAP_S)
+        difference_m = path_enu_m - log_enu_m
         difference_m = difference_m[np.isfinite(difference_m).all(-1)]
         if difference_m.shape[0] > 1:
             shift_enu_m = np.median(difference_m, axis=0)
@@ -186,9 +186,12 @@ def _aligned(vehicle: VehicleFlight, log: Px4Log) -> FlightLog:
 
 
 def _attitude(vehicle: VehicleFlight) -> tuple[Array, Array]:
-    """Return when and how a vehicle tilted by the record: as PX4 reported it, else its truth.
+    """Return times and attitudes of a vehicle in the record: PX4's telemetry, else the truth.
 
-    A tick bears the attitude that had arrived last, and its age.
+    A tick contains the attitude that had arrived last, and its age.
+
+    Raises:
+        NoAlignment: the record has no attitude of this vehicle.
     """
     ticks = vehicle.ticks
     time_s = ticks.time_s - np.nan_to_num(ticks.attitude_age_s)

@@ -1,4 +1,4 @@
-"""A log of PX4 as a screen of lines, and the logs of a fleet on one clock. Pure."""
+"""Summarises a PX4 log, and a flight's logs on one clock, in lines for a terminal. Pure."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from groundstation.px4_logs.flight_logs import FlightLog, FoundLogs
 from groundstation.px4_logs.px4_log import LoggedText, LogRows, Px4Log
 
 _MB = 1e6
-_MOST_LINES = 30  # of what PX4 said
+_MOST_LINES = 30  # most messages or mode changes listed for one log
 _SERIOUS = ("error", "warning")
 
-# vehicle_status.nav_state
+# Flight modes by vehicle_status.nav_state.
 _MODES = {
     0: "Manual",
     1: "Altitude",
@@ -35,7 +35,7 @@ _MODES = {
 
 
 def as_mapping(log: Px4Log) -> dict[str, Any]:
-    """Return a log for programs; times are seconds since PX4's start."""
+    """Return a log's summary as data for programs; times are seconds since PX4's start."""
     return {
         "path": log.path,
         "size_bytes": log.size_bytes,
@@ -52,15 +52,15 @@ def as_mapping(log: Px4Log) -> dict[str, Any]:
 
 
 def lines(log: Px4Log) -> list[str]:
-    """Return a log as one screen."""
+    """Return a log's summary as lines for one screen."""
     about = ", ".join(f"{key} {value}" for key, value in log.about.items())
-    found = [
+    summary = [
         f"{log.path}: {log.length_s:.1f} s, armed for {log.armed_s:.1f} s, "
         f"{log.size_bytes / _MB:.1f} MB, from {log.begin_s:.1f} s after PX4's start.",
         f"{about or 'The file does not say of what'}; {log.parameter_count} parameters.",
     ]
-    found += [sentence for sentence in (log.note, _dropouts(log)) if sentence]
-    found.append(f"{'topic':28s} {'samples':>8s} {'a second':>9s}")
+    summary += [sentence for sentence in (log.note, _dropouts(log)) if sentence]
+    summary.append(f"{'topic':28s} {'samples':>8s} {'a second':>9s}")
     for name, rows in (
         ("attitude", log.attitude),
         ("attitude setpoint", log.attitude_setpoint),
@@ -70,14 +70,14 @@ def lines(log: Px4Log) -> list[str]:
         ("status", log.status),
     ):
         rate_hz = rows.size / max(log.length_s, 1e-3)
-        found.append(f"{name:28s} {rows.size:8d} {rate_hz:9.1f}")
+        summary.append(f"{name:28s} {rows.size:8d} {rate_hz:9.1f}")
 
-    found += _flight_lines(log)
-    told = [f"{mode} from {time_s - log.begin_s:.1f} s" for time_s, mode in modes(log.status)]
-    if told:
-        found.append(f"Modes: {', '.join(told[:_MOST_LINES])}.")
-    found += _said(log.texts, log.begin_s)
-    return found
+    summary += _flight_lines(log)
+    changes = [f"{mode} from {time_s - log.begin_s:.1f} s" for time_s, mode in modes(log.status)]
+    if changes:
+        summary.append(f"Modes: {', '.join(changes[:_MOST_LINES])}.")
+    summary += _message_lines(log.texts, log.begin_s)
+    return summary
 
 
 def _dropouts(log: Px4Log) -> str:
@@ -87,8 +87,8 @@ def _dropouts(log: Px4Log) -> str:
 
 
 def _flight_lines(log: Px4Log) -> list[str]:
-    """Return how high, how fast, how tilted, how empty."""
-    found = []
+    """Return lines on the largest height, speed and tilt, and on the battery."""
+    summary = []
     if log.position.size:
         values = log.position.values
         with np.errstate(all="ignore"):
@@ -100,32 +100,33 @@ def _flight_lines(log: Px4Log) -> list[str]:
             up = up_in_body(flu_of_frd(log.attitude.values))
             tilt_deg = np.degrees(np.arccos(np.clip(up[:, 2], -1.0, 1.0)))
             parts.append(f"tilted up to {_most(tilt_deg):.0f} deg")
-        found.append(f"By PX4's own estimate: {', '.join(parts)}.")
+        summary.append(f"By PX4's own estimate: {', '.join(parts)}.")
 
     if log.battery.size:
         voltage_v, frac = log.battery.values.T
-        found.append(
+        summary.append(
             f"Battery: {_first(voltage_v):.1f} V to {_least(voltage_v):.1f} V,"
             f" {100.0 * _first(frac):.0f} % to {100.0 * _least(frac):.0f} %."
         )
-    return found
+    return summary
 
 
-def _said(texts: Iterable[LoggedText], begin_s: float) -> list[str]:
+def _message_lines(texts: Iterable[LoggedText], begin_s: float) -> list[str]:
+    """Return lines on PX4's messages: their number, and the warnings and errors among them."""
     texts = list(texts)
     serious = [text for text in texts if text.level in _SERIOUS]
     if not serious:
         return [f"PX4 said {len(texts)} lines, none of them a warning."]
-    found = [f"PX4 said {len(texts)} lines, of which {len(serious)} are warnings or errors:"]
+    summary = [f"PX4 said {len(texts)} lines, of which {len(serious)} are warnings or errors:"]
     for text in serious[:_MOST_LINES]:
-        found.append(f"  {text.time_s - begin_s:8.2f} s  {text.level:8s} {text.text}")
+        summary.append(f"  {text.time_s - begin_s:8.2f} s  {text.level:8s} {text.text}")
     if len(serious) > _MOST_LINES:
-        found.append(f"  and {len(serious) - _MOST_LINES} more.")
-    return found
+        summary.append(f"  and {len(serious) - _MOST_LINES} more.")
+    return summary
 
 
 def fleet_lines(found: FoundLogs) -> list[str]:
-    """Return the logs of a flight on one clock: seconds since the record's begin."""
+    """Return a summary of a flight's logs; times are seconds since the record's begin."""
     if not found.logs and not found.notes:
         return []
     lines = ["PX4's own logs, on the record's clock:"]
@@ -134,61 +135,62 @@ def fleet_lines(found: FoundLogs) -> list[str]:
             f"{'vehicle':16s} {'from':>8s} {'to':>8s} {'battery':>14s} {'warnings':>9s}"
             f" {'tilt differs':>13s} {'place differs':>14s}"
         )
-    lines += [_fleet_line(one) for one in found.logs.values()]
+    lines += [_fleet_line(log) for log in found.logs.values()]
     lines += list(found.notes)
     return lines + _story(found.logs.values())
 
 
 def fleet_mapping(found: FoundLogs) -> dict[str, Any]:
-    """Return the same for programs."""
+    """Return the summary of a flight's logs as data for programs."""
     return {
         "logs": {
             name: {
-                **as_mapping(one.log),
-                "offset_s": one.alignment.offset_s,
-                "drift_ppm": 1e6 * one.alignment.drift_frac,
-                "residual_deg": one.alignment.residual_deg,
-                "position_residual_m": one.position_residual_m,
+                **as_mapping(flight_log.log),
+                "offset_s": flight_log.alignment.offset_s,
+                "drift_ppm": 1e6 * flight_log.alignment.drift_frac,
+                "residual_deg": flight_log.alignment.residual_deg,
+                "position_residual_m": flight_log.position_residual_m,
             }
-            for name, one in found.logs.items()
+            for name, flight_log in found.logs.items()
         },
         "left_out": list(found.notes),
     }
 
 
-def _fleet_line(one: FlightLog) -> str:
+def _fleet_line(flight_log: FlightLog) -> str:
     battery = "not logged"
-    if one.log.battery.size:
-        frac = one.log.battery.values[:, 1]
+    if flight_log.log.battery.size:
+        frac = flight_log.log.battery.values[:, 1]
         battery = f"{100.0 * _first(frac):.0f} to {100.0 * _least(frac):.0f} %"
-    warnings = sum(text.level in _SERIOUS for text in one.log.texts)
+    warnings = sum(text.level in _SERIOUS for text in flight_log.log.texts)
     place = "not known"
-    if np.isfinite(one.position_residual_m):
-        place = f"{one.position_residual_m:.2f} m"
+    if np.isfinite(flight_log.position_residual_m):
+        place = f"{flight_log.position_residual_m:.2f} m"
     return (
-        f"{one.vehicle:16s} {one.begin_s:8.1f} {one.end_s:8.1f} {battery:>14s} {warnings:9d}"
-        f" {one.alignment.residual_deg:9.2f} deg {place:>14s}"
+        f"{flight_log.vehicle:16s} {flight_log.begin_s:8.1f} {flight_log.end_s:8.1f}"
+        f" {battery:>14s} {warnings:9d}"
+        f" {flight_log.alignment.residual_deg:9.2f} deg {place:>14s}"
     )
 
 
 def _story(logs: Iterable[FlightLog]) -> list[str]:
-    """Return warnings, errors and modes of all vehicles in the order of time."""
-    rows: list[tuple[float, str]] = []
-    for one in logs:
-        for time_s, mode in modes(one.log.status):
-            rows.append((one.on_record_s(time_s), f"{one.vehicle:16s} mode     {mode}"))
-        for text in one.texts:
+    """Return warnings, errors and mode changes of all vehicles in order of time."""
+    events: list[tuple[float, str]] = []
+    for log in logs:
+        for time_s, mode in modes(log.log.status):
+            events.append((log.on_record_s(time_s), f"{log.vehicle:16s} mode     {mode}"))
+        for text in log.texts:
             if text.level in _SERIOUS:
-                rows.append((text.time_s, f"{one.vehicle:16s} {text.level:8s} {text.text}"))
-    rows.sort()
-    found = [f"{time_s:9.2f} s  {words}" for time_s, words in rows[: 2 * _MOST_LINES]]
-    if len(rows) > 2 * _MOST_LINES:
-        found.append(f"and {len(rows) - 2 * _MOST_LINES} lines more.")
-    return found
+                events.append((text.time_s, f"{log.vehicle:16s} {text.level:8s} {text.text}"))
+    events.sort()
+    story = [f"{time_s:9.2f} s  {words}" for time_s, words in events[: 2 * _MOST_LINES]]
+    if len(events) > 2 * _MOST_LINES:
+        story.append(f"and {len(events) - 2 * _MOST_LINES} lines more.")
+    return story
 
 
 def modes(status: LogRows) -> list[tuple[float, str]]:
-    """Return when PX4 flew another mode than before, and which."""
+    """Return the times [s] at which PX4's mode changed, each with the new mode."""
     changes: list[tuple[float, str]] = []
     for time_s, state in zip(status.time_s.tolist(), status.values[:, 1].tolist(), strict=True):
         mode = "not known" if state != state else _MODES.get(int(state), f"mode {int(state)}")

@@ -1,8 +1,8 @@
-"""One log of PX4, read into arrays: what PX4 believed, what it was told, what it said.
+"""Reads a PX4 log (ULog) into arrays: PX4's estimates, setpoints, battery, status and messages.
 
-The file comes from a card that may have been pulled out in flight, or from anybody. pyulog reads
-what is whole and leaves out what is not; where it gives up, the file is refused in a sentence.
-Only the topics that are shown are kept. Times are seconds since PX4's start.
+The file comes from a card that may have been pulled out in flight, or from an unknown source.
+pyulog reads the intact parts and leaves out damaged ones; where it fails, the file is refused with
+a sentence. Only the topics that are shown are kept. Times are seconds since PX4's start.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from onboard.plain_text import plain_line
 MOST_TEXTS = 5_000
 MOST_LETTERS = 300
 MOST_DROPOUTS = 100_000
-LARGEST = 1e9  # of any quantity; a larger number is none
+LARGEST = 1e9  # largest believable value of any quantity; larger ones become NaN
 _HEAD = b"ULog\x01\x12\x35"
 _TOPICS = [
     "vehicle_attitude",
@@ -38,12 +38,14 @@ _TOPICS = [
     "vehicle_status",
 ]
 _ANSI = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
-_ARMED = 2  # vehicle_status.arming_state
+_ARMED = 2  # value of vehicle_status.arming_state
+_LEVELS = {"emerg": "error", "alert": "error", "crit": "error", "critical": "error", "err": "error"}
+_LEVELS |= {"emergency": "error", "notice": "info", "unknown": "info"}
 
-_DEEPEST = 20  # types within each other
-_MOST_FIELDS = 10_000  # of a topic, with those of the types in it
+_DEEPEST = 20  # deepest nesting of types
+_MOST_FIELDS = 10_000  # most fields of a topic, nested types included
 
-# What pyulog raises on bytes that are no ULog.
+# Exceptions that pyulog raises on bytes that are no ULog.
 _BROKEN = (
     ULogException,
     ArithmeticError,
@@ -71,7 +73,7 @@ class LogRows(NamedTuple):
 
 
 class LoggedText(NamedTuple):
-    """One line that PX4 said."""
+    """One message of PX4."""
 
     time_s: float
     level: str  # error, warning, info or debug
@@ -79,7 +81,7 @@ class LoggedText(NamedTuple):
 
 
 class Px4Log(NamedTuple):
-    """One log."""
+    """One log of PX4."""
 
     path: str
     size_bytes: int
@@ -88,23 +90,23 @@ class Px4Log(NamedTuple):
     about: dict[str, str]  # version, board and the like, for people
     parameter_count: int
     attitude: LogRows  # quaternion NED <- FRD, wxyz
-    attitude_setpoint: LogRows  # the same, that PX4 flies
+    attitude_setpoint: LogRows  # likewise
     position: LogRows  # x, y, z [m] and vx, vy, vz [m/s], NED, in PX4's local frame
     position_setpoint: LogRows  # x, y, z [m]
     battery: LogRows  # voltage [V], remaining [0..1]
     status: LogRows  # arming_state, nav_state, failsafe
     texts: tuple[LoggedText, ...]
-    dropout_s: float  # in all, for which nothing was written
-    note: str = ""  # what is wrong with the file
+    dropout_s: float  # total time for which nothing was written
+    note: str = ""  # sentence on damage of the file; empty if there is none
 
     @property
     def length_s(self) -> float:
-        """From the first sample to the last."""
+        """Time from the first sample to the last."""
         return max(0.0, self.end_s - self.begin_s)
 
     @property
     def armed_s(self) -> float:
-        """Time for which it was armed."""
+        """Time for which the vehicle was armed."""
         if self.status.size < 2:
             return 0.0
         is_armed = self.status.values[:-1, 0] == _ARMED
@@ -115,10 +117,10 @@ def read_log(path: Path) -> Px4Log:
     """Read a log.
 
     Args:
-        path: of the file.
+        path: the file's path.
 
     Raises:
-        ConfigError: it is no log, or nothing of it can be read.
+        ConfigError: the file is no log, or nothing in it can be read.
     """
     with opened(path, ULOG) as file:
         size_bytes = file.seek(0, 2)
@@ -133,13 +135,13 @@ def read_log(path: Path) -> Px4Log:
             topics.setdefault(data.name, data.data)
 
     quaternion = [f"q[{part}]" for part in range(4)]
-    wanted_quaternion = [f"q_d[{part}]" for part in range(4)]
-    place = ["x", "y", "z"]
+    setpoint_quaternion = [f"q_d[{part}]" for part in range(4)]
+    position = ["x", "y", "z"]
     rows = {
         "attitude": _rows(topics, "vehicle_attitude", quaternion),
-        "attitude_setpoint": _rows(topics, "vehicle_attitude_setpoint", wanted_quaternion),
-        "position": _rows(topics, "vehicle_local_position", [*place, "vx", "vy", "vz"]),
-        "position_setpoint": _rows(topics, "vehicle_local_position_setpoint", place),
+        "attitude_setpoint": _rows(topics, "vehicle_attitude_setpoint", setpoint_quaternion),
+        "position": _rows(topics, "vehicle_local_position", [*position, "vx", "vy", "vz"]),
+        "position_setpoint": _rows(topics, "vehicle_local_position_setpoint", position),
         "battery": _rows(topics, "battery_status", ["voltage_v", "remaining"]),
         "status": _rows(topics, "vehicle_status", ["arming_state", "nav_state", "failsafe"]),
     }
@@ -151,21 +153,21 @@ def read_log(path: Path) -> Px4Log:
     return Px4Log(
         path=str(path),
         size_bytes=size_bytes,
-        begin_s=min(float(one[0]) for one in times_s),
-        end_s=max(float(one[-1]) for one in times_s),
+        begin_s=min(float(topic_times_s[0]) for topic_times_s in times_s),
+        end_s=max(float(topic_times_s[-1]) for topic_times_s in times_s),
         about=_about(log),
         parameter_count=len(log.initial_parameters),
         texts=texts,
-        dropout_s=sum(one.duration for one in log.dropouts[:MOST_DROPOUTS]) * 1e-3,
+        dropout_s=sum(dropout.duration for dropout in log.dropouts[:MOST_DROPOUTS]) * 1e-3,
         note=note,
         **rows,
     )
 
 
 def _parsed(path: Path) -> tuple[ULog, str]:
-    """Return a file as pyulog reads it, and a sentence on what is wrong with it."""
+    """Return a file as pyulog reads it, and a sentence on its damage; empty if there is none."""
     try:
-        # pyulog says what it does not like on the standard output, and closes what it has read
+        # pyulog prints its complaints to standard output, and closes the file that it reads.
         with contextlib.redirect_stdout(io.StringIO()):
             with opened(path, ULOG) as file:
                 _check_formats(ULog(file, parse_header_only=True), path)
@@ -184,14 +186,14 @@ def _parsed(path: Path) -> tuple[ULog, str]:
 
 
 def _check_formats(log: ULog, path: Path) -> None:
-    """Refuse topics that would have absurdly many fields: types may hold others, again and again.
+    """Refuse topics with absurdly many fields, which types nested in each other can have.
 
     Args:
-        log: with its formats, and without data.
-        path: of the file.
+        log: the log's header: formats without data.
+        path: the file's path.
 
     Raises:
-        ConfigError: one of them has.
+        ConfigError: a topic has too many fields.
     """
     formats = log.message_formats
     counts: dict[str, int] = {}
@@ -200,7 +202,7 @@ def _check_formats(log: ULog, path: Path) -> None:
         if name not in formats:
             return 1
         if name not in counts:
-            counts[name] = _MOST_FIELDS + 1  # a type that holds itself never ends
+            counts[name] = _MOST_FIELDS + 1  # refuses a type that contains itself
             if depth < _DEEPEST:
                 counts[name] = sum(
                     max(1, size) * count(kind, depth + 1) for kind, size, _ in formats[name].fields
@@ -213,7 +215,7 @@ def _check_formats(log: ULog, path: Path) -> None:
 
 
 def _rows(topics: Mapping[str, Mapping[str, Any]], name: str, fields: list[str]) -> LogRows:
-    """Return samples of a topic; none where it, or one of its fields, is missing."""
+    """Return samples of a topic; none if the topic or one of the fields is missing."""
     nothing = LogRows(np.zeros(0), np.zeros((0, len(fields))))
     topic = topics.get(name)
     if topic is None or any(field not in topic for field in ("timestamp", *fields)):
@@ -224,7 +226,7 @@ def _rows(topics: Mapping[str, Mapping[str, Any]], name: str, fields: list[str])
         values = np.stack([np.asarray(topic[field], dtype=np.float64) for field in fields], axis=-1)
     values[~(np.abs(values) < LARGEST)] = np.nan
 
-    # A damaged file may have stamps that jump: only those that rise are kept.
+    # Timestamps in a damaged file may jump: only samples whose time rises are kept.
     is_plain = np.isfinite(time_s) & (time_s < LARGEST)
     time_s, values = time_s[is_plain], values[is_plain]
     rises = time_s > np.concatenate(([-math.inf], np.maximum.accumulate(time_s)[:-1]))
@@ -232,23 +234,19 @@ def _rows(topics: Mapping[str, Mapping[str, Any]], name: str, fields: list[str])
 
 
 def _texts(log: ULog) -> tuple[LoggedText, ...]:
-    found: list[LoggedText] = []
-    for text in log.logged_messages[:MOST_TEXTS]:
-        words = plain_line(_ANSI.sub("", str(text.message)))[:MOST_LETTERS].strip()
-        level = str(text.log_level_str()).lower()
-        one = LoggedText(text.timestamp * 1e-6, _LEVELS.get(level, level), words)
-        is_new = not found or found[-1] != one  # PX4 writes some lines once for each link
-        if words and math.isfinite(one.time_s) and is_new:
-            found.append(one)
-    return tuple(found)
-
-
-_LEVELS = {"emerg": "error", "alert": "error", "crit": "error", "critical": "error", "err": "error"}
-_LEVELS |= {"emergency": "error", "notice": "info", "unknown": "info"}
+    texts: list[LoggedText] = []
+    for message in log.logged_messages[:MOST_TEXTS]:
+        words = plain_line(_ANSI.sub("", str(message.message)))[:MOST_LETTERS].strip()
+        level = str(message.log_level_str()).lower()
+        text = LoggedText(message.timestamp * 1e-6, _LEVELS.get(level, level), words)
+        is_new = not texts or texts[-1] != text  # PX4 writes some lines once for each link
+        if words and math.isfinite(text.time_s) and is_new:
+            texts.append(text)
+    return tuple(texts)
 
 
 def _about(log: ULog) -> dict[str, str]:
-    """Return what the file says of its vehicle, for people."""
+    """Return the file's information on its vehicle, for people."""
     infos = log.msg_info_dict
     about: dict[str, str] = {}
 

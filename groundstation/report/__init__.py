@@ -1,1 +1,1 @@
-"""A recorded flight as one page that opens offline and plays."""
+"""Writes a recorded flight as one page that opens offline and plays."""

@@ -1,4 +1,4 @@
-"""The values of a fleet file beside their defaults: which were chosen for this fleet. Pure."""
+"""Lists a fleet file's values beside their defaults, to show what was chosen. Pure."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ import msgspec
 
 from onboard.config.fleet import FleetConfig
 
-_MOST_LETTERS = 200  # of a value
-# what says where and who a vehicle is, and has no default that it could differ from
+_MOST_LETTERS = 200  # most letters of a value
+# Keys that tell vehicles apart or say how to reach them: not shown, as they need no default.
 _IDENTITY = frozenset(("name", "index", "system_id", "agent", "autopilot", "direct", "mocap_body"))
-# where things lie on one computer
+# Keys with folders and addresses on one computer: not shown.
 _PLACES = frozenset(("folder", "keys", "routers", "simulator"))
 
 
 class ShownSetting(NamedTuple):
     """One value of a fleet file."""
 
-    table: str  # as the fleet file names it: law, types or vehicles
+    table: str  # fleet, law, mocap, radio or vehicles
     key: str
     value: str
-    default: str  # empty: there is none
-    is_chosen: bool  # differs from the default
-    vehicles: str  # that have it; empty for all
+    default: str  # empty if there is none
+    is_chosen: bool  # whether the value differs from its default
+    vehicles: str  # names of the vehicles with this value; empty for all
 
 
 def settings(fleet: FleetConfig) -> list[ShownSetting]:
@@ -34,39 +34,44 @@ def settings(fleet: FleetConfig) -> list[ShownSetting]:
         fleet: the fleet file.
 
     Returns:
-        Values of the fleet, the law, the mocap, the radio, and of the vehicles, each once where
-        several vehicles share it.
+        Values of the fleet, the law, the mocap, the radio and the vehicles. A value that several
+        vehicles share is listed once.
     """
-    found = [*_of("fleet", fleet.fleet), *_of("law", fleet.law), *_of("mocap", fleet.mocap)]
+    found = [
+        *_table_settings("fleet", fleet.fleet),
+        *_table_settings("law", fleet.law),
+        *_table_settings("mocap", fleet.mocap),
+    ]
     if fleet.radio is not None:
-        found += _of("radio", fleet.radio)
-    return found + _of_vehicles(fleet)
+        found += _table_settings("radio", fleet.radio)
+    return found + _vehicle_settings(fleet)
 
 
-def _of_vehicles(fleet: FleetConfig) -> list[ShownSetting]:
-    """Return the vehicles' values; a value that several have names them together."""
-    having: dict[ShownSetting, list[str]] = {}
+def _vehicle_settings(fleet: FleetConfig) -> list[ShownSetting]:
+    """Return the vehicles' values, each once with the names of the vehicles that share it."""
+    names_by_setting: dict[ShownSetting, list[str]] = {}
     for name, vehicle in fleet.vehicles.items():
-        for setting in _of("vehicles", vehicle):
+        for setting in _table_settings("vehicles", vehicle):
             if setting.key not in _IDENTITY:
-                having.setdefault(setting, []).append(name)
+                names_by_setting.setdefault(setting, []).append(name)
 
     found = []
-    for setting, names in having.items():
+    for setting, names in names_by_setting.items():
         is_of_all = len(names) == len(fleet.vehicles)
         found.append(setting._replace(vehicles="" if is_of_all else ", ".join(names)))
     found.sort(key=lambda setting: setting.key)
     return found
 
 
-def _of(table: str, values: msgspec.Struct, prefix: str = "") -> Iterator[ShownSetting]:
+def _table_settings(table: str, values: msgspec.Struct, prefix: str = "") -> Iterator[ShownSetting]:
+    """Yield the values of one table; a table within it is yielded with dotted keys."""
     for field in msgspec.structs.fields(values):
         if field.name in _PLACES:
             continue
         value = getattr(values, field.name)
         key = prefix + field.name
         if isinstance(value, msgspec.Struct):
-            yield from _of(table, value, f"{key}.")
+            yield from _table_settings(table, value, f"{key}.")
             continue
 
         default = field.default

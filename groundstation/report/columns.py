@@ -1,10 +1,10 @@
-"""Curves as few bytes: each number in two of them, packed as differences. Pure.
+"""Packs curves into two bytes a sample, as differences that compress well. Pure.
 
-All curves of a report lie on one grid of times. A curve is quantised to whole numbers of 16 bits
-(value = offset + scale * number; the least 16-bit number stands for NaN), of which the differences
-from sample to sample are kept, first all their low bytes and then all their high ones: a curve that
-changes little becomes runs of equal bytes, which deflate packs well. ``payload.js`` does the
-reverse.
+All curves of a report have the same grid of times. A curve is quantised to whole numbers of 16 bits
+(value = offset + scale * number; the least 16-bit number stands for NaN). Of these numbers, the
+differences from sample to sample are stored, first all their low bytes and then all their high
+ones: a curve that changes little becomes runs of equal bytes, which deflate packs well.
+``payload.js`` does the reverse.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from onboard.arrays import Array
 
-_MOST = 32_000  # of a quantised number, either sign
-_NOT_KNOWN = -32_768
+_MOST = 32_000  # largest quantised number of a curve, either sign
+_NOT_KNOWN = -32_768  # the number that stands for NaN
 
 
 class Column(NamedTuple):
     """One curve, packed."""
 
-    key: str  # number of its vehicle, and the name of the quantity: 0/x
+    key: str  # number of the vehicle and name of the quantity: 0/x
     scale: float
     offset: float
     data: bytes
@@ -33,9 +33,10 @@ def packed(key: str, values: Array, resolution: float) -> Column:
     """Return a curve, packed.
 
     Args:
-        key: of the curve.
-        values: (n,); NaN where it is not known.
-        resolution: wanted; a curve with a wide range gets a coarser one.
+        key: the curve's name, see :class:`Column`.
+        values: the curve's values (n,); NaN where they are not known.
+        resolution: the finest step between two values; a curve with a wide range gets a coarser
+            one.
     """
     is_known = np.isfinite(values)
     if not is_known.any():
@@ -47,7 +48,7 @@ def packed(key: str, values: Array, resolution: float) -> Column:
     offset = (least + most) / 2.0
     scale = max(resolution, (most - least) / 2.0 / _MOST)
     if (most - least) / 2.0 <= resolution * _MOST:
-        # zero stays exactly zero where the resolution allows it
+        # An offset that is a multiple of the resolution keeps zero exactly zero.
         offset = round(offset / resolution) * resolution
 
     numbers = np.full(values.size, _NOT_KNOWN, np.int16)
@@ -72,6 +73,6 @@ def unpacked(column: Column) -> Array:
 def _planes(numbers: NDArray[np.int16]) -> bytes:
     """Return the differences of 16-bit numbers: all low bytes, then all high ones."""
     unsigned = numbers.view(np.uint16)
-    # differences wrap around, and adding them up wraps back
+    # The differences wrap around at 16 bits; so does the sum that undoes them.
     steps = np.diff(unsigned, prepend=np.uint16(0)).astype(np.uint16)
     return (steps & 0xFF).astype(np.uint8).tobytes() + (steps >> 8).astype(np.uint8).tobytes()

@@ -1,4 +1,4 @@
-"""``DIR/report.html``: what a flight folder has, written as one page."""
+"""Writes ``DIR/report.html``: a flight folder's record and logs as one page."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PAGE_NAME = "report.html"
 
 
 class Written(NamedTuple):
-    """A page that was written."""
+    """A page that was written to a file."""
 
     path: Path
     size: int  # bytes
@@ -26,7 +26,7 @@ class Written(NamedTuple):
 
 
 class MadePage(NamedTuple):
-    """A page that was not written yet."""
+    """A page that is not written to a file."""
 
     text: str  # HTML
     notes: tuple[str, ...]  # sentences about what the record lacks
@@ -42,13 +42,13 @@ def make_page(
     """Return the page of a flight.
 
     Args:
-        folder: flight folder, or its MCAP file.
-        fleet_path: fleet file, where none lies beside the record.
-        compared: flight folder of another flight, shown beside this one.
-        tiles: folder with pictures of the ground.
+        folder: the flight folder, or the MCAP file in it.
+        fleet_path: the fleet file; None takes the one beside the record, if there is one.
+        compared: the flight folder of another flight, shown beside this one.
+        tiles: the folder with pictures of the ground.
 
     Raises:
-        ConfigError: there is no record, no vehicle is in it, or no tile covers its fence.
+        ConfigError: there is no record, it has no vehicle, or no tile covers its fence.
     """
     flight = read_flight(folder, fleet_path)
     ghost = None if compared is None else read_flight(compared)
@@ -80,21 +80,21 @@ def write_page(
     """Write the page of a flight.
 
     Args:
-        folder: flight folder, or its MCAP file.
-        out: file to write; None: ``report.html`` in the flight folder.
-        fleet_path: fleet file, where none lies beside the record.
-        compared: flight folder of another flight, shown beside this one.
-        tiles: folder with pictures of the ground.
+        folder: the flight folder, or the MCAP file in it.
+        out: the file to write; None writes ``report.html`` in the flight folder.
+        fleet_path: the fleet file; None takes the one beside the record, if there is one.
+        compared: the flight folder of another flight, shown beside this one.
+        tiles: the folder with pictures of the ground.
 
     Raises:
-        ConfigError: there is no record, no vehicle is in it, or no tile covers its fence.
+        ConfigError: there is no record, it has no vehicle, or no tile covers its fence.
         OSError: the page cannot be written.
     """
     made = make_page(folder, fleet_path=fleet_path, compared=compared, tiles=tiles)
     text = made.text.encode("utf-8")
     path = out or (folder if folder.is_dir() else folder.parent) / PAGE_NAME
 
-    # whole or not at all: a page that is open elsewhere is never half a page
+    # Replacing the file in one step means that a reader never gets half a page.
     part = path.with_suffix(".part")
     try:
         part.write_bytes(text)

@@ -1,4 +1,4 @@
-"""The law's half-planes in a report: of each vehicle the one for whose neighbour it intervenes."""
+"""Packs the law's half-planes for a report: of each vehicle, that of the neighbour it avoids."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from groundstation.recording.recorded_flight import Flight, VehicleFlight
 from groundstation.report.columns import Column, packed
 from onboard.arrays import Array, IntArray
 
-LEAST_M_S2 = 0.15  # interventions below it are not drawn
-MOST_ROWS = 8_000  # of all vehicles together; of more, each stays for several samples
+LEAST_M_S2 = 0.15  # weaker interventions are not drawn
+MOST_ROWS = 8_000  # most half-planes of all vehicles; with more, one stands for several samples
 _ANGLE_RAD = 0.001
 _ACCELERATION_M_S2 = 0.005
 
@@ -24,31 +24,31 @@ def law_columns(flight: Flight, grid_s: Array, max_gap_s: float) -> Iterator[Col
     Args:
         flight: the flight.
         grid_s: times of the report.
-        max_gap_s: a tick that is older than that is not shown any more.
+        max_gap_s: largest age of a tick that is still shown.
     """
     law = RecordedLaw(flight)
-    wanted = {
+    interventions = {
         name: _samples(vehicle, grid_s, max_gap_s) for name, vehicle in flight.vehicles.items()
     }
-    count = sum(samples.size for samples, _ in wanted.values())
-    stay = max(1, math.ceil(count / MOST_ROWS))
+    count = sum(samples.size for samples, _ in interventions.values())
+    samples_per_row = max(1, math.ceil(count / MOST_ROWS))
 
-    for number, (name, (samples, ticks)) in enumerate(wanted.items()):
+    for number, (name, (samples, ticks)) in enumerate(interventions.items()):
         directions_rad = np.full(grid_s.size, np.nan)
         bounds_m_s2 = np.full(grid_s.size, np.nan)
-        for begin in range(0, samples.size, stay):
+        for begin in range(0, samples.size, samples_per_row):
             row = law.row(name, int(ticks[begin]))
             if row is not None:
-                shown = samples[begin : begin + stay]
-                directions_rad[shown] = math.atan2(row.normal.y, row.normal.x)
-                bounds_m_s2[shown] = row.bound_m_s2
+                covered = samples[begin : begin + samples_per_row]
+                directions_rad[covered] = math.atan2(row.normal.y, row.normal.x)
+                bounds_m_s2[covered] = row.bound_m_s2
         if np.isfinite(bounds_m_s2).any():
             yield packed(f"{number}/row_direction", directions_rad, _ANGLE_RAD)
             yield packed(f"{number}/row_bound", bounds_m_s2, _ACCELERATION_M_S2)
 
 
 def _samples(vehicle: VehicleFlight, grid_s: Array, max_gap_s: float) -> tuple[IntArray, IntArray]:
-    """Return the numbers of the report's samples that have a half-plane, and of their ticks."""
+    """Return indices of the report's samples that have a half-plane, and of their ticks."""
     ticks = vehicle.ticks
     if not ticks.size:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)

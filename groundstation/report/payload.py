@@ -1,11 +1,11 @@
-"""The data of a report: a flight on one grid of times, packed into few bytes.
+"""Packs the data of a report: a flight on one grid of times, in few bytes.
 
-Form, before it is deflated: the length of the header (4 bytes, little-endian), the header (JSON),
-then the columns as :mod:`groundstation.report.columns` packs them, in the header's order. What the
-header has stands in :func:`_header`; ``payload.js`` reads it.
+Format, before it is deflated: the length of the header (4 bytes, little-endian), the header (JSON),
+then the columns as :mod:`groundstation.report.columns` packs them, in the header's order.
+:func:`_header` makes the header; ``payload.js`` reads it.
 
-All texts are cleaned of control characters and cut here. They are still texts that anybody may have
-written: the page shows them by ``textContent`` only.
+All texts are cleaned of control characters and cut here. They still come from outside and may
+contain HTML: the page shows them by ``textContent`` only.
 """
 
 from __future__ import annotations
@@ -38,26 +38,26 @@ from onboard.config.flight_space import flight_space_of
 from onboard.plain_text import plain_line, plain_lines
 
 FORMAT = 1
-MOST_SAMPLES = 150_000  # of all vehicles together
+MOST_SAMPLES = 150_000  # most samples of a curve, all vehicles together
 STEPS_S = (0.02, 0.04, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 60.0)
 MAX_EVENTS = 5_000
-MAX_PAIRS = 4_950  # of a hundred vehicles
+MAX_PAIRS = 4_950  # number of pairs of a hundred vehicles
 MAX_TEXT = 400  # letters of a sentence
 MAX_MISSION = 60_000  # letters of a mission file
 _PATH_GAP_S = 0.5
 _TICK_GAP_S = 0.3
 _TELEMETRY_GAP_S = 3.0
-_UP_M = 0.05  # above where it stood: it has lifted off
+_UP_M = 0.05  # height above its first position from which on a vehicle counts as flying
 _HEAD = struct.Struct("<I")
 
-# resolutions of the columns
+# Resolutions of the columns.
 _METRE = 0.001
-_ANGLE = 1.0 / 32_000.0  # of a quaternion's part
+_ANGLE = 1.0 / 32_000.0  # component of a quaternion
 _ACCELERATION = 0.005
 _SECOND = 0.001
 _FRACTION = 0.0005
 
-# MAVLink's GPS_FIX_TYPE by the words of telemetry
+# Telemetry's words for a fix, as numbers of MAVLink's GPS_FIX_TYPE.
 FIX_NUMBERS = {
     "no receiver": 0.0,
     "no fix": 1.0,
@@ -82,11 +82,11 @@ def payload(
     """Return the data of a report, deflated.
 
     Args:
-        flight: that is shown.
+        flight: the flight to show.
         made_by: name and version of this program.
-        ghost: another flight of the same vehicles, shown beside it; put at the same lift-off.
-        logs: PX4's own, on the record's clock.
-        ground: pictures of the ground below the flight, of whoever knows its fleet.
+        ghost: another flight of the same vehicles, shown beside it from the same lift-off.
+        logs: PX4's own logs on the record's clock.
+        ground: pictures of the ground below the flight; shown only if its fleet file is known.
     """
     step_s = _step_s(flight)
     grid_s = np.arange(flight.begin_s, flight.length_s + step_s / 2.0, step_s)
@@ -114,7 +114,7 @@ def payload(
 
 
 def _step_s(flight: Flight) -> float:
-    """Return the finest step of the grid that gives no more than MOST_SAMPLES."""
+    """Return the finest step with which a curve of all vehicles has at most MOST_SAMPLES."""
     for step_s in STEPS_S:
         if len(flight.vehicles) * flight.length_s / step_s <= MOST_SAMPLES:
             return step_s
@@ -127,7 +127,7 @@ def _step_s(flight: Flight) -> float:
 def _columns(
     number: int, vehicle: VehicleFlight, names: tuple[str, ...], grid_s: Array, step_s: float
 ) -> Iterator[Column]:
-    """Yield the curves of one vehicle, as far as the record has them."""
+    """Yield the curves of one vehicle that the record contains."""
     yield from _path_columns(number, vehicle, grid_s)
     if vehicle.ticks.size:
         yield from _tick_columns(number, vehicle, names, grid_s, step_s)
@@ -162,7 +162,7 @@ def _tick_columns(
     def shown(values: Array) -> Array:
         return at_times(ticks.time_s, values, grid_s, _TICK_GAP_S)
 
-    # of what lasts only for some ticks the largest value of each step is kept
+    # Of quantities that peak for a few ticks only, each sample is the largest value in its step.
     edges_s = np.append(grid_s - step_s / 2.0, grid_s[-1] + step_s / 2.0)
 
     def largest(values: Array) -> Array:
@@ -186,7 +186,7 @@ def _tick_columns(
 
 
 def _fix_numbers(fixes: Sequence[str]) -> Array:
-    """Return fixes as numbers, (n,): MAVLink's GPS_FIX_TYPE; NaN where none is known."""
+    """Return fixes as numbers (n,) of MAVLink's GPS_FIX_TYPE; NaN for unknown ones."""
     return np.array([FIX_NUMBERS.get(fix, math.nan) for fix in fixes])
 
 
@@ -199,7 +199,7 @@ def _telemetry_columns(
     def shown(values: Array) -> Array:
         return at_times(telemetry.time_s, values, grid_s, gap_s)
 
-    # battery and wind
+    # Battery and wind.
     wind_enu_m_s = telemetry.wind_enu_m_s
     yield packed(f"{number}/battery", shown(telemetry.battery_frac), _FRACTION)
     yield packed(f"{number}/voltage", shown(telemetry.battery_voltage_v), 0.01)
@@ -208,12 +208,12 @@ def _telemetry_columns(
     yield packed(f"{number}/gust", shown(telemetry.gust_m_s), 0.01)
     yield packed(f"{number}/max_wind", shown(telemetry.max_wind_m_s), 0.01)
 
-    # satellites
+    # Satellites.
     if any(telemetry.fixes):
         yield packed(f"{number}/fix", shown(_fix_numbers(telemetry.fixes)), 1.0)
         yield packed(f"{number}/corrections_age", shown(telemetry.corrections_age_s), 0.01)
 
-    # ages and lateness
+    # Ages and lateness.
     yield packed(f"{number}/state_age", shown(telemetry.state_age_s), _SECOND)
     yield packed(f"{number}/autopilot_age", shown(telemetry.autopilot_age_s), _SECOND)
     yield packed(f"{number}/neighbour_age", shown(telemetry.neighbour_age_s), _SECOND)
@@ -221,7 +221,7 @@ def _telemetry_columns(
     yield packed(f"{number}/mocap_delay", shown(telemetry.mocap_delay_s), _SECOND)
     yield packed(f"{number}/hover", shown(telemetry.hover_thrust_frac), _FRACTION)
 
-    # what has gone wrong so far
+    # Counts of failures since the agent's start.
     for name in ("late_ticks", "missed_ticks"):
         yield packed(f"{number}/{name}", shown(getattr(telemetry, name)), 1.0)
     lost = np.nansum(
@@ -258,7 +258,7 @@ def _ghost_columns(flight: Flight, ghost: Flight, grid_s: Array) -> Iterator[Col
 
 
 def _lift_off_s(flight: Flight) -> float:
-    """Return when the first vehicle leaves the ground; the begin where none does."""
+    """Return the time at which the first vehicle leaves the ground; the begin if none does."""
     lifted_s = []
     for vehicle in flight.vehicles.values():
         times_s, positions_enu_m = vehicle.path
@@ -273,7 +273,7 @@ def _lift_off_s(flight: Flight) -> float:
     return min(lifted_s, default=flight.begin_s)
 
 
-# -- everything that is no curve -------------------------------------------------------------------
+# -- header ----------------------------------------------------------------------------------------
 
 
 def _header(
@@ -290,7 +290,7 @@ def _header(
         "has_truth": flight.has_truth,
         "fleet": _fleet(flight),
         "verdict": _cleaned(flight.verdict),
-        "vehicles": [_vehicle(one) for one in flight.vehicles.values()],
+        "vehicles": [_vehicle(vehicle) for vehicle in flight.vehicles.values()],
         "events": [
             [
                 round(time_s, 3),
@@ -313,7 +313,7 @@ def _header(
             for order in flight.orders[:MAX_EVENTS]
         ],
         "pairs": _pairs(flight),
-        "settings": [] if flight.fleet is None else [list(one) for one in settings(flight.fleet)],
+        "settings": [] if flight.fleet is None else [list(row) for row in settings(flight.fleet)],
         "versions": _versions(flight),
         "mission": plain_lines(flight.mission)[:MAX_MISSION],
         "columns": [[column.key, column.scale, column.offset] for column in columns],
@@ -336,12 +336,12 @@ def _fleet(flight: Flight) -> dict[str, Any] | None:
         "battery_land_frac": fleet.battery_land_pct / 100.0,
         "fence": [[fence.x[0], fence.y[0], fence.z[0]], [fence.x[1], fence.y[1], fence.z[1]]],
         "obstacles": [
-            {"name": _text(one.name), "capsules_enu_m": one.capsules_enu_m}
-            for one in flight.fleet.obstacles
+            {"name": _text(obstacle.name), "capsules_enu_m": obstacle.capsules_enu_m}
+            for obstacle in flight.fleet.obstacles
         ],
         "areas": [
-            {**one._asdict(), "name": _text(one.name)}
-            for one in flight_space_of(flight.fleet).outlines()
+            {**area._asdict(), "name": _text(area.name)}
+            for area in flight_space_of(flight.fleet).outlines()
         ],
     }
 
@@ -359,7 +359,7 @@ def _vehicle(vehicle: VehicleFlight) -> dict[str, Any]:
 
 
 def _changes(times_s: Array, texts: list[str]) -> list[tuple[float, str]]:
-    """Return when a text became another one."""
+    """Return the times [s] at which a text changed, each with the new text."""
     changes: list[tuple[float, str]] = []
     last_text: str | None = None
     for time_s, text in zip(times_s, texts, strict=True):
@@ -375,7 +375,7 @@ def _changes(times_s: Array, texts: list[str]) -> list[tuple[float, str]]:
 def _pairs(flight: Flight) -> list[list[Any]]:
     """Return the smallest distance of each pair while one of the two flew, the nearest first.
 
-    It is found at every sample of the record, and so it is exact where the curves are not.
+    The distances come from all samples of the record, so they are more exact than the curves.
     """
     tracks = {}
     for name, vehicle in flight.vehicles.items():
@@ -411,11 +411,11 @@ def _pairs(flight: Flight) -> list[list[Any]]:
 
 
 def _versions(flight: Flight) -> list[list[str]]:
-    """Return what flew, as [what, version] for people."""
-    rows: list[list[str]] = [[_text(what), _text(version)] for what, version in flight.made.items()]
+    """Return the versions of what flew as rows [component, version] for people."""
+    rows: list[list[str]] = [[_text(part), _text(version)] for part, version in flight.made.items()]
 
-    px4: dict[str, list[str]] = {}  # version -> vehicles
-    hashes: dict[str, list[str]] = {}  # hash -> vehicles
+    px4: dict[str, list[str]] = {}  # vehicles by version
+    hashes: dict[str, list[str]] = {}  # vehicles by hash
     for name, vehicle in flight.vehicles.items():
         if vehicle.preflight is not None and vehicle.preflight.px4_version is not None:
             major, minor = vehicle.preflight.px4_version
@@ -423,12 +423,12 @@ def _versions(flight: Flight) -> list[list[str]]:
         if vehicle.telemetry.config_hash:
             hashes.setdefault(vehicle.telemetry.config_hash, []).append(name)
 
-    for what, versions in (("PX4", px4), ("hash of fleet file and law", hashes)):
+    for part, versions in (("PX4", px4), ("hash of fleet file and law", hashes)):
         for version, names in versions.items():
             vehicles = ""
             if len(names) < len(flight.vehicles):
                 vehicles = f" ({', '.join(names)})"
-            rows.append([what, _text(version + vehicles)])
+            rows.append([part, _text(version + vehicles)])
     return rows
 
 
@@ -445,14 +445,16 @@ def _cleaned(value: Any) -> Any:
     return value
 
 
-def _text(text: str, most: int = MAX_TEXT) -> str:
+def _text(text: str, most_letters: int = MAX_TEXT) -> str:
+    """Return a text as one line without control characters, cut to some letters."""
     line = plain_line(text)
-    if len(line) <= most:
+    if len(line) <= most_letters:
         return line
-    return f"{line[: most - 1]}…"
+    return f"{line[: most_letters - 1]}…"
 
 
 def _number(value: float) -> float | None:
+    """Return a value rounded for JSON; None if it is not finite."""
     if math.isfinite(value):
         return round(value, 4)
     return None

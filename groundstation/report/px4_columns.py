@@ -1,7 +1,7 @@
-"""PX4's own log in a report: its curves on the report's times beside the record's, and its words.
+"""Packs PX4's own log for a report: its curves on the report's times, its modes and messages.
 
-Angles are PX4's: roll to the right, pitch with the nose up, heading clockwise from north [deg].
-Positions are in the fleet's frame, shifted by what they differ from the record by in the median.
+Angles have PX4's signs: roll to the right, pitch with the nose up, heading clockwise from north
+[deg]. Positions are in the fleet's frame, shifted by their median difference from the record's.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from groundstation.report.columns import Column, packed
 from onboard.arrays import Array
 from onboard.plain_text import plain_line
 
-MOST_TEXTS = 1_000  # of one vehicle
+MOST_TEXTS = 1_000  # most messages, and most mode changes, of one vehicle
 _ANGLE_DEG = 0.02
 _METRE = 0.001
 _VOLT = 0.005
@@ -36,9 +36,9 @@ def px4_columns(
     """Yield the curves of one vehicle's log, and the record's attitude in the same angles.
 
     Args:
-        number: of the vehicle.
-        vehicle: its part of the record.
-        found: its log.
+        number: the vehicle's number in the report.
+        vehicle: the vehicle's part of the record.
+        found: the vehicle's log.
         grid_s: times of the report.
     """
     log = found.log
@@ -47,8 +47,9 @@ def px4_columns(
         yield from _columns(number, prefix, _ANGLES, angles_deg, _ANGLE_DEG)
     if vehicle.ticks.size:
         ticks = vehicle.ticks
-        own = LogRows(ticks.time_s, ticks.attitude_quaternion_enu_flu_wxyz)
-        yield from _columns(number, "own_", _ANGLES, _angles_of_enu_deg(own, grid_s), _ANGLE_DEG)
+        recorded = LogRows(ticks.time_s, ticks.attitude_quaternion_enu_flu_wxyz)
+        angles_deg = _angles_of_enu_deg(recorded, grid_s)
+        yield from _columns(number, "own_", _ANGLES, angles_deg, _ANGLE_DEG)
 
     for prefix, rows in (
         ("px4_", found.position_enu_m),
@@ -63,35 +64,36 @@ def px4_columns(
 
 
 def px4_header(found: FoundLogs, names: tuple[str, ...]) -> list[dict[str, Any]]:
-    """Return what is no curve, for each vehicle that has a log.
+    """Return the header's entry for each vehicle that has a log: everything but the curves.
 
     Args:
         found: the logs of the flight.
-        names: of the vehicles, in the order of their numbers.
+        names: the vehicles' names, in the order of their numbers.
     """
     return [
         {
             "vehicle": names.index(name),
-            "file": plain_line(Path(one.log.path).name),
-            "from_s": round(one.begin_s, 3),
-            "to_s": round(one.end_s, 3),
-            "residual_deg": round(one.alignment.residual_deg, 3),
-            "place_m": _finite(one.position_residual_m),
-            "about": [[key, value] for key, value in one.log.about.items()],
+            "file": plain_line(Path(flight_log.log.path).name),
+            "from_s": round(flight_log.begin_s, 3),
+            "to_s": round(flight_log.end_s, 3),
+            "residual_deg": round(flight_log.alignment.residual_deg, 3),
+            "place_m": _finite(flight_log.position_residual_m),
+            "about": [[key, value] for key, value in flight_log.log.about.items()],
             "modes": [
-                [round(one.on_record_s(time_s), 2), mode]
-                for time_s, mode in modes(one.log.status)[:MOST_TEXTS]
+                [round(flight_log.on_record_s(time_s), 2), mode]
+                for time_s, mode in modes(flight_log.log.status)[:MOST_TEXTS]
             ],
             "texts": [
                 [round(text.time_s, 3), plain_line(text.level), text.text]
-                for text in one.texts[:MOST_TEXTS]
+                for text in flight_log.texts[:MOST_TEXTS]
             ],
         }
-        for name, one in found.logs.items()
+        for name, flight_log in found.logs.items()
     ]
 
 
 def _finite(value: float) -> float | None:
+    """Return a value rounded for JSON; None if it is not finite."""
     return round(value, 3) if np.isfinite(value) else None
 
 
@@ -103,7 +105,7 @@ def _columns(
 
 
 def _shown(rows: LogRows, grid_s: Array, gap_s: float) -> Array:
-    """Return samples at the report's times; NaN where there are none."""
+    """Return the samples at the report's times; NaN in gaps."""
     if not rows.size:
         return np.full((grid_s.size, rows.values.shape[-1]), np.nan)
     return at_times(rows.time_s, rows.values, grid_s, gap_s)
@@ -121,7 +123,10 @@ def _angles_of_ned_deg(rows: LogRows, grid_s: Array) -> Array:
 
 
 def _angles_of_enu_deg(rows: LogRows, grid_s: Array) -> Array:
-    """Return the same of quaternions ENU <- FLU: left and north change signs and places."""
+    """Return roll, pitch and heading (n, 3) of quaternions ENU <- FLU.
+
+    The formulas for NED <- FRD give the pitch with the nose down, and the turn from east to north.
+    """
     angles_deg = _angles_of_ned_deg(rows, grid_s)
-    roll_deg, pitch_deg, turn_deg = angles_deg.T
-    return np.stack([roll_deg, -pitch_deg, (90.0 - turn_deg) % 360.0], axis=-1)
+    roll_deg, nose_down_deg, from_east_deg = angles_deg.T
+    return np.stack([roll_deg, -nose_down_deg, (90.0 - from_east_deg) % 360.0], axis=-1)

@@ -1,8 +1,8 @@
-"""The page of a report: one file that holds its scripts, its styles and its data. Pure.
+"""Makes the page of a report: one file with its scripts, its styles and its data. Pure.
 
-The browser is told to run exactly these scripts and styles, by their hashes, and to load nothing
-from anywhere: whatever a record has in its texts, nothing of it can be executed. The data are
-base64 in an element that is no script.
+The page's content security policy allows exactly these scripts and styles, by their hashes, and no
+loading from anywhere: no text of a record can be executed. The data are base64 in an element that
+is no script.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ def page(title: str, data: bytes, *, has_pictures: bool = False) -> str:
     """Return the text of the page.
 
     Args:
-        title: of the flight.
-        data: as :func:`groundstation.report.payload.payload` makes them.
-        has_pictures: the data hold pictures of the ground, which the browser may show.
+        title: the flight's title.
+        data: the result of :func:`groundstation.report.payload.payload`.
+        has_pictures: whether the data contain pictures of the ground, which the browser may show.
     """
     scripts = [text_of(name) for name in SCRIPTS] + [_own(name) for name in OWN_SCRIPTS]
     styles = [text_of(name) for name in STYLES] + [_own(OWN_STYLE)]
@@ -48,7 +48,7 @@ def page(title: str, data: bytes, *, has_pictures: bool = False) -> str:
 
 
 def policy(scripts: list[str], styles: list[str], *, has_pictures: bool = False) -> str:
-    """Return the content security policy: these scripts, these styles, and nothing else."""
+    """Return the content security policy, which allows only these scripts and styles."""
     pictures = ["img-src data:"] if has_pictures else []
     return "; ".join(
         [
