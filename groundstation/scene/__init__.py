@@ -1,1 +1,1 @@
-"""What all pages of Covey are drawn with: a scene in three dimensions, curves, and their look."""
+"""Draws what all pages of Covey share: a scene in three dimensions, curves, and their styles."""

@@ -1,10 +1,10 @@
-"""Pictures of the ground for the scene, from a folder of tiles on this computer.
+"""Reads pictures of the ground for the scene from a folder of tiles on this computer.
 
-The folder is what tools for maps write, ``{z}/{x}/{y}.png`` in Web Mercator: y counts from the
-north (XYZ, not TMS). Those tiles are taken that cover the fence, of the finest zoom at which they
-are few enough. Nothing is fetched from anywhere: a tile that the folder lacks is left out.
+The folder has the layout that map tools write, ``{z}/{x}/{y}.png`` in Web Mercator, with y counted
+from the north (XYZ, not TMS). The tiles that cover the fence are taken at the finest zoom at which
+they are few enough. Nothing is downloaded: a tile that the folder lacks is left out.
 
-Who made the pictures says so in ``attribution.txt`` beside them, and the scene shows it.
+The makers of the pictures are named in ``attribution.txt`` beside them, and the scene shows it.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from onboard.plain_text import plain_line
 
 ATTRIBUTION_NAME = "attribution.txt"
 MOST_TILES = 64
-MOST_BYTES = 8_000_000  # of all tiles together
+MOST_BYTES = 8_000_000  # most bytes of all tiles together
 _MOST_ZOOM = 24
 _MOST_SIDE_PX = 1024
-_MOST_LETTERS = 200  # of the attribution
-_MARGIN = 0.15  # of the fence's size, around it
-_MERCATOR_LATITUDE_DEG = 85.05  # beyond it Web Mercator has no tiles
+_MOST_LETTERS = 200  # most letters of the attribution
+_MARGIN = 0.15  # margin around the fence, as a share of its size
+_MERCATOR_LATITUDE_DEG = 85.05  # largest latitude with tiles in Web Mercator
 _PNG_BEGIN = b"\x89PNG\r\n\x1a\n"
-_HEADER_BYTES = 24  # of a PNG, up to its size in pixels
+_HEADER_BYTES = 24  # bytes of a PNG up to the end of its size in pixels
 
 
 class GroundTile(NamedTuple):
-    """One picture."""
+    """One picture of the ground."""
 
     corners_enu_m: tuple[tuple[float, float], ...]  # north-west, north-east, south-west, south-east
     png: bytes
@@ -48,6 +48,8 @@ class GroundTiles(NamedTuple):
 
 
 class _Address(NamedTuple):
+    """Zoom, column and row of a tile."""
+
     zoom: int
     x: int
     y: int
@@ -57,12 +59,12 @@ def read_ground_tiles(folder: Path, fleet: FleetConfig) -> GroundTiles:
     """Return the tiles of a folder that cover a fleet's fence.
 
     Args:
-        folder: with ``{z}/{x}/{y}.png``.
-        fleet: with an ``origin`` on Earth.
+        folder: the folder with the tiles ``{z}/{x}/{y}.png``.
+        fleet: the fleet file; it needs an ``origin`` on Earth.
 
     Raises:
-        ConfigError: the fleet has no origin, no tile covers its fence, one is no PNG or too large,
-            or all together are.
+        ConfigError: the fleet has no origin, no tile covers its fence, a tile is no PNG or too
+            large, or all tiles together are too large.
     """
     origin = fleet.fleet.origin
     if isinstance(origin, str):
@@ -74,7 +76,9 @@ def read_ground_tiles(folder: Path, fleet: FleetConfig) -> GroundTiles:
     if not folder.is_dir():
         raise ConfigError(f"--tiles {folder}: there is no such folder.")
 
-    present = [one for one in _wanted(folder, fleet, origin) if _path_of(folder, one).exists()]
+    present = [
+        address for address in _wanted(folder, fleet, origin) if _path_of(folder, address).exists()
+    ]
     if not present:
         raise ConfigError(_no_tiles_words(folder, fleet, origin))
 
@@ -94,11 +98,12 @@ def read_ground_tiles(folder: Path, fleet: FleetConfig) -> GroundTiles:
 
 
 def ground_message(ground: GroundTiles | None, *, is_inside_page: bool) -> dict[str, Any] | None:
-    """Return the pictures as the scene's script takes them.
+    """Return the pictures as data for the scene's script; None if there are none.
 
     Args:
-        ground: the pictures; None: there are none.
-        is_inside_page: the page holds them itself; otherwise it asks its server for them.
+        ground: the pictures.
+        is_inside_page: whether the data contain the pictures; otherwise the page loads them from
+            its server.
     """
     if ground is None:
         return None
@@ -112,15 +117,15 @@ def ground_message(ground: GroundTiles | None, *, is_inside_page: bool) -> dict[
     return {"attribution": ground.attribution, "tiles": tiles}
 
 
-# -- which tiles -----------------------------------------------------------------------------------
+# -- choice of tiles -------------------------------------------------------------------------------
 
 
 def _wanted(folder: Path, fleet: FleetConfig, origin: Origin) -> list[_Address]:
-    """Return the addresses that cover the fence, of the finest zoom that has some and not many."""
+    """Return the tiles that cover the fence, of the finest zoom whose tiles exist and are few."""
     for zoom in sorted(_zooms(folder), reverse=True):
         addresses = list(_covering(zoom, fleet, origin))
         if len(addresses) <= MOST_TILES and any(
-            _path_of(folder, one).exists() for one in addresses
+            _path_of(folder, address).exists() for address in addresses
         ):
             return addresses
     return []
@@ -134,12 +139,12 @@ def _zooms(folder: Path) -> Iterator[int]:
 
 
 def _covering(zoom: int, fleet: FleetConfig, origin: Origin) -> Iterator[_Address]:
-    """Yield the tiles of a zoom that touch the fence, one more than allowed at most."""
+    """Yield the tiles of a zoom that touch the fence, at most one more than MOST_TILES."""
     count = 2**zoom
     columns_rows = [_tile_share(origin, corner, count) for corner in _fence_corners(fleet)]
     x_middle, _ = _tile_share(origin, (0.0, 0.0), count)
 
-    # by the shorter way around the Earth, also across the date line
+    # Columns are counted the shorter way around the Earth, which may cross the date line.
     columns = [x_middle + _wrapped(x - x_middle, count) for x, _ in columns_rows]
     rows = [y for _, y in columns_rows]
     first_x = math.floor(min(columns))
@@ -147,17 +152,17 @@ def _covering(zoom: int, fleet: FleetConfig, origin: Origin) -> Iterator[_Addres
     first_y = max(0, math.floor(min(rows)))
     last_y = min(count - 1, math.floor(max(rows)))
 
-    found = 0
+    yielded = 0
     for x in range(first_x, last_x + 1):
         for y in range(first_y, last_y + 1):
             yield _Address(zoom=zoom, x=x % count, y=y)
-            found += 1
-            if found > MOST_TILES:
+            yielded += 1
+            if yielded > MOST_TILES:
                 return
 
 
 def _fence_corners(fleet: FleetConfig) -> Iterator[tuple[float, float]]:
-    """Yield the corners of the fence with a margin, east and north."""
+    """Yield the corners (east, north) [m] of the fence with a margin."""
     fence = fleet.fleet.geofence_m
     size_m = max(fence.x[1] - fence.x[0], fence.y[1] - fence.y[0])
     margin_m = _MARGIN * size_m
@@ -175,6 +180,7 @@ def _tile_share(origin: Origin, east_north: tuple[float, float], count: int) -> 
 
 
 def _wrapped(columns: float, count: int) -> float:
+    """Return a number of columns by the shorter way around the Earth."""
     return math.remainder(columns, count)
 
 
@@ -195,7 +201,7 @@ def _path_of(folder: Path, address: _Address) -> Path:
 
 
 def _no_tiles_words(folder: Path, fleet: FleetConfig, origin: Origin) -> str:
-    """Return the refusal of a folder of which no tile covers the fence, with one that would."""
+    """Return the refusal of a folder without a tile at the fence; it names one that would do."""
     zooms = [zoom for zoom in range(_MOST_ZOOM + 1) if _is_few(zoom, fleet, origin)]
     finest = next(_covering(zooms[-1], fleet, origin))
     return (

@@ -1,8 +1,8 @@
-"""The scripts and styles of the scene, as they are sent or written into a page. Pure.
+"""Reads the scripts and styles of the scene, which pages load or contain. Pure.
 
 They are plain files without any build: a page loads the scripts in the order of ``SCRIPTS``, and
-each adds its part to one global object ``Covey``. Only uPlot, which draws curves, is of others; it
-lies here unchanged, with its licence, and a test compares its hash.
+each adds its part to one global object ``Covey``. Only uPlot, which draws curves, is third-party
+code; its files are unchanged, with their licence, and a test compares their hash.
 """
 
 from __future__ import annotations
@@ -26,6 +26,6 @@ def text_of(name: str) -> str:
     """Return the text of one file of this folder.
 
     Args:
-        name: one of ``SCRIPTS``, ``STYLES`` or ``LICENCE_OF_UPLOT``.
+        name: a name in ``SCRIPTS`` or ``STYLES``, or ``LICENCE_OF_UPLOT``.
     """
     return files(__package__).joinpath(name).read_text(encoding="utf-8")

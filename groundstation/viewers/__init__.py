@@ -1,1 +1,1 @@
-"""A recorded flight as the viewers of other people read it: Foxglove, Lichtblick, Rerun."""
+"""Converts flights for third-party viewers: Foxglove, Lichtblick, Rerun."""

@@ -1,4 +1,4 @@
-"""A flying fleet as messages of Foxglove's schemas: the same topics as a record for viewers has."""
+"""Makes messages of Foxglove's schemas of a flying fleet, on the topics of a viewer record."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _NOT_HELD_BACK = ("", "inactive")  # words of the law's status
 
 
 class LiveScene:
-    """The moving part of the scene, and the trails that it remembers.
+    """Makes the moving part of a flying fleet's scene; keeps the vehicles' trails.
 
     Args:
         fleet: the fleet file.
@@ -39,15 +39,15 @@ class LiveScene:
         self._trails: dict[str, deque[PointEnu]] = {
             name: deque(maxlen=points) for name in fleet.enabled_names
         }
-        self._trailed_ns = 0  # when the trails were lengthened last
+        self._trailed_ns = 0  # time at which the trails were last extended
 
     def messages(self, state: FleetState, now_ns: int, stamp_ns: int) -> list[tuple[str, Any]]:
-        """Return the fleet as it is now, as topics and messages of protobuf.
+        """Return the fleet's present state as topics and messages of protobuf.
 
         Args:
-            state: as the ground knows it.
-            now_ns: the ground's clock [ns].
-            stamp_ns: that the messages bear.
+            state: the state of the fleet as the ground knows it.
+            now_ns: time on the ground's clock.
+            stamp_ns: timestamp of the messages.
         """
         known: dict[str, PointEnu] = {}
         for name in self._fleet.enabled_names:
@@ -55,7 +55,7 @@ class LiveScene:
             position = None if view is None else view.position_enu_m(now_ns)
             if position is not None and all(map(math.isfinite, position)):
                 known[name] = position
-        self._lengthen_trails(known, now_ns)
+        self._extend_trails(known, now_ns)
 
         numbers = {name: number for number, name in enumerate(self._fleet.enabled_names)}
         poses = {
@@ -81,7 +81,7 @@ class LiveScene:
             scene.entities.append(entity)
 
         points = {numbers[name]: position for name, position in known.items()}
-        found: list[tuple[str, Any]] = [
+        messages: list[tuple[str, Any]] = [
             ("/tf", transforms_of(poses, stamp_ns)),
             ("/scene", scene),
             ("/positions", cloud_of(points, stamp_ns)),
@@ -89,10 +89,10 @@ class LiveScene:
         if section.global_origin is not None:
             for name, position in known.items():
                 fix = location_fix(position, section.global_origin, stamp_ns)
-                found.append((f"/fix/{name}", fix))
-        return found
+                messages.append((f"/fix/{name}", fix))
+        return messages
 
-    def _lengthen_trails(self, known: dict[str, PointEnu], now_ns: int) -> None:
+    def _extend_trails(self, known: dict[str, PointEnu], now_ns: int) -> None:
         if now_ns - self._trailed_ns < TRAIL_STEP_S * 1e9:
             return
         self._trailed_ns = now_ns
@@ -121,7 +121,7 @@ def _goal(view: VehicleView) -> PointEnu | None:
 
 
 def _avoided(view: VehicleView) -> str:
-    """Return the vehicle that the law intervenes for; nothing when it does not."""
+    """Return the name of the vehicle that the law avoids; empty if it does not intervene."""
     if view.telemetry is None or view.telemetry.law_status.lower() in _NOT_HELD_BACK:
         return ""
     return view.telemetry.avoids or view.telemetry.nearest_vehicle

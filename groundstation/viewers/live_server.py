@@ -1,8 +1,7 @@
-"""The socket that Foxglove, Lichtblick and PlotJuggler read: foxglove-sdk serves it.
+"""Serves messages to Foxglove, Lichtblick and PlotJuggler by foxglove-sdk.
 
-This is the only file that imports foxglove-sdk. The server takes nothing from who connects: no
-parameters, no calls, no messages. A client that is slow loses the oldest messages, and holds up
-nobody.
+This is the only file that imports foxglove-sdk. The server accepts nothing from its clients: no
+parameters, no calls, no messages. A slow client loses the oldest messages, and delays no other.
 """
 
 from __future__ import annotations
@@ -18,14 +17,14 @@ from groundstation.recording.channels import json_schema
 from onboard.config.fleet import ConfigError
 
 MAX_CHANNELS = 1_000
-_BACKLOG = 256  # messages that wait for one client
+_BACKLOG = 256  # most messages that wait for one client
 
 
 class LiveServer:
-    """Serves messages to whoever connects.
+    """Serves messages to all clients that connect.
 
     Args:
-        name: of the fleet, shown by viewers.
+        name: the fleet's name, which viewers show.
     """
 
     def __init__(self, name: str) -> None:
@@ -39,13 +38,13 @@ class LiveServer:
 
         Args:
             host: a loopback address.
-            port: 0 takes any.
+            port: the port; 0 takes any free one.
 
         Returns:
-            The port.
+            The port on which the server listens.
 
         Raises:
-            ConfigError: the port cannot be had.
+            ConfigError: the port cannot be opened.
         """
         try:
             self._server = foxglove.start_server(
@@ -69,7 +68,7 @@ class LiveServer:
         self._server = None
 
     def put(self, topic: str, content: Any, stamp_ns: int) -> None:
-        """Send a message of protobuf to all who want its topic."""
+        """Send a message of protobuf to all clients that subscribe to its topic."""
         channel = self._channels.get(topic)
         if channel is None:
             kind = type(content)
@@ -80,7 +79,7 @@ class LiveServer:
             channel.log(content.SerializeToString(), log_time=stamp_ns)
 
     def put_json(self, topic: str, kind: type[Any], data: bytes, stamp_ns: int) -> None:
-        """Send one of the fleet's own messages, as a record has it."""
+        """Send one of the fleet's own messages, encoded as in a record."""
         channel = self._channels.get(topic)
         if channel is None:
             schema = Schema(
@@ -91,7 +90,7 @@ class LiveServer:
             channel.log(data, log_time=stamp_ns)
 
     def _opened(self, topic: str, encoding: str, schema: Schema) -> Channel | None:
-        """Return a new channel; None when somebody floods the bus with names."""
+        """Return a new channel; None if there are too many, as when a peer floods the bus."""
         if len(self._channels) >= MAX_CHANNELS:
             return None
         channel = Channel(topic, schema=schema, message_encoding=encoding, context=self._context)

@@ -1,11 +1,11 @@
-"""A flight as messages of Foxglove's schemas: frames, scene, positions, log, fixes. Pure.
+"""Makes messages of Foxglove's schemas of a flight: frames, scene, positions, log, fixes. Pure.
 
 All positions are in one frame, ``fleet`` (east, north, up), the parent of a frame for each vehicle.
-So the scene needs no transform, and a viewer that follows a vehicle has one at or before each
-message: the first transforms carry the earliest stamp of the record.
+So the scene needs no transform. A viewer that follows a vehicle finds a transform at or before each
+message, because the first transforms have the earliest stamp of the record.
 
-A scene has an entity for each vehicle, which the next one of the same id replaces, and, once and
-for good (a lifetime of 0), the fence and the obstacles.
+A scene has an entity for each vehicle, which the next entity with the same id replaces. Fence and
+obstacles are sent once and stay (a lifetime of 0).
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ TRAIL_STEP_S = 0.2
 MAX_GAP_S = 0.5
 M_PER_M_S2 = 0.25  # length of an acceleration in the scene
 PLANE_M = 0.45  # half the length of a half-plane's edge
-HATCH_M = 0.09  # length of its strokes to the side that is ruled out
+HATCH_M = 0.09  # spacing and depth of the strokes on the side that the law forbids
 _CAPSULE_CORNERS = 24
-_EARTH_RADIUS_M = 6_371_000.0  # of the sphere that PX4 projects its local frame from
+_EARTH_RADIUS_M = 6_371_000.0  # radius of the sphere in PX4's projection of its local frame
 LEVEL: Quaternion = (1.0, 0.0, 0.0, 0.0)
-# of the figures and the report: they differ also for people with a common colour blindness
+# Colours of figures and report too; they differ also for people with a common colour blindness.
 _COLOURS = (
     (0.00, 0.45, 0.70),
     (0.84, 0.37, 0.00),
@@ -73,11 +73,11 @@ _LEVELS = {
 
 
 class FleetMotion:
-    """Positions and attitudes of all vehicles at some times; NaN where they are not known.
+    """Positions and attitudes of all vehicles at given times; NaN where they are not known.
 
     Args:
         flight: the flight.
-        times_s: (m,) rising.
+        times_s: times (m,), rising.
     """
 
     def __init__(self, flight: Flight, times_s: Array) -> None:
@@ -90,14 +90,14 @@ class FleetMotion:
             self.quaternions[name] = _attitudes(vehicle, times_s)
 
     def position(self, name: str, index: int) -> tuple[float, float, float] | None:
-        """Return where a vehicle was at one of the times; None where it is not known."""
+        """Return a vehicle's position [m] ENU at one of the times; None if it is not known."""
         x, y, z = self.positions_enu_m[name][index]
         if math.isnan(x) or math.isnan(y) or math.isnan(z):
             return None
         return float(x), float(y), float(z)
 
     def quaternion(self, name: str, index: int) -> tuple[float, float, float, float]:
-        """Return a vehicle's attitude at one of the times; level where it is not known."""
+        """Return a vehicle's attitude at one of the times; level if it is not known."""
         w, x, y, z = self.quaternions[name][index]
         length = math.sqrt(w * w + x * x + y * y + z * z)
         if not length > 0.5:
@@ -117,7 +117,7 @@ def _attitudes(vehicle: VehicleFlight, times_s: Array) -> Array:
 
 
 def frame_transforms(motion: FleetMotion, index: int, stamp_ns: int) -> FrameTransforms:
-    """Return where every vehicle's frame is at one time of a flight."""
+    """Return the transform of every vehicle's frame at one time of a flight."""
     poses = {}
     for name in motion.positions_enu_m:
         position = motion.position(name, index)
@@ -129,21 +129,26 @@ def frame_transforms(motion: FleetMotion, index: int, stamp_ns: int) -> FrameTra
 def transforms_of(
     poses: Mapping[str, tuple[PointEnu, Quaternion]], stamp_ns: int
 ) -> FrameTransforms:
-    """Return a frame for each vehicle.
+    """Return the transform of each vehicle's frame.
 
     Args:
-        poses: position [m] ENU and attitude of each vehicle that is known.
-        stamp_ns: of all of them.
+        poses: position [m] ENU and attitude of each vehicle whose position is known.
+        stamp_ns: timestamp of the poses.
     """
-    found = FrameTransforms()
+    message = FrameTransforms()
     for name, (position, quaternion) in poses.items():
-        found.transforms.append(_transform(name, position, quaternion, stamp_ns))
-    return found
+        message.transforms.append(_transform(name, position, quaternion, stamp_ns))
+    return message
 
 
 def first_transforms(flight: Flight, stamp_ns: int) -> FrameTransforms:
-    """Return a transform of every vehicle with the earliest stamp: where it is first seen."""
-    found = FrameTransforms()
+    """Return a transform of every vehicle's frame at its first known position.
+
+    Args:
+        flight: the flight.
+        stamp_ns: the earliest stamp of the record.
+    """
+    message = FrameTransforms()
     for name, vehicle in flight.vehicles.items():
         _, path_enu_m = vehicle.path
         known_enu_m = path_enu_m[np.isfinite(path_enu_m).all(-1)]
@@ -151,8 +156,8 @@ def first_transforms(flight: Flight, stamp_ns: int) -> FrameTransforms:
         if len(known_enu_m):
             x, y, z = known_enu_m[0]
             position = (float(x), float(y), float(z))
-        found.transforms.append(_transform(name, position, LEVEL, stamp_ns))
-    return found
+        message.transforms.append(_transform(name, position, LEVEL, stamp_ns))
+    return message
 
 
 def _transform(
@@ -161,19 +166,20 @@ def _transform(
     quaternion: tuple[float, float, float, float],
     stamp_ns: int,
 ) -> FrameTransform:
-    found = FrameTransform(parent_frame_id=FRAME, child_frame_id=name)
-    found.timestamp.CopyFrom(timestamp(stamp_ns))
-    found.translation.x, found.translation.y, found.translation.z = position
-    rotation = found.rotation
+    transform = FrameTransform(parent_frame_id=FRAME, child_frame_id=name)
+    transform.timestamp.CopyFrom(timestamp(stamp_ns))
+    translation = transform.translation
+    translation.x, translation.y, translation.z = position
+    rotation = transform.rotation
     rotation.w, rotation.x, rotation.y, rotation.z = quaternion
-    return found
+    return transform
 
 
 # -- the scene -------------------------------------------------------------------------------------
 
 
 def static_scene(fleet: FleetConfig, stamp_ns: int) -> SceneUpdate:
-    """Return fence and obstacles, which stay."""
+    """Return the part of the scene that never moves: fence, areas and obstacles."""
     update = SceneUpdate()
     fence = fleet.fleet.geofence_m
     entity = _entity("fence", stamp_ns)
@@ -211,7 +217,10 @@ def static_scene(fleet: FleetConfig, stamp_ns: int) -> SceneUpdate:
 def _box_edges(
     sides: tuple[tuple[float, float], tuple[float, float], tuple[float, float]],
 ) -> Iterator[tuple[list[float], list[float]]]:
-    """Yield the twelve edges of a box."""
+    """Yield the twelve edges of a box, each as its two ends.
+
+    Bit ``axis`` of a corner's number says whether the corner is at the upper end of that axis.
+    """
     for corner in range(8):
         begin = [sides[axis][corner >> axis & 1] for axis in range(3)]
         for axis in range(3):
@@ -223,7 +232,7 @@ def _box_edges(
 
 
 def _capsule(capsule: tuple[float, ...], height_m: float) -> list[Point3]:
-    """Return the outline of a thick segment: a circle where it has no length."""
+    """Return the outline of a capsule x1, y1, x2, y2, radius [m]; a circle if it has no length."""
     x1, y1, x2, y2, radius_m = capsule
     heading_rad = math.atan2(y2 - y1, x2 - x1)
     points = []
@@ -244,29 +253,29 @@ def _capsule(capsule: tuple[float, ...], height_m: float) -> list[Point3]:
 class VehicleLook(NamedTuple):
     """Everything that is drawn of a vehicle at one time."""
 
-    number: int  # in the fleet; gives its colour
+    number: int  # number in the fleet, which determines the colour
     name: str
     position_enu_m: PointEnu
     quaternion: Quaternion
     trail_enu_m: Sequence[PointEnu]
-    goal_enu_m: PointEnu | None  # None where it is not known
-    avoided_enu_m: PointEnu | None  # where the vehicle is that the law intervenes for
+    goal_enu_m: PointEnu | None  # None if it is not known
+    avoided_enu_m: PointEnu | None  # position of the vehicle that the law avoids
 
 
 def vehicle_entity(look: VehicleLook, ring_m: float, body_m: float, stamp_ns: int) -> SceneEntity:
     """Return a vehicle of the scene.
 
     Args:
-        look: at this time.
-        ring_m: radius of its safety circle; 0 for none.
+        look: everything that is drawn of the vehicle.
+        ring_m: radius of its safety circle; 0 draws none.
         body_m: diameter of its body.
-        stamp_ns: of the time.
+        stamp_ns: timestamp of the entity.
     """
     colour = _COLOURS[look.number % len(_COLOURS)]
     position = look.position_enu_m
     entity = _entity(look.name, stamp_ns)
 
-    # the body: flat, with an arrow for its nose
+    # The body is a flat cylinder, with an arrow for its nose.
     pose = Pose()
     pose.position.x, pose.position.y, pose.position.z = position
     rotation = pose.orientation
@@ -294,7 +303,7 @@ def vehicle_entity(look: VehicleLook, ring_m: float, body_m: float, stamp_ns: in
         trail = entity.lines.add(type=LinePrimitive.LINE_STRIP, thickness=2.5, scale_invariant=True)
         trail.color.CopyFrom(_colour(colour, 0.8))
         for x, y, z in look.trail_enu_m:
-            # millimetres: what is finer is noise, and does not pack
+            # Finer digits than millimetres are noise, and do not compress.
             trail.points.add(x=round(x, 3), y=round(y, 3), z=round(z, 3))
 
     if look.goal_enu_m is not None:
@@ -320,11 +329,11 @@ def vehicle_entity(look: VehicleLook, ring_m: float, body_m: float, stamp_ns: in
 
 
 class VehicleScenes:
-    """The moving part of a recorded flight's scene.
+    """Makes the moving part of a recorded flight's scene.
 
     Args:
         flight: the flight.
-        motion: at the times of the scenes.
+        motion: the vehicles' motion at the times of the scenes.
     """
 
     def __init__(self, flight: Flight, motion: FleetMotion) -> None:
@@ -340,9 +349,9 @@ class VehicleScenes:
         self._goals_enu_m = {}
         self._avoided = {}
         for name, vehicle in flight.vehicles.items():
-            told = vehicle.telemetry
+            telemetry = vehicle.telemetry
             self._goals_enu_m[name] = at_times(
-                told.time_s, told.goal_position_enu_m, times_s, max_gap_s=3.0
+                telemetry.time_s, telemetry.goal_position_enu_m, times_s, max_gap_s=3.0
             )
             ticks = vehicle.ticks
             avoided = np.where(ticks.intervention_m_s2 > 0.0, ticks.avoided, -1.0)
@@ -362,7 +371,7 @@ class VehicleScenes:
                 quaternion=self._motion.quaternion(name, index),
                 trail_enu_m=self._trail(name, index),
                 goal_enu_m=self._goal(name, index),
-                avoided_enu_m=self._avoided_one(name, index),
+                avoided_enu_m=self._avoided_position(name, index),
             )
             update.entities.append(vehicle_entity(look, self._ring_m, self._body_m, stamp_ns))
         return update
@@ -381,8 +390,8 @@ class VehicleScenes:
             return None
         return float(x), float(y), float(z)
 
-    def _avoided_one(self, name: str, index: int) -> PointEnu | None:
-        """Return where the vehicle is that the law intervenes for."""
+    def _avoided_position(self, name: str, index: int) -> PointEnu | None:
+        """Return the position of the vehicle that the law avoids; None if it avoids none."""
         number = self._avoided[name][index]
         if not number >= 0.0:
             return None
@@ -390,11 +399,11 @@ class VehicleScenes:
 
 
 class LawScenes:
-    """The half-planes of the law in a recorded flight: an entity for each vehicle.
+    """Draws the half-planes of the law in a recorded flight: an entity for each vehicle.
 
     Args:
         flight: the flight.
-        motion: at the times of the scenes.
+        motion: the vehicles' motion at the times of the scenes.
     """
 
     def __init__(self, flight: Flight, motion: FleetMotion) -> None:
@@ -403,7 +412,11 @@ class LawScenes:
         self._law = RecordedLaw(flight)
 
     def at(self, index: int, stamp_ns: int) -> SceneUpdate:
-        """Return them at one of the times; the entity of who flies as it intends is empty."""
+        """Return the scene at one of the times.
+
+        The entity of a vehicle for which the law does not intervene is empty, which removes its
+        last half-plane.
+        """
         update = SceneUpdate()
         for number, name in enumerate(self._vehicles):
             update.entities.append(self._entity(number, name, index, stamp_ns))
@@ -433,22 +446,23 @@ class LawScenes:
 def _add_half_plane(
     entity: SceneEntity, position: PointEnu, row: HalfPlane, colour: tuple[float, float, float]
 ) -> None:
-    """Add the edge of a half-plane of accelerations, hatched to the side that is ruled out.
+    """Add the edge of a half-plane of accelerations, hatched on the side that the law forbids.
 
     Args:
-        entity: of the vehicle.
-        position: of the vehicle, which stands for no acceleration.
-        row: with a normal of unit length.
-        colour: of the vehicle.
+        entity: the vehicle's entity.
+        position: the vehicle's position, which stands for no acceleration.
+        row: the half-plane; its normal has unit length.
+        colour: the vehicle's colour.
     """
     lines = entity.lines.add(type=LinePrimitive.LINE_LIST, thickness=2.0, scale_invariant=True)
     lines.color.CopyFrom(_colour(colour, 0.9))
-    away_m = M_PER_M_S2 * row.bound_m_s2
+    edge_m = M_PER_M_S2 * row.bound_m_s2  # distance of the edge along the normal
 
-    def add(along_m: float, into_m: float) -> None:
+    def add(along_m: float, depth_m: float) -> None:
+        """Add a point by its place along the edge and its depth in the forbidden side."""
         lines.points.add(
-            x=position[0] + (away_m - into_m) * row.normal.x - along_m * row.normal.y,
-            y=position[1] + (away_m - into_m) * row.normal.y + along_m * row.normal.x,
+            x=position[0] + (edge_m - depth_m) * row.normal.x - along_m * row.normal.y,
+            y=position[1] + (edge_m - depth_m) * row.normal.y + along_m * row.normal.x,
             z=position[2],
         )
 
@@ -475,7 +489,7 @@ def _add_thrust(
 
 
 def _entity(name: str, stamp_ns: int) -> SceneEntity:
-    """Return an entity that stays until another one of its name replaces it."""
+    """Return an empty entity, which stays until another entity with its name replaces it."""
     entity = SceneEntity(frame_id=FRAME, id=plain_line(name))
     entity.timestamp.CopyFrom(timestamp(stamp_ns))
     return entity
@@ -494,11 +508,11 @@ def positions(motion: FleetMotion, index: int, stamp_ns: int) -> PointCloud:
 
 
 def cloud_of(points: Mapping[int, PointEnu], stamp_ns: int) -> PointCloud:
-    """Return vehicles as points, which also viewers without scenes show.
+    """Return vehicles as points, which viewers without scenes can show too.
 
     Args:
-        points: position [m] ENU of each vehicle that is known, by its number.
-        stamp_ns: of all of them.
+        points: known positions [m] ENU by the vehicles' numbers.
+        stamp_ns: timestamp of the positions.
     """
     cloud = PointCloud(frame_id=FRAME, point_stride=16)
     cloud.timestamp.CopyFrom(timestamp(stamp_ns))
@@ -536,12 +550,12 @@ def event_line(event: Event) -> Log:
 def location_fix(
     position: tuple[float, float, float], origin: Origin, stamp_ns: int
 ) -> LocationFix:
-    """Return where a vehicle is on Earth, which is a sphere here, as PX4's local frame has it.
+    """Return a vehicle's position on Earth, taken as a sphere as in PX4's local frame.
 
     Args:
-        position: in the fleet's frame [m], ENU.
-        origin: of that frame.
-        stamp_ns: of the position.
+        position: position in the fleet's frame [m], ENU.
+        origin: the frame's origin.
+        stamp_ns: timestamp of the position.
     """
     fix = LocationFix(frame_id=FRAME)
     fix.timestamp.CopyFrom(timestamp(stamp_ns))
@@ -554,7 +568,7 @@ def location_fix(
 
 
 def timestamp(stamp_ns: int) -> Timestamp:
-    """Return a stamp as protobuf has it."""
+    """Return a stamp as a message of protobuf."""
     return Timestamp(seconds=stamp_ns // 1_000_000_000, nanos=stamp_ns % 1_000_000_000)
 
 

@@ -1,9 +1,9 @@
-"""Writes a record again such that the viewers of others show it: one file to open or to mail.
+"""Writes a record again in a form that third-party viewers show: one file to open or to mail.
 
 The file begins with the fleet file, the mission and the verdict as attachments. Then come the
-record's own messages as they are, on its common clock, and beside them channels of Foxglove's
-schemas: ``/tf``, ``/scene/static``, ``/scene``, ``/scene/law``, ``/positions``, ``/log`` and,
-outdoors, ``/fix/NAME``. It is made after a flight: nothing of it costs the flight anything.
+record's own messages unchanged, on its common clock, together with channels of Foxglove's schemas:
+``/tf``, ``/scene/static``, ``/scene``, ``/scene/law``, ``/positions``, ``/log`` and, outdoors,
+``/fix/NAME``. The file is made after a flight, so that the flight pays nothing for it.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from onboard.config.file_reading import FLEET_FILE, MISSION_FILE, RESULTS_FILE, 
 from onboard.config.fleet import ConfigError
 
 VIEWER_NAME = "flight.foxglove.mcap"
-TICK_S = 0.02  # between two transforms
-SCENE_S = 0.1
-MAX_LENGTH_S = 6 * 3600.0  # of a flight whose scene is drawn
+TICK_S = 0.02  # period of the transforms
+SCENE_S = 0.1  # period of the scenes
+MAX_LENGTH_S = 6 * 3600.0  # longest flight that is written
 _CHUNK_BYTES = 512 * 1024
 _ATTACHED: tuple[tuple[str, str, FileKind], ...] = (
     ("fleet.toml", "application/toml", FLEET_FILE),
@@ -46,18 +46,18 @@ class _Message(NamedTuple):
 
     stamp_ns: int
     topic: str
-    content: Any  # of protobuf
+    content: Any  # message of protobuf
 
 
 def write_viewer_record(folder: Path, out: Path | None = None) -> Path:
-    """Write a record for the viewers of others; returns the file.
+    """Write a record for third-party viewers; returns the file.
 
     Args:
-        folder: flight folder, or its MCAP file.
-        out: file to write; None: ``flight.foxglove.mcap`` in the flight folder.
+        folder: the flight folder, or the MCAP file in it.
+        out: the file to write; None writes ``flight.foxglove.mcap`` in the flight folder.
 
     Raises:
-        ConfigError: there is no record, no vehicle is in it, or it is too long.
+        ConfigError: there is no record, it has no vehicle, or it is too long.
         OSError: the file cannot be written.
     """
     flight = read_flight(folder)
@@ -67,12 +67,12 @@ def write_viewer_record(folder: Path, out: Path | None = None) -> Path:
             f" {MAX_LENGTH_S / 3600.0:g} are written for viewers."
         )
 
-    beside = folder if folder.is_dir() else folder.parent
-    path = out or beside / VIEWER_NAME
+    flight_folder = folder if folder.is_dir() else folder.parent
+    path = out or flight_folder / VIEWER_NAME
     part = path.with_suffix(".part")
     try:
         with contextlib.closing(Timeline(folder)) as timeline, part.open("wb") as stream:
-            _Output(stream).write(flight, timeline, beside)
+            _Output(stream).write(flight, timeline, flight_folder)
         part.replace(path)
     finally:
         with contextlib.suppress(OSError):
@@ -81,7 +81,7 @@ def write_viewer_record(folder: Path, out: Path | None = None) -> Path:
 
 
 class _Output:
-    """The file that is written."""
+    """Writes the file: attachments, the record's messages and those of Foxglove's schemas."""
 
     def __init__(self, stream: IO[bytes]) -> None:
         self._writer = McapWriter(stream, chunk_size=_CHUNK_BYTES)
@@ -90,13 +90,19 @@ class _Output:
         self._channels: dict[str, int] = {}
         self._sequences: Counter[int] = Counter()
 
-    def write(self, flight: Flight, timeline: Timeline, beside: Path) -> None:
-        """Write everything: attachments first, then all messages."""
+    def write(self, flight: Flight, timeline: Timeline, folder: Path) -> None:
+        """Write everything: attachments first, then all messages.
+
+        Args:
+            flight: the flight.
+            timeline: the record's messages.
+            folder: the flight folder, from which files are attached.
+        """
         begin_ns = min(flight.begin_ns, timeline.begin_ns)
         for name, media_type, kind in _ATTACHED:
             with contextlib.suppress(ConfigError):
-                if (beside / name).is_file():
-                    data = read_bytes(beside / name, kind)
+                if (folder / name).is_file():
+                    data = read_bytes(folder / name, kind)
                     self._writer.add_attachment(
                         create_time=0,
                         log_time=begin_ns,
@@ -105,22 +111,22 @@ class _Output:
                         data=data,
                     )
 
-        # Both are about in the order of time: so is the file.
+        # The record is roughly in order of time, the scenes exactly: so is their merged sequence.
         scenes = _messages(flight, begin_ns)
-        following = next(scenes, None)
+        next_scene = next(scenes, None)
         for number in range(timeline.chunk_count):
             for raw in timeline.raw_messages(number, timeline.topics):
-                while following is not None and following.stamp_ns <= raw.stamp_ns:
-                    self._put(following)
-                    following = next(scenes, None)
+                while next_scene is not None and next_scene.stamp_ns <= raw.stamp_ns:
+                    self._put(next_scene)
+                    next_scene = next(scenes, None)
 
                 channel = f"{raw.topic}/{raw.name}"
                 if channel not in self._channels:
                     self._register_json(channel, raw.kind)
                 self._add(self._channels[channel], raw.stamp_ns, raw.data)
-        while following is not None:
-            self._put(following)
-            following = next(scenes, None)
+        while next_scene is not None:
+            self._put(next_scene)
+            next_scene = next(scenes, None)
         self._writer.finish()  # type: ignore[no-untyped-call]
 
     def _put(self, message: _Message) -> None:
@@ -162,9 +168,9 @@ def _messages(flight: Flight, begin_ns: int) -> Iterator[_Message]:
 def _transforms(flight: Flight) -> Iterator[_Message]:
     motion = _motion(flight, TICK_S)
     for index, stamp_ns in enumerate(_stamps_ns(flight, motion)):
-        found = scene_messages.frame_transforms(motion, index, stamp_ns)
-        if found.transforms:
-            yield _Message(stamp_ns, "/tf", found)
+        transforms = scene_messages.frame_transforms(motion, index, stamp_ns)
+        if transforms.transforms:
+            yield _Message(stamp_ns, "/tf", transforms)
 
 
 def _scenes(flight: Flight) -> Iterator[_Message]:
