@@ -1,1 +1,1 @@
-"""The console in a browser of this machine: ``covey web``."""
+"""Shows the fleet and takes orders in a browser of this machine: ``covey web``."""

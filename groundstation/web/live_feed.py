@@ -1,8 +1,8 @@
-"""One fleet for all pages: its state, its events and its orders, told to every page that is open.
+"""Sends the fleet's state, events and orders to every open page.
 
-The state is made once, ten times a second, and each page gets the newest when it is ready for it: a
-page on a slow computer sees fewer pictures, and holds up nobody. Events and cards wait in a queue
-of the page; a page that does not take them in time is closed.
+The state message is made once for all pages, ten times a second, and each page gets the newest one
+when it is ready for it: a page on a slow computer gets fewer states, and delays no other. Events
+and cards wait in a queue of the page; a page that does not receive them in time is closed.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from onboard.bus.schema import Event
 from onboard.config.fleet import FleetConfig
 
 STATE_PERIOD_S = 0.1
-MAX_EVENTS = 200  # told to a page that is opened
-MAX_QUEUED = 500  # messages that wait for one page
-SEND_LIMIT_S = 10.0  # for one message
+MAX_EVENTS = 200  # most past events that a new page gets
+MAX_QUEUED = 500  # most messages that wait for one page
+SEND_LIMIT_S = 10.0  # longest time for sending one message
 
 Send = Callable[[str], Any]  # returns an awaitable
 
@@ -41,7 +41,7 @@ _encode = msgspec.json.Encoder().encode
 
 
 class TooSlow(Exception):
-    """A page does not take its messages."""
+    """A page does not receive its messages in time."""
 
 
 class Page:
@@ -49,7 +49,7 @@ class Page:
 
     def __init__(self) -> None:
         self._queue: deque[str] = deque()
-        self._state = ""  # the newest that the page has not got
+        self._state = ""  # newest state, until it is sent
         self._has_more = asyncio.Event()
         self.is_too_slow = False
 
@@ -62,15 +62,18 @@ class Page:
         self._has_more.set()
 
     def tell_state(self, text: str) -> None:
-        """Put the newest state into the place of the one before."""
+        """Replace the waiting state by the newest one."""
         self._state = text
         self._has_more.set()
 
     async def send_all(self, send: Send) -> None:
-        """Send what comes, for ever.
+        """Send all messages as they come, until it is cancelled.
+
+        Args:
+            send: sends one text to the page.
 
         Raises:
-            TooSlow: the page does not take it.
+            TooSlow: the page does not receive its messages in time.
         """
         while True:
             await self._has_more.wait()
@@ -93,14 +96,14 @@ class Page:
 
 
 class LiveFeed:
-    """The fleet as pages see it, and the orders that they give.
+    """Sends the fleet to all open pages, and holds the orders that they give.
 
     Args:
         fleet: the fleet file.
-        client: follows the fleet.
+        client: the client that follows the fleet.
         can_order: whether pages may give orders.
-        forecaster: computes previews.
-        ground: pictures that the server has of the ground.
+        forecaster: the process that computes previews.
+        ground: the server's pictures of the ground.
     """
 
     def __init__(
@@ -130,7 +133,7 @@ class LiveFeed:
         return len(self._pages)
 
     async def start(self) -> None:
-        """Connect with the fleet and begin to tell its state.
+        """Connect with the fleet and begin to send its state.
 
         Raises:
             BusError: the bus cannot be opened.
@@ -144,7 +147,7 @@ class LiveFeed:
             self._tasks.append(asyncio.create_task(self._check_cards(self.cards)))
 
     async def stop(self) -> None:
-        """Leave the fleet, whatever flies; a second call does nothing."""
+        """Disconnect from the fleet, even if vehicles fly; a second call does nothing."""
         for task in self._tasks:
             task.cancel()
         for task in self._tasks:
@@ -156,7 +159,7 @@ class LiveFeed:
         await self._client.stop()
 
     def open(self) -> Page:
-        """Return a new page's messages: the fleet, the latest events and all cards first."""
+        """Return a new page, whose first messages are the fleet, the last events and all cards."""
         page = Page()
         page.tell(self._fleet_text)
         for event in self._events:
@@ -169,10 +172,10 @@ class LiveFeed:
         return page
 
     def close(self, page: Page) -> None:
-        """Forget a page."""
+        """Send no more messages to a page."""
         self._pages.discard(page)
 
-    # -- telling -----------------------------------------------------------------------------------
+    # -- messages to all pages ---------------------------------------------------------------------
 
     async def _tell_states(self) -> None:
         while True:

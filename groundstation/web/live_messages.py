@@ -1,7 +1,7 @@
-"""What the server tells a page: the fleet's files once, its state ten times a second. Pure.
+"""Makes the server's messages to a page: fleet file once, state ten times a second. Pure.
 
-All messages are JSON objects with a ``kind``. Numbers that are not known are null. Times are
-seconds of the monotonic clock of the ground, positions metres east, north, up.
+All messages are JSON objects with a ``kind``. Unknown numbers are null. Times are seconds of the
+ground's monotonic clock, positions metres east, north, up.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from onboard.config.fleet import FleetConfig
 from onboard.config.flight_space import flight_space_of
 from onboard.plain_text import plain_line
 
-AHEAD_S = 10.0  # for which ways are predicted
+AHEAD_S = 10.0  # time for which the way of a vehicle is predicted
 _MOST_TEXT = 300
-_STILL_M_S = 0.05
+_STILL_M = 0.05  # no way is shown to a goal that is nearer
 
 PageMessage = dict[str, Any]
 
@@ -30,12 +30,12 @@ PageMessage = dict[str, Any]
 def fleet_message(
     fleet: FleetConfig, *, can_order: bool, ground: GroundTiles | None = None
 ) -> PageMessage:
-    """Return what does not change while a page is open.
+    """Return the part of the fleet that does not change while a page is open.
 
     Args:
         fleet: the fleet file.
         can_order: whether this server takes orders from its pages.
-        ground: pictures that the server has of the ground.
+        ground: the server's pictures of the ground.
     """
     section = fleet.fleet
     vehicles = [fleet.vehicles[name] for name in fleet.enabled_names]
@@ -57,8 +57,8 @@ def fleet_message(
             [fence.x[1], fence.y[1], fence.z[1]],
         ],
         "areas": [
-            {**one._asdict(), "name": one.name[:_MOST_TEXT]}
-            for one in flight_space_of(fleet).outlines()
+            {**area._asdict(), "name": area.name[:_MOST_TEXT]}
+            for area in flight_space_of(fleet).outlines()
         ],
         "ground": ground_message(ground, is_inside_page=False),
         "formations": sorted({*fleet.formations, *fleet.shapes}),
@@ -74,15 +74,15 @@ def state_message(
     now_ns: int,
     mission: tuple[str, bool] = ("", False),
 ) -> PageMessage:
-    """Return the fleet as it is now.
+    """Return the fleet's present state.
 
     Args:
-        state: as the ground knows it.
+        state: the state of the fleet as the ground knows it.
         fleet: the fleet file.
-        alarms: that hold now, the most severe first.
-        control: who may order; None where pages only watch.
-        now_ns: the ground's clock [ns].
-        mission: that this server flies, in a few words, and whether it counts down.
+        alarms: the present alarms, the most severe first.
+        control: the control over the fleet; None if pages only watch.
+        now_ns: time on the ground's clock.
+        mission: a few words on the mission that this server flies, and whether it counts down.
     """
     line, counts_down = mission
     views = [state.vehicles[name] for name in fleet.enabled_names if name in state.vehicles]
@@ -99,7 +99,7 @@ def state_message(
 
 
 def event_message(logged: LoggedEvent) -> PageMessage:
-    """Return an event of the fleet or of the ground."""
+    """Return the message of an event of the fleet or of the ground."""
     event = logged.event
     return {
         "kind": "event",
@@ -161,7 +161,7 @@ def _vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> PageMessage:
 
 
 def _show_words(telemetry: Telemetry) -> str:
-    """Return where a vehicle is on its path, or whom it follows; empty without either."""
+    """Return words on a vehicle's time on its path, or on whom it follows; else empty."""
     words = ""
     if telemetry.show_id and math.isfinite(telemetry.path_time_s):
         words = f"at {max(0.0, telemetry.path_time_s):.0f} s of its path"
@@ -173,7 +173,7 @@ def _show_words(telemetry: Telemetry) -> str:
 
 
 def _service_words(telemetry: Telemetry) -> str:
-    """Return whether a vehicle is out of service, or has another one's place; mostly empty."""
+    """Return words on a vehicle that is disabled or stands in for another one; else empty."""
     if telemetry.disabled_by:
         return f"disabled by {plain_line(telemetry.disabled_by)[:60]}"
     if telemetry.stands_in_for:
@@ -184,7 +184,13 @@ def _service_words(telemetry: Telemetry) -> str:
 def _way(
     telemetry: Telemetry, position_enu_m: Sequence[float] | None, fleet: FleetConfig
 ) -> list[Sequence[float]]:
-    """Return the corners of the way of the next ten seconds: on to the goal, as far as it gets."""
+    """Return the ends of the predicted way: towards the goal, as far as it gets in AHEAD_S.
+
+    A vehicle that is slow now is taken to fly with at least half its top speed.
+
+    Returns:
+        Present position and end; empty on the ground, close to the goal, or if either is unknown.
+    """
     goal_enu_m = telemetry.goal_position_enu_m
     is_known = all(math.isfinite(axis_m) for axis_m in goal_enu_m)
     if position_enu_m is None or not telemetry.is_airborne or not is_known:
@@ -195,7 +201,7 @@ def _way(
     vehicle = fleet.vehicles.get(telemetry.vehicle)
     if vehicle is not None and distance_m > 0.1:
         speed_m_s = max(speed_m_s, 0.5 * vehicle.max_speed_m_s)
-    if distance_m < _STILL_M_S:
+    if distance_m < _STILL_M:
         return []
 
     share = min(1.0, AHEAD_S * speed_m_s / distance_m)
@@ -242,5 +248,5 @@ def _control(control: Control | None) -> Mapping[str, Any] | None:
 
 
 def _known(value: float) -> float | None:
-    """Return a number, or None where it is not known."""
+    """Return a number, or None if it is not known."""
     return value if math.isfinite(value) else None

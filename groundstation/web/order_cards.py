@@ -1,14 +1,14 @@
-"""Orders that pages give: each of them is a card that stays on the server.
+"""Keeps the orders that pages give, each as a card that stays on the server.
 
-A card begins as a line of the orders' grammar. What could go wrong is flown ahead first, as in the
-console, and waits for its confirmation; what makes things safer is sent at once. Cards outlive the
-page that has made them: a page that is loaded again shows what is under way. All pages see all
-cards.
+A card begins as a line of the orders' grammar. As in the console, an order that could go wrong is
+previewed first and waits for its confirmation; an order that makes things safer is sent at once.
+Cards outlive the page that made them: a page that is loaded again shows the orders under way. All
+pages see all cards.
 
 Missions, countdowns and take-offs in waves are written as in the console, one at a time; their card
 ends with their verdict. They are flown by this server, and end with it.
 
-LAND ALL and HOLD ALL have a way of their own, without a card before them.
+LAND ALL and HOLD ALL are sent at once by a call of their own, see :meth:`OrderCards.urgent`.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ from onboard.config.fleet import ConfigError
 from onboard.plain_text import plain_line
 
 MAX_CARDS = 60
-CHECK_S = 0.5  # between two looks whether a card that waits still holds
-MAX_WAITING_S = 120.0  # after which a card that nobody confirms is dropped
+CHECK_S = 0.5  # period of the checks of waiting cards
+MAX_WAITING_S = 120.0  # time after which a card without confirmation is dropped
 _URGENT = ("land", "hold")
-_PAGE = "page"  # of the kill latch: pages are one key
+_PAGE = "page"  # the kill latch's key for all pages together
 _MOST_TEXT = 300
 
 
@@ -50,19 +50,19 @@ class OrderCard:
         self.number = number
         self.text = text
         self.phase = "previewed"  # previewed, sent, refused or dropped
-        self.sentences: tuple[str, ...] = ()  # why it was refused or dropped
-        self.prepared: PreparedOrder | None = None  # while it waits for its confirmation
-        self.result: OrderResult | None = None  # once it is sent
+        self.sentences: tuple[str, ...] = ()  # the reasons of a refusal or drop, or an answer
+        self.prepared: PreparedOrder | None = None  # set for an order that needs a confirmation
+        self.result: OrderResult | None = None  # set once the order is sent
         self.computing: asyncio.Task[None] | None = None
         self.begun_s = 0.0
 
-        # of the card of a mission only
-        self.question: Callable[[], CountdownQuestion] | None = None  # before a countdown
-        self.begin: Callable[[], None] | None = None  # the countdown
+        # These are set for missions only.
+        self.question: Callable[[], CountdownQuestion] | None = None  # asked before a countdown
+        self.begin: Callable[[], None] | None = None  # begins the countdown
         self.outcome = ""  # passed or failed, once the mission has ended
 
     def message(self) -> PageMessage:
-        """Return what a page shows of it."""
+        """Return the card as a message to pages."""
         message: PageMessage = {
             "kind": "card",
             "number": self.number,
@@ -72,11 +72,11 @@ class OrderCard:
             "outcome": self.outcome,
         }
         if self.phase == "previewed" and self.question is not None:
-            asked = self.question()
+            question = self.question()
             message.update(
-                can_send=not asked.reasons,
-                reasons=[plain_line(reason)[:_MOST_TEXT] for reason in asked.reasons],
-                figures=[plain_line(line)[:_MOST_TEXT] for line in asked.lines],
+                can_send=not question.reasons,
+                reasons=[plain_line(reason)[:_MOST_TEXT] for reason in question.reasons],
+                figures=[plain_line(line)[:_MOST_TEXT] for line in question.lines],
             )
         prepared = self.prepared
         if self.phase == "previewed" and prepared is not None and prepared.preview is not None:
@@ -105,9 +105,9 @@ class OrderCards:
     """All cards of one server.
 
     Args:
-        client: of the fleet.
-        forecaster: computes the previews.
-        tell: takes every message that pages have to hear.
+        client: the client of the fleet.
+        forecaster: the process that computes the previews.
+        tell: sends a message to all pages.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class OrderCards:
         self._latch = KillLatch()
         self._count = 0
         self.missions = MissionOrders(client, self._begin_mission, ask=self._ask_mission)
-        self._mission_card: OrderCard | None = None  # whose mission is begun or asked about
+        self._mission_card: OrderCard | None = None  # card of the latest mission
         self._flying: asyncio.Task[None] | None = None
 
     def messages(self) -> list[PageMessage]:
@@ -128,7 +128,7 @@ class OrderCards:
         return [card.message() for card in self._cards]
 
     async def take(self, text: str) -> None:
-        """Take a line of a page: an order, or a word about control or a kill's reset."""
+        """Take a line of a page: an order, a mission, a change of control or a kill's reset."""
         words = text.split()
         if not words:
             return
@@ -156,7 +156,7 @@ class OrderCards:
             self._send(self._new_card(text, "sent"), self._client.plan(intent))
 
     def urgent(self, verb: str) -> None:
-        """Land or hold everybody at once, whatever waits for its confirmation."""
+        """Land or hold all vehicles at once; all waiting cards are dropped."""
         names = self._client.fleet.enabled_names
         if verb not in _URGENT or not names:
             return
@@ -173,7 +173,7 @@ class OrderCards:
         self._send(self._new_card(f"{verb} all", "sent"), self._client.plan(intent))
 
     def confirm(self, number: int) -> None:
-        """Send the order of a card as it is shown, if it still holds."""
+        """Send the order of a card as it is shown, if it is still allowed."""
         card = self._waiting(number)
         if card is not None and card.question is not None and card.begin is not None:
             if not card.question().reasons:
@@ -203,7 +203,7 @@ class OrderCards:
             self._drop(card, "Dropped.")
 
     def check_waiting(self) -> None:
-        """Look whether the cards that wait still hold; call it twice a second."""
+        """Check the waiting cards again, and drop old ones; to be called each CHECK_S."""
         now_s = self._client.now_ns() * 1e-9
         for card in self._cards:
             if card.phase != "previewed":
@@ -216,7 +216,7 @@ class OrderCards:
                 self._tell(card.message())
 
     async def stop(self) -> None:
-        """End all computing; a mission that flies ends, and lands all."""
+        """Stop all computations, and a flying mission, which then lands all vehicles."""
         if self._flying is not None and self.missions.is_flying:
             self.missions.take(["stop"])
             await asyncio.wait([self._flying])
@@ -235,6 +235,7 @@ class OrderCards:
         self._answer_mission(card, self.missions.take(words))
 
     def _answer_mission(self, card: OrderCard, refusal: str) -> None:
+        """Show the answer to a mission line; an empty refusal accepts the line."""
         if refusal:
             card.phase = "refused"
             card.sentences = (plain_line(refusal)[:_MOST_TEXT],)
@@ -243,7 +244,7 @@ class OrderCards:
     def _ask_mission(
         self, question: Callable[[], CountdownQuestion], begin: Callable[[], None]
     ) -> None:
-        """Have the card of a mission wait for its confirmation, as before a countdown."""
+        """Let a mission's card wait for the confirmation of its countdown."""
         card = self._mission_card
         assert card is not None
         card.phase = "previewed"
@@ -251,7 +252,7 @@ class OrderCards:
         card.begin = begin
 
     def _begin_mission(self, mission: MissionCall, line: Callable[[], str]) -> bool:
-        """Fly a mission; return whether it was begun: one flies at a time."""
+        """Begin to fly a mission; return False if another one is flying."""
         if self.missions.is_flying or self._mission_card is None:
             return False
         flight = self._fly_mission(self._mission_card, mission)
@@ -265,25 +266,27 @@ class OrderCards:
         if isinstance(verdict, Verdict):
             card.outcome = "passed" if verdict.passed else "failed"
             others = [sentence for sentence in verdict.sentences if sentence != verdict.summary]
-            told = [verdict.summary, *others]
-            card.sentences = tuple(plain_line(sentence)[:_MOST_TEXT] for sentence in told)
+            sentences = [verdict.summary, *others]
+            card.sentences = tuple(plain_line(sentence)[:_MOST_TEXT] for sentence in sentences)
         self._tell(card.message())
 
-    # -- the ways of a card ------------------------------------------------------------------------
+    # -- steps of a card ---------------------------------------------------------------------------
 
     def _new_card(self, text: str, phase: str, *sentences: str) -> OrderCard:
+        """Add a card and show it; with MAX_CARDS the oldest one is removed."""
         self._count += 1
         card = OrderCard(self._count, text)
         card.phase = phase
         card.sentences = tuple(sentence for sentence in sentences if sentence)
         card.begun_s = self._client.now_ns() * 1e-9
         if len(self._cards) == MAX_CARDS:
-            self._forget(self._cards[0])
+            self._stop_computing(self._cards[0])
         self._cards.append(card)
         self._tell(card.message())
         return card
 
     def _preview(self, text: str, intent: Intent) -> None:
+        """Make a card that shows an order's preview and waits for its confirmation."""
         killed = sorted(self._latch.killed.intersection(intent.names))
         if killed:
             names = ",".join(killed)
@@ -306,27 +309,27 @@ class OrderCards:
         card.prepared.begin()
 
     def _compute(self, card: OrderCard, preview: OrderPreview) -> None:
-        """Begin to compute the paths of a card, in the place of those before."""
+        """Begin to compute the paths of a card; an earlier computation is cancelled."""
         if card.computing is not None:
             card.computing.cancel()
         assert card.prepared is not None
         card.computing = asyncio.get_running_loop().create_task(card.prepared.compute(preview))
 
     def _kill(self, text: str, intent: Intent) -> None:
-        """Take a kill, which has to come twice within a second."""
+        """Take a kill order, which must be given twice within a second."""
         now_s = self._client.now_ns() * 1e-9
         if not self._latch.press(_PAGE, intent.names, now_s):
             sentence = below_words(
                 intent.names, self._client.fleet, self._client.state, self._client.now_ns()
             )
-            again = "Again within 1 s stops the motors: they fall."
-            self._new_card(text, "refused", f"{again} {sentence}".strip())
+            request = "Again within 1 s stops the motors: they fall."
+            self._new_card(text, "refused", f"{request} {sentence}".strip())
             return
         self._latch.add(intent.names)
         self._send(self._new_card(text, "sent"), self._client.plan(intent))
 
     def _reset(self, text: str, names: str) -> None:
-        """Let killed vehicles be ordered again: those that are named, or all."""
+        """Allow orders to killed vehicles again: to the named ones, or to all."""
         vehicles = self._latch.killed
         if names:
             try:
@@ -351,6 +354,7 @@ class OrderCards:
             self._tell(card.message())
 
     def _follow(self, card: OrderCard, result: OrderResult) -> None:
+        """Show each change of an order's result on its card."""
         card.result = result
         result.add_listener(lambda _: self._tell(card.message()))
         self._tell(card.message())
@@ -358,22 +362,23 @@ class OrderCards:
     def _drop(self, card: OrderCard, sentence: str) -> None:
         card.phase = "dropped"
         card.sentences = (sentence,)
-        self._forget(card)
+        self._stop_computing(card)
         self._tell(card.message())
 
-    def _forget(self, card: OrderCard) -> None:
+    def _stop_computing(self, card: OrderCard) -> None:
         if card.computing is not None:
             card.computing.cancel()
             card.computing = None
 
     def _waiting(self, number: int) -> OrderCard | None:
+        """Return the card with a number if it waits for its confirmation."""
         for card in self._cards:
             if card.number == number and card.phase == "previewed":
                 return card
         return None
 
     def _change_control(self, words: list[str]) -> str:
-        """Take, give or keep control; return what came of it."""
+        """Take, give or keep control; return the answer as a sentence."""
         control = self._client.control
         word = words[2] if len(words) > 2 else ""
         if words[0] == "take" and word in ("", FORCE_WORD):
@@ -386,7 +391,7 @@ class OrderCards:
 
 
 def _paths(prepared: PreparedOrder) -> dict[str, list[tuple[float, float, float]]]:
-    """Return the computed paths by vehicle; none before they are computed."""
+    """Return the previewed paths by vehicle; empty before they are computed."""
     if prepared.forecast is None:
         return {}
     return {name: list(path) for name, path in prepared.forecast.paths_enu_m.items()}

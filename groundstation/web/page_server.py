@@ -1,13 +1,14 @@
-"""Serves the page of a fleet, and the socket behind it, to browsers of this machine.
+"""Serves the page of a fleet, and the WebSocket behind it, to browsers of this machine.
 
-All of it is on loopback, and another site's page in the same browser must not reach the fleet:
-names other than loopback and foreign origins are refused. Nothing is loaded from elsewhere.
+The server listens on loopback only, and another site's page in the same browser must not reach the
+fleet: host names other than loopback and foreign origins are refused. Nothing is loaded from
+elsewhere.
 
-Pages that can order stand behind a key, which is the first part of every path. A cookie would not
-keep it safe: browsers send the cookies of one port of this machine to all others.
+Pages that can give orders are protected by a key, which is the first part of every path. A cookie
+would not keep the key safe: browsers send the cookies of one port of this machine to all others.
 
-What a page may say is a table of a few words, each with its bounds; anything else is left out. A
-page of a server that only watches may say nothing.
+A page can send a few kinds of messages, each with bounds, see :func:`obey`; all others are ignored.
+A server that only watches ignores all messages of its pages.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from onboard.config.file_reading import json_values
 from onboard.config.fleet import ConfigError
 
 MAX_PAGES = 50
-MAX_MESSAGE_BYTES = 4096  # from a page
+MAX_MESSAGE_BYTES = 4096  # longest message of a page
 MAX_ORDER_CHARACTERS = 500
 _HEARTBEAT_S = 15.0
 _CLOSE_S = 3.0
@@ -54,9 +55,15 @@ _HEADERS = {
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
+_closings: set[asyncio.Future[bool]] = set()  # keeps running tasks alive, see _close_after
+
 
 def require_loopback(host: str) -> str:
-    """Return the host if only this machine can reach it; ConfigError in words otherwise."""
+    """Return the host if only this machine can reach it.
+
+    Raises:
+        ConfigError: other machines can reach it.
+    """
     if is_loopback(host):
         return host
     raise ConfigError(
@@ -67,14 +74,14 @@ def require_loopback(host: str) -> str:
 
 
 class PageServer:
-    """One address of this machine.
+    """Serves one page at an address of this machine.
 
     Args:
-        title: of the page.
-        feed: what the page of a fleet shows; None serves ``page`` alone.
-        page: a finished page in its place.
-        ground: pictures of the ground, which the page asks for by their numbers.
-        key: first part of every path; without it nothing is served. Empty: there is none.
+        title: the page's title.
+        feed: the fleet that the page shows; None serves ``page`` alone.
+        page: the HTML of a finished page, which is served instead of a fleet's.
+        ground: pictures of the ground, which the page loads by their numbers.
+        key: the first part of every path, without which nothing is served; empty needs no key.
     """
 
     def __init__(
@@ -98,11 +105,15 @@ class PageServer:
     async def start(self, host: str, port: int) -> str:
         """Begin to serve.
 
+        Args:
+            host: a loopback address.
+            port: the port; 0 takes any free one.
+
         Returns:
             The address of the page.
 
         Raises:
-            ConfigError: the port is taken.
+            ConfigError: the port cannot be opened.
         """
         base = f"/{self._key}" if self._key else ""
         app = web.Application(middlewares=[self._admit])
@@ -189,7 +200,7 @@ class PageServer:
 
     @web.middleware
     async def _admit(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Refuse foreign names, scripts of other pages, and whatever comes without the key."""
+        """Refuse foreign host names, scripts of other pages, and requests without the key."""
         name = urlsplit(f"//{request.host}").hostname or ""
         if not is_loopback(name):
             raise web.HTTPForbidden(
@@ -215,7 +226,7 @@ class PageServer:
 
 
 def _close_after(task: asyncio.Task[None], socket: web.WebSocketResponse) -> None:
-    """Close a socket whose page has gone or takes nothing any more."""
+    """Close a socket whose page has gone or is too slow, once sending to it has ended."""
     if task.cancelled():
         return
     error = task.exception()
@@ -225,11 +236,13 @@ def _close_after(task: asyncio.Task[None], socket: web.WebSocketResponse) -> Non
         closing.add_done_callback(_closings.discard)
 
 
-_closings: set[asyncio.Future[bool]] = set()
-
-
 async def obey(text: str, cards: OrderCards) -> None:
-    """Do what a page says; what is none of the known words is left out."""
+    """Carry out a message of a page; a message of no known form is ignored.
+
+    Args:
+        text: the message, JSON.
+        cards: the cards that it makes or changes.
+    """
     try:
         values = json_values(text, "a message of the page")
     except ConfigError:
