@@ -116,10 +116,13 @@ def evidence(
 
     _print_summary(whole, out)
     is_right = not whole.is_wrong
-    for one in agreements:
-        if not one.is_within:
+    for agreement in agreements:
+        if not agreement.is_within:
             is_right = False
-            print(f"Outside the other machine's interval: {one.figure}: {one.here}, {one.there}.")
+            print(
+                f"Outside the other machine's interval: {agreement.figure}: {agreement.here},"
+                f" {agreement.there}."
+            )
     return EXIT_OK if is_right else EXIT_FAILED
 
 

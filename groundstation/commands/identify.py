@@ -142,10 +142,10 @@ def _identify_record(
     """
     result = identify_flight(folder, fleet_path, name)
 
-    for one, reason in result.refusals.items():
-        print(f"{one} was not identified: {reason}", file=sys.stderr)
+    for vehicle_name, reason in result.refusals.items():
+        print(f"{vehicle_name} was not identified: {reason}", file=sys.stderr)
     if is_json:
-        print(dumps([_as_mapping(one) for one in result.vehicles], indent=2))
+        print(dumps([_as_mapping(vehicle) for vehicle in result.vehicles], indent=2))
     elif result.vehicles:
         print(page(result.vehicles))
 

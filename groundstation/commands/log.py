@@ -49,19 +49,19 @@ def list_flights(folder: _Flight = Path("flights"), /, *, json: bool = False) ->
     if not folder.is_dir():
         raise ConfigError(f"{folder}: there is no such folder. Give one with flight folders in it.")
 
-    found = []
-    for one in flight_folders(folder):
+    summaries = []
+    for flight_folder in flight_folders(folder):
         try:
-            found.append(summary(one))
+            summaries.append(summary(flight_folder))
         except ConfigError as error:
-            found.append({"folder": str(one), "refused": str(error)})
+            summaries.append({"folder": str(flight_folder), "refused": str(error)})
     if json:
-        print(msgspec.json.format(msgspec.json.encode(found), indent=2).decode())
+        print(msgspec.json.format(msgspec.json.encode(summaries), indent=2).decode())
         return EXIT_OK
 
-    for line in found:
-        print(line["refused"] if "refused" in line else list_line(line))
-    if not found:
+    for record in summaries:
+        print(record["refused"] if "refused" in record else list_line(record))
+    if not summaries:
         print(f"No recorded flight is in {folder}.")
     return EXIT_OK
 

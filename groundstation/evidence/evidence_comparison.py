@@ -35,8 +35,8 @@ def compared(here: Evidence, there: Evidence) -> list[Agreement]:
             _share(row.key, (row.wrong_flights, row.flights), (other.wrong_flights, other.flights))
         )
 
-    beyond_here = sum(one > there.volumes.excursion_m for one in here.excursions_m)
-    beyond_there = sum(one > here.volumes.excursion_m for one in there.excursions_m)
+    beyond_here = sum(excursion_m > there.volumes.excursion_m for excursion_m in here.excursions_m)
+    beyond_there = sum(excursion_m > here.volumes.excursion_m for excursion_m in there.excursions_m)
     figures.append(
         _share(
             "flights beyond the other's contingency volume",

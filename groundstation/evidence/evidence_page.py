@@ -270,12 +270,12 @@ def _name_and_value(rows: Iterable[tuple[str, str]]) -> Iterable[str]:
 
 def _beside(beside: Sequence[Agreement], other: str) -> str:
     cells = []
-    for one in beside:
-        status = "shown" if one.is_within else "wrong"
-        word = "within" if one.is_within else "outside"
+    for agreement in beside:
+        status = "shown" if agreement.is_within else "wrong"
+        word = "within" if agreement.is_within else "outside"
         cells.append(
-            f"<tr class='{status}'><td>{_text(one.figure)}</td><td>{_text(one.here)}</td>"
-            f"<td>{_text(one.there)}</td><td>{word}</td></tr>"
+            f"<tr class='{status}'><td>{_text(agreement.figure)}</td>"
+            f"<td>{_text(agreement.here)}</td><td>{_text(agreement.there)}</td><td>{word}</td></tr>"
         )
     return (
         f"<p>The other machine: {_text(other)}.</p>"

@@ -70,14 +70,14 @@ def summarized(
         command: the command that repeats the campaign.
         made_by: versions, machine and files.
     """
-    undisturbed = [one for one in flights if one.case.fault == NOTHING]
+    undisturbed = [flight for flight in flights if flight.case.fault == NOTHING]
     shapes = volumes(
         planned=planned,
-        undisturbed=[point for one in undisturbed for point in one.hull_m],
-        undisturbed_height_m=max((one.highest_m for one in undisturbed), default=0.0),
-        failed=[point for one in flights for point in one.hull_m],
-        highest_m=max((one.highest_m for one in flights), default=0.0),
-        fastest_m_s=max((one.fastest_m_s for one in flights), default=0.0),
+        undisturbed=[point for flight in undisturbed for point in flight.hull_m],
+        undisturbed_height_m=max((flight.highest_m for flight in undisturbed), default=0.0),
+        failed=[point for flight in flights for point in flight.hull_m],
+        highest_m=max((flight.highest_m for flight in flights), default=0.0),
+        fastest_m_s=max((flight.fastest_m_s for flight in flights), default=0.0),
         wind_m_s=wind_m_s,
         fleet=fleet,
     )
@@ -91,20 +91,20 @@ def summarized(
         rounds=rounds,
         command=command,
         flights=len(flights),
-        wrong_flights=sum(not one.is_right for one in flights),
+        wrong_flights=sum(not flight.is_right for flight in flights),
         digest=digest(flights),
         matrix=tuple(rows),
         not_shown=NOT_SHOWN,
         never_seen=tuple(conditions_never_seen(flights)),
         volumes=_rounded(shapes),
-        excursions_m=tuple(_excursion_m(shapes, one) for one in flights),
+        excursions_m=tuple(_excursion_m(shapes, flight) for flight in flights),
         provenance=made_by,
     )
 
 
-def _excursion_m(shapes: Volumes, one: FlownCase) -> float:
+def _excursion_m(shapes: Volumes, flight: FlownCase) -> float:
     """Return the greatest distance of a flight outside the flight geography."""
-    outside_m = [distance_outside_m(shapes.geography, point) for point in one.hull_m]
+    outside_m = [distance_outside_m(shapes.geography, point) for point in flight.hull_m]
     return round(max(outside_m, default=0.0), 3)
 
 

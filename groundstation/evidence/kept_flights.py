@@ -111,5 +111,5 @@ class KeptFlights:
 
 def digest(flights: Sequence[FlownCase]) -> str:
     """Return the SHA-256 of flights; the order in which they were flown does not change it."""
-    lines = sorted(msgspec.json.encode(one, order="deterministic") for one in flights)
+    lines = sorted(msgspec.json.encode(flight, order="deterministic") for flight in flights)
     return hashlib.sha256(b"\n".join(lines)).hexdigest()

@@ -68,11 +68,11 @@ def matrix(flights: Sequence[FlownCase], tests: Mapping[str, Sequence[str]]) -> 
 def _row(
     hazard: Hazard, flights: Sequence[FlownCase], tests: Mapping[str, Sequence[str]]
 ) -> MatrixRow:
-    own_flights = [one for one in flights if one.case.fault in hazard.faults]
+    own_flights = [flight for flight in flights if flight.case.fault in hazard.faults]
     rows = tuple(_failsafe_rows(hazard, own_flights, tests))
-    wrong = [one for one in own_flights if not one.is_right]
+    wrong = [flight for flight in own_flights if not flight.is_right]
     reasons = [f"{row.condition}: {row.wrong}" for row in rows if row.wrong]
-    reasons += [reason for one in wrong for reason in _reasons(one)]
+    reasons += [reason for flight in wrong for reason in _reasons(flight)]
 
     status = SHOWN
     if not own_flights:
@@ -82,13 +82,13 @@ def _row(
 
     flown_faults = {}
     for fault in hazard.faults:
-        count = sum(one.case.fault == fault for one in own_flights)
+        count = sum(flight.case.fault == fault for flight in own_flights)
         if count:
             flown_faults[fault] = count
 
     interval = two_sided(len(wrong), len(own_flights))
-    seeds = [one.case.seed for one in own_flights]
-    distances_m = [one.smallest_m for one in own_flights if one.smallest_m is not None]
+    seeds = [flight.case.seed for flight in own_flights]
+    distances_m = [flight.smallest_m for flight in own_flights if flight.smallest_m is not None]
     return MatrixRow(
         key=hazard.key,
         question=hazard.question,
@@ -124,20 +124,20 @@ def _failsafe_rows(
         yield FailsafeRow(
             condition=condition.value,
             action=WORDS[claimed],
-            flights_noticed=sum(condition.value in one.seen for one in own_flights),
+            flights_noticed=sum(condition.value in flight.seen for flight in own_flights),
             tests=tuple(tests.get(condition.value, ())),
             wrong=wrong,
         )
 
 
-def _reasons(one: FlownCase) -> list[str]:
-    case = one.case
+def _reasons(flown: FlownCase) -> list[str]:
+    case = flown.case
     victim = f", {case.victim}" if case.victim else ""
     flight = f"{case.fault}{victim} at {case.at_s:.2f} s, seed {case.seed}"
-    return [f"{flight}: {sentence}" for sentence in one.wrong]
+    return [f"{flight}: {sentence}" for sentence in flown.wrong]
 
 
 def conditions_never_seen(flights: Sequence[FlownCase]) -> list[str]:
     """Return the conditions of the failsafe table that held in no flight of the campaign."""
-    seen = {condition for one in flights for condition in one.seen}
+    seen = {condition for flight in flights for condition in flight.seen}
     return [condition.value for condition in Condition if condition.value not in seen]

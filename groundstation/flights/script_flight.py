@@ -178,18 +178,18 @@ def missing_module_words(module: str, script: str = "") -> str:
             imports; if there is no such file, only ``module`` is named.
     """
     package = module.partition(".")[0]
-    imported = [one for one in _imports_of(script, package) if one not in PROVIDED]
+    imported = [name for name in _imports_of(script, package) if name not in PROVIDED]
     wanted = imported or [module]
 
     sentence = f"It imports {' and '.join(wanted)}, which is not installed here."
     if "uav_trajectory" in wanted:
         return f"{sentence} Write: from groundstation.crazyswarm import uav_trajectory"
-    if any("cfsim" in one for one in wanted):
+    if any("cfsim" in name for name in wanted):
         return (
             f"{sentence} cfsim is a Crazyflie's firmware, and is not here: remove that import,"
             " and what uses it."
         )
-    if any(one.endswith(".util") for one in wanted):
+    if any(name.endswith(".util") for name in wanted):
         return f"{sentence} Write what its functions return into the script."
     if package in ("pycrazyswarm", "crazyflie_py"):
         return f"{sentence} Write: from groundstation.crazyswarm import Crazyswarm"
@@ -206,10 +206,10 @@ def _imports_of(script: str, package: str) -> list[str]:
     modules: dict[str, None] = {}
     for node in ast.walk(python_tree(read_text(script, SCRIPT), script)):
         if isinstance(node, ast.Import):
-            modules |= dict.fromkeys(one.name for one in node.names)
+            modules |= dict.fromkeys(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
             modules[node.module] = None
-    return [one for one in modules if one.partition(".")[0] == package]
+    return [module for module in modules if module.partition(".")[0] == package]
 
 
 def _end_by_exit(code: object) -> _ScriptEnd:

@@ -121,16 +121,16 @@ def _row(
 def page(flown: Sequence[IdentifiedVehicle]) -> str:
     """Return tables of all vehicles, and TOML for each type."""
     lines: list[str] = []
-    for one in flown:
-        vehicle = one.vehicle
-        identified = one.identified
+    for member in flown:
+        vehicle = member.vehicle
+        identified = member.identified
         lines.append(
             f"{vehicle.name} (type {vehicle.type or 'none'}), {identified.duration_s:.0f} s in the "
             f"air; attitude explained to {identified.attitude_rms_deg:.2f} deg, position to "
             f"{1e3 * identified.position_rms_m:.1f} mm rms"
         )
         lines.append(f"  {'':<24} {'fleet file':>10} {'flown':>9} {'1 sigma':>8}   95 % interval")
-        for row in rows(one):
+        for row in rows(member):
             interval = f"{row['low']:.3f} to {row['high']:.3f}"
             lines.append(
                 f"  {row['name']:<24} {row['fleet_file']:>10.3f} {row['value']:>9.3f} "
@@ -143,24 +143,25 @@ def page(flown: Sequence[IdentifiedVehicle]) -> str:
 def toml_of_types(flown: Sequence[IdentifiedVehicle]) -> dict[str, str]:
     """Return by the name of each flown type TOML for the fleet file."""
     types: dict[str, list[IdentifiedVehicle]] = {}
-    for one in flown:
-        types.setdefault(one.vehicle.type, []).append(one)
+    for member in flown:
+        types.setdefault(member.vehicle.type, []).append(member)
     return {kind: type_toml(kind, members) for kind, members in types.items()}
 
 
 def type_toml(kind: str, members: Sequence[IdentifiedVehicle]) -> str:
     """Return TOML for ``[types.KIND]``: means over its vehicles, their intervals as comments."""
-    names = ", ".join(one.vehicle.name for one in members)
+    names = ", ".join(member.vehicle.name for member in members)
     table = f"types.{kind}" if kind else "defaults"
-    flown = [one.identified for one in members]
-    lag_s = _mean([one.lag_s for one in flown])
-    wn = _mean([one.wn_rad_s for one in flown])
-    zeta = _mean([one.zeta for one in flown])
-    hover = _mean([one.hover_thrust_frac for one in flown])
-    drag = _mean([one.drag_1_s for one in flown])
-    gain = _mean([one.static_gain for one in flown])
+    models = [member.identified for member in members]
+    lag_s = _mean([model.lag_s for model in models])
+    wn = _mean([model.wn_rad_s for model in models])
+    zeta = _mean([model.zeta for model in models])
+    hover = _mean([model.hover_thrust_frac for model in models])
+    drag = _mean([model.drag_1_s for model in models])
+    gain = _mean([model.static_gain for model in models])
     tilt_deg = max(
-        max(abs(one.tilt_error_x_deg.value), abs(one.tilt_error_y_deg.value)) for one in flown
+        max(abs(model.tilt_error_x_deg.value), abs(model.tilt_error_y_deg.value))
+        for model in models
     )
 
     delay_s = lag_s.value - 2.0 * zeta.value / wn.value
@@ -186,7 +187,7 @@ def type_toml(kind: str, members: Sequence[IdentifiedVehicle]) -> str:
         f"tilt_bias_deg = {tilt_deg:.1f}",
     ]
 
-    lags_s = [one.lag_s.value for one in flown]
+    lags_s = [model.lag_s.value for model in models]
     if max(lags_s) - min(lags_s) > LAG_ERROR_S:
         lines.insert(
             1,
@@ -202,9 +203,10 @@ def _mean(estimates: Sequence[Estimate]) -> Estimate:
     Its interval covers the vehicles' own intervals, and their differences.
     """
     count = len(estimates)
-    value = sum(one.value for one in estimates) / count
-    own_std = math.sqrt(sum(one.std**2 for one in estimates)) / count
-    spread = math.sqrt(sum((one.value - value) ** 2 for one in estimates) / count)
+    value = sum(estimate.value for estimate in estimates) / count
+    own_std = math.sqrt(sum(estimate.std**2 for estimate in estimates)) / count
+    spread = math.sqrt(sum((estimate.value - value) ** 2 for estimate in estimates) / count)
     std = math.hypot(own_std, spread)
-    half_width = std * max((one.high - one.value) / one.std for one in estimates)
+    widths_in_std = [(estimate.high - estimate.value) / estimate.std for estimate in estimates]
+    half_width = std * max(widths_in_std)
     return Estimate(value=value, std=std, low=value - half_width, high=value + half_width)

@@ -40,17 +40,17 @@ def identify_flight(folder: Path, fleet_path: str | None, name: str | None) -> I
     logs = logs_of(path, fleet, names)
 
     result = IdentifiedFlight()
-    for one in names:
-        if one in logs:
+    for vehicle_name in names:
+        if vehicle_name in logs:
             try:
-                identified = identify(logs[one])
+                identified = identify(logs[vehicle_name])
             except TooLittleFlown as error:
-                result.refusals[one] = str(error)
+                result.refusals[vehicle_name] = str(error)
             else:
-                result.vehicles.append(IdentifiedVehicle(fleet.vehicles[one], identified))
+                result.vehicles.append(IdentifiedVehicle(fleet.vehicles[vehicle_name], identified))
         elif name is not None or not logs:
             # A vehicle that did not fly is reported only if it was named, or if none flew.
-            result.refusals[one] = "it did not fly in this record."
+            result.refusals[vehicle_name] = "it did not fly in this record."
     return result
 
 

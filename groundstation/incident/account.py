@@ -105,10 +105,14 @@ def _take(vehicle: _Seen, recorded: RecordedMessage) -> list[Line]:
     if isinstance(message, TickSample):
         return _take_tick(vehicle, message, recorded.stamp_ns)
     if isinstance(message, Telemetry):
-        begun = [one for one in message.conditions if one not in vehicle.conditions]
+        former = vehicle.conditions
         vehicle.telemetry = message
         vehicle.conditions = message.conditions
-        return [Line(recorded.stamp_ns, f"{vehicle.name}: notices '{one}'") for one in begun]
+        return [
+            Line(recorded.stamp_ns, f"{vehicle.name}: notices '{condition}'")
+            for condition in message.conditions
+            if condition not in former
+        ]
     return []
 
 

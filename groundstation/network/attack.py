@@ -111,9 +111,9 @@ def attack_copies(fleet: FleetConfig, *, is_long: bool, only: str = "", say: Say
             f"{fleet.path}: an attack needs two vehicles, one of which loses its key."
             " Enable another."
         )
-    selected = [one for one in attempts(fleet.enabled_names) if only in one.name]
+    selected = [attempt for attempt in attempts(fleet.enabled_names) if only in attempt.name]
     if not selected:
-        names = "\n  ".join(one.name for one in attempts(fleet.enabled_names))
+        names = "\n  ".join(attempt.name for attempt in attempts(fleet.enabled_names))
         raise ConfigError(f"No try has '{only}' in its name. There are:\n  {names}")
 
     if not fleet.has_keys:

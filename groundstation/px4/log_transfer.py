@@ -126,12 +126,12 @@ class FileTransfer:
                 if refused.error == END_OF_FILE:
                     break
                 raise
-            listed = [one for one in answer.split(b"\0") if one]
-            if not listed:
+            raw_entries = [raw for raw in answer.split(b"\0") if raw]
+            if not raw_entries:
                 break
-            seen += len(listed)
-            for one in listed:
-                entry = _entry(one)
+            seen += len(raw_entries)
+            for raw in raw_entries:
+                entry = _entry(raw)
                 if entry is not None:
                     entries.append(entry)
         return entries

@@ -54,7 +54,7 @@ def as_text(reports: Sequence[VehicleReport]) -> str:
 
 
 def as_mapping(reports: Sequence[VehicleReport]) -> dict[str, Any]:
-    """Return the same for programs."""
+    """Return the reports as data for programs."""
     return {
         report.name: {
             "answers": report.answers,

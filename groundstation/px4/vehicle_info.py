@@ -240,7 +240,7 @@ def as_text(found: Sequence[VehicleInfo]) -> str:
 
 
 def as_mapping(found: Sequence[VehicleInfo]) -> dict[str, Any]:
-    """Return the same for programs."""
+    """Return the answers of vehicles as data for programs."""
     return {
         vehicle.name: {
             "answers": not vehicle.trouble,

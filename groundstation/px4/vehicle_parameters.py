@@ -287,7 +287,7 @@ def _line(row: ParameterState, answer: VehicleParams) -> str:
 
 
 def as_mapping(answers: Sequence[VehicleParams]) -> dict[str, Any]:
-    """Return the same for programs."""
+    """Return the answers of vehicles as data for programs."""
     return {answer.name: _vehicle_mapping(answer) for answer in answers}
 
 

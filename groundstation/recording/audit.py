@@ -87,9 +87,9 @@ def trail_of(messages: Iterable[RecordedMessage], begin_ns: int) -> list[OrderTr
         begin_ns: stamp [ns] from which the seconds count.
     """
     collected = _Trail()
-    for one in messages:
-        at_s = (one.stamp_ns - begin_ns) * 1e-9
-        collected.add(at_s, one.name, one.message)
+    for recorded in messages:
+        at_s = (recorded.stamp_ns - begin_ns) * 1e-9
+        collected.add(at_s, recorded.name, recorded.message)
     return collected.traces
 
 

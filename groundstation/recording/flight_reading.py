@@ -137,7 +137,7 @@ _SIZES = {_Number: 1, _Vec2: 2, _Vec3: 3, _Vec4: 4, bool: 1}
 def _number_fields(row: type[msgspec.Struct]) -> dict[str, int]:
     """Return the number fields of a row, each with its count of numbers."""
     fields = msgspec.structs.fields(row)
-    return {one.name: _SIZES[one.type] for one in fields if one.type in _SIZES}
+    return {field.name: _SIZES[field.type] for field in fields if field.type in _SIZES}
 
 
 _TICK_FIELDS = _number_fields(_TickRow)
@@ -325,7 +325,7 @@ class _VehicleRows:
     def add_preflight(self, raw: RawChannel) -> int:
         """Keep the newest preflight report."""
         messages = [from_json(raw.kind, data) for data in raw.datas]
-        reports = [one for one in messages if isinstance(one, PreflightReport)]
+        reports = [message for message in messages if isinstance(message, PreflightReport)]
         if reports:
             self.preflight = reports[-1]
         return len(reports)
@@ -444,17 +444,17 @@ def read_flight(folder: Path, fleet_path: str | None = None) -> Flight:
         )
 
     notes += _notes(collected, span)
-    messages = [one for one in collected.messages if span.has(one.stamp_ns)]
-    messages.sort(key=lambda one: one.stamp_ns)
+    messages = [recorded for recorded in collected.messages if span.has(recorded.stamp_ns)]
+    messages.sort(key=lambda recorded: recorded.stamp_ns)
     return Flight(
         title=plain_line(beside.resolve().name)[:MAX_NAME],
         begin_ns=span.begin_ns,
         length_s=span.length_s,
         vehicles=vehicles,
         events=[
-            (span.seconds(one.stamp_ns), one.message)
-            for one in messages
-            if isinstance(one.message, Event)
+            (span.seconds(recorded.stamp_ns), recorded.message)
+            for recorded in messages
+            if isinstance(recorded.message, Event)
         ],
         orders=trail_of(messages, span.begin_ns),
         fleet=fleet,
@@ -507,8 +507,8 @@ def _span(collected: _Collected, record_begin_ns: int) -> _Span:
     """
     all_stamps = [
         rows.stamps_ns
-        for one in collected.vehicles.values()
-        for rows in (one.ticks, one.telemetry, one.truth)
+        for vehicle in collected.vehicles.values()
+        for rows in (vehicle.ticks, vehicle.telemetry, vehicle.truth)
     ]
     stamps_ns = np.sort(np.concatenate([*all_stamps, np.zeros(0, np.int64)]))
     if not stamps_ns.size:

@@ -167,7 +167,7 @@ class Flight:
     @property
     def has_truth(self) -> bool:
         """Whether every vehicle's true motion is known."""
-        return bool(self.vehicles) and all(one.has_truth for one in self.vehicles.values())
+        return bool(self.vehicles) and all(vehicle.has_truth for vehicle in self.vehicles.values())
 
     @property
     def begin_s(self) -> float:

@@ -246,9 +246,8 @@ class Replay:
             return
 
         ticks = self.timeline.read(self._now_ns - TICKS_NS, frozenset(("tick",)))
-        for one in ticks.until(self._now_ns):
-            if isinstance(one.message, TickSample) and one.name == self.tick_stream.vehicle:
-                self.tick_stream.values.append(one.message)
+        for recorded in ticks.until(self._now_ns):
+            self._add_tick(recorded)
 
     def _read_on(self) -> Reading:
         """Return a reading of the messages after this time.
@@ -283,23 +282,28 @@ class Replay:
         Consecutive messages of the same topic are folded together, which is faster.
         """
         state = self._state
-        for topic, group in itertools.groupby(messages, key=lambda one: one.topic):
+        for topic, group in itertools.groupby(messages, key=lambda recorded: recorded.topic):
             same_topic = list(group)
             if topic == "truth":
                 state = _fold_truths(state, same_topic)
             elif topic == "tick":
-                for one in same_topic:
-                    if one.name == self.tick_stream.vehicle and isinstance(one.message, TickSample):
-                        self.tick_stream.values.append(one.message)
+                for recorded in same_topic:
+                    self._add_tick(recorded)
             else:
                 state = _fold(state, same_topic)
         return state
 
+    def _add_tick(self, recorded: RecordedMessage) -> None:
+        """Add a tick to the tick stream if it is of the vehicle that is followed."""
+        tick = recorded.message
+        if isinstance(tick, TickSample) and recorded.name == self.tick_stream.vehicle:
+            self.tick_stream.values.append(tick)
+
 
 def _fold_truths(state: FleetState, messages: list[RecordedMessage]) -> FleetState:
     """Return the state after messages of truth; those with the same stamp are folded together."""
-    for stamp_ns, moment in itertools.groupby(messages, key=lambda one: one.stamp_ns):
-        truths = [one.message for one in moment if isinstance(one.message, Truth)]
+    for stamp_ns, moment in itertools.groupby(messages, key=lambda recorded: recorded.stamp_ns):
+        truths = [recorded.message for recorded in moment if isinstance(recorded.message, Truth)]
         state = fleet_state.fold_truths(state, truths, stamp_ns)
     return state
 
@@ -307,16 +311,18 @@ def _fold_truths(state: FleetState, messages: list[RecordedMessage]) -> FleetSta
 def _fold(state: FleetState, messages: list[RecordedMessage]) -> FleetState:
     """Return the state after messages of vehicles; a vehicle that sends counts as alive."""
     telemetry = [
-        (one.message, one.stamp_ns) for one in messages if isinstance(one.message, Telemetry)
+        (recorded.message, recorded.stamp_ns)
+        for recorded in messages
+        if isinstance(recorded.message, Telemetry)
     ]
     state = fleet_state.fold_telemetry(state, telemetry)
 
-    for one in messages:
-        if not isinstance(one.message, Telemetry):
-            state = fleet_state.fold(state, one.message, one.stamp_ns)
-        view = state.vehicles.get(one.name)
+    for recorded in messages:
+        if not isinstance(recorded.message, Telemetry):
+            state = fleet_state.fold(state, recorded.message, recorded.stamp_ns)
+        view = state.vehicles.get(recorded.name)
         if view is not None and not view.is_alive:
-            state = fleet_state.fold_nodes(state, [fleet_state.NodeSeen(one.name, True)])
+            state = fleet_state.fold_nodes(state, [fleet_state.NodeSeen(recorded.name, True)])
     return state
 
 

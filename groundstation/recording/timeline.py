@@ -311,9 +311,9 @@ class Timeline:
         self._stream.seek(position)
 
     def _read_events(self, number: int) -> None:
-        for one in self.messages(number, frozenset(("event",))):
-            if isinstance(one.message, Event) and len(self.events) < MAX_EVENTS:
-                self.events.append((one.stamp_ns, one.message))
+        for recorded in self.messages(number, frozenset(("event",))):
+            if isinstance(recorded.message, Event) and len(self.events) < MAX_EVENTS:
+                self.events.append((recorded.stamp_ns, recorded.message))
 
     # -- the messages ------------------------------------------------------------------------------
 
@@ -495,10 +495,10 @@ class Reading:
         return min(until_ns, self._heap[0][0])
 
     def _load(self) -> None:
-        for one in self._timeline.messages(self._next_chunk, self._topics):
-            if one.stamp_ns > self._after_ns:
+        for recorded in self._timeline.messages(self._next_chunk, self._topics):
+            if recorded.stamp_ns > self._after_ns:
                 self._count += 1
-                heapq.heappush(self._heap, (one.stamp_ns, self._count, one))
+                heapq.heappush(self._heap, (recorded.stamp_ns, self._count, recorded))
         self._next_chunk += 1
 
 
@@ -619,7 +619,9 @@ class _Stamps:
                     stamp_ns - shifts_ns[clock]
                     for stamp_ns in (span.first_ns, span.middle_ns, span.last_ns)
                 ]
-                near_ns = [one for one in stamps_ns if abs(one - now_ns) <= MAX_LATE_NS]
+                near_ns = [
+                    stamp_ns for stamp_ns in stamps_ns if abs(stamp_ns - now_ns) <= MAX_LATE_NS
+                ]
                 begins_ns += near_ns[:1]
                 ends_ns += near_ns[-1:]
 

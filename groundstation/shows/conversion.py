@@ -329,8 +329,8 @@ def _spread_starts(made: Converted, spacing_m: float, height_share: float) -> No
         anyhow = ""
         if not height_share:
             anyhow = " at any height, since vehicles do not fly above each other"
-        in_show = [one._replace(time_s=made.show_s(one.time_s)) for one in first_pairs]
-        listed = listed_words([pair_words(one) for one in in_show])
+        in_show = [pair._replace(time_s=made.show_s(pair.time_s)) for pair in first_pairs]
+        listed = listed_words([pair_words(pair) for pair in in_show])
         raise ConfigError(
             f"Paths come nearer than {spacing_m:.2f} m, which the law needs{anyhow}: {listed} "
             f"(times of the show). Move them apart.{_heights_words(first_pairs, height_share)}"

@@ -85,7 +85,7 @@ def origin_of(places: Sequence[Places]) -> Origin:
     return Origin(
         latitude_deg=float(places[0].latitudes_deg[0]),
         longitude_deg=float(places[0].longitudes_deg[0]),
-        altitude_m=float(min(one.altitudes_m.min() for one in places)),
+        altitude_m=float(min(drone.altitudes_m.min() for drone in places)),
     )
 
 

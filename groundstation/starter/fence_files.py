@@ -193,7 +193,7 @@ def _of_geojson(data: dict[str, Any], name: str, stem: str) -> Iterator[Fence]:
 
     features = [data]
     if data["type"] == "FeatureCollection":
-        features = [_table(one, name) for one in _list(data, "features", name)]
+        features = [_table(feature, name) for feature in _list(data, "features", name)]
     for number, feature in enumerate(features, 1):
         where = f"{name}: feature {number}"
         geometry = feature

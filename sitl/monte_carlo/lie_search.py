@@ -163,7 +163,7 @@ def search(
 def _distances_m(plans: list[scenarios.FlightPlan], setup: Setup) -> Array:
     """Fly plans; return for each the smallest distance of two vehicles that do not lie."""
     flown = batch_flight.fly(plans, setup)
-    return np.array([one.outcome.min_separation_m for one in flown])
+    return np.array([flight.outcome.min_separation_m for flight in flown])
 
 
 def _with_lie(plan: scenarios.FlightPlan, kind: LieKind, point: Array) -> scenarios.FlightPlan:

@@ -219,7 +219,7 @@ def nonsense(flight: Lockstep, name: str) -> None:
     Their values are not finite, huge or repeated, have a sequence number far ahead, or are of a
     vehicle that does not exist.
     """
-    other = next(one for one in flight.config.enabled_names if one != name)
+    other = next(vehicle for vehicle in flight.config.enabled_names if vehicle != name)
     liar = flight.bus.node("liar")
     liar.start()
     newest_state: list[StateMessage] = []  # the newest state of the other vehicle; empty before
@@ -499,7 +499,7 @@ def _order_to(flight: Lockstep, name: str, place_enu_m: tuple[float, float, floa
 def wind_rises(flight: Lockstep, name: str) -> None:
     """Let the wind rise to twice the wind limit of the fleet; it blows for all vehicles."""
     config = flight.config
-    vehicles = [config.vehicles[one] for one in config.enabled_names]
+    vehicles = [config.vehicles[vehicle_name] for vehicle_name in config.enabled_names]
     limit_m_s = min(wind_limit_m_s(config, vehicle) for vehicle in vehicles)
     speed_m_s = min(2.0 * limit_m_s, _STRONGEST_WIND_M_S)
     fault("wind_ramp", speed_m_s=speed_m_s, over_s=_WIND_RISES_IN_S)(flight, name)

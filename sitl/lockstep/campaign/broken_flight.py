@@ -64,7 +64,8 @@ def wind_of(mean_enu_m_s: tuple[float, float]) -> WindSettings:
 
 def injection_of(name: str) -> Injection:
     """Return the injection of this name."""
-    return next(one for one in (*INJECTIONS, *FIELD_INJECTIONS) if one.name == name)
+    injections = (*INJECTIONS, *FIELD_INJECTIONS)
+    return next(injection for injection in injections if injection.name == name)
 
 
 def both_of(first: Injection, second: Injection) -> Injection:
@@ -213,7 +214,7 @@ def _promised_m(
             x, y, _ = fleet.vehicles[name].start_enu_m
             spots[name] = (x, y, height_m)
         findings = blind_descent_findings(fleet, spots, "the flight")
-        if any(one.status == "refused" for one in findings):
+        if any(finding.status == "refused" for finding in findings):
             return body_m
 
     if injection.is_blind:

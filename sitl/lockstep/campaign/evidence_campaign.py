@@ -298,17 +298,17 @@ def planned_height_m(mission: Mission) -> float:
 
 def planned_places(mission: Mission) -> list[tuple[float, float, float]]:
     """Return the planned positions of a mission [m]: spots, goals and points of its paths."""
-    places = []
+    positions = []
     for step in mission.course():
-        places += [*step.positions.values(), *step.goals.values()]
+        positions += [*step.positions.values(), *step.goals.values()]
         for path in step.paths.values():
             times_s = np.arange(0.0, path.duration_s + _PATH_STEP_S, _PATH_STEP_S).tolist()
-            places += [point_at(path, time_s).position_enu_m for time_s in times_s]
-    return [(float(east), float(north), float(up)) for east, north, up in places]
+            positions += [point_at(path, time_s).position_enu_m for time_s in times_s]
+    return [(float(east), float(north), float(up)) for east, north, up in positions]
 
 
 def _action_by_claims(situation: Situation, conditions: Collection[Condition]) -> Action:
-    """Return what a vehicle has to do.
+    """Return the action that the conditions demand of a vehicle.
 
     The claims decide for a flying vehicle, and the failsafe table in all other situations.
     """

@@ -156,24 +156,24 @@ class Judge:
             return
 
         self._measure_distances()
-        for one in self.truths.values():
-            self._check_place(one)
+        for vehicle_truth in self.truths.values():
+            self._check_place(vehicle_truth)
         for shell in self.flight.agents.values():
             if shell.is_ticking:
                 self._check_action(shell.name)
 
     def _measure_distances(self) -> None:
         truths = list(self.truths.values())
-        for index, one in enumerate(truths):
-            for other in truths[index + 1 :]:
-                if one.is_on_ground and other.is_on_ground:
+        for index, first in enumerate(truths):
+            for second in truths[index + 1 :]:
+                if first.is_on_ground and second.is_on_ground:
                     continue
                 distance_m = separation_m(
-                    one.position_enu_m, other.position_enu_m, self.height_share
+                    first.position_enu_m, second.position_enu_m, self.height_share
                 )
                 silenced_count = 0
                 if self.is_injected:
-                    silenced_count = len(self.silenced & {one.vehicle, other.vehicle})
+                    silenced_count = len(self.silenced & {first.vehicle, second.vehicle})
                 self.smallest[silenced_count] = min(self.smallest[silenced_count], distance_m)
 
     def _check_place(self, truth: Truth) -> None:
@@ -276,7 +276,9 @@ class Judge:
             return
 
         reported = {(event.vehicle, event.code) for event in self.flight.events}
-        is_reported = any((name, _code(one)) in reported for name in names for one in noticed)
+        is_reported = any(
+            (name, _code(condition)) in reported for name in names for condition in noticed
+        )
         if not is_reported:
             words = ", ".join(condition.value for condition in noticed)
             self.note(f"the record does not tell {words}")

@@ -36,11 +36,11 @@ FIRST_SEED = 1000
 # flights
 STAGES = (range(1000, 1007), range(1007, 1034), range(1034, 1101), range(1101, 1168))
 _SCENARIO_FORMATS = ("swap{}x", "swap{}", "rand{}")  # completed by the number of vehicles
-# scenarios are scaled so that a vehicle that avoids nobody flies so many seconds at this share of
-# its top speed or faster
+# Scenarios are scaled so that a vehicle that avoids no other one flies for _HELD_S at _HELD_SHARE
+# of its top speed or faster.
 _HELD_S = 2.0
 _HELD_SHARE = 0.9
-_CIRCLE_SPACING_M = 1.25  # of neighbours on the circle of a swap
+_CIRCLE_SPACING_M = 1.25  # distance of neighbours on the circle of a swap
 _TILTS_DEG = (30, 35, 40, 45)
 
 
