@@ -90,7 +90,7 @@ def emulator_of(
     Args:
         fleet: the fleet file.
         vehicles: those to emulate.
-        seed: of everything random.
+        seed: seed of everything random.
         environment: wind, downwash and errors.
         px4: version of all their PX4s; None: the one that the fleet file names for each.
     """
@@ -166,11 +166,11 @@ class Broadcast:
     """Poses of an emulated motion capture and ground truth, as messages of the bus.
 
     Args:
-        emulator: whose truth it is.
+        emulator: emulator whose truth it is.
         vehicles: those of the emulator, in its order.
         mocap: quality of the motion capture.
-        seed: of its noise.
-        boot_id: of the sender.
+        seed: seed of its noise.
+        boot_id: boot id of the sender.
         stamp_ns: turns simulated seconds into the stamp of a message.
         source: node of the sender, where receivers have other clocks than it.
         truth_offset_m: added to the true positions, to prove that no flight depends on them.
@@ -257,7 +257,7 @@ class Server:
     Args:
         fleet: the fleet file.
         vehicles: names to emulate.
-        seed: of everything random.
+        seed: seed of everything random.
         mocap: quality of the emulated motion capture.
         bus: where poses and truth are published; None for MAVLink only.
         truth_offset_m: added to the published truth, to prove that no flight depends on it.
@@ -452,7 +452,7 @@ def simulator_bus(
 
     Args:
         fleet: the fleet file.
-        node: its name.
+        node: name of the node.
         is_partial: it emulates a part of the fleet, beside a relay of the other part's poses.
     """
     agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]

@@ -159,9 +159,9 @@ class Listener(asyncio.DatagramProtocol):
     """One PX4's truth link: requests the rate it needs, hands every state on.
 
     Args:
-        system_id: of the PX4.
+        system_id: MAVLink system id of the PX4.
         take: takes the fields of a state and when it came [ns].
-        body: whose home is to be known before its states pass; None: no home is requested.
+        body: body whose home is to be known before its states pass; None: no home is requested.
 
     Attributes:
         heard: how many states have come.

@@ -228,7 +228,7 @@ class Alarms:
         """Acknowledge one alarm, or all; they stay in the list.
 
         Args:
-            line: as shown, also of many vehicles; None for all.
+            line: alarm line as shown, also one of many vehicles; None: all lines.
 
         Returns:
             The number of alarms that were open.

@@ -54,10 +54,10 @@ class AutopilotLink:
     """One link to one PX4.
 
     Args:
-        endpoint: of the fleet file.
+        endpoint: endpoint of the fleet file.
         system_id: PX4's MAVLink system id.
         is_own: the vehicle's own link, which is used as its agent would; else PX4's ground link.
-        key: of MAVLink signing; None for a vehicle that does not sign.
+        key: key of MAVLink signing; None for a vehicle that does not sign.
 
     Raises:
         OSError: the endpoint cannot be opened.
@@ -217,7 +217,7 @@ class AutopilotLink:
         """Read a parameter.
 
         Args:
-            name: of the parameter.
+            name: name of the parameter.
 
         Returns:
             PX4's value; None when it does not know it.
@@ -273,8 +273,8 @@ class AutopilotLink:
         """Set a parameter and read it back.
 
         Args:
-            name: of the parameter.
-            value: to set.
+            name: name of the parameter.
+            value: value to set.
 
         Returns:
             PX4's value after it; None when PX4 does not know it.
@@ -322,7 +322,7 @@ class AutopilotLink:
 
         Args:
             command: MAV_CMD.
-            param1: its first parameter; the others are 0.
+            param1: first parameter of the command; the others are 0.
         """
         others = (0.0,) * 6
         self._link.mav.command_long_send(self.system_id, AUTOPILOT, command, 0, param1, *others)

@@ -150,8 +150,8 @@ class BusFeed:
         Nothing is called after the loop has ended.
 
         Args:
-            function: to call soon.
-            args: its arguments.
+            function: function to call soon.
+            args: arguments of the callback.
         """
         loop = self._loop
         if loop is None or loop.is_closed():

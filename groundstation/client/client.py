@@ -253,7 +253,7 @@ class FleetClient:
 
         Args:
             kind: whether the paths are loaded or started.
-            paths: of each vehicle, see :mod:`groundstation.orders.path_orders`.
+            paths: paths of each vehicle, see :mod:`groundstation.orders.path_orders`.
 
         Returns:
             The results, which fill in on the event loop.
@@ -278,7 +278,7 @@ class FleetClient:
         The fleet may have moved since it was planned.
 
         Args:
-            planned: of :meth:`plan`.
+            planned: planned order, from :meth:`plan`.
 
         Returns:
             The same orders with the same goals, ready for :meth:`send`; or refusals instead.
@@ -293,7 +293,8 @@ class FleetClient:
         """Send a planned order as it is; callable from any thread.
 
         Args:
-            planned: of :meth:`plan` or :meth:`check_again`, not older than the orders' deadline.
+            planned: planned order, from :meth:`plan` or :meth:`check_again`, not older than the
+                orders' deadline.
             is_by_mission: a mission gives it, and no person: it replaces no order of a person that
                 this ground has not heard of, lands nobody whom a pilot flies by hand, and does not
                 go past the agents of several silent vehicles.
@@ -319,7 +320,7 @@ class FleetClient:
         """Whether an order of a person at this ground brings the fleet home, past its mission.
 
         Args:
-            order_id: as in telemetry.
+            order_id: identifier of the order, as in telemetry.
         """
         return order_id in self._brings_home
 
@@ -327,7 +328,7 @@ class FleetClient:
         """Whether a mission of this ground has given an order.
 
         Args:
-            order_id: as in telemetry.
+            order_id: identifier of the order, as in telemetry.
         """
         return order_id in self._orders.ids_of_missions
 
@@ -335,8 +336,8 @@ class FleetClient:
         """Whether no mission of this ground has given a vehicle another order since.
 
         Args:
-            vehicle: its name.
-            order_id: of an order of a mission.
+            vehicle: name of the vehicle.
+            order_id: identifier of an order of a mission.
         """
         return self._orders.newest_of_missions.get(vehicle) == order_id
 
@@ -344,7 +345,7 @@ class FleetClient:
         """Whether this ground has given an order.
 
         Args:
-            order_id: as in telemetry.
+            order_id: identifier of the order, as in telemetry.
         """
         return order_id.startswith(f"{self._feed.bus.node}-")
 
@@ -354,7 +355,7 @@ class FleetClient:
         The goals are checked against the fleet as it is now.
 
         Args:
-            order: of :meth:`send`.
+            order: order, from :meth:`send`.
             names: vehicles without an answer.
         """
         checked = self.check_again(order.planned)
@@ -371,7 +372,7 @@ class FleetClient:
         An order of this client to arm or take off goes on, or the vehicle reports one.
 
         Args:
-            vehicle: its name.
+            vehicle: name of the vehicle.
         """
         view = self._state.vehicles[vehicle]
         telemetry = view.telemetry if view.is_fresh(self._clock_ns()) else None
@@ -384,7 +385,7 @@ class FleetClient:
 
         Args:
             order: an intent, or a line of the orders' grammar.
-            is_by_mission: as for :meth:`send`.
+            is_by_mission: see :meth:`send`.
 
         Returns:
             Its results, which fill in on the event loop.
@@ -401,7 +402,7 @@ class FleetClient:
 
         Args:
             order: an intent, or a line of the orders' grammar.
-            is_by_mission: as for :meth:`send`.
+            is_by_mission: see :meth:`send`.
 
         Returns:
             Its results, which fill in on the event loop.
@@ -419,7 +420,7 @@ class FleetClient:
         Args:
             order: an intent, or a line of the orders' grammar.
             timeout_s: longest wait [s]; None waits for ever.
-            is_by_mission: as for :meth:`send`.
+            is_by_mission: see :meth:`send`.
 
         Returns:
             One result per vehicle.
@@ -444,12 +445,12 @@ class FleetClient:
         """Inject a fault into the emulator.
 
         Args:
-            name: of the fault, as in the emulator's catalogue.
+            name: name of the fault, as in the emulator's catalogue.
             vehicle: name of the vehicle.
-            parameters: of this fault.
+            parameters: parameters of this fault.
             after_s: time from now until it begins, simulated seconds.
-            duration_s: how long it lasts, simulated seconds; 0 for ever.
-            is_rehearsal: only check whether it would be possible.
+            duration_s: duration of the fault, simulated seconds; 0 for ever.
+            is_rehearsal: whether the fault is only checked, and not injected.
 
         Returns:
             The emulator's sentence about the fault.
@@ -553,8 +554,8 @@ class FleetClient:
         Args:
             severity: debug, info, warning or critical.
             code: the event's kind.
-            sentence: for people.
-            vehicle: that it is about.
+            sentence: text for people.
+            vehicle: name of the vehicle that the event is about.
         """
         event = Event(
             vehicle=vehicle,
@@ -599,7 +600,7 @@ def waves_refusal(intent: Intent) -> str | None:
     """Return why an intent cannot be sent as one order; None if it can.
 
     Args:
-        intent: of any verb.
+        intent: intent of any verb.
     """
     if isinstance(intent, Takeoff) and len(intent.waves) > 1:
         return (

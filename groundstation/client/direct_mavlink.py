@@ -87,7 +87,7 @@ def send_direct(
         endpoint: PX4's ground link, as ``udpout://127.0.0.1:18570``.
         system_id: PX4's MAVLink system id.
         kind: land, or kill: disarm by force.
-        key: of MAVLink signing; None for a vehicle that does not sign.
+        key: key of MAVLink signing; None for a vehicle that does not sign.
         timeout_s: longest wait for the acknowledgement or the effect [s].
         watch_s: longest wait for the disarm after it [s].
         spares_pilot: ask PX4 first, and send nothing while it is in a pilot's mode and hears his

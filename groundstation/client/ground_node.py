@@ -17,7 +17,7 @@ def session(fleet: FleetConfig, role: str = GROUND, key_of: NodeRole | None = No
     """Return a new node on the fleet's bus.
 
     Args:
-        fleet: its agents are connected to.
+        fleet: fleet whose agents the node connects to.
         role: whether the node may order, or only watches: without one that may, vehicles land after
             a while.
         key_of: whose key it uses on a locked bus; None for the one that fits the role.

@@ -47,7 +47,7 @@ def mavutil_address(endpoint: str) -> str:
     """Return the fleet file's ``udpout://HOST:PORT`` in pymavlink's spelling.
 
     Args:
-        endpoint: as in the fleet file.
+        endpoint: endpoint as in the fleet file.
 
     Returns:
         As pymavlink expects it.
@@ -85,8 +85,8 @@ class Signing:
     than the newest of them: a timestamp that only counts on would be refused for ever.
 
     Args:
-        key: of the vehicle; None for a link that neither signs nor checks.
-        link_id: of this sender.
+        key: key of the vehicle; None for a link that neither signs nor checks.
+        link_id: link id of this sender.
         hears_all: whether messages that are not signed with the key are let in, too.
     """
 
@@ -130,7 +130,7 @@ def take_link(endpoint: str, key: bytes | None = None) -> Any:
 
     Args:
         endpoint: PX4's ground link, as in the fleet file.
-        key: of MAVLink signing; None for a vehicle that does not sign.
+        key: key of MAVLink signing; None for a vehicle that does not sign.
 
     Raises:
         OSError: it cannot be opened.
@@ -173,7 +173,7 @@ def open_as_companion(endpoint: str, system_id: int, key: bytes | None = None) -
     Args:
         endpoint: ``autopilot`` of the fleet file.
         system_id: PX4's MAVLink system id.
-        key: of MAVLink signing; None for a vehicle that does not sign.
+        key: key of MAVLink signing; None for a vehicle that does not sign.
 
     Raises:
         OSError: it cannot be opened.

@@ -72,7 +72,7 @@ class OpenOrders:
         publish_event: publishes an event of the ground.
         views: returns the vehicles as known now.
         stall_clock_ns: a clock that goes on while this computer sleeps [ns].
-        mavlink_keys: of the vehicles whose MAVLink is signed.
+        mavlink_keys: keys of the vehicles whose MAVLink is signed.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class OpenOrders:
         """Send orders that had no answer once more; an agent that has one already begins it once.
 
         Args:
-            result: of the order.
+            result: result of the order.
             orders: the same messages, stamped anew, of the vehicles that have not answered.
         """
         for vehicle, order in orders.items():
@@ -149,8 +149,8 @@ class OpenOrders:
         """Whether an order of one of these kinds was sent to a vehicle and has not ended.
 
         Args:
-            vehicle: its name.
-            kinds: of orders, as on the bus.
+            vehicle: name of the vehicle.
+            kinds: kinds of orders, as on the bus.
         """
         for result in self._open.values():
             order = result.planned.orders.get(vehicle)

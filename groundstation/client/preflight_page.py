@@ -385,7 +385,7 @@ async def ask(
     """Wait until every vehicle has reported, and then until all are go.
 
     Args:
-        client: started.
+        client: fleet client that has been started.
         names: vehicles.
         timeout_s: longest wait for the reports [s].
         until_go_s: longest wait after that [s].

@@ -18,7 +18,7 @@ class ReadOnlyClient:
     """The console's view of a client, without any order, not even land and kill.
 
     Args:
-        client: started.
+        client: fleet client that has been started.
     """
 
     def __init__(self, client: FleetClient) -> None:

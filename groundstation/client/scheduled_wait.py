@@ -20,7 +20,7 @@ async def wait_scheduled(event: asyncio.Event, limit_s: float) -> float:
     """Wait until an event is set, at most for a time in which this ground was scheduled.
 
     Args:
-        event: to wait for.
+        event: event to wait for.
         limit_s: longest wait [s], without the time in which this ground was not scheduled.
 
     Returns:

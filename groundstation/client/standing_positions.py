@@ -29,8 +29,8 @@ async def standing_positions(
 
     Args:
         client: not started.
-        names: of the vehicles.
-        duration_s: for which positions are collected.
+        names: names of the vehicles.
+        duration_s: time for which positions are collected.
 
     Returns:
         name -> positions, one for each telemetry.

@@ -63,7 +63,7 @@ class WorldClock:
         """Return by how much a vehicle's computer is ahead of this one, and the error of that [s].
 
         Args:
-            vehicle: its name.
+            vehicle: name of the vehicle.
 
         Returns:
             None while it is not measured, and for a computer that does not tell it.

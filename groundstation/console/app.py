@@ -72,12 +72,12 @@ class ConsoleApp(App[int]):
     """One screen for one fleet.
 
     Args:
-        client: of the fleet, or a record.
+        client: client of the fleet, or a record.
         mission: flies in a worker; its verdict stays until the operator quits.
         connect: opens the bus in a worker.
         title: stands at the top; by default the fleet's name.
         progress: returns one line about the mission.
-        run: of the mission, which may be paused and stepped through by written orders.
+        run: run of the mission, which may be paused and stepped through by written orders.
         judge: judges the missions that are started here; None: by what the console has seen.
         has_bell: ring the terminal's bell for every new alarm.
         forecaster: computes previews; None sends every order at once.

@@ -95,7 +95,7 @@ class History:
         A flight begins with the first vehicle in the air and ends with the last one down.
 
         Args:
-            now_ns: as of :meth:`add`.
+            now_ns: time, as for :meth:`add`.
 
         Returns:
             Seconds; None when nobody has flown.
@@ -230,7 +230,7 @@ def closest_pairs(
     Args:
         known: views and positions [m], ENU.
         most: number of pairs.
-        height_share: what a metre of height counts in a separation.
+        height_share: weight of a metre of height in a separation.
     """
     if len(known) < 2:
         return []

@@ -32,8 +32,8 @@ def panel_sizes(
     what numbers and heights take. A low terminal is the table's.
 
     Args:
-        width: of the terminal, in cells.
-        height: of the terminal, in cells.
+        width: width of the terminal, in cells.
+        height: height of the terminal, in cells.
         vehicles: rows of the table.
         fence: gives the plan its proportions.
         alone: id of the panel that has all the room; empty for none.
@@ -63,7 +63,7 @@ def verdict_most(height: int, table_height: int) -> int:
     it.
 
     Args:
-        height: of the terminal, in cells.
+        height: height of the terminal, in cells.
         table_height: rows of the fleet table.
     """
     rows_left = height - table_height - LINES_AROUND

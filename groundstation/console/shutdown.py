@@ -30,7 +30,7 @@ class Shutdown:
     Args:
         warn: writes a sentence into the event log.
         terminal: closed here when the terminal is gone.
-        table: of the fleet, which the question before leaving keeps in sight.
+        table: table of the fleet, which the question before leaving keeps in sight.
     """
 
     def __init__(

@@ -172,7 +172,7 @@ class ScriptOrders:
         """Send what was ordered since the last call, and let time pass.
 
         Args:
-            duration_s: on the script's clock.
+            duration_s: duration on the script's clock [s].
             waits_for_moves: whether moves that should have ended by then are waited for; all else
                 always is.
 

@@ -100,7 +100,7 @@ def refuse_unknown_ids(script: str, fleet: FleetConfig) -> None:
 
     Args:
         script: path of the Python file; what is no file is not read.
-        fleet: that is flown.
+        fleet: fleet that is flown.
 
     Raises:
         ConfigError: it names such an id.
@@ -155,7 +155,7 @@ def refuse_too_small_a_fleet(crazyflies_yaml: str | None, fleet: FleetConfig) ->
 
     Args:
         crazyflies_yaml: as the script gives it; a text in YAML has an id for each vehicle.
-        fleet: that is flown.
+        fleet: fleet that is flown.
 
     Raises:
         ConfigError: the script wants more vehicles.

@@ -164,9 +164,10 @@ class Crazyflie:
     """One vehicle under Crazyswarm's names; lengths in metres, times in seconds, yaw in radians.
 
     Args:
-        orders: of the script.
-        vehicle: of the fleet file.
-        longest_timescale: with which the script starts trajectories; None where that is not known.
+        orders: orders of the script.
+        vehicle: entry of the vehicle in the fleet file.
+        longest_timescale: longest timescale with which the script starts trajectories; None where
+            that is not known.
     """
 
     def __init__(
@@ -334,9 +335,9 @@ class _Known(dict[Any, Crazyflie]):
     """Vehicles by id or by name; of one that the fleet lacks it says which there are.
 
     Args:
-        noun: what they are known by.
-        key: that says so in a fleet file.
-        vehicles: by it.
+        noun: word for the kind of key, for the sentence.
+        key: key that says so in a fleet file.
+        vehicles: vehicle of each key.
     """
 
     def __init__(self, noun: str, key: str, vehicles: dict[Any, Crazyflie]) -> None:
@@ -356,7 +357,7 @@ class CrazyflieServer:
     """``swarm.allcfs``: all vehicles, and commands to groups of them.
 
     Args:
-        orders: of the script.
+        orders: orders of the script.
         longest_timescale: see :class:`Crazyflie`.
     """
 

@@ -61,7 +61,7 @@ class Trajectory:
         """Read a file of ``duration,x^0,...,yaw^7``.
 
         Args:
-            filename: of the CSV.
+            filename: name of the CSV.
 
         Raises:
             ConfigError: it cannot be read.
@@ -160,9 +160,9 @@ def refuse_too_fast(path: Path, timescale: float, name: str, fleet: FleetConfig)
     """Refuse a trajectory that a vehicle cannot fly, wherever it begins.
 
     Args:
-        path: as its file has it.
-        timescale: how many times as long it is to take.
-        name: of the vehicle.
+        path: path as it stands in its file.
+        timescale: factor by which the flight takes longer.
+        name: name of the vehicle.
         fleet: the fleet file.
 
     Raises:

@@ -11,7 +11,7 @@ def descent_s(vehicle: Vehicle, view: VehicleView) -> float:
     """Return the time that a landing takes from where a vehicle was last seen in the air.
 
     Args:
-        vehicle: of the fleet file.
+        vehicle: entry of the vehicle in the fleet file.
         view: the vehicle as it is known.
 
     Returns:
@@ -31,7 +31,7 @@ def longest_descent_s(fleet: FleetConfig, state: FleetState) -> float:
 
     Args:
         fleet: the fleet file.
-        state: of the fleet now.
+        state: state of the fleet now.
 
     Returns:
         Time [s]; 0 when nobody flies.

@@ -53,7 +53,7 @@ def place_of(name: str, state: FleetState | None) -> str:
     """Return whose place a vehicle has.
 
     Args:
-        name: of the vehicle.
+        name: name of the vehicle.
         state: the fleet as known now; None: nothing is known.
     """
     for place, vehicle in stand_ins(state).items():
@@ -66,7 +66,7 @@ def spot_of(name: str, fleet: FleetConfig, state: FleetState | None) -> Xyz:
     """Return the take-off spot of a vehicle [m], ENU.
 
     Args:
-        name: of the vehicle.
+        name: name of the vehicle.
         fleet: the fleet file.
         state: the fleet as known now; None: nothing is known.
     """

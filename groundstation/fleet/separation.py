@@ -23,8 +23,8 @@ def closest_pair(
         position_enu_m: positions (n, 3) [m].
         is_up: whether each flies (n,).
         is_updated: whether each position is new (n,).
-        below_m: only separations below this one [m].
-        height_share: what a metre of height counts.
+        below_m: limit; only separations below it are returned [m].
+        height_share: weight of a metre of height.
 
     Returns:
         Both indices and the separation [m]; None when no two are that close.

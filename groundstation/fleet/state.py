@@ -332,9 +332,9 @@ def fold(state: FleetState, message: Message, now_ns: int) -> FleetState:
     one's, or a little below it, of the same boot. A new boot id starts over.
 
     Args:
-        state: before the message.
+        state: fleet before the message.
         message: any message of the bus.
-        now_ns: when it was received, on the ground's monotonic clock [ns].
+        now_ns: time of reception, on the ground's monotonic clock [ns].
 
     Returns:
         The state after the message.
@@ -390,7 +390,7 @@ def fold_batch(state: FleetState, batch: Sequence[ReceivedMessage], now_ns: int)
     the square of the vehicles.
 
     Args:
-        state: before the batch.
+        state: fleet before the batch.
         batch: items with their times of reception, oldest first.
         now_ns: the ground's monotonic clock [ns].
 
@@ -451,7 +451,7 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
     A vehicle that occurs twice is compared twice, so that no close encounter is skipped.
 
     Args:
-        state: before the messages.
+        state: fleet before the messages.
         received: each with when it was received, on the ground's monotonic clock [ns].
 
     Returns:
@@ -540,8 +540,8 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
     A vehicle that occurs twice, as after a stall of this ground, is compared twice.
 
     Args:
-        state: before the messages.
-        messages: of one emulator, hence of one clock.
+        state: fleet before the messages.
+        messages: messages of one emulator, hence of one clock.
         now_ns: the ground's monotonic clock [ns].
 
     Returns:
@@ -639,7 +639,7 @@ def unknown_until(state: FleetState, now_ns: int) -> tuple[UnknownTime, ...]:
     """Return the times in which distances were not known, with those that have not ended.
 
     Args:
-        state: of the fleet.
+        state: state of the fleet.
         now_ns: end of the flight, on the ground's monotonic clock [ns].
     """
     still_unknown = []

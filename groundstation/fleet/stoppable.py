@@ -12,7 +12,7 @@ def stoppable(state: FleetState, names: Iterable[str]) -> tuple[str, ...]:
 
     Args:
         state: the fleet as known now.
-        names: of vehicles.
+        names: names of vehicles.
     """
     followers = []
     for name in names:

@@ -50,7 +50,7 @@ class Touchdown(Struct, frozen=True):
         """Return the largest speed that this contact may have.
 
         Args:
-            vehicle: of the fleet file.
+            vehicle: entry of the vehicle in the fleet file.
         """
         if self.is_by_px4:
             return LIMIT_BY_PX4_M_S

@@ -58,12 +58,12 @@ def unknown_time(
     """Return how near a vehicle may have come to any other while it was not seen.
 
     Args:
-        before: where it was seen last.
+        before: state in which the vehicle was last seen.
         after: where it is seen now; None while it is still unseen.
         others: the last sightings of all other vehicles.
         now_ns: the end of the time, on the ground's clock [ns].
         top_speed_m_s: the fastest that any of them flies [m/s].
-        height_share: what a metre of height counts in a separation.
+        height_share: weight of a metre of height in a separation.
 
     Returns:
         The time with the other vehicle that it may have come nearest to; None when it was seen

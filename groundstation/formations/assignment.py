@@ -22,7 +22,8 @@ def nearest_slots(
 
     Args:
         slots: offset of each vehicle, metres ENU.
-        positions: of the vehicles that fly there, metres ENU; whoever has none keeps its slot.
+        positions: positions of the vehicles that fly there, metres ENU; whoever has none keeps its
+            slot.
         centre: position of the formation.
 
     Returns:
@@ -54,8 +55,8 @@ def spots_without_crossing(
     Heights do not count: vehicles fly back at their own.
 
     Args:
-        spots: by the vehicle whose spot it is, metres ENU.
-        positions: of the vehicles that fly there, metres ENU.
+        spots: spot of each vehicle [m], ENU.
+        positions: positions of the vehicles that fly there, metres ENU.
 
     Returns:
         For each vehicle the one whose spot it takes.

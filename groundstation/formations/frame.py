@@ -58,9 +58,9 @@ def frame_paths(
     Args:
         fleet: the fleet file.
         begin: the formation at the begin.
-        points: that are flown through.
-        positions: of the vehicles before, by which the slots are dealt out anew, also those of
-            later shapes; None: each vehicle has its own slots.
+        points: points that are flown through.
+        positions: positions of the vehicles before, by which the slots are dealt out anew, also
+            those of later shapes; None: each vehicle has its own slots.
 
     Returns:
         Paths with a common begin.

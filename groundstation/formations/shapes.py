@@ -103,10 +103,10 @@ def layered(make: Array, layers: int, height_m: float, *, is_stacked: bool, coun
 
     Args:
         make: slots (N, 3) of the shape, metres; of a stack the slots of one layer.
-        layers: how many heights.
-        height_m: from one to the next [m].
+        layers: number of heights.
+        height_m: difference of height from one to the next [m].
         is_stacked: the whole shape in every layer, else the slots take turns.
-        count: of all slots.
+        count: count of all slots.
     """
     numbers = np.arange(count)
     if is_stacked:

@@ -30,7 +30,7 @@ def text_slots(text: str, font: str | None, count: int) -> Array:
     Args:
         text: one line.
         font: file of a font; None for the one that comes along with matplotlib.
-        count: of slots.
+        count: number of slots.
 
     Raises:
         ConfigError: matplotlib is not installed, or the font cannot be read.
@@ -66,7 +66,7 @@ def image_slots(file: str, count: int) -> Array:
 
     Args:
         file: a PNG, or what Pillow reads.
-        count: of slots.
+        count: number of slots.
 
     Raises:
         ConfigError: matplotlib is not installed, there is no such image, or it is too large.

@@ -36,7 +36,7 @@ def formation_slots(fleet: FleetConfig, name: str) -> dict[str, Xyz]:
 
     Args:
         fleet: the fleet file.
-        name: of the formation.
+        name: name of the formation.
 
     Returns:
         Offset of each vehicle from the formation's position, metres ENU.

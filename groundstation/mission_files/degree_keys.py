@@ -19,8 +19,8 @@ def in_metres(value: Any, fleet: FleetConfig, path: str) -> Any:
 
     Args:
         value: a list of steps, a step, or a value within one.
-        fleet: of the mission; its origin counts.
-        path: of the mission file, for the sentences.
+        fleet: fleet of the mission; its origin counts.
+        path: path of the mission file, for the sentences.
 
     Raises:
         ConfigError: a goal in degrees is none.

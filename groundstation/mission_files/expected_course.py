@@ -97,9 +97,9 @@ def course(
 
     Args:
         fleet: the fleet file.
-        steps: of the mission.
+        steps: steps of the mission.
         paths_of: the paths of a step that follows some.
-        path: of the mission file, for the sentences.
+        path: path of the mission file, for the sentences.
 
     Raises:
         ConfigError: a step names a vehicle or a formation that does not exist.
@@ -114,7 +114,7 @@ def resolved(intent: Intent, fleet: FleetConfig) -> Intent:
     """Return the order that a step gives to one fleet: with the names of its vehicles.
 
     Args:
-        intent: as the mission file has it.
+        intent: order as it stands in the mission file.
         fleet: the fleet file.
 
     Raises:
@@ -150,8 +150,8 @@ def with_speed(intent: Intent, goals: Mapping[str, Xyz], spots: Mapping[str, Xyz
 
     Args:
         intent: an order; one without a speed stays as it is.
-        goals: of the vehicles [m].
-        spots: where they are [m].
+        goals: goals of the vehicles [m].
+        spots: positions of the vehicles [m], ENU.
     """
     if not isinstance(intent, GoalIntent) or intent.speed_m_s is None:
         return intent
@@ -169,9 +169,9 @@ def formation_paths(
     """Return the paths of a formation's flight.
 
     Args:
-        step: of a mission file.
+        step: step of a mission file.
         fleet: the fleet file.
-        positions: of the vehicles before it [m].
+        positions: positions of the vehicles before it [m].
 
     Raises:
         ConfigError: see :func:`groundstation.formations.frame.frame_paths`.

@@ -56,7 +56,7 @@ def load_mission(path: str | os.PathLike[str], fleet: FleetConfig | str | None =
     """Read and check a mission, TOML or Python.
 
     Args:
-        path: of the file, or the name of an example: ``paper``.
+        path: path of the file, or the name of an example: ``paper``.
         fleet: instead of the fleet that the mission names.
 
     Returns:
@@ -78,7 +78,7 @@ def with_fleet(mission: Mission, fleet: FleetConfig) -> Mission:
     """Check a mission again for another fleet.
 
     Args:
-        mission: as it was read.
+        mission: mission as it was read.
         fleet: instead of its own.
 
     Returns:

@@ -30,7 +30,7 @@ def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tupl
     known before it flies.
 
     Args:
-        mission: loaded and checked.
+        mission: mission file, loaded and checked.
         errors: accuracy of positions; None: as the fleet file says.
     """
     groups: dict[str, list[Finding]] = {}
@@ -48,7 +48,7 @@ def refused_findings(mission: Mission, is_simulated: bool) -> list[Finding]:
     """Return why the law cannot fly a mission; empty when it can.
 
     Args:
-        mission: loaded and checked.
+        mission: mission file, loaded and checked.
         is_simulated: whether the flight is simulated: other laws than Covey's may then be flown.
     """
     fleet = mission.fleet
@@ -71,7 +71,7 @@ def refuse_unflyable(mission: Mission, is_simulated: bool) -> None:
     refuse a mission. Other laws than Covey's may be flown in simulation.
 
     Args:
-        mission: loaded and checked.
+        mission: mission file, loaded and checked.
         is_simulated: whether the flight is simulated.
 
     Raises:

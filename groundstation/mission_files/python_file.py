@@ -68,7 +68,7 @@ def load_function(mission: Mission) -> MissionFunction:
     """Load the coroutine function ``mission`` of a Python mission.
 
     Args:
-        mission: loaded and checked.
+        mission: mission file, loaded and checked.
 
     Returns:
         The function, with the mission's arguments.
@@ -104,7 +104,7 @@ def arguments_of(
 
     Args:
         function: ``mission(fleet, height_m=1.0, ...)``.
-        given: as they were written.
+        given: arguments as they were written.
         where: the file, for the sentences.
 
     Returns:

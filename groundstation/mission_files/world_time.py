@@ -38,7 +38,7 @@ def check_world_time(written: str) -> None:
     """Refuse what is no time.
 
     Args:
-        written: by a person.
+        written: time as a person has written it.
 
     Raises:
         ConfigError: it is none.
@@ -50,7 +50,7 @@ def world_time(written: str, now: datetime.datetime) -> WorldTime:
     """Return the instant that a person has written.
 
     Args:
-        written: by a person.
+        written: time as a person has written it.
         now: the world's clock, with its time zone.
 
     Raises:

@@ -35,8 +35,8 @@ class Fleet(Group):
     """All vehicles of a fleet, for missions.
 
     Args:
-        client: started.
-        say: progress in words, one line a call.
+        client: fleet client that has been started.
+        say: called with each line of progress.
     """
 
     def __init__(
@@ -135,8 +135,8 @@ class Fleet(Group):
         """Stay beside a fleet that somebody has taken, until it is down; Ctrl-C lands all.
 
         Args:
-            taken: by whom.
-            begin_ns: of the script, on the ground's clock.
+            taken: who has taken the fleet.
+            begin_ns: begin of the script, on the ground's clock.
         """
         self.say(taken.sentence)
         try:
@@ -215,8 +215,8 @@ class Fleet(Group):
         """Go on without these vehicles: "all" does not mean them any more, and they fail nothing.
 
         Args:
-            names: of vehicles. They do what their last order or their failsafe says, and land with
-                the mission's end.
+            names: names of vehicles. They do what their last order or their failsafe says, and
+                land with the mission's end.
         """
         self.ground.leave_out(*names)
 
@@ -233,12 +233,12 @@ class Fleet(Group):
         """Inject a fault into the emulator.
 
         Args:
-            name: of the fault; `covey sitl --faults` lists them.
-            vehicles: that have it.
+            name: name of the fault; `covey sitl --faults` lists them.
+            vehicles: vehicles that get the fault.
             after_s: time from now until it begins, simulated seconds.
-            duration_s: how long it lasts, simulated seconds; 0 for ever.
-            is_rehearsal: only check whether it would be possible.
-            parameters: of this fault.
+            duration_s: duration of the fault, simulated seconds; 0 for ever.
+            is_rehearsal: whether the fault is only checked, and not injected.
+            parameters: parameters of this fault.
 
         Raises:
             FaultRefused: the fault is impossible, or this flight is not simulated.

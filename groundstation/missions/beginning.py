@@ -33,7 +33,7 @@ def begin_refusal(mission: Mission, state: FleetState) -> str:
     before it flies.
 
     Args:
-        mission: loaded and checked.
+        mission: mission file, loaded and checked.
         state: the fleet as known now.
     """
     seen: set[str] = set()
@@ -58,7 +58,7 @@ def step_times(mission: Mission, now: datetime.datetime) -> dict[str, WorldTime]
     """Return the times of the world's clock in a mission, by how they are written.
 
     Args:
-        mission: loaded and checked.
+        mission: mission file, loaded and checked.
         now: the world's clock, with its time zone.
 
     Raises:
@@ -82,9 +82,9 @@ def time_refusal(mission: Mission, times: Mapping[str, WorldTime], begin_ns: int
     Steps that are flown side by side are not judged.
 
     Args:
-        mission: loaded and checked.
-        times: of :func:`step_times`.
-        begin_ns: of the mission, by the world's clock.
+        mission: mission file, loaded and checked.
+        times: result of :func:`step_times`.
+        begin_ns: begin of the mission, by the world's clock.
     """
     reached_s = 0.0  # after the begin
     for course_step in mission.course():

@@ -46,7 +46,7 @@ def reached(goals: Mapping[str, Xyz], within_m: float = ARRIVED_M) -> WaitCondit
     """Every vehicle reports to be at its goal.
 
     Args:
-        goals: of vehicles [m], ENU.
+        goals: goals of vehicles [m], ENU.
         within_m: distance that counts as there [m].
     """
 
@@ -76,7 +76,7 @@ def separation_above(distance_m: float) -> WaitCondition:
     """No two vehicles of which one flies have a smaller separation than this, by telemetry.
 
     Args:
-        distance_m: between centres [m].
+        distance_m: distance between centres [m].
     """
     return WaitCondition(
         f"all more than {distance_m:g} m apart",
@@ -89,7 +89,7 @@ def separation_below(distance_m: float) -> WaitCondition:
     """Two vehicles of which one flies have a smaller separation than this, by telemetry.
 
     Args:
-        distance_m: between centres [m].
+        distance_m: distance between centres [m].
     """
     return WaitCondition(
         f"two less than {distance_m:g} m apart",
@@ -102,7 +102,7 @@ def battery_below(percent: float, vehicles: Sequence[str] | str | None = None) -
     """One of these vehicles reports less charge than this.
 
     Args:
-        percent: of a full battery.
+        percent: limit in percent of a full battery.
         vehicles: names, or one; None: anybody.
     """
 
@@ -176,7 +176,7 @@ def event(code: str, vehicles: Sequence[str] | str | None = None) -> WaitConditi
     """An event with this code has come since the wait began.
 
     Args:
-        code: of the event, as in events.txt of a record; ``*`` for any warning or worse.
+        code: code of the event, as in events.txt of a record; ``*`` for any warning or worse.
         vehicles: that it is about, or one; None: anybody's, the ground's included.
     """
 

@@ -73,8 +73,8 @@ def run_script(path: str | Path, arguments: Sequence[str], host: Host) -> None:
     """Run a Python script that connects with a flight, as ``python PATH ARGUMENTS`` would.
 
     Args:
-        path: of the script.
-        arguments: for its ``sys.argv``.
+        path: path of the script.
+        arguments: arguments for its ``sys.argv``.
         host: the flight.
     """
     argv_before = sys.argv
@@ -129,9 +129,9 @@ class RealTime:
 
     Args:
         config: the fleet file.
-        folder: where the record goes; none without.
+        folder: folder of the record; None: no record is written.
         ready_timeout_s: longest wait for the vehicles [s].
-        say: hears progress in words.
+        say: called with each line of progress.
     """
 
     def __init__(

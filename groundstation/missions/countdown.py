@@ -37,7 +37,7 @@ class Countdown:
 
     Args:
         world: the clocks.
-        at: when to start.
+        at: time of the start.
         names: vehicles whose computers must have the same time.
     """
 
@@ -73,7 +73,7 @@ class Countdown:
         """End it without a start.
 
         Args:
-            sentence: why.
+            sentence: the reason.
         """
         self._ended = self._ended or sentence
 
@@ -135,8 +135,8 @@ async def count_down(
     """Wait until a start, and look at the clocks meanwhile.
 
     Args:
-        countdown: begun.
-        say: progress in words, one line a call.
+        countdown: countdown that has begun.
+        say: called with each line of progress.
         until_s: end so long before the start [s].
 
     Raises:
@@ -168,7 +168,7 @@ def clock_problem(world: WorldClock, vehicle: str) -> str:
 
     Args:
         world: the clocks.
-        vehicle: whose computer is compared with this one.
+        vehicle: vehicle whose computer is compared with this one.
     """
     compared = world.ahead_s(vehicle)
     if compared is None:
@@ -198,7 +198,7 @@ def clock_words(world: WorldClock, names: Sequence[str]) -> str:
 
     Args:
         world: the clocks.
-        names: of vehicles.
+        names: names of vehicles.
     """
     agreeing: dict[str, float] = {}
     others = []

@@ -29,8 +29,8 @@ class FollowPause:
     """Whether some followers are paused, by any ground: they tell it themselves.
 
     Args:
-        ground: of the flight.
-        names: of the followers.
+        ground: the mission's ground in this flight.
+        names: names of the followers.
     """
 
     def __init__(self, ground: FollowGround, names: tuple[str, ...]) -> None:
@@ -71,7 +71,7 @@ class FollowPause:
         """Look at these no more: they follow nobody any longer.
 
         Args:
-            names: of followers.
+            names: names of followers.
         """
         self._names = tuple(name for name in self._names if name not in names)
         self._have_followed.difference_update(names)

@@ -37,10 +37,10 @@ async def follow(
     """Have vehicles follow another one for a time; then they hold, also when this is cancelled.
 
     Args:
-        ground: of the flight.
+        ground: the mission's ground in this flight.
         leader: the vehicle that is followed.
-        offsets: of the followers from the leader [m], ENU.
-        duration_s: for how long [s].
+        offsets: offsets of the followers from the leader [m], ENU.
+        duration_s: duration [s].
 
     Returns:
         One result per vehicle, of the order to hold; none of those that the mission has landed.
@@ -135,9 +135,9 @@ def present_offsets(client: FleetClient, leader: str, names: Sequence[str]) -> d
     """Return where vehicles are now, from a leader [m], ENU.
 
     Args:
-        client: started.
+        client: fleet client that has been started.
         leader: the vehicle that is followed.
-        names: of the vehicles; the leader itself is left out.
+        names: names of the vehicles; the leader itself is left out.
 
     Raises:
         ConfigError: somebody does not report where it is.

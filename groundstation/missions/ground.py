@@ -33,8 +33,8 @@ class MissionGround:
     """Gives a mission's orders and keeps their results.
 
     Args:
-        client: started.
-        say: progress in words, one line a call.
+        client: fleet client that has been started.
+        say: called with each line of progress.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class MissionGround:
         Args:
             intent: the order.
             timeout_s: longest wait for its end [s].
-            change: what is different for single vehicles, after all were judged together.
+            change: changes the planned order for single vehicles, after all were checked together.
             may_be_left_out: whether an operator who flies step by step may go on without it.
 
         Returns:
@@ -144,7 +144,7 @@ class MissionGround:
         """Begin a countdown, which ends with the block.
 
         Args:
-            at: when to start.
+            at: time of the start.
             names: vehicles whose computers must have the same time.
 
         Raises:
@@ -170,7 +170,7 @@ class MissionGround:
         """Wait until a time of the world's clock.
 
         Args:
-            at: when to go on.
+            at: time to go on.
             names: vehicles whose computers must have the same time.
 
         Raises:
@@ -295,8 +295,8 @@ class MissionGround:
         "all" does not mean them any more, and their results fail nothing.
 
         Args:
-            names: of vehicles. They do what their last order or their failsafe says, and land with
-                the mission's end.
+            names: names of vehicles. They do what their last order or their failsafe says, and
+                land with the mission's end.
         """
         new = [name for name in names if name not in self.left_out]
         if not new:
@@ -358,10 +358,10 @@ class MissionGround:
         """Note what an order leaves behind of a vehicle that has done it.
 
         Args:
-            words: of the order.
-            name: of the vehicle.
-            message: to it.
-            results: of the order.
+            words: the order in words.
+            name: name of the vehicle.
+            message: message to it.
+            results: results of the order.
         """
         done = last_order(words, message, self.client.now_ns())
         if done is not None and results[name].is_done:
@@ -448,7 +448,7 @@ def step_result(step: str, duration_s: float, results: Results) -> StepResult:
 
     Args:
         step: the order in words.
-        duration_s: that it took [s].
+        duration_s: duration of the order [s].
         results: one per vehicle.
     """
     return StepResult(

@@ -79,8 +79,8 @@ class Group:
     wait [s], in vehicle time.
 
     Args:
-        ground: of the flight.
-        names: of the vehicles.
+        ground: the mission's ground in this flight.
+        names: names of the vehicles.
     """
 
     def __init__(self, ground: MissionGround, names: Sequence[str]) -> None:
@@ -149,7 +149,7 @@ class Group:
         """Start PX4 anew, on the ground and disarmed; done when it is heard with a new clock.
 
         Args:
-            vehicles: to order.
+            vehicles: vehicles to order.
             timeout_s: longest wait [s].
         """
         return await self.order(Reboot(vehicles=self.select(vehicles)), timeout_s)
@@ -158,7 +158,7 @@ class Group:
         """Leave vehicles out of flights: "all" does not mean them, and they do not start.
 
         Args:
-            vehicles: to order; they stand on the ground, disarmed.
+            vehicles: vehicles to order; they stand on the ground, disarmed.
             timeout_s: longest wait [s].
         """
         results = await self.order(Disable(vehicles=self.config.select(vehicles)), timeout_s)
@@ -170,7 +170,7 @@ class Group:
         """Let vehicles that were disabled take part in flights again.
 
         Args:
-            vehicles: to order.
+            vehicles: vehicles to order.
             timeout_s: longest wait [s].
         """
         results = await self.order(Enable(vehicles=self.config.select(vehicles)), timeout_s)
@@ -184,8 +184,8 @@ class Group:
         From then on the name of the vehicle means the spare: in paths, goals and formations.
 
         Args:
-            vehicle: that is out of service from then on.
-            spare: that takes part from its place.
+            vehicle: vehicle that is out of service from then on.
+            spare: spare vehicle that takes part from its place.
             timeout_s: longest wait [s].
         """
         intent = Swap(vehicles=self.config.select([vehicle, spare]))
@@ -214,9 +214,9 @@ class Group:
 
         Args:
             height_m: height above the fleet's origin [m].
-            vehicles: to order.
+            vehicles: vehicles to order.
             by: vehicles of a wave; 0: all at once.
-            every_s: from the arrival of a wave to the start of the next [s].
+            every_s: time from the arrival of a wave to the start of the next [s].
             timeout_s: longest wait for a wave [s].
         """
         intent = Takeoff(vehicles=self.select(vehicles), height_m=height_m, by=by, every_s=every_s)
@@ -235,9 +235,9 @@ class Group:
 
         Args:
             position_enu_m: goal of one vehicle, position of the formation of several [m], ENU.
-            vehicles: to order.
+            vehicles: vehicles to order.
             yaw_deg: heading to turn to, counterclockwise from east; None: as it is.
-            duration_s: of the move [s]; 0 leaves it to the vehicles' limits.
+            duration_s: duration of the move [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
         """
         intent = Move(
@@ -263,7 +263,7 @@ class Group:
         Args:
             goals: a position [m], ENU, for a group of one; or a position for each name.
             yaw_deg: heading to turn to, counterclockwise from east; None: as it is.
-            duration_s: of the move [s]; 0 leaves it to the vehicles' limits.
+            duration_s: duration of the move [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
 
         Raises:
@@ -289,8 +289,8 @@ class Group:
         """Return a position on Earth as a goal [m], ENU.
 
         Args:
-            latitude_deg: of the place.
-            longitude_deg: of the place.
+            latitude_deg: latitude of the place.
+            longitude_deg: longitude of the place.
             height_m: up in the fleet frame, as of every goal.
 
         Raises:
@@ -314,16 +314,16 @@ class Group:
         """Take up a formation.
 
         Args:
-            name: of the formation in the fleet file.
-            position_enu_m: of the formation [m], ENU; None: where it is on average.
-            vehicles: to order.
+            name: name of the formation in the fleet file.
+            position_enu_m: position of the formation [m], ENU; None: where it is on average.
+            vehicles: vehicles to order.
             spacing_m: stretches it until its two nearest slots are so far apart [m]; None: as in
                 the fleet file.
             rotation_deg: turns it about its position, counterclockwise.
             yaw_deg: heading of each vehicle, counterclockwise from east; None: as it is.
             assign: "ids": each vehicle has its own slot; "nearest": such that the longest flight is
                 short.
-            duration_s: of the move [s]; 0 leaves it to the vehicles' limits.
+            duration_s: duration of the move [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
 
         Raises:
@@ -362,8 +362,8 @@ class Group:
 
         Args:
             angle_deg: counterclockwise, from how it is turned now.
-            vehicles: to order.
-            duration_s: of the move [s]; 0 leaves it to the vehicles' limits.
+            vehicles: vehicles to order.
+            duration_s: duration of the move [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
         """
         intent = Rotate(vehicles=self.select(vehicles), angle_deg=angle_deg, duration_s=duration_s)
@@ -376,7 +376,7 @@ class Group:
 
         Args:
             yaw_deg: counterclockwise from east.
-            vehicles: to order.
+            vehicles: vehicles to order.
             timeout_s: longest wait [s].
         """
         return await self.order(Yaw(vehicles=self.select(vehicles), yaw_deg=yaw_deg), timeout_s)
@@ -394,9 +394,9 @@ class Group:
         This is one order, judged together.
 
         Args:
-            vehicles: to order.
-            height_m: of the way back, above the fleet's origin [m]; None: each at its own.
-            duration_s: of the way back [s]; 0 leaves it to the vehicles' limits.
+            vehicles: vehicles to order.
+            height_m: height of the way back, above the fleet's origin [m]; None: each at its own.
+            duration_s: duration of the way back [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
         """
         intent = Home(vehicles=self.select(vehicles), height_m=height_m, duration_s=duration_s)
@@ -415,9 +415,9 @@ class Group:
         They land there and disarm; a path or a formation ends by it.
 
         Args:
-            vehicles: to order.
-            height_m: of the way back, above the fleet's origin [m]; None: each at its own.
-            duration_s: of the way back [s]; 0 leaves it to the vehicles' limits.
+            vehicles: vehicles to order.
+            height_m: height of the way back, above the fleet's origin [m]; None: each at its own.
+            duration_s: duration of the way back [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
         """
         names = self.select(vehicles)
@@ -430,7 +430,7 @@ class Group:
         Vehicles that follow another one hold where they are until `resume`.
 
         Args:
-            vehicles: to order; whoever flies the same show pauses with them.
+            vehicles: vehicles to order; whoever flies the same show pauses with them.
             timeout_s: longest wait [s].
         """
         names = self._stoppable(self.select(vehicles))
@@ -440,7 +440,7 @@ class Group:
         """Let the clock of paused paths go on.
 
         Args:
-            vehicles: to order; it goes on once nobody of the same show is paused any more.
+            vehicles: vehicles to order; it goes on once nobody of the same show is paused any more.
             timeout_s: longest wait [s].
         """
         names = self._stoppable(self.select(vehicles))
@@ -453,7 +453,7 @@ class Group:
         that follow another one follow it no further, and hold.
 
         Args:
-            vehicles: to order; the others go on along their paths.
+            vehicles: vehicles to order; the others go on along their paths.
             timeout_s: longest wait [s].
         """
         names = self._stoppable(self.select(vehicles))
@@ -477,9 +477,9 @@ class Group:
         They go to the begins of their paths first.
 
         Args:
-            paths: of vehicles, see :func:`groundstation.paths.path_files.load_path`.
+            paths: paths of vehicles, see :func:`groundstation.paths.path_files.load_path`.
             lights: colours of vehicles, see :func:`groundstation.paths.lights.load_lights`.
-            on_lag: what a vehicle does that falls behind for too long; the others go on.
+            on_lag: reaction of a vehicle that falls behind for too long; the others go on.
             at: time of the world's clock at which they start; empty: at once.
             timeout_s: longest flight along the paths [s]; None: their own duration, and a minute.
         """
@@ -509,9 +509,9 @@ class Group:
         """Fly through waypoints without stopping, from where the vehicles are to the last ones.
 
         Args:
-            waypoints: of each vehicle [m], ENU.
-            speed_m_s: at the waypoints between.
-            on_lag: what a vehicle does that falls behind for too long; the others go on.
+            waypoints: waypoints of each vehicle [m], ENU.
+            speed_m_s: speed at the waypoints between [m/s].
+            on_lag: reaction of a vehicle that falls behind for too long; the others go on.
 
         Raises:
             ConfigError: two waypoints are one, or a vehicle does not report where it is.
@@ -542,9 +542,9 @@ class Group:
 
         Args:
             leader: the vehicle that is followed.
-            duration_s: for how long [s].
-            offsets: of the followers from the leader [m], ENU; None: all others of the group, each
-                as it is now.
+            duration_s: duration [s].
+            offsets: offsets of the followers from the leader [m], ENU; None: all others of the
+                group, each as it is now.
 
         Raises:
             ConfigError: the leader or a follower does not report where it is.
@@ -572,7 +572,7 @@ class Group:
         """Stop the motors at once, also in the air: the vehicles fall. They have to be named.
 
         Args:
-            vehicles: to order.
+            vehicles: vehicles to order.
             timeout_s: longest wait [s].
         """
         return await self.order(Kill(vehicles=self.select(vehicles)), timeout_s)
@@ -625,7 +625,7 @@ class Group:
         """Wait until a condition of :mod:`groundstation.missions.conditions` holds.
 
         Args:
-            condition: to wait for.
+            condition: condition to wait for.
             timeout_s: longest wait [s].
 
         Raises:
@@ -655,7 +655,7 @@ class Group:
         """React as soon as a condition holds while the block below runs.
 
         Args:
-            condition: to watch for.
+            condition: condition to watch for.
             reaction: what to do then, once: beside the block, which waits for it at its end; an
                 exception ends both.
             ends: break the block off first; the mission goes on after it.

@@ -42,8 +42,8 @@ async def hover_check(
 
     Args:
         state_of_now: returns the fleet with its newest telemetry.
-        names: of the vehicles that hover.
-        say: what a person should know of the wind, a line a call.
+        names: names of the vehicles that hover.
+        say: called with each line about the wind.
 
     Raises:
         WindTooStrong: it is above the limit of one of them, and stays there.

@@ -44,13 +44,13 @@ async def land_all(
     A landing under way goes on: no new order replaces an operator's.
 
     Args:
-        client: started.
+        client: fleet client that has been started.
         superseded: vehicles whose last order another ground has replaced; that may have been by a
             landing.
         timeout_s: longest wait beyond twice the time that the descent from their heights takes [s].
         say: progress in words.
-        link: of this ground.
-        watch: of the mission's fleet: once somebody has taken it, only a person lands it.
+        link: link of this ground.
+        watch: watch of the mission's fleet: once somebody has taken it, only a person lands it.
         is_by_person: a person wants it, and not only the mission: it waits for no link, and goes
             straight to PX4s whose agents do not answer.
 

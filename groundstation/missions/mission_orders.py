@@ -62,7 +62,7 @@ class MissionOrders:
     """Takes written orders about missions.
 
     Args:
-        client: of the fleet; only one that may order flies missions.
+        client: client of the fleet; only one that may order flies missions.
         begin: flies a mission in a worker, unless one flies already. Takes the mission, and the
             function that returns its line for the title.
         judge: judges a mission that has ended with the record of the flight; None without one.
@@ -89,7 +89,7 @@ class MissionOrders:
         """Carry out an order.
 
         Args:
-            words: of the line.
+            words: words of the line.
 
         Returns:
             A sentence when it is refused, or else nothing.
@@ -160,7 +160,7 @@ class MissionOrders:
         """Fly a take-off in waves as a mission of one step, which holds where one fails.
 
         Args:
-            intent: as it was shown.
+            intent: order as it was shown.
 
         Returns:
             A sentence when it is refused, or else nothing.
@@ -251,8 +251,8 @@ def countdown_question(run: MissionRun, at: WorldTime) -> CountdownQuestion:
     """Return what the question before a countdown shows now.
 
     Args:
-        run: of the mission, not begun.
-        at: when it begins.
+        run: run of the mission, not begun.
+        at: time at which it begins.
     """
     client = run.client
     names = run.fleet.names

@@ -41,7 +41,7 @@ class OwnLink:
     """The link of the ground that flies a mission.
 
     Args:
-        client: started.
+        client: fleet client that has been started.
     """
 
     def __init__(self, client: FleetClient) -> None:

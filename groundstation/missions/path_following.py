@@ -79,10 +79,10 @@ async def follow_paths(
     """Have each vehicle follow its path, from one instant on.
 
     Args:
-        ground: of the flight.
-        paths: of the vehicles.
+        ground: the mission's ground in this flight.
+        paths: paths of the vehicles.
         lights: colours of vehicles, shown and recorded.
-        on_lag: what a vehicle does that falls behind for too long; the others go on.
+        on_lag: reaction of a vehicle that falls behind for too long; the others go on.
         at: time of the world's clock at which they start; None: at once.
         timeout_s: longest flight along the paths [s]; None: their own duration, and a minute.
 

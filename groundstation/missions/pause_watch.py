@@ -33,7 +33,7 @@ class PauseWatch:
     """The batteries of some vehicles, before a pause and in it.
 
     Args:
-        ground: of the flight.
+        ground: the mission's ground in this flight.
     """
 
     def __init__(self, ground: PausedGround) -> None:
@@ -46,7 +46,7 @@ class PauseWatch:
         Call it once a second or so, also before a pause: it measures how fast the batteries sink.
 
         Args:
-            names: of the vehicles in the air.
+            names: names of the vehicles in the air.
         """
         client = self._ground.client
         return weakest(
@@ -67,7 +67,7 @@ class PauseWatch:
         """End the pause: say why, and bring all home.
 
         Args:
-            names: of the vehicles.
+            names: names of the vehicles.
             reserve: the battery that cannot wait any longer.
             timeout_s: longest wait for their landing.
 

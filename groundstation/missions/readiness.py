@@ -33,7 +33,7 @@ def not_ready(state: FleetState, names: Sequence[str], now_ns: int, timeout_s: f
         state: the fleet as known now.
         names: vehicles to name.
         now_ns: the ground's monotonic clock [ns].
-        timeout_s: how long was waited [s].
+        timeout_s: time that was waited [s].
 
     Returns:
         The exception, to be raised.

@@ -57,10 +57,10 @@ class MissionRun:
     """One flight of a mission.
 
     Args:
-        mission: loaded and checked.
-        client: started.
+        mission: mission file, loaded and checked.
+        client: fleet client that has been started.
         say: progress in words.
-        ready_timeout_s: how long to wait for the vehicles before the first step.
+        ready_timeout_s: longest wait for the vehicles before the first step [s].
         stays: stay beside a fleet that somebody has taken from the mission, until it is down.
         at: time of the world's clock at which it begins; None: when the vehicles are ready.
     """

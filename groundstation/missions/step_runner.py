@@ -49,9 +49,9 @@ class StepRunner:
     """Does the steps of one mission.
 
     Args:
-        mission: loaded and checked.
-        fleet: that flies it.
-        times: of the world's clock at which steps start, by how they are written.
+        mission: mission file, loaded and checked.
+        fleet: fleet that flies it.
+        times: times of the world's clock at which steps start, by how they are written.
     """
 
     def __init__(self, mission: Mission, fleet: Fleet, times: Mapping[str, WorldTime]) -> None:
@@ -73,7 +73,7 @@ class StepRunner:
         """Check every fault before the take-off.
 
         Args:
-            steps: to check, with those within them; None: all.
+            steps: steps to check, with those within them; None: all.
 
         Raises:
             FaultRefused: one will be impossible.
@@ -220,7 +220,7 @@ def condition(until: Until, fleet: Fleet) -> WaitCondition:
 
     Args:
         until: the keys of the file; at least one.
-        fleet: that flies the mission.
+        fleet: fleet that flies the mission.
 
     Raises:
         ConfigError: a vehicle is unknown.
@@ -295,7 +295,7 @@ def first_failure(failures: BaseExceptionGroup[BaseException]) -> BaseException:
     """Return the first exception of a group, which the others followed.
 
     Args:
-        failures: of tasks that ran beside each other.
+        failures: failures of tasks that ran beside each other.
     """
     first = failures.exceptions[0]
     if isinstance(first, BaseExceptionGroup):

@@ -53,7 +53,7 @@ class FleetWatch:
     """Notices that somebody takes the fleet of one mission.
 
     Args:
-        client: started.
+        client: fleet client that has been started.
     """
 
     def __init__(self, client: FleetClient) -> None:
@@ -96,7 +96,7 @@ class FleetWatch:
         """Return who has taken the fleet, where that explains how an order of the mission ended.
 
         Args:
-            results: of that order.
+            results: results of that order.
         """
 
         def is_explained(_: FleetState) -> bool:
@@ -142,7 +142,7 @@ def flown_by_hand(client: FleetClient) -> list[str]:
     """Return the vehicles that a pilot flies by hand, as they report it themselves.
 
     Args:
-        client: started.
+        client: fleet client that has been started.
     """
     now_ns = client.now_ns()
     pilots = []
@@ -157,7 +157,7 @@ def pilot_words(names: list[str]) -> str:
     """Return who has vehicles that are flown by hand.
 
     Args:
-        names: of the vehicles; at least one.
+        names: names of the vehicles; at least one.
     """
     pilots = "A pilot has" if len(names) == 1 else "Pilots have"
     return f"{pilots} {', '.join(names)}."
@@ -171,10 +171,10 @@ async def stay(
     The vehicles hear a ground meanwhile. It says who has them, since when, and what ends that.
 
     Args:
-        client: started.
-        taken: by whom.
-        begin_ns: of the mission, on the ground's clock.
-        say: hears it in words.
+        client: fleet client that has been started.
+        taken: who has taken the fleet.
+        begin_ns: begin of the mission, on the ground's clock.
+        say: called with each line of text.
     """
     limits = client.fleet.fleet
     since_s = (taken.since_ns - begin_ns) * 1e-9

@@ -56,9 +56,9 @@ class Discharge:
         """Return the share of a full battery that a second takes; 0 in the first seconds.
 
         Args:
-            name: of the vehicle.
+            name: name of the vehicle.
             now_ns: the ground's clock.
-            battery_frac: as reported now.
+            battery_frac: charge that is reported now, as a fraction of a full battery.
         """
         begin_ns, first_frac = self._first.setdefault(name, (now_ns, battery_frac))
         since_s = (now_ns - begin_ns) * 1e-9
@@ -79,8 +79,8 @@ def weakest(
     Args:
         fleet: the fleet file.
         state: the fleet as known now.
-        names: of the vehicles in the air.
-        discharge: of their batteries until now.
+        names: names of the vehicles in the air.
+        discharge: discharge of their batteries until now.
         now_ns: the ground's clock.
     """
     reserves = []
@@ -106,9 +106,9 @@ def way_home_s(vehicle: Vehicle, spot_enu_m: Xyz, position_enu_m: Sequence[float
     """Return how long the way to the take-off spot and the landing there take [s].
 
     Args:
-        vehicle: of the fleet file.
-        spot_enu_m: its take-off spot.
-        position_enu_m: where it is.
+        vehicle: entry of the vehicle in the fleet file.
+        spot_enu_m: take-off spot of the vehicle [m], ENU.
+        position_enu_m: position of the vehicle [m], ENU.
     """
     x, y, z = spot_enu_m
     distance_m = math.dist(position_enu_m[:2], (x, y))

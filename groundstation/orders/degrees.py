@@ -17,8 +17,8 @@ def goal_enu_m(
 
     Args:
         fleet: the fleet file; its origin counts.
-        latitude_deg: of the goal.
-        longitude_deg: of the goal.
+        latitude_deg: latitude of the goal.
+        longitude_deg: longitude of the goal.
         height_m: up in the fleet frame, as of every goal.
 
     Raises:

@@ -17,7 +17,7 @@ def below_words(names: Collection[str], fleet: FleetConfig, state: FleetState, n
     Below is whoever is lower, and beside it nearer than the safety distance.
 
     Args:
-        names: of the vehicles to be killed.
+        names: names of the vehicles to be killed.
         fleet: the fleet file.
         state: the fleet as known now.
         now_ns: the ground's monotonic clock [ns].

@@ -72,7 +72,7 @@ def forecast(
 
     Args:
         fleet: the fleet file.
-        legs: of all vehicles with a known position.
+        legs: legs of all vehicles with a known position.
         is_takeoff: add the time that arming and spinning up take.
         seeds: one flight for each; large fleets fly the first one only.
 

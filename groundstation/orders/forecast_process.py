@@ -59,7 +59,7 @@ class _Child:
         """Start a child.
 
         Args:
-            arguments: of its command line.
+            arguments: arguments of its command line.
             environment: variables beside those of this process.
         """
         process = await asyncio.create_subprocess_exec(
@@ -159,7 +159,7 @@ class Forecaster:
 
         Args:
             fleet: the fleet file.
-            legs: of all vehicles with a known position.
+            legs: legs of all vehicles with a known position.
             is_takeoff: whether the order is a take-off.
 
         Returns:

@@ -74,7 +74,7 @@ def goals_of(intent: Intent, facts: GoalFacts) -> Goals:
     """Return the goals of an order, or the reasons why it has none.
 
     Args:
-        intent: of a verb that has goals.
+        intent: intent of a verb that has goals.
         facts: the fleet, and the vehicles that may be ordered.
 
     Raises:

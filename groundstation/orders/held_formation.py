@@ -54,7 +54,7 @@ def held_slots(fleet: FleetConfig, held: HeldFormation) -> dict[str, Xyz]:
 
     Args:
         fleet: the fleet file.
-        held: its name, spacing, rotation, and who has whose slot.
+        held: name, spacing and rotation of the formation, and the slot of each vehicle.
 
     Returns:
         Offset of each vehicle from the formation's position, metres ENU.
@@ -75,7 +75,7 @@ def slots_of(
 
     Args:
         fleet: the fleet file.
-        formation: its name.
+        formation: name of the formation.
         spacing_m: distance [m] of its two nearest slots; None leaves the formation as it is.
         rotation_deg: counterclockwise.
 

@@ -28,7 +28,7 @@ def explained(
     """Return the results of an order; unfinished moves say what stands in their way.
 
     Args:
-        results: of its vehicles.
+        results: results of its vehicles.
         planned: the order.
         fleet: the fleet file.
         state: the fleet as known now.
@@ -50,8 +50,8 @@ def in_the_way(fleet: FleetConfig, state: FleetState, name: str, goal: Xyz, now_
     Args:
         fleet: the fleet file.
         state: the fleet as known now.
-        name: of the vehicle.
-        goal: of its order [m], ENU.
+        name: name of the vehicle.
+        goal: goal of its order [m], ENU.
         now_ns: the ground's monotonic clock [ns].
 
     Returns:

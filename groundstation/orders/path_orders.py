@@ -63,10 +63,10 @@ def starts_of(
     """Return the start of each vehicle's path, all at one instant of the fleet's clock.
 
     Args:
-        paths: of the vehicles.
-        show_id: of this flight: vehicles with the same id wait for each other.
+        paths: paths of the vehicles.
+        show_id: identifier of this flight: vehicles with the same id wait for each other.
         start_ns: time 0 of the paths, on this ground's monotonic clock.
-        on_lag: what a vehicle does that falls behind for too long.
+        on_lag: reaction of a vehicle that falls behind for too long.
     """
     return {
         name: PathOrder(

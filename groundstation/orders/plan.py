@@ -201,7 +201,7 @@ def check_again(
     """Check a planned order against the fleet as it is now, and stamp it anew.
 
     Args:
-        planned: by :func:`plan_order`.
+        planned: result of :func:`plan_order`.
         fleet: the fleet file.
         state: the fleet as known now.
         now_ns: the ground's monotonic clock [ns].
@@ -257,7 +257,7 @@ def of_mission(planned: PlannedOrder) -> PlannedOrder:
     """Return a planned order as a mission gives it: its messages say so.
 
     Args:
-        planned: as a person would give it.
+        planned: order as a person would give it.
     """
     orders = {
         name: msgspec.structs.replace(order, reason=BY_MISSION)
@@ -270,7 +270,7 @@ def stamped_anew(order: Order, now_ns: int) -> Order:
     """Return the same order, given now.
 
     Args:
-        order: as it was sent before.
+        order: order as it was sent before.
         now_ns: the ground's monotonic clock [ns].
     """
     return msgspec.structs.replace(order, stamp_ns=now_ns, deadline_ns=_deadline_ns(now_ns))

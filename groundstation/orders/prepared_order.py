@@ -56,7 +56,7 @@ class PreparedOrder:
     Args:
         fleet: the fleet file.
         client: plans and checks orders.
-        intent: what is wished.
+        intent: order that is prepared.
         forecaster: computes the paths.
         start: begins the computing; a computing that goes on is ended first.
         on_change: called whenever something else is to be shown.
@@ -96,7 +96,7 @@ class PreparedOrder:
         """Plan the order for the fleet as it is now, and begin to compute its paths.
 
         Args:
-            note: why it is computed again; empty at first.
+            note: reason for computing it again; empty at first.
         """
         state = self.client.state
         now_ns = self.client.now_ns()
@@ -117,7 +117,7 @@ class PreparedOrder:
         """Compute the paths of a preview; those of one that is no longer shown are dropped.
 
         Args:
-            preview: as ``start`` was given it.
+            preview: preview that ``start`` was given.
         """
         is_takeoff = preview.intent.verb == "takeoff"
         forecast: Forecast | None = None

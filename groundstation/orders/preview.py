@@ -112,8 +112,8 @@ def changed(
     """Compare the fleet with the one that a preview was made of.
 
     Args:
-        preview: as it is shown.
-        checked: its planned order, checked again now.
+        preview: preview as it is shown.
+        checked: planned order of the preview, checked again now.
         state: the fleet as known now.
         now_ns: the ground's monotonic clock [ns].
 

@@ -119,7 +119,7 @@ class OrderResult:
         An end stays, except that a late reply of the agent replaces ``no answer``.
 
         Args:
-            vehicle: its name.
+            vehicle: name of the vehicle.
             phase: the new phase.
             sentence: the reason.
             is_silent: neither the agent nor PX4 has answered.

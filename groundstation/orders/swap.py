@@ -22,7 +22,7 @@ def with_place(intent: Swap, state: FleetState) -> Swap:
     """Return the order with the place that the spare gets.
 
     Args:
-        intent: as it was written.
+        intent: order as it was written.
         state: the fleet as known now.
     """
     if intent.place:
@@ -34,7 +34,7 @@ def names_that_hear(intent: Swap, state: FleetState, now_ns: int) -> list[str]:
     """Return who gets a message: the spare, and the swapped vehicle where it is heard.
 
     Args:
-        intent: with its place.
+        intent: intent with its place.
         state: the fleet as known now.
         now_ns: the ground's monotonic clock [ns].
     """
@@ -49,7 +49,7 @@ def swap_refusals(
     """Return what speaks against a swap, as a sentence of the vehicle that it is about.
 
     Args:
-        intent: with its place.
+        intent: intent with its place.
         fleet: the fleet file.
         state: the fleet as known now.
         now_ns: the ground's monotonic clock [ns].

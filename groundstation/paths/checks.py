@@ -90,7 +90,7 @@ def closest_pairs(
     Args:
         flown: the paths.
         below_m: the separation [m].
-        height_share: what a metre of height counts.
+        height_share: weight of a metre of height.
     """
     # one row for each pair: indices of its two vehicles
     first, second = np.triu_indices(len(flown.names), 1)
@@ -159,8 +159,8 @@ def needed_slowing(
 
     Args:
         flown: the paths.
-        limits: of the vehicles.
-        begin_s: of the paths, on the clock that the words speak of.
+        limits: limits of the vehicles.
+        begin_s: begin of the paths, on the clock that the words speak of.
     """
     velocity = flown.values[1]
     acceleration = flown.values[2]
@@ -241,8 +241,8 @@ def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> 
 
     Args:
         fleet: the fleet file.
-        paths: of its vehicles.
-        where: of the mission, for the sentences.
+        paths: paths of its vehicles.
+        where: position in the mission, for the sentences.
 
     Returns:
         One finding each for speed, acceleration, tilt, rest at the ends, fence, height and spacing.

@@ -82,9 +82,9 @@ def write_path(file: str | os.PathLike[str], path: Path, comments: Sequence[str]
     """Write the pieces of a path, below comments of one line each.
 
     Args:
-        file: to write.
-        path: of one vehicle.
-        comments: for people.
+        file: file to write.
+        path: path of one vehicle.
+        comments: lines for people.
     """
     lines = [f"# {line}" for line in comments]
     lines.append(",".join(_PIECE_COLUMNS))
@@ -97,7 +97,7 @@ def read_columns(name: str) -> tuple[tuple[str, ...], Array]:
     """Read the named columns of a CSV, in seconds and metres.
 
     Args:
-        name: of the file.
+        name: name of the file.
 
     Returns:
         Names of the columns, and numbers (lines, columns).

@@ -35,8 +35,8 @@ def final_verdict(
     Args:
         flown: observations of the runner.
         expect: expectations at the end of the mission.
-        folder: of the flight.
-        record_end: what the record's writer says.
+        folder: folder of the flight.
+        record_end: end of the record, as its writer reports it.
         earlier: verdicts on the missions before this one in the same flight.
 
     Returns:

@@ -70,7 +70,7 @@ def arrival_of(step: str, view: VehicleView, goal: Xyz, now_ns: int) -> Arrival:
     Args:
         step: name of the order.
         view: the vehicle as known now.
-        goal: of the order [m], ENU.
+        goal: goal of the order [m], ENU.
         now_ns: the ground's monotonic clock [ns].
     """
     if view.truth is not None and view.has_truth(now_ns):

@@ -31,9 +31,9 @@ def last_order(words: str, message: Order, done_ns: int) -> LastOrder | None:
     """Return what an order leaves behind; None for one after which nothing is expected.
 
     Args:
-        words: of the order.
-        message: to one vehicle.
-        done_ns: when it was done, on the ground's clock [ns].
+        words: the order in words.
+        message: message to one vehicle.
+        done_ns: time at which it was done, on the ground's clock [ns].
     """
     if message.kind in _LEAVES_FLYING:
         return LastOrder(words, leaves_flying=not message.then_land, done_ns=done_ns)
@@ -47,7 +47,7 @@ def other_ends(orders: Mapping[str, LastOrder], state: FleetState) -> dict[str, 
 
     Args:
         orders: the last order that each vehicle has done.
-        state: of the fleet now.
+        state: state of the fleet now.
 
     Returns:
         For each such vehicle a sentence with the cause, as far as it was told.

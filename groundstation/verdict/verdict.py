@@ -103,7 +103,7 @@ def judge(
         flown: observations of the runner.
         expect: expectations at the end of the mission.
         report: evaluation of the record.
-        record: its folder.
+        record: folder of the record.
         begin_ns: zero of the flight's seconds, the begin of the record [ns]; None: the mission's
             first step.
         record_failure: sentence about a record that ended early.

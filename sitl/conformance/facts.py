@@ -216,7 +216,7 @@ def facts_of(version: str, facts: Sequence[Fact]) -> dict[str, Fact]:
 
     Args:
         version: one of VERSIONS.
-        facts: as they hold for the oldest.
+        facts: facts as they hold for the oldest version.
     """
     by_name = {fact.name: fact for fact in facts}
     for each in VERSIONS[: VERSIONS.index(version) + 1]:

@@ -96,8 +96,8 @@ def check(
     Args:
         port: the companion's link.
         ground_port: the ground station's link, if it is to be checked.
-        report: with the facts that were requested.
-        terms: what is permitted.
+        report: report with the facts that were requested.
+        terms: values that are permitted.
         say: takes a line for people.
         simulator_port: the simulator's link, if it is to be checked.
 

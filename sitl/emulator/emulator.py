@@ -96,7 +96,7 @@ class Emulator:
         body_diameter_m: see :class:`World`.
         environment: wind, downwash and errors; a calm room by default.
         origin: point of the Earth that is 0, 0, 0 of the frame in which the vehicles start.
-        seed: of everything random.
+        seed: seed of everything random.
 
     Attributes:
         disturbances: faults, present and to come; see :meth:`inject`.
@@ -374,9 +374,9 @@ class Emulator:
         """Take an external position (ODOMETRY, VISION_POSITION_ESTIMATE) if the parameters say so.
 
         Args:
-            index: of the vehicle.
+            index: index of the vehicle.
             position_ned_m: (3,) where it is said to be.
-            yaw_rad: its heading as said with it; NaN for the true one.
+            yaw_rad: heading that is sent with it; NaN: the true heading.
             has_velocity: whether a velocity came with it.
             reset_count: another one than before lets the estimator begin anew there.
         """

@@ -48,7 +48,7 @@ class Mocap:
     Args:
         count: bodies.
         settings: quality.
-        seed: of noise and losses.
+        seed: seed of noise and losses.
         faults: what is wrong with the poses of single bodies; those of an emulator are in its
             `disturbances`.
     """

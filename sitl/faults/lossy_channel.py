@@ -37,7 +37,7 @@ class LossyChannel(Generic[Load]):
     """One direction of one link.
 
     Args:
-        seed: of chance; give each wire its own.
+        seed: seed of the losses; give each wire its own.
 
     Attributes:
         faults: those of now.

@@ -65,7 +65,7 @@ class PoseFaults:
         Args:
             poses: (n, k), position first.
             time_s: present time.
-            index: of the only body that is measured now; None: all are.
+            index: index of the only body that is measured now; None: all are.
         """
         measured = poses.copy()
         for i, fault in enumerate(self._faults):

@@ -190,7 +190,7 @@ class Endpoint:
     """One link and its peer. Pure: datagrams come in with their sender and leave through `send`.
 
     Args:
-        link: what is said.
+        link: link that the messages pass.
         peer: to whom, until somebody has spoken.
         send: sends a datagram to an address.
     """

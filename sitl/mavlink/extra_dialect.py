@@ -42,9 +42,9 @@ def declare(message_id: int, name: str, fields: Sequence[str]) -> MessageLayout:
     """Return the layout of a message.
 
     Args:
-        message_id: of the message.
-        name: of the message.
-        fields: in wire order (largest first), as `type name` or `type name[count]`.
+        message_id: identifier of the message.
+        name: name of the message.
+        fields: fields in wire order (largest first), as `type name` or `type name[count]`.
     """
     named: list[tuple[str, int]] = []
     codes = "<"

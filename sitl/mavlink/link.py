@@ -62,8 +62,8 @@ class Link:
     """A MAVLink channel of one vehicle.
 
     Args:
-        emulator: with the vehicle.
-        index: of the vehicle.
+        emulator: emulator with the vehicle.
+        index: index of the vehicle.
         rates_hz: default rate of each message it can stream.
         link_id: PX4's number of the link: 0 the ground's, 1 the companion's.
     """

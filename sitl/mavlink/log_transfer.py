@@ -74,7 +74,7 @@ class FileServer:
     """The file transfer of one link.
 
     Args:
-        logs: of the vehicle; None where it keeps none.
+        logs: flight logs of the vehicle; None where it keeps none.
     """
 
     def __init__(self, logs: FlightLogs | None) -> None:
@@ -88,7 +88,7 @@ class FileServer:
         """Return the payload that answers one; None when it has no answer, or a later one.
 
         Args:
-            payload: of the request.
+            payload: payload of the request.
             sender: system and component.
         """
         sequence, session, operation, size, _, _, offset = _HEAD.unpack_from(payload)
@@ -264,7 +264,7 @@ class LogSender:
     """LOG_DATA of one link.
 
     Args:
-        logs: of the vehicle; None where it keeps none.
+        logs: flight logs of the vehicle; None where it keeps none.
     """
 
     def __init__(self, logs: FlightLogs | None) -> None:

@@ -17,8 +17,8 @@ class LossyLink:
     """A link of one vehicle as its clients meet it.
 
     Args:
-        emulator: with the vehicle.
-        index: of the vehicle.
+        emulator: emulator with the vehicle.
+        index: index of the vehicle.
         rates_hz: see :class:`Link`.
         name: "companion" or "ground", as faults call it; or "simulator".
     """

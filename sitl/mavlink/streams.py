@@ -70,7 +70,7 @@ def schedule_of(version: Version, rates_hz: Mapping[int, float]) -> Schedule:
     """Return the streams of a link of PX4 of one version.
 
     Args:
-        version: of PX4.
+        version: version of PX4.
         rates_hz: default rate of each message that some version streams.
     """
     silent = {ID_BY_NAME[name] for name in version.silent_streams}
@@ -96,7 +96,7 @@ class Schedule:
 
         Args:
             now_s: present time.
-            boot_s: when the autopilot started.
+            boot_s: time at which the autopilot started [s].
             phase: any number that differs between vehicles.
         """
         for index, (message_id, rate_hz) in enumerate(self.default_hz.items()):
@@ -112,7 +112,7 @@ class Schedule:
         """MAV_CMD_SET_MESSAGE_INTERVAL; False for a message whose rate cannot be set.
 
         Args:
-            message_id: of the message.
+            message_id: identifier of the message.
             interval_us: zero is the default, a negative one stops the stream.
             now_s: present time.
         """

@@ -46,9 +46,9 @@ class View:
     change how the vehicle flies.
 
     Args:
-        emulator: with the vehicle.
-        index: of the vehicle.
-        seed: of the sensor noise.
+        emulator: emulator with the vehicle.
+        index: index of the vehicle.
+        seed: seed of the sensor noise.
     """
 
     def __init__(self, emulator: Emulator, index: int, *, seed: int = 0) -> None:

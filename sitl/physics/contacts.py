@@ -62,10 +62,10 @@ class World:
         profiles: one per vehicle.
         start_enu_m: (n, 3) start positions in the fleet frame [m].
         body_diameter_m: below this horizontal distance between centres two vehicles touch.
-        seed: of every random number of the physics.
+        seed: seed of every random number of the physics.
         wind: calm by default.
-        downwash: of each vehicle.
-        names: for the sentence when two start inside each other.
+        downwash: downwash of each vehicle.
+        names: names for the sentence when two start inside each other.
     """
 
     def __init__(
@@ -163,7 +163,7 @@ def pushed_down_m_s2(
     Args:
         square_m2: square of the horizontal offset.
         gap_m: height of the upper one above the lower one.
-        diameter_m: of a body.
+        diameter_m: diameter of a body.
         wash_m_s2: `Downwash.push_m_s2`.
         wash_spread: `Downwash.spread`.
     """
@@ -185,7 +185,7 @@ def pushed_down_each(
 
     Args:
         position_ned_m: (F, N, 3) of N vehicles in each of F flights.
-        diameter_m: of a body.
+        diameter_m: diameter of a body.
         wash_m_s2: `Downwash.push_m_s2`.
         wash_spread: `Downwash.spread`.
     """
@@ -216,7 +216,7 @@ def meet(
     Args:
         motion: (n,) records MOTION.
         touched: (n, n) pairs that have met, updated.
-        diameter_m: of a body.
+        diameter_m: diameter of a body.
         wash_m_s2: `Downwash.push_m_s2`.
         wash_spread: `Downwash.spread`.
         push: (n, 3) acceleration by the downwash, written.

@@ -36,10 +36,10 @@ def one_of_type(
     """Return the profile of one vehicle of a type.
 
     Args:
-        profile: of the type.
-        seed: of everything random.
-        index: of the vehicle in its fleet; another one differs in another way.
-        scale: of all differences; 0 returns the type itself.
+        profile: profile of the type.
+        seed: seed of everything random.
+        index: index of the vehicle in its fleet; another one differs in another way.
+        scale: scale of all differences; 0 returns the type itself.
     """
     rng = np.random.default_rng([seed, 6, index])
     hover, drag, delay, wn, zeta = (scale * rng.uniform(-1.0, 1.0, 5)).tolist()

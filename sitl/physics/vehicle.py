@@ -216,7 +216,7 @@ class Vehicles:
         profiles: one per vehicle.
         position_ned_m: (n, 3) start.
         yaw_rad: (n,) headings.
-        seed: of noise and biases.
+        seed: seed of noise and biases.
     """
 
     def __init__(
@@ -315,7 +315,7 @@ class Vehicles:
         """Let a vehicle respond from now on as under other parameters.
 
         Args:
-            index: of the vehicle.
+            index: index of the vehicle.
             attitude_p_1_s: gains of roll and pitch.
             setpoint_filter_rad_s: natural frequency of the filter of setpoints; 0: none.
         """

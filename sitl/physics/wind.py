@@ -39,8 +39,8 @@ def wandered(value: Array, std: Array | float, time_s: float, dt_s: float, norma
     """Return an Ornstein-Uhlenbeck process one step later.
 
     Args:
-        value: of the process.
-        std: its stationary standard deviation.
+        value: value of the process.
+        std: stationary standard deviation of the process.
         time_s: over which it is correlated; 0: white noise.
         dt_s: length of the step.
         normals: standard normal numbers of the shape of the value.
@@ -55,12 +55,12 @@ class Wind:
     """Velocity of the air at each vehicle, one sample per step.
 
     Args:
-        count: of vehicles.
+        count: count of vehicles.
         settings: the weather.
-        seed: of the gusts.
-        own_gust_std_m_s2: of the gusts that push each vehicle beside the air's velocity; none by
-            default.
-        step_s: from one sample to the next.
+        seed: seed of the gusts.
+        own_gust_std_m_s2: standard deviation of the gusts that push each vehicle beside the air's
+            velocity; none by default.
+        step_s: time from one sample to the next.
 
     Attributes:
         is_calm: whether the air does not move.

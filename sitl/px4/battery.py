@@ -54,7 +54,7 @@ class Battery:
         Args:
             dt_s: time since the last step.
             is_armed: an armed vehicle uses its charge, a disarmed one gets it back.
-            drain_s: in which a whole charge is used.
+            drain_s: time in which a whole charge is used.
             floor_pct: below which the charge does not fall.
         """
         if not is_armed:

@@ -108,10 +108,10 @@ class Estimator:
 
     Args:
         start_ned_m: (n, 3) true start positions: each is the origin of its vehicle's local frame.
-        seed: of all errors.
+        seed: seed of all errors.
         is_common: all vehicles err alike, as PX4 instances do that are started together and share
             SIH's random numbers; otherwise each errs on its own.
-        scale: of all random errors; 0 for an estimate that is right.
+        scale: scale of all random errors; 0 for an estimate that is right.
         ground_altitude_m: above the sea, of the ground where the vehicles start.
 
     Attributes:
@@ -305,10 +305,10 @@ class Estimator:
         offset between both.
 
         Args:
-            index: of the vehicle.
+            index: index of the vehicle.
             time_s: present time.
             position_ned_m: (3,) in the frame of its sender.
-            delay_s: how old PX4 takes it to be (EKF2_EV_DELAY).
+            delay_s: age that PX4 assumes for the pose (EKF2_EV_DELAY).
             yaw_error_rad: the sender's heading minus the true one.
         """
         x, y, z = position_ned_m.tolist()

@@ -95,8 +95,8 @@ class LogWriter:
 
     Args:
         start_us: time since PX4's start.
-        infos: what the file says of itself, by name.
-        parameters: of the vehicle.
+        infos: information messages at the beginning of the file, by name.
+        parameters: parameters of the vehicle.
     """
 
     def __init__(
@@ -138,7 +138,7 @@ class LogWriter:
         Args:
             topic: one of :data:`TOPICS`.
             time_us: since PX4's start.
-            values: of its other fields.
+            values: values of its other fields.
         """
         if self.is_full:
             return
@@ -186,8 +186,8 @@ class FlightLogs:
         """Write what is due of the present tick; begin and end the log with the flight.
 
         Args:
-            autopilot: after its tick.
-            inputs: that it was given.
+            autopilot: autopilot after its tick.
+            inputs: inputs of that tick.
             unix_s: the date.
         """
         time_us = max(0, round((inputs.time_s - autopilot.boot_time_s) * 1e6))

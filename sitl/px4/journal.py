@@ -105,8 +105,8 @@ class Journal:
         Args:
             now_s: simulated time.
             what: key of the table.
-            arguments: of the event.
-            words: of the text.
+            arguments: arguments of the event.
+            words: words of the text.
         """
         saying = SAYINGS[what]
 

@@ -85,12 +85,12 @@ class PositionControl:
         """Advance by one step.
 
         Args:
-            goal: where to fly.
+            goal: position to fly to.
             position_ned_m: (3,) estimated.
             velocity_ned_m_s: (3,) estimated.
             dt_s: time since the last step.
             hover_thrust_frac: thrust that carries the weight.
-            limits: of speed and tilt.
+            limits: limits of speed and tilt.
             yaw_rad: heading of the attitude.
 
         Returns:

@@ -52,9 +52,9 @@ class Assembly:
         """Take a fragment; return the frame that is whole with it.
 
         Args:
-            flags: of the message.
-            data: of the message.
-            time_s: of its arrival.
+            flags: flags of the message.
+            data: data of the message.
+            time_s: time of its arrival.
         """
         is_cut = bool(flags & 1)
         number = flags >> 1 & 3
@@ -111,8 +111,8 @@ class SatelliteReceiver:
         """Take a fragment.
 
         Args:
-            flags: of GPS_RTCM_DATA.
-            data: its bytes, as many as its length says.
+            flags: flags of GPS_RTCM_DATA.
+            data: bytes of the message, as many as its length field says.
             time_s: the time.
         """
         if self.is_deaf:

@@ -61,13 +61,13 @@ def from_attitude(
     PX4 does not count one with neither attitude nor rates; some versions none without thrust.
 
     Args:
-        attitude_wxyz: of the message, NED <- FRD.
-        rate_rad_s: of the message, about the body's axes.
-        thrust_frac: of the message.
-        type_mask: of the message.
+        attitude_wxyz: attitude of the message, NED <- FRD.
+        rate_rad_s: rate of the message, about the body's axes.
+        thrust_frac: thrust of the message.
+        type_mask: type mask of the message.
         now_s: present time.
         yaw_rad: present heading, for an attitude without length.
-        version: of PX4.
+        version: version of PX4.
     """
     ignores_thrust = bool(type_mask & _IGNORE_THRUST)
     if ignores_thrust and not version.counts_ignored_thrust:
@@ -151,8 +151,8 @@ def from_global(
     """Return the setpoint of a SET_POSITION_TARGET_GLOBAL_INT; else the key of what PX4 says to it.
 
     Args:
-        fields: of the message.
-        position_ned_m: its position, which the caller has turned into the local frame.
+        fields: fields of the message.
+        position_ned_m: position that the message commands, turned into the local frame by the caller.
         now_s: present time.
     """
     mask = int(fields["type_mask"])

@@ -53,7 +53,7 @@ class LinkSigning:
     """Signatures of one link.
 
     Args:
-        store: of the vehicle.
+        store: parameter store of the vehicle.
         link_id: number of the link.
     """
 

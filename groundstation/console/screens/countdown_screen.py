@@ -25,7 +25,7 @@ class CountdownScreen(Dialog[bool]):
 
     Args:
         question: returns what is shown, several times a second.
-        table: of the fleet, which stays in sight.
+        table: table of the fleet, which stays in sight.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [

@@ -22,8 +22,8 @@ class HelpScreen(Dialog[None]):
     """Keys and orders.
 
     Args:
-        text: in Textual's markup; by default all keys and orders of the console.
-        table: of the fleet, which stays in sight.
+        text: text in Textual's markup; by default all keys and orders of the console.
+        table: table of the fleet, which stays in sight.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -47,7 +47,7 @@ class QuitScreen(Dialog[str]):
 
     Args:
         can_stay_up: they fly on without this console, which has not started their agents.
-        table: of the fleet, which stays in sight.
+        table: table of the fleet, which stays in sight.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [

@@ -29,7 +29,7 @@ class Dialog(ModalScreen[AnswerT]):
     would wait for that. The rows of its table stand above the box instead.
 
     Args:
-        table: of the fleet; None leaves it out.
+        table: table of the fleet; None leaves it out.
     """
 
     def __init__(self, table: FleetTable | None = None) -> None:

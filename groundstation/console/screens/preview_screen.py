@@ -44,7 +44,7 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
     Args:
         forecaster: computes the paths.
         short: shortens lists of names for the title.
-        table: of the fleet, which stays in sight.
+        table: table of the fleet, which stays in sight.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [

@@ -67,12 +67,12 @@ class TitleBar(Bar):
         """Update the line.
 
         Args:
-            title: of the fleet.
+            title: title of the fleet.
             fresh: vehicles whose telemetry is not silent.
             vehicles: all that the fleet has.
             flying: vehicles in the air.
             flight_s: duration of the present flight or of the last one [s]; None before the first.
-            right: what stands at the right end.
+            right: text at the right end.
         """
         colour = WARN
         if fresh == vehicles:

@@ -15,7 +15,7 @@ class FleetGlance(Lines):
     """Rows of a fleet table, for screens that stand before it.
 
     Args:
-        table: whose rows, cursor and marks are shown.
+        table: table whose rows, cursor and marks are shown.
     """
 
     def __init__(self, table: FleetTable) -> None:
@@ -30,7 +30,7 @@ class FleetGlance(Lines):
         """Return its rows: those of the fleet, but less than half of the terminal.
 
         Args:
-            height: of the terminal, in cells.
+            height: height of the terminal, in cells.
         """
         most_rows = max(_LEAST_ROWS, round(_SHARE * height))
         return min(self._table.row_count + 1, most_rows)

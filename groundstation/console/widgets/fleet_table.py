@@ -409,8 +409,8 @@ class FleetTable(Lines, ScrollView, can_focus=True):
 
         Args:
             top: the first row.
-            width: of the picture, in cells.
-            height: of the picture, in cells.
+            width: width of the picture, in cells.
+            height: height of the picture, in cells.
             counts_hidden: say in the last line how many vehicles have no room.
         """
         names = [view.name for view in self._views]
