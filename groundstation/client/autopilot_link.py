@@ -191,8 +191,8 @@ class AutopilotLink:
         """Send a message that is addressed to the autopilot.
 
         Args:
-            name: of the message, in small letters.
-            values: of its fields, without target system and component.
+            name: name of the message, in small letters.
+            values: values of its fields, without target system and component.
         """
         send_to_autopilot(self._link.mav, self.system_id, name, values)
 

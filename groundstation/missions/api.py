@@ -1,4 +1,9 @@
-"""A mission's view of the fleet: ``fleet.takeoff()``, ``fleet["mav1"].reached(...)``."""
+"""The fleet as a mission sees it: ``fleet.takeoff()``, ``fleet["mav1"].reached(...)``.
+
+Python missions, scripts and the runner of mission files give their orders through :class:`Fleet`.
+:meth:`Fleet.connect` opens the connection for a script. When its block ends, it brings vehicles
+that still fly to the state that the script has declared.
+"""
 
 from __future__ import annotations
 
@@ -59,10 +64,10 @@ class Fleet(Group):
         that still fly are left in the declared state.
 
         Args:
-            fleet: a fleet file or its path; None: that of ``covey fly script``.
-            at_end: state in which it leaves vehicles that still fly.
-            ready_timeout_s: longest wait for the vehicles [s]; 0: wait for nobody; None: as the
-                flight needs.
+            fleet: a fleet file or its path; None: the fleet of ``covey fly script``.
+            at_end: state in which the block leaves vehicles that still fly.
+            ready_timeout_s: longest wait for the vehicles [s]; 0: wait for nobody; None: the host
+                of the flight decides.
 
         Yields:
             The fleet.
@@ -110,10 +115,10 @@ class Fleet(Group):
                 )
 
     async def leave(self, at_end: AtEnd) -> None:
-        """Leave vehicles that still fly in this state; those that pilots fly by hand as they are.
+        """Bring vehicles that still fly to this state, except those that a pilot flies by hand.
 
         Args:
-            at_end: land them where they are, at their take-off spots, or have them hold.
+            at_end: "land" where they are, "home" to land at their take-off spots, or "hold".
         """
         pilots = flown_by_hand(self.client)
         up = tuple(
@@ -136,7 +141,7 @@ class Fleet(Group):
 
         Args:
             taken: who has taken the fleet.
-            begin_ns: begin of the script, on the ground's clock.
+            begin_ns: begin of the script, on the ground's clock [ns].
         """
         self.say(taken.sentence)
         try:
@@ -147,7 +152,7 @@ class Fleet(Group):
 
     @property
     def say(self) -> Callable[[str], None]:
-        """Hears progress in words, one line a call."""
+        """The function that is called with each line of progress."""
         return self.ground.say
 
     @property
@@ -157,12 +162,12 @@ class Fleet(Group):
 
     @property
     def arrivals(self) -> list[Arrival]:
-        """Distances from goals at the ends of moves so far."""
+        """How far each vehicle was from its goal when its move ended."""
         return self.ground.arrivals
 
     @property
     def closest(self) -> Separation | None:
-        """The closest pair now, by telemetry; None with fewer than two positions."""
+        """The closest pair now, by telemetry; None if fewer than two positions are known."""
         return self.state.closest(self.client.now_ns())
 
     @property
@@ -180,13 +185,13 @@ class Fleet(Group):
         return MissionVehicle(self.ground, (name,))
 
     def group(self, vehicles: Vehicles) -> Group:
-        """Return some vehicles, to be ordered together.
+        """Return a group of vehicles that are ordered together.
 
         Args:
             vehicles: names or indices.
 
         Raises:
-            ConfigError: somebody is not in this fleet.
+            ConfigError: a vehicle is not in this fleet.
         """
         return Group(self.ground, self.select(vehicles))
 
@@ -212,7 +217,9 @@ class Fleet(Group):
             raise NotReady(refusal, True)
 
     def leave_out(self, *names: str) -> None:
-        """Go on without these vehicles: "all" does not mean them any more, and they fail nothing.
+        """Go on without these vehicles.
+
+        "all" excludes them from now on, and their failures no longer end the mission.
 
         Args:
             names: names of vehicles. They do what their last order or their failsafe says, and
@@ -267,8 +274,8 @@ class Fleet(Group):
         Args:
             timeout_s: longest wait beyond twice the time that the descent from their heights takes
                 [s].
-            is_by_person: a person wants it, and not only the mission: while this ground hears
-                nobody, it goes straight to PX4.
+            is_by_person: whether a person has ordered it, and not only the mission. Then, while
+                this ground hears no agent, the order goes straight to the PX4s.
 
         Returns:
             Whether all are landed and disarmed.

@@ -1,8 +1,8 @@
-"""Whether a mission can begin with the fleet as it is, and now. Pure.
+"""Checks whether a mission can begin now, with the fleet in its present state. Pure.
 
-A mission that begins with a take-off cannot begin over a flying fleet: it is refused before it
-orders anything, as an order would be. So is one that cannot be where it should be at a time of the
-world's clock.
+A mission that begins with a take-off is refused while its vehicles fly. A mission is also refused
+when it cannot reach a step before the time of the world's clock at which that step starts. Both
+are refused before the mission gives its first order.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ def begin_refusal(mission: Mission, state: FleetState) -> str:
         mission: mission file, loaded and checked.
         state: the fleet as known now.
     """
-    seen: set[str] = set()
+    have_order: set[str] = set()  # vehicles whose first order has been judged
     for step in _in_order(mission.steps):
         if not isinstance(step, Intent):
             continue
-        names = [name for name in resolved(step, mission.fleet).names if name not in seen]
-        seen.update(names)
+        names = [name for name in resolved(step, mission.fleet).names if name not in have_order]
+        have_order.update(names)
 
         up = [name for name in names if state.vehicles[name].is_airborne]
         if step.begins == "on ground" and up:
@@ -55,14 +55,14 @@ def begin_refusal(mission: Mission, state: FleetState) -> str:
 
 
 def step_times(mission: Mission, now: datetime.datetime) -> dict[str, WorldTime]:
-    """Return the times of the world's clock in a mission, by how they are written.
+    """Return the times of the world's clock in a mission; the keys are the times as written.
 
     Args:
         mission: mission file, loaded and checked.
         now: the world's clock, with its time zone.
 
     Raises:
-        ConfigError: one is in the past, or too far ahead.
+        ConfigError: a time is in the past, or too far ahead.
     """
     times = {}
     for step in _in_order(mission.steps):
@@ -77,16 +77,16 @@ def step_times(mission: Mission, now: datetime.datetime) -> dict[str, WorldTime]
 
 
 def time_refusal(mission: Mission, times: Mapping[str, WorldTime], begin_ns: int) -> str:
-    """Return why a mission comes too late to a step that has a time; empty when it does not.
+    """Return why a mission reaches a timed step too late; empty when it reaches all in time.
 
     Steps that are flown side by side are not judged.
 
     Args:
         mission: mission file, loaded and checked.
         times: result of :func:`step_times`.
-        begin_ns: begin of the mission, by the world's clock.
+        begin_ns: begin of the mission, by the world's clock [ns].
     """
-    reached_s = 0.0  # after the begin
+    reached_s = 0.0  # time from the mission's begin to the step's begin
     for course_step in mission.course():
         step = course_step.step
         paths_s = 0.0
@@ -111,7 +111,7 @@ def time_refusal(mission: Mission, times: Mapping[str, WorldTime], begin_ns: int
 
 
 def _in_order(steps: Sequence[MissionStep]) -> Iterator[MissionStep]:
-    """Yield steps, and those that they hold, in the order in which they may come."""
+    """Yield all steps, also those inside other steps, in the order in which they may be flown."""
     for step in steps:
         yield step
         if isinstance(step, ParallelStep):

@@ -1,7 +1,8 @@
-"""A fleet for plain scripts and notebooks: the same verbs without ``await``.
+"""A fleet for plain scripts and notebooks: the verbs of :class:`Fleet` without ``await``.
 
-The asynchronous fleet runs in its host's loop: in a thread of its own for real vehicles, in the
-flight's own time in lockstep. A call from the script hands the coroutine over and waits.
+The asynchronous fleet runs in the event loop of its host. For real vehicles this loop has a thread
+of its own; in lockstep it runs in simulated time. Each call from the script hands a coroutine to
+that loop and waits for its result.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ T = TypeVar("T")
 
 
 class _Blocking:
-    """Stands for an object whose coroutines are run to their end when they are called."""
+    """Wraps a fleet or a group: a call of a coroutine method returns after the coroutine's end."""
 
     def __init__(self, host: Host, target: Group) -> None:
         self._host = host
@@ -51,17 +52,17 @@ class _Blocking:
 
 
 class BlockingFleet(_Blocking):
-    """All vehicles of a fleet, for scripts that are no coroutines.
+    """All vehicles of a fleet, for scripts without coroutines.
 
     Every verb of :class:`Fleet` blocks until its end. Use it as
-    ``with BlockingFleet("fleet.toml") as fleet: fleet.takeoff(1.0)``. Without ``with`` the end of
-    the program is its end.
+    ``with BlockingFleet("fleet.toml") as fleet: fleet.takeoff(1.0)``. Without ``with``, the
+    connection is closed at the end of the program.
 
     Args:
-        fleet: a fleet file or its path; None: that of ``covey fly script``.
-        at_end: state in which it leaves vehicles that still fly.
-        ready_timeout_s: longest wait for the vehicles [s]; 0: wait for nobody; None: as the flight
-            needs.
+        fleet: a fleet file or its path; None: the fleet of ``covey fly script``.
+        at_end: state in which the end of the connection leaves vehicles that still fly.
+        ready_timeout_s: longest wait for the vehicles [s]; 0: wait for nobody; None: the host of
+            the flight decides.
 
     Raises:
         ConfigError: no fleet file, or a wrong one.
@@ -78,7 +79,9 @@ class BlockingFleet(_Blocking):
         ready_timeout_s: float | None = None,
     ) -> None:
         host = host_of(fleet)
-        self._host = host  # before it is connected: it may be ended while it waits for vehicles
+        # Set before the connection is open, because `close` needs it when the program ends while
+        # the fleet still waits for its vehicles.
+        self._host = host
         self._is_connected = False
         self._end: asyncio.Event | None = None  # set to end the connection
         self._task: asyncio.Task[None] | None = None  # holds the connection open
@@ -161,6 +164,7 @@ def _end_as_an_exception_does() -> None:
     """Let SIGTERM end the program as an exception does: the fleet is left in the declared state."""
     try:
         if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+            # 128 + number is the exit code of a program that a signal has ended
             signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     except ValueError:
         return  # not the main thread, which alone takes signals

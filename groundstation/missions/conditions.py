@@ -1,7 +1,8 @@
-"""Conditions that a mission waits for or reacts to: predicates of the fleet's state, with words.
+"""Conditions that a mission waits for or reacts to. Pure.
 
-Each function returns a `WaitCondition`: whether it holds, what it is called, and what is the case
-instead, for the sentence about a wait that was too short. Pure.
+Each public function returns a `WaitCondition`: a predicate of the fleet's state, the condition in
+words, and a function that describes the present situation. The description appears in the sentence
+about a wait that has timed out.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
 from onboard.config.pair_separation import separation_m
 from onboard.tuples import Xyz
 
-ARRIVED_M = 0.15
-_AT_ONCE_S = 0.7  # between the last telemetry of vehicles that fell silent for the same reason
+ARRIVED_M = 0.15  # default distance from a goal at which a vehicle has arrived
+# Vehicles whose last telemetry lies closer together than this fell silent for the same reason.
+_AT_ONCE_S = 0.7
 
 
 class FleetMoment(NamedTuple):
@@ -28,26 +30,26 @@ class FleetMoment(NamedTuple):
 
 
 class WaitCondition(NamedTuple):
-    """A predicate of the fleet, in words for people as well."""
+    """A predicate of the fleet, and its description for people."""
 
     words: str
     holds: Callable[[FleetMoment], bool]
-    # what it is now, for the sentence about a wait that was too short
+    # the present situation in words, for the sentence about a wait that has timed out
     value: Callable[[FleetMoment], str]
-    # vehicles that are lost when it holds, each with the reason
+    # the vehicles that are lost when the condition holds, each with the reason
     lost: Callable[[FleetMoment], Mapping[str, str]] = lambda _: {}
 
 
 class ConditionTimeout(TimeoutError):
-    """A condition has not come true in time; the sentence says what it was then."""
+    """A condition did not come true in time; the text describes the situation at the timeout."""
 
 
 def reached(goals: Mapping[str, Xyz], within_m: float = ARRIVED_M) -> WaitCondition:
     """Every vehicle reports to be at its goal.
 
     Args:
-        goals: goals of vehicles [m], ENU.
-        within_m: distance that counts as there [m].
+        goals: goal of each vehicle [m], ENU.
+        within_m: distance from the goal that counts as arrived [m].
     """
 
     def distances_m(moment: FleetMoment) -> dict[str, float]:
@@ -103,11 +105,11 @@ def battery_below(percent: float, vehicles: Sequence[str] | str | None = None) -
 
     Args:
         percent: limit in percent of a full battery.
-        vehicles: names, or one; None: anybody.
+        vehicles: names, or one; None: any vehicle.
     """
 
     def least_pct(moment: FleetMoment) -> float:
-        """Return the least charge; a full battery while nobody reports."""
+        """Return the least charge; 100 % while no vehicle reports."""
         least_frac = 1.0
         for view in _views(moment, vehicles).values():
             if view.telemetry is not None:
@@ -150,14 +152,14 @@ def flying(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
 def fails(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
     """One of these vehicles is lost: it has failed, lands without an order, or is silent in flight.
 
-    Several that fall silent at once are not lost: this ground has lost its own link.
+    Several vehicles that fall silent at once are not lost: this ground has lost its own link.
 
     Args:
-        vehicles: names, or one; None: anybody.
+        vehicles: names, or one; None: any vehicle.
     """
 
     def failed(moment: FleetMoment) -> dict[str, str]:
-        """Return who is lost, with the reason."""
+        """Return the vehicles that are lost, each with the reason."""
         return {
             name: _failure_words(view, moment)
             for name, view in _views(moment, vehicles).items()
@@ -177,12 +179,13 @@ def event(code: str, vehicles: Sequence[str] | str | None = None) -> WaitConditi
 
     Args:
         code: code of the event, as in events.txt of a record; ``*`` for any warning or worse.
-        vehicles: that it is about, or one; None: anybody's, the ground's included.
+        vehicles: vehicles that the event is about, or one; None: any event, also of the ground.
     """
 
     def is_meant(logged: LoggedEvent) -> bool:
         is_warning = logged.event.severity in ("warning", "critical")
-        if logged.event.code != code and not (code == "*" and is_warning):
+        has_code = logged.event.code == code or (code == "*" and is_warning)
+        if not has_code:
             return False
         return vehicles is None or logged.event.vehicle in _names(vehicles)
 
@@ -242,7 +245,10 @@ def _each(
 
 
 def _closest_m(moment: FleetMoment) -> float:
-    """Return the smallest separation of two vehicles of which one flies; infinite without two."""
+    """Return the smallest separation of two vehicles of which at least one flies.
+
+    It is infinite when there is no such pair with known positions.
+    """
     spots = []
     for view in moment.state.vehicles.values():
         position_enu_m = view.position_enu_m(moment.now_ns)
@@ -285,7 +291,7 @@ def _failure_words(view: VehicleView, moment: FleetMoment) -> str:
 
 
 def _all_lost(conditions: Sequence[WaitCondition], moment: FleetMoment) -> dict[str, str]:
-    """Return who is lost by any of these conditions."""
+    """Return the vehicles that are lost by any of these conditions, each with the reason."""
     lost: dict[str, str] = {}
     for condition in conditions:
         lost.update(condition.lost(moment))
@@ -293,10 +299,11 @@ def _all_lost(conditions: Sequence[WaitCondition], moment: FleetMoment) -> dict[
 
 
 def _is_own_silence(silent: VehicleView, moment: FleetMoment) -> bool:
-    """Whether this ground hears nobody who flies, or was late itself.
+    """Whether a silence comes from this ground: it hears no flying vehicle, or was late itself.
 
-    The telemetry of several vehicles never ends at the same moment, so the others count as heard
-    only when they were heard some time after this one.
+    When this ground loses its link, the last telemetry of the vehicles arrives at slightly
+    different times. Another vehicle therefore counts as heard only if its last telemetry came at
+    least `_AT_ONCE_S` after the last telemetry of the silent vehicle.
     """
     if moment.state.is_after_stall(moment.now_ns):
         return True
@@ -309,7 +316,10 @@ def _is_own_silence(silent: VehicleView, moment: FleetMoment) -> bool:
 
 
 def _views(moment: FleetMoment, vehicles: Sequence[str] | str | None) -> dict[str, VehicleView]:
-    """Return the vehicles that a condition is about; those that take part when it names none."""
+    """Return the vehicles that a condition is about.
+
+    A condition that names no vehicle is about all vehicles that take part.
+    """
     state = moment.state
     if vehicles is None:
         return {name: view for name, view in state.vehicles.items() if name not in state.disabled}

@@ -1,7 +1,8 @@
-"""Where a script's fleet flies: real vehicles by default, another flight when a host is set.
+"""The flight that a script connects with.
 
-``covey fly script`` and the lockstep fixture set the host, so that one script flies in simulated
-time, with emulated PX4s or with hardware unchanged.
+A script connects with the real agents of its fleet unless another host is set. ``covey fly
+script`` and the lockstep fixture set one. The same script can so fly in simulated time, with
+emulated PX4s or with hardware.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from groundstation.verdict.observations import FlightObservations
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
 READY_TIMEOUT_S = 30.0
-_THREAD_END_S = 5.0
+_THREAD_END_S = 5.0  # longest wait for the end of the thread of a blocking script
 T = TypeVar("T")
 
 
@@ -35,8 +36,8 @@ class Host(Protocol):
     config: FleetConfig
     ready_timeout_s: float
     say: Callable[[str], None]
-    flown: FlightObservations | None  # of the last script that has ended
-    at_end: str  # state in which it leaves vehicles
+    flown: FlightObservations | None  # observations of the last script that has ended
+    at_end: str  # state in which a script leaves vehicles that still fly
 
     def opened(self) -> AbstractAsyncContextManager[FleetClient]:
         """Open the ground's end of the bus."""
@@ -45,10 +46,10 @@ class Host(Protocol):
         """Run a coroutine of a blocking script to its end, in the flight's time."""
 
     def end_calls(self) -> None:
-        """End what :meth:`call` needs; a second call does nothing."""
+        """Stop what :meth:`call` has started; a second call of this does nothing."""
 
     def end_record(self) -> RecordEnd | None:
-        """Finish the record; return how it has ended, None without one."""
+        """Finish the record and return how it has ended; None if nothing was recorded."""
 
 
 _hosts: list[Host] = []
@@ -56,14 +57,14 @@ _to_close: list[Callable[[], None]] = []  # connections of blocking scripts
 
 
 def close_at_end(close: Callable[[], None]) -> None:
-    """Have a connection closed by the end of the script, or of the program."""
+    """Register a connection to be closed at the end of the script, or of the program."""
     if not _to_close:
         atexit.register(close_all)
     _to_close.append(close)
 
 
 def close_all() -> None:
-    """Close the connections of blocking scripts that are still open; again, it does nothing."""
+    """Close the connections of blocking scripts that are still open."""
     while _to_close:
         close = _to_close.pop()
         close()
@@ -106,10 +107,10 @@ def host_of(fleet: FleetConfig | str | Path | None) -> Host:
     """Return the flight that has been set, or real vehicles.
 
     Args:
-        fleet: a fleet file or its path; of a flight that has been set its own counts.
+        fleet: a fleet file or its path; it is ignored when a flight has been set.
 
     Raises:
-        ConfigError: there is neither.
+        ConfigError: no flight has been set, and no fleet is given.
     """
     if _hosts:
         return _hosts[-1]
@@ -125,7 +126,7 @@ def host_of(fleet: FleetConfig | str | Path | None) -> Host:
 
 
 class RealTime:
-    """Agents that run, reached over the bus.
+    """Host that connects with running agents over the bus.
 
     Args:
         config: the fleet file.
@@ -150,11 +151,11 @@ class RealTime:
         self.at_end = "land"
         self._record: RecordWriter | None = None
         self._loop: asyncio.AbstractEventLoop | None = None  # of blocking scripts
-        self._thread: threading.Thread | None = None  # that runs it
+        self._thread: threading.Thread | None = None  # runs that loop
 
     @contextlib.asynccontextmanager
     async def opened(self) -> AsyncIterator[FleetClient]:
-        """Open the bus, and the record where there is a folder.
+        """Open the bus, and begin the record if a folder is set.
 
         SIGTERM ends the script as Ctrl-C does.
         """
@@ -178,7 +179,7 @@ class RealTime:
                 await asyncio.to_thread(record.stop)
 
     def _begin_record(self, client: FleetClient) -> RecordWriter | None:
-        """Start the record of what a client receives and orders; None without a folder."""
+        """Start the record of what a client receives and orders; return None without a folder."""
         if self.folder is None:
             return None
 
@@ -192,9 +193,9 @@ class RealTime:
         return record
 
     def call(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine in a thread of its own.
+        """Run a coroutine in the thread of the event loop, and return its result.
 
-        There the bus is read while the script computes or waits.
+        The loop has a thread of its own, so it reads the bus also while the script computes.
         """
         if self._loop is None:
             self._loop = _ThreadLoop()
@@ -211,7 +212,7 @@ class RealTime:
             raise
 
     def end_record(self) -> RecordEnd | None:
-        """Return how the record has ended with the connection; None without one."""
+        """Return how the record has ended; None if nothing was recorded."""
         return None if self._record is None else self._record.end
 
     def end_calls(self) -> None:
@@ -224,9 +225,9 @@ class RealTime:
 
 
 class _ThreadLoop(asyncio.SelectorEventLoop):
-    """A loop that still closes the bus while the interpreter ends.
+    """An event loop that can still close the bus while the interpreter ends.
 
-    No further thread may begin then; what would run in one runs here.
+    At that time Python refuses to start a thread. The loop then runs the function by itself.
     """
 
     def run_in_executor(  # type: ignore[override]

@@ -1,12 +1,12 @@
 """The countdown to a start at a time of the world's clock.
 
-Its instant is fixed on the monotonic clock when the countdown begins. From then on it is looked at
-five times a second, and it ends without a start when
+The instant of the start is fixed on the monotonic clock when the countdown begins. From then on
+all clocks are checked five times a second. The countdown ends without a start when
 
 * an operator stops it,
-* this computer's clock is set: then nobody knows which of both times was right,
-* a vehicle's computer has another time than this one, or does not tell it: somebody's clock is
-  wrong, and it may be this one's.
+* this computer's clock is set: then it is not known which of the two times was right,
+* a vehicle's computer has another time than this one, or does not report its time: one of the two
+  clocks is wrong, and it may be this computer's.
 """
 
 from __future__ import annotations
@@ -18,14 +18,20 @@ from groundstation.client.world_clock import WorldClock
 from groundstation.mission_files.world_time import WorldTime, local_now, time_words
 from onboard.plain_text import listed
 
-APART_S = 0.5  # by which the clocks of two computers may differ
-STEP_S = 0.1  # by which this computer's clock may differ from itself: readings take their time
-LOOK_S = 0.2
-_STEP_LOOKS = 2  # that see a step: at one of them this process may have waited between readings
-_APART_LOOKS = 7  # that see clocks apart: computers tell their time twice a second
-_MEASURE_S = 3.0  # within which clocks are measured after a connection
-_SAID_S = (3600.0, 1800.0, 600.0, 300.0, 60.0, 30.0, 10.0, 5.0)  # before the start
-_MOST_NAMED = 6
+APART_S = 0.5  # largest permitted difference between the clocks of two computers
+# Largest permitted change between the world's clock and the monotonic clock of this computer; both
+# are read one after the other, which takes time.
+STEP_S = 0.1
+LOOK_S = 0.2  # period of the checks
+# Checks in a row that must see the step: this process may have been stopped between the two
+# readings of one check.
+_STEP_LOOKS = 2
+# Checks in a row that must see different clocks: computers report their time twice a second.
+_APART_LOOKS = 7
+_MEASURE_S = 3.0  # time after the connection within which the clocks are measured
+# Times before the start at which the countdown is said.
+_SAID_S = (3600.0, 1800.0, 600.0, 300.0, 60.0, 30.0, 10.0, 5.0)
+_MOST_NAMED = 6  # vehicles that a sentence names one by one
 
 
 class CountdownEnded(RuntimeError):
@@ -45,11 +51,11 @@ class Countdown:
         self.at = at
         self._world = world
         self._names = tuple(names)
-        self._offset_ns = world.offset_ns()
+        self._offset_ns = world.offset_ns()  # world's clock minus monotonic clock, at the begin
         self._begin_ns = world.now_ns
-        self._ended = ""  # why, as a sentence
-        self._steps_seen = 0  # looks in a row
-        self._apart_seen: dict[str, int] = {}  # vehicle -> looks in a row
+        self._ended = ""  # reason for an end without a start, as a sentence
+        self._steps_seen = 0  # checks in a row that saw this computer's clock set
+        self._apart_seen: dict[str, int] = {}  # vehicle -> checks in a row that saw another time
         self._agreed: set[str] = set()  # vehicles whose computers had the same time once
 
     @property
@@ -70,7 +76,7 @@ class Countdown:
         return f"starts at {self.at.words}, in {hours}:{minutes:02}:{seconds:02}"
 
     def stop(self, sentence: str) -> None:
-        """End it without a start.
+        """End the countdown without a start.
 
         Args:
             sentence: the reason.
@@ -78,17 +84,23 @@ class Countdown:
         self._ended = self._ended or sentence
 
     def look(self) -> str:
-        """Look at all clocks.
+        """Check all clocks.
 
         Returns:
-            Why it has ended, as a sentence; empty while it goes on.
+            Why the countdown has ended, as a sentence; empty while it goes on.
         """
         if not self._ended:
             self._ended = self._look_for_step() or self._look_for_others()
         return self._ended
 
     def last_look(self) -> str:
-        """Look at all clocks at the start: each must have been the same as this one by now."""
+        """Check all clocks at the start.
+
+        By now, the clock of each vehicle must have agreed with this computer's at least once.
+
+        Returns:
+            Why nothing may start, as a sentence; empty if the start may begin.
+        """
         ended = self.look()
         if ended:
             return ended
@@ -132,12 +144,12 @@ class Countdown:
 async def count_down(
     countdown: Countdown, say: Callable[[str], None], *, until_s: float = 0.0
 ) -> None:
-    """Wait until a start, and look at the clocks meanwhile.
+    """Wait until a start, and check the clocks meanwhile.
 
     Args:
         countdown: countdown that has begun.
         say: called with each line of progress.
-        until_s: end so long before the start [s].
+        until_s: time before the start at which the wait ends [s].
 
     Raises:
         CountdownEnded: nothing is to be started.
@@ -164,7 +176,9 @@ async def count_down(
 
 
 def clock_problem(world: WorldClock, vehicle: str) -> str:
-    """Return why a start may not be by the world's clock, as a sentence; empty if it may.
+    """Return why a vehicle's clock forbids a start at a time of the world's clock.
+
+    The reason is a sentence; it is empty if the clock agrees.
 
     Args:
         world: the clocks.
@@ -194,7 +208,7 @@ def clock_problem(world: WorldClock, vehicle: str) -> str:
 
 
 def clock_words(world: WorldClock, names: Sequence[str]) -> str:
-    """Return whose clocks agree with this computer's, and how well, as a sentence.
+    """Return which clocks agree with this computer's, and how well, in sentences.
 
     Args:
         world: the clocks.
@@ -211,7 +225,7 @@ def clock_words(world: WorldClock, names: Sequence[str]) -> str:
 
     sentences = []
     if agreeing:
-        within_s = max(0.001, *agreeing.values())
+        within_s = max(0.001, *agreeing.values())  # the sentence shows milliseconds
         sentences.append(
             f"Same time within {within_s:.3f} s: {listed(list(agreeing), _MOST_NAMED)}."
         )

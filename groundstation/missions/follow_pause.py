@@ -1,8 +1,8 @@
-"""A pause of vehicles that follow another one, as `pause` stops the clock of paths.
+"""The pause of vehicles that follow another vehicle.
 
-They hold where they are; a leader that follows a path is paused by its own order. While the ground
-hears the fleet, all are brought home at the last moment at which the weakest battery still can:
-pause_watch.py.
+The order `pause` stops the clock of vehicles that fly paths. Vehicles that follow a leader hold
+where they are instead. (A leader that flies a path is paused by an order of its own.) The weakest
+battery limits the pause: pause_watch.py brings all followers home while it still can.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from groundstation.missions.taken import FleetWatch
 from groundstation.orders.battery_reserve import Reserve
 from groundstation.orders.result import OrderFailed
 
-_LOOK_S = 0.5
-_HOME_S = 90.0
+_LOOK_S = 0.5  # period at which a pause is checked
+_HOME_S = 90.0  # longest wait for vehicles that are brought home
 
 
 class FollowGround(PausedGround, Protocol):
@@ -26,7 +26,7 @@ class FollowGround(PausedGround, Protocol):
 
 
 class FollowPause:
-    """Whether some followers are paused, by any ground: they tell it themselves.
+    """Knows from telemetry whether followers are paused, whichever ground has paused them.
 
     Args:
         ground: the mission's ground in this flight.
@@ -42,7 +42,7 @@ class FollowPause:
 
     @property
     def is_paused(self) -> bool:
-        """Whether one of them holds until `resume`."""
+        """Whether at least one follower holds until `resume`."""
         for name in self._names:
             telemetry = self._ground.client.state.vehicles[name].telemetry
             if telemetry is not None and telemetry.follows and telemetry.is_path_paused:
@@ -50,7 +50,10 @@ class FollowPause:
         return False
 
     def look(self) -> Reserve | None:
-        """Look at all followers, and return the weakest battery: call it once a second or so."""
+        """Look at all followers, and return the reserve of the weakest battery.
+
+        Call it about once a second.
+        """
         for name in self._names:
             telemetry = self._ground.client.state.vehicles[name].telemetry
             if telemetry is not None and telemetry.follows:
@@ -58,20 +61,21 @@ class FollowPause:
         return self._watch.look(self._names)
 
     def skipped(self) -> tuple[str, ...]:
-        """Return those who have followed and were ordered to skip the rest: they hold."""
+        """Return the vehicles that have followed and now hold, because of an order to skip."""
         skipped = []
         for name in self._have_followed:
             telemetry = self._ground.client.state.vehicles[name].telemetry
-            holds = telemetry is not None and telemetry.state == "holding"
-            if telemetry is not None and holds and not telemetry.follows:
+            if telemetry is None:
+                continue
+            if telemetry.state == "holding" and not telemetry.follows:
                 skipped.append(name)
         return tuple(skipped)
 
     def leave_out(self, names: tuple[str, ...]) -> None:
-        """Look at these no more: they follow nobody any longer.
+        """Forget these vehicles, which do not follow any more.
 
         Args:
-            names: names of followers.
+            names: names of the vehicles.
         """
         self._names = tuple(name for name in self._names if name not in names)
         self._have_followed.difference_update(names)

@@ -1,8 +1,8 @@
-"""Vehicles that follow another one at an offset.
+"""Vehicles that follow another vehicle at an offset.
 
-Each gets a new goal twice a second, where its offset will be when the leader has flown on for a
-second. The goals of one moment are one order, judged together. In a pause nobody gets a goal, and
-the time for which they follow stands still.
+Each follower gets a new goal twice a second: the position that the leader will have in a second,
+plus the follower's offset. The goals of all followers are one order, which is checked as a whole.
+During a pause no goals are sent, and the pause does not count towards the duration.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from onboard.tuples import Xyz
 
 _PERIOD_S = 0.5
 _AHEAD_S = 1.0  # a new leg takes about that long to get under way
-_MOVED_M = 0.1  # a goal that has moved less is not ordered anew
-_REFUSED_S = 5.0  # for which goals may be refused on end
-_INSIDE_M = 0.1  # the fence
-_HOLD_S = 15.0
+_MOVED_M = 0.1  # a goal that has moved less is not ordered again
+_REFUSED_S = 5.0  # longest time for which all goals may be refused
+_INSIDE_M = 0.1  # smallest distance of goals from the fence
+_HOLD_S = 15.0  # longest wait for the hold at the end
 
 
 async def follow(
@@ -47,17 +47,17 @@ async def follow(
 
     Raises:
         ConfigError: the leader does not report where it is.
-        OrderFailed: the goals are refused for five seconds on end, a follower does not hold, or all
-            were brought home in a pause.
+        OrderFailed: all goals of the last five seconds were refused, a follower does not hold, or
+            all were brought home in a pause.
     """
     client = ground.client
     client.fleet.select([leader])
     ground.say(f"{', '.join(offsets)} follow {leader} for {duration_s:g} s")
 
     end_ns = client.now_ns() + int(duration_s * 1e9)
-    last_goals: dict[str, Xyz] = {}  # that were accepted
-    last_good_ns = client.now_ns()  # when goals were accepted, or none were due
-    holding = tuple(offsets)  # those who hold in the end
+    accepted_goals: dict[str, Xyz] = {}  # the last goals that were accepted
+    accepted_ns = client.now_ns()  # last time at which goals were accepted, or none were due
+    holding = tuple(offsets)  # vehicles that hold in the end
     pause = FollowPause(ground, holding)
     ground.follow_pauses.append(pause)
     try:
@@ -65,8 +65,8 @@ async def follow(
             pause.look()
             if pause.is_paused:
                 end_ns += await pause.wait()
-                last_goals = {}
-                last_good_ns = client.now_ns()
+                accepted_goals = {}
+                accepted_ns = client.now_ns()
 
             skipped = pause.skipped()
             if skipped and ground.watch.look() is None:
@@ -85,15 +85,15 @@ async def follow(
                 break
 
             goals = _goals(client, leader, offsets)
-            if _have_moved(goals, last_goals):
+            if _have_moved(goals, accepted_goals):
                 order = await _order_goals(ground, leader, goals)
                 if not order.planned.refusals:
-                    last_goals = goals
-                    last_good_ns = client.now_ns()
-                elif client.now_ns() - last_good_ns > _REFUSED_S * 1e9:
+                    accepted_goals = goals
+                    accepted_ns = client.now_ns()
+                elif client.now_ns() - accepted_ns > _REFUSED_S * 1e9:
                     raise OrderFailed(order.intent, dict(order.results))
             else:
-                last_good_ns = client.now_ns()
+                accepted_ns = client.now_ns()
 
             await asyncio.sleep(_PERIOD_S)
     finally:
@@ -118,7 +118,7 @@ def _landed_by_mission(client: FleetClient, names: Iterable[str]) -> tuple[str, 
 
 
 async def _order_goals(ground: MissionGround, leader: str, goals: dict[str, Xyz]) -> OrderResult:
-    """Send the followers to their goals; the order is judged, and nobody waits for its end.
+    """Send the followers to their goals, without a wait for the end of this order.
 
     Raises:
         FleetTaken: an operator has taken the fleet.
@@ -132,7 +132,7 @@ async def _order_goals(ground: MissionGround, leader: str, goals: dict[str, Xyz]
 
 
 def present_offsets(client: FleetClient, leader: str, names: Sequence[str]) -> dict[str, Xyz]:
-    """Return where vehicles are now, from a leader [m], ENU.
+    """Return the present offsets of vehicles from a leader [m], ENU.
 
     Args:
         client: fleet client that has been started.
@@ -140,7 +140,7 @@ def present_offsets(client: FleetClient, leader: str, names: Sequence[str]) -> d
         names: names of the vehicles; the leader itself is left out.
 
     Raises:
-        ConfigError: somebody does not report where it is.
+        ConfigError: a vehicle does not report its position.
     """
     client.fleet.select([leader])
 
@@ -162,7 +162,7 @@ def present_offsets(client: FleetClient, leader: str, names: Sequence[str]) -> d
 
 
 def _have_moved(goals: Mapping[str, Xyz], last_goals: Mapping[str, Xyz]) -> bool:
-    """Whether goals are to be ordered: the first ones, and those that have moved."""
+    """Whether goals have moved enough to be ordered; the first goals always are."""
     if not last_goals:
         return True
     return any(math.dist(goals[name], last_goals[name]) > _MOVED_M for name in goals)
@@ -189,7 +189,7 @@ def _goals(client: FleetClient, leader: str, offsets: Mapping[str, Xyz]) -> dict
 
 
 def _inside(fleet: FleetConfig, follower: Vehicle, goal: Xyz) -> Xyz:
-    """Return the nearest point inside the fence, not too low above the ground."""
+    """Return the point nearest to the goal that is inside the fence and not too low."""
     x, y, z = flight_space_of(fleet).nearest_inside(goal, _INSIDE_M)
     least_m = max(LOWEST_M, least_height_m(follower))
     return (x, y, max(z, floor_m(fleet) + least_m))

@@ -1,4 +1,9 @@
-"""The ground of one flight, as its mission sees it: the client, what was ordered, how it went."""
+"""The ground of one flight, as its mission uses it.
+
+A mission gives every order through :class:`MissionGround`. Before an order is sent, the ground
+waits for the operator (order by order), for the end of a pause and for its own link, and it stops
+when somebody else has taken the fleet. After the order it keeps the results for the verdict.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +31,7 @@ from groundstation.verdict.other_ends import LastOrder, last_order, other_ends
 from onboard.bus.schema import Order
 from onboard.tuples import Xyz
 
-_LOOK_S = 0.2  # between two looks for the end of a pause
+_LOOK_S = 0.2  # period at which the end of a pause is looked for
 
 
 class MissionGround:
@@ -45,29 +50,30 @@ class MissionGround:
         self.link = OwnLink(client)
         self.watch = FleetWatch(client)
 
-        self.has_begun = False  # a vehicle has taken an order of this mission
+        self.has_begun = False  # whether a vehicle has accepted an order of this mission
         self.steps: list[StepResult] = []
         self.arrivals: list[Arrival] = []
 
-        self.goes_on_without = False  # a vehicle that fails is left out; the others go on
+        # whether a vehicle that fails is left out, and the others go on
+        self.goes_on_without = False
         self.left_out: set[str] = set()  # vehicles that the mission goes on without
         self.disabled: set[str] = set()  # those of them that are out of service
-        self.lost: set[str] = set()  # vehicles whose failure the mission has reacted to
-        # vehicles that went down though their last order left them flying, each with a sentence
+        self.lost: set[str] = set()  # vehicles to whose failure the mission has reacted
+        # vehicles that came down although their last order left them flying, each with a sentence
         self.other_ends: dict[str, str] = {}
         self._last_orders: dict[str, LastOrder] = {}
 
         self.countdown: Countdown | None = None  # to a start at a time of the world's clock
-        self.pause_line = ""  # a pause of paths, in a few words
-        self.follow_pauses: list[FollowPause] = []  # of those who follow a vehicle now
+        self.pause_line = ""  # the pause of paths in a few words; empty without one
+        self.follow_pauses: list[FollowPause] = []  # one for each group that follows a vehicle now
 
-        # order by order: each waits for the operator
+        # Order by order: each order waits for the operator.
         self._is_stepping = False
         self._next = asyncio.Event()  # set by `go_on` and `leave_out_order`
         self._waiting: Intent | None = None  # the order that waits
         self._may_leave_out = False  # whether the order that waits may be left out
         self._is_left_out = False  # whether the order that has waited is left out
-        self.left_out_orders: list[str] = []  # by the operator, in words
+        self.left_out_orders: list[str] = []  # orders that the operator has left out, in words
 
     async def order(
         self,
@@ -89,9 +95,9 @@ class MissionGround:
             One result per vehicle; none when the operator has left the order out.
 
         Raises:
-            ConfigError: the order is none.
+            ConfigError: the order is not valid.
             OrderFailed: a vehicle did not do it, and the mission does not go on without it.
-            WindTooStrong: it has taken off, and feels more wind than its limit.
+            WindTooStrong: a vehicle has taken off, and feels more wind than its limit.
             FleetTaken: somebody has taken the fleet; nothing was sent, or it was replaced.
         """
         if isinstance(intent, Takeoff) and len(intent.waves) > 1:
@@ -182,14 +188,14 @@ class MissionGround:
 
     @property
     def live_line(self) -> str:
-        """A countdown or a pause, in a few words; empty without one."""
+        """The countdown or the pause in a few words; empty when there is neither."""
         if self.countdown is not None:
             return self.countdown.line
         return self.pause_line
 
     @property
     def title_line(self) -> str:
-        """The same for the title of a console, with the key that ends it."""
+        """The live line with the key that ends the countdown or pause, for a console's title."""
         if self.countdown is not None:
             return f"{self.countdown.line} · x stops it"
         return f"{self.pause_line} · r goes on" if self.pause_line else ""
@@ -206,7 +212,7 @@ class MissionGround:
         return True
 
     async def _take_off_in_waves(self, intent: Takeoff, timeout_s: float) -> Results:
-        """Order one wave after the other; none starts after a vehicle that does not fly.
+        """Order one wave after the other, until a vehicle of a wave does not fly.
 
         Raises:
             OrderFailed: a vehicle did not take off, or one of an earlier wave has come down.
@@ -219,15 +225,15 @@ class MissionGround:
             self.say(f"Wave {index + 1} of {len(waves)}: {', '.join(wave)}")
 
             down = [name for name in results if not self.client.state.vehicles[name].is_airborne]
-            ended: Results = {}
+            wave_results: Results = {}
             if not down:
                 try:
-                    ended = await self.order(replace(intent, vehicles=wave, by=0), timeout_s)
+                    wave_results = await self.order(replace(intent, vehicles=wave, by=0), timeout_s)
                 except OrderFailed as error:
-                    ended = error.results
-            results.update(ended)
+                    wave_results = error.results
+            results.update(wave_results)
 
-            down += [name for name, result in ended.items() if not result.is_done]
+            down += [name for name, result in wave_results.items() if not result.is_done]
             if down:
                 later = [name for name in intent.names if name not in results]
                 if later:
@@ -241,14 +247,14 @@ class MissionGround:
         """Let the order that waits begin.
 
         Args:
-            is_stepping: have the next order to start or to move wait for this call again; those
-                that bring vehicles down or stop them wait for nobody.
+            is_stepping: whether the next order that starts or moves vehicles waits for this call
+                again. Orders that stop vehicles or bring them down never wait.
         """
         self._is_stepping = is_stepping
         self._next.set()
 
     def pause(self) -> None:
-        """Have the next order to start or to move wait; what flies goes on to its end."""
+        """Let the next order that starts or moves vehicles wait; the present order goes on."""
         self._is_stepping = True
         self.say("Paused: the next order to start or to move waits for step, skip or continue.")
 
@@ -256,7 +262,7 @@ class MissionGround:
         """Go on without the order that waits; the one after it waits as well.
 
         Returns:
-            A sentence when there is none that can be left out, or else nothing.
+            Why no order can be left out, as a sentence; empty when one is left out.
         """
         if self._waiting is None:
             return "No order of the mission waits. Write pause: then the next one does."
@@ -283,7 +289,7 @@ class MissionGround:
             self._waiting = None
 
     async def _wait_for_resume(self) -> None:
-        """Wait while followers are paused: whom they follow goes no further meanwhile."""
+        """Wait while followers are paused, so that their leader does not fly away from them."""
         while any(pause.is_paused for pause in self.follow_pauses):
             if self.watch.look() is not None:
                 return
@@ -292,7 +298,7 @@ class MissionGround:
     def leave_out(self, *names: str) -> None:
         """Go on without these vehicles.
 
-        "all" does not mean them any more, and their results fail nothing.
+        "all" excludes them from now on, and their failures no longer end the mission.
 
         Args:
             names: names of vehicles. They do what their last order or their failsafe says, and
@@ -315,9 +321,10 @@ class MissionGround:
             self.leave_out(*disabled)
 
     def note_lost(self, lost: Mapping[str, str]) -> None:
-        """Say who is lost, and why; "all" does not mean them until they fly again.
+        """Say which vehicles are lost, and why.
 
-        Orders that bring vehicles down mean them too.
+        "all" excludes a lost vehicle until it flies again, except in orders that bring vehicles
+        down.
 
         Args:
             lost: vehicle -> reason.
@@ -343,7 +350,10 @@ class MissionGround:
         self.arrivals.append(arrival_of(step, view, goal, self.client.now_ns()))
 
     def _note_arrival(self, planned: PlannedOrder, result: VehicleResult) -> None:
-        """Note where a vehicle is when its own order is done; the others may need much longer."""
+        """Note a vehicle's distance from its goal when its own order is done.
+
+        The other vehicles of the same order may need much longer.
+        """
         if result.is_done:
             message = planned.orders[result.vehicle]
             self._add_arrival_at_goal(planned.intent.verb, result.vehicle, message)
@@ -355,7 +365,7 @@ class MissionGround:
             self.add_arrival(step, name, goal)
 
     def note_done(self, words: str, name: str, message: Order, results: Results) -> None:
-        """Note what an order leaves behind of a vehicle that has done it.
+        """Note the last order of a vehicle that has done it.
 
         Args:
             words: the order in words.
@@ -368,7 +378,7 @@ class MissionGround:
             self._last_orders[name] = done
 
     def note_other_ends(self) -> None:
-        """Note and say which vehicles went down though their last order left them flying."""
+        """Note and say which vehicles came down although their last order left them flying."""
         for name, sentence in other_ends(self._last_orders, self.client.state).items():
             del self._last_orders[name]
             self.other_ends[name] = sentence
@@ -381,23 +391,26 @@ class MissionGround:
 
         An order that was sent into the silence is sent again when the link is back.
         """
-        left_s = timeout_s
+        wait_s = timeout_s
         while True:
-            lost_s = self.link.lost_s
-            ended = await order.wait(left_s)
+            lost_before_s = self.link.lost_s
+            results = await order.wait(wait_s)
             is_back = await self.link.heard()
-            left_s = self.link.lost_s - lost_s
+            # The time without a link did not count, so exactly that time is waited once more.
+            wait_s = self.link.lost_s - lost_before_s
 
-            is_back = (is_back or left_s > 0.0) and not self.link.is_lost
+            is_back = (is_back or wait_s > 0.0) and not self.link.is_lost
             if is_back and self._send_again(order):
-                left_s = timeout_s
+                wait_s = timeout_s
                 continue
-            if order.is_final or left_s <= 0.0:
-                return dict(order.results) if order.is_final else ended
+            if order.is_final:
+                return dict(order.results)
+            if wait_s <= 0.0:
+                return results
 
     def _send_again(self, order: OrderResult) -> bool:
-        """Send an order once more to the vehicles that have not answered; return whether any."""
-        names = [name for name, one in order.results.items() if one.phase == "no answer"]
+        """Send an order again to vehicles that did not answer; return whether there were any."""
+        names = [name for name, result in order.results.items() if result.phase == "no answer"]
         if not names:
             return False
 
@@ -416,17 +429,17 @@ class MissionGround:
                 self.say(f"  {name} {result.phase}: {result.sentence}")
 
     def _go_on_or_fail(self, intent: Intent, results: Results) -> None:
-        """Leave vehicles out that have failed, where others have not; else the order has failed."""
-        missing = [
+        """Leave out the vehicles that failed, or fail the order when no vehicle would be left."""
+        failed = [
             name
             for name, result in results.items()
             if not result.is_done and name not in self.left_out
         ]
-        if not missing:
+        if not failed:
             return
 
-        if self.goes_on_without and len(missing) < len(results):
-            self.leave_out(*missing)
+        if self.goes_on_without and len(failed) < len(results):
+            self.leave_out(*failed)
         else:
             raise OrderFailed(intent, results)
 

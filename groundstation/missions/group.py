@@ -1,8 +1,8 @@
-"""Verbs for one, some or all vehicles of a fleet, each with results per vehicle; and waiting.
+"""The verbs of the mission API, for one, some or all vehicles of a fleet.
 
-Each verb of `groundstation/orders/intents.py` is a method here, with the intent's fields as its
-arguments. The methods below them are no single orders: they follow paths or another vehicle, wait
-for conditions and react to them.
+Each verb of `groundstation/orders/intents.py` is a method here: its arguments are the fields of
+the intent, and it returns one result per vehicle. Other methods consist of several orders or of
+none: they follow paths or another vehicle, wait for conditions and react to them.
 """
 
 from __future__ import annotations
@@ -68,15 +68,16 @@ from onboard.tuples import Xyz
 Vehicles = str | Sequence[str]  # "all", names or indices: "mav0,mav2", "0-1", or a list of names
 GoalOrGoals = Xyz | Mapping[str, Xyz]
 
-_EVER_S = 1e9  # a wait that ends only with its condition
+_EVER_S = 1e9  # timeout of a wait that ends only with its condition
 
 
 class Group:
-    """Vehicles of a fleet. Every verb waits for the end of its order and returns one result each.
+    """Vehicles of a fleet that are ordered together.
 
-    Each raises ``OrderFailed``, with the results, when a vehicle did not do it; and ``ConfigError``
-    when the order makes no sense. ``vehicles`` narrows the group down; ``timeout_s`` is the longest
-    wait [s], in vehicle time.
+    Every verb waits for the end of its order and returns one result per vehicle. It raises
+    ``OrderFailed``, with the results, when a vehicle did not do it, and ``ConfigError`` when the
+    order makes no sense. ``vehicles`` selects some vehicles of the group; ``timeout_s`` is the
+    longest wait [s], in vehicle time.
 
     Args:
         ground: the mission's ground in this flight.
@@ -108,21 +109,22 @@ class Group:
         return self.ground.client.state
 
     def select(self, vehicles: Vehicles, *, with_lost: bool = False) -> tuple[str, ...]:
-        """Return the vehicles of this group that are meant.
+        """Return the names of the vehicles of this group that an argument selects.
 
-        A vehicle that stands in for another one is meant by that one's name.
+        The name of a vehicle that was swapped selects the spare that has its place.
 
         Args:
             vehicles: "all", names or indices.
-            with_lost: "all" also means those whose failure the mission has reacted to.
+            with_lost: whether "all" includes vehicles to whose failure the mission has reacted.
 
         Raises:
-            ConfigError: somebody is not in this group.
+            ConfigError: a vehicle is not in this group.
         """
         if vehicles in ("all", ["all"]):
             lost = set() if with_lost else self.ground.still_lost()
             able = tuple(name for name in self.names if name not in lost)
-            return able or self.names  # who orders nobody but the lost hears why they refuse
+            # If all are lost, all are ordered, so that the results tell why they refuse.
+            return able or self.names
 
         selected = vehicles_at(self.config.select(vehicles), self.state)
         not_in_group = [name for name in selected if name not in self._names]
@@ -146,7 +148,9 @@ class Group:
         return await self.order(Locate(vehicles=self.select(vehicles, with_lost=True)), timeout_s)
 
     async def reboot(self, vehicles: Vehicles, *, timeout_s: float = 40.0) -> Results:
-        """Start PX4 anew, on the ground and disarmed; done when it is heard with a new clock.
+        """Restart PX4, on the ground and disarmed.
+
+        The order is done when PX4 is heard with a clock that has begun again.
 
         Args:
             vehicles: vehicles to order.
@@ -155,7 +159,7 @@ class Group:
         return await self.order(Reboot(vehicles=self.select(vehicles)), timeout_s)
 
     async def disable(self, vehicles: Vehicles, *, timeout_s: float = 5.0) -> Results:
-        """Leave vehicles out of flights: "all" does not mean them, and they do not start.
+        """Take vehicles out of service: "all" excludes them, and they refuse to start.
 
         Args:
             vehicles: vehicles to order; they stand on the ground, disarmed.
@@ -179,22 +183,22 @@ class Group:
         return results
 
     async def swap(self, vehicle: str, spare: str, *, timeout_s: float = 5.0) -> Results:
-        """Give a vehicle's place to a spare that stands on its spot; both stand, disarmed.
+        """Replace a vehicle by a spare that stands on its take-off spot; both are disarmed.
 
         From then on the name of the vehicle means the spare: in paths, goals and formations.
 
         Args:
             vehicle: vehicle that is out of service from then on.
-            spare: spare vehicle that takes part from its place.
+            spare: vehicle that takes part instead.
             timeout_s: longest wait [s].
         """
         intent = Swap(vehicles=self.config.select([vehicle, spare]))
         results = await self.order(intent, timeout_s)
 
-        def is_told(state: FleetState) -> bool:
+        def is_reported(state: FleetState) -> bool:
             return intent.swapped in out_of_service(state)
 
-        await self.client.wait_for(is_told, timeout_s)
+        await self.client.wait_for(is_reported, timeout_s)
         self.ground.disabled.add(intent.swapped)
         self.ground.leave_out(intent.swapped)
         self.ground.disabled.discard(intent.spare)
@@ -210,12 +214,14 @@ class Group:
         every_s: float = DEFAULT_EVERY_S,
         timeout_s: float = 40.0,
     ) -> Results:
-        """Take off, at once or in waves: none starts after a vehicle that does not fly.
+        """Take off, all at once or in waves.
+
+        A wave starts only if all vehicles of the waves before it fly.
 
         Args:
             height_m: height above the fleet's origin [m].
             vehicles: vehicles to order.
-            by: vehicles of a wave; 0: all at once.
+            by: number of vehicles in a wave; 0: all at once.
             every_s: time from the arrival of a wave to the start of the next [s].
             timeout_s: longest wait for a wave [s].
         """
@@ -231,12 +237,12 @@ class Group:
         duration_s: float = 0.0,
         timeout_s: float = 40.0,
     ) -> Results:
-        """Move one vehicle to a goal, or several in the formation that holds.
+        """Move one vehicle to a goal, or several vehicles in their present formation.
 
         Args:
-            position_enu_m: goal of one vehicle, position of the formation of several [m], ENU.
+            position_enu_m: goal of one vehicle, or position of the formation [m], ENU.
             vehicles: vehicles to order.
-            yaw_deg: heading to turn to, counterclockwise from east; None: as it is.
+            yaw_deg: heading to turn to, counterclockwise from east; None: the present one.
             duration_s: duration of the move [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
         """
@@ -256,13 +262,13 @@ class Group:
         duration_s: float = 0.0,
         timeout_s: float = 40.0,
     ) -> Results:
-        """Go to a goal, or each vehicle to its own: one order, judged together.
+        """Go to a goal, or send each vehicle to its own goal.
 
-        Vehicles may change places.
+        All goals are one order, which is checked as a whole, so vehicles may change places.
 
         Args:
-            goals: a position [m], ENU, for a group of one; or a position for each name.
-            yaw_deg: heading to turn to, counterclockwise from east; None: as it is.
+            goals: a position [m], ENU, for a group of one vehicle; or a position for each name.
+            yaw_deg: heading to turn to, counterclockwise from east; None: the present one.
             duration_s: duration of the move [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
 
@@ -289,12 +295,12 @@ class Group:
         """Return a position on Earth as a goal [m], ENU.
 
         Args:
-            latitude_deg: latitude of the place.
-            longitude_deg: longitude of the place.
-            height_m: up in the fleet frame, as of every goal.
+            latitude_deg: latitude of the position.
+            longitude_deg: longitude of the position.
+            height_m: height in the fleet frame, like the third coordinate of every goal [m].
 
         Raises:
-            ConfigError: the fleet file has no origin, or the place is none near it.
+            ConfigError: the fleet file has no origin, or the position is too far from the origin.
         """
         return goal_enu_m(self.config, latitude_deg, longitude_deg, height_m)
 
@@ -315,14 +321,15 @@ class Group:
 
         Args:
             name: name of the formation in the fleet file.
-            position_enu_m: position of the formation [m], ENU; None: where it is on average.
+            position_enu_m: position of the formation [m], ENU; None: the mean of the vehicles'
+                present positions.
             vehicles: vehicles to order.
-            spacing_m: stretches it until its two nearest slots are so far apart [m]; None: as in
-                the fleet file.
-            rotation_deg: turns it about its position, counterclockwise.
-            yaw_deg: heading of each vehicle, counterclockwise from east; None: as it is.
-            assign: "ids": each vehicle has its own slot; "nearest": such that the longest flight is
-                short.
+            spacing_m: distance of the two nearest slots [m], to which the formation is stretched.
+                The fleet file's distance counts for None.
+            rotation_deg: angle by which the formation is turned, counterclockwise.
+            yaw_deg: heading of each vehicle, counterclockwise from east; None: the present one.
+            assign: "ids": each vehicle has its own slot; "nearest": slots are assigned so that the
+                longest flight is as short as possible.
             duration_s: duration of the move [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
 
@@ -358,10 +365,10 @@ class Group:
         duration_s: float = 0.0,
         timeout_s: float = 40.0,
     ) -> Results:
-        """Turn the formation that holds about its position, each vehicle straight to its new slot.
+        """Turn the present formation; each vehicle flies straight to its new slot.
 
         Args:
-            angle_deg: counterclockwise, from how it is turned now.
+            angle_deg: angle to turn by, counterclockwise.
             vehicles: vehicles to order.
             duration_s: duration of the move [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
@@ -372,10 +379,10 @@ class Group:
     async def yaw(
         self, yaw_deg: float, vehicles: Vehicles = "all", *, timeout_s: float = 15.0
     ) -> Results:
-        """Turn to a heading where it is.
+        """Turn each vehicle to a heading, without a change of position.
 
         Args:
-            yaw_deg: counterclockwise from east.
+            yaw_deg: heading, counterclockwise from east.
             vehicles: vehicles to order.
             timeout_s: longest wait [s].
         """
@@ -389,13 +396,14 @@ class Group:
         duration_s: float = 0.0,
         timeout_s: float = 90.0,
     ) -> Results:
-        """Fly back over the take-off spots of the fleet file, land there and disarm.
+        """Fly back to the take-off spots of the fleet file, land there and disarm.
 
-        This is one order, judged together.
+        This is one order, which is checked as a whole.
 
         Args:
             vehicles: vehicles to order.
-            height_m: height of the way back, above the fleet's origin [m]; None: each at its own.
+            height_m: height of the way back, above the fleet's origin [m]; None: each vehicle keeps
+                its present height.
             duration_s: duration of the way back [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
         """
@@ -410,13 +418,14 @@ class Group:
         duration_s: float = 0.0,
         timeout_s: float = 90.0,
     ) -> Results:
-        """Fly back from wherever all are, to take-off spots dealt out so that ways do not cross.
+        """Fly back from any positions, land on the take-off spots and disarm.
 
-        They land there and disarm; a path or a formation ends by it.
+        The spots are assigned so that the ways do not cross. A path or a formation ends.
 
         Args:
             vehicles: vehicles to order.
-            height_m: height of the way back, above the fleet's origin [m]; None: each at its own.
+            height_m: height of the way back, above the fleet's origin [m]; None: each vehicle keeps
+                its present height.
             duration_s: duration of the way back [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
         """
@@ -425,12 +434,12 @@ class Group:
         return await self.order(intent, timeout_s)
 
     async def pause(self, vehicles: Vehicles = "all", *, timeout_s: float = 5.0) -> Results:
-        """Stop the clock of the paths that are followed; the order to follow them goes on.
+        """Stop the clock of the paths; the order to follow them remains in force.
 
         Vehicles that follow another one hold where they are until `resume`.
 
         Args:
-            vehicles: vehicles to order; whoever flies the same show pauses with them.
+            vehicles: vehicles to order; all others of the same show pause with them.
             timeout_s: longest wait [s].
         """
         names = self._stoppable(self.select(vehicles))
@@ -440,17 +449,18 @@ class Group:
         """Let the clock of paused paths go on.
 
         Args:
-            vehicles: vehicles to order; it goes on once nobody of the same show is paused any more.
+            vehicles: vehicles to order; a show goes on when none of its vehicles is paused any
+                more.
             timeout_s: longest wait [s].
         """
         names = self._stoppable(self.select(vehicles))
         return await self.order(Resume(vehicles=names), timeout_s)
 
     async def skip(self, vehicles: Vehicles = "all", *, timeout_s: float = 5.0) -> Results:
-        """Leave the paths that are followed, straight to their ends, each with the law.
+        """Leave the paths and fly straight to their ends, with the avoidance law.
 
-        The order to follow the paths is done when all are there, and the mission goes on. Vehicles
-        that follow another one follow it no further, and hold.
+        The order to follow the paths is done when all are at the ends. Then the mission goes on.
+        Vehicles that follow another vehicle stop following and hold.
 
         Args:
             vehicles: vehicles to order; the others go on along their paths.
@@ -460,7 +470,10 @@ class Group:
         return await self.order(Skip(vehicles=names), timeout_s)
 
     def _stoppable(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """Return those who follow a path or another vehicle; all when nobody does, to hear why."""
+        """Return the vehicles that follow a path or another vehicle.
+
+        If there are none, return all, so that the results of the order tell why it is refused.
+        """
         return stoppable(self.state, names) or names
 
     async def follow_path(
@@ -472,22 +485,22 @@ class Group:
         at: str | WorldTime = "",
         timeout_s: float | None = None,
     ) -> Results:
-        """Have each vehicle follow its own path, all from one instant on.
+        """Let each vehicle follow its own path; all start at the same instant.
 
-        They go to the begins of their paths first.
+        Before the start, the vehicles fly to the begins of their paths.
 
         Args:
             paths: paths of vehicles, see :func:`groundstation.paths.path_files.load_path`.
             lights: colours of vehicles, see :func:`groundstation.paths.lights.load_lights`.
             on_lag: reaction of a vehicle that falls behind for too long; the others go on.
             at: time of the world's clock at which they start; empty: at once.
-            timeout_s: longest flight along the paths [s]; None: their own duration, and a minute.
+            timeout_s: longest flight along the paths [s]; None: their own duration plus a minute.
         """
-        self.select(list(paths))
+        self.select(list(paths))  # raises ConfigError for a vehicle outside this group
         paths = by_vehicle(paths, self.state)
         start = self._time_of(at)
 
-        # Without Covey's law simulation may try what the law would refuse.
+        # With another law than Covey's, a simulation may fly paths that Covey's law would refuse.
         is_other_law = self.config.law.built_in != "covey"
         if not (self.state.is_simulated and is_other_law):
             refused = refusals(path_findings(self.config, paths, "follow_path"))
@@ -510,11 +523,11 @@ class Group:
 
         Args:
             waypoints: waypoints of each vehicle [m], ENU.
-            speed_m_s: speed at the waypoints between [m/s].
+            speed_m_s: speed at the waypoints between the first and the last [m/s].
             on_lag: reaction of a vehicle that falls behind for too long; the others go on.
 
         Raises:
-            ConfigError: two waypoints are one, or a vehicle does not report where it is.
+            ConfigError: two successive waypoints are equal, or a vehicle does not fly.
         """
         paths = {}
         waypoints = by_vehicle(waypoints, self.state)
@@ -538,13 +551,13 @@ class Group:
     ) -> Results:
         """Follow another vehicle for a time, each at its offset; then hold.
 
-        They hold also when this is cancelled.
+        The followers hold also when this call is cancelled.
 
         Args:
             leader: the vehicle that is followed.
             duration_s: duration [s].
-            offsets: offsets of the followers from the leader [m], ENU; None: all others of the
-                group, each as it is now.
+            offsets: offsets of the followers from the leader [m], ENU; None: the present offsets
+                of all other vehicles of the group.
 
         Raises:
             ConfigError: the leader or a follower does not report where it is.
@@ -569,10 +582,10 @@ class Group:
         return await self.order(intent, timeout_s)
 
     async def kill(self, vehicles: Vehicles, *, timeout_s: float = 5.0) -> Results:
-        """Stop the motors at once, also in the air: the vehicles fall. They have to be named.
+        """Stop the motors at once, also in the air, where the vehicles fall.
 
         Args:
-            vehicles: vehicles to order.
+            vehicles: vehicles to order; there is no default.
             timeout_s: longest wait [s].
         """
         return await self.order(Kill(vehicles=self.select(vehicles)), timeout_s)
@@ -595,21 +608,22 @@ class Group:
         await asyncio.sleep(duration_s)
 
     async def countdown(self, at: str | WorldTime) -> None:
-        """Wait until a time of the world's clock; in simulated time nobody waits.
+        """Wait until a time of the world's clock; in simulated time, return at once.
 
         Args:
-            at: "21:30:00", the nearest one to come, or with a date; at most some hours ahead.
+            at: time such as "21:30:00", which means the next one, or with a date; at most some
+                hours ahead.
 
         Raises:
-            ConfigError: it is no time, in the past, or too far ahead.
-            CountdownEnded: an operator has stopped it, or clocks differ or were set.
+            ConfigError: the text is not a time, or the time is in the past or too far ahead.
+            CountdownEnded: an operator has stopped it, clocks differ, or a clock was set.
         """
         start = self._time_of(at)
         if start is not None:
             await self.ground.wait_for_time(start, self.names)
 
     def _time_of(self, at: str | WorldTime) -> WorldTime | None:
-        """Return a time of the world's clock; None where nobody waits for it."""
+        """Return a time of the world's clock; None if there is no wait for it."""
         if isinstance(at, WorldTime):
             return at
         if not at:
@@ -629,7 +643,7 @@ class Group:
             timeout_s: longest wait [s].
 
         Raises:
-            ConditionTimeout: it does not hold in time.
+            ConditionTimeout: the condition does not hold in time.
         """
         client = self.client
         begin_ns = client.now_ns()
@@ -656,15 +670,14 @@ class Group:
 
         Args:
             condition: condition to watch for.
-            reaction: what to do then, once: beside the block, which waits for it at its end; an
-                exception ends both.
-            ends: break the block off first; the mission goes on after it.
+            reaction: called once, when the condition holds. It runs beside the block, and the block
+                waits for it at its end. An exception in one of them ends both.
+            ends: whether the block is cancelled before the reaction; the mission goes on after it.
         """
         body = asyncio.current_task()
         assert body is not None
-        has_begun = False
-
-        lost: Mapping[str, str] = {}
+        has_begun = False  # whether the condition has held, and the reaction has begun
+        lost: Mapping[str, str] = {}  # vehicle -> reason, when the condition held
 
         def holds(moment: FleetMoment) -> bool:
             nonlocal lost
@@ -690,7 +703,8 @@ class Group:
             try:
                 yield
             except asyncio.CancelledError:
-                # The watch has cancelled the block, and nobody else has: that is no cancellation.
+                # Swallow this only if the watch alone has cancelled the block. `uncancel` returns
+                # how many other cancellations were requested.
                 was_broken_off = ends and has_begun
                 if not was_broken_off or body.uncancel() > 0:
                     raise

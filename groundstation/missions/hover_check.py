@@ -1,9 +1,9 @@
-"""The hover check of a mission: after a take-off and before anybody sets out, is the wind too much?
+"""The hover check of a mission: is the wind too strong to fly on after a take-off?
 
-Nobody knows the wind on the ground. A vehicle that hovers does: it leans against it. What it tells
-is a mean over two seconds, which gusts move, and a limit is one of the mean wind. So a wind above
-the limit that gusts explain is looked at for ten seconds more, and the fleet sets out as soon as it
-is within the limit. A wind that no gusts of the limit explain is refused at once.
+On the ground, vehicles cannot measure the wind. A hovering vehicle can, because it leans against
+the wind. It reports a mean over two seconds, which gusts change, whereas the limit is one of the
+long-term mean wind. If gusts can explain a wind above the limit, this check waits up to ten
+seconds until the wind is within the limit. If they cannot, the mission ends at once.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from dataclasses import dataclass
 from groundstation.fleet.state import FleetState
 from onboard.config.wind_limit import GUSTY
 
-_WORTH_SAYING_SHARE = 0.8  # of the limit
+_WORTH_SAYING_SHARE = 0.8  # share of the limit from which the wind is said
 _LOOK_S = 0.2  # from one look to the next
-_LOOKS = 50
+_LOOKS = 50  # together ten seconds
 
 
 class WindTooStrong(RuntimeError):
-    """The wind is above the limit of a vehicle that hovers: the mission does not go on."""
+    """The wind is above the limit of a hovering vehicle, so the mission does not go on."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Strongest:
-    """The wind that takes most of the limit of its vehicle."""
+    """The wind of the vehicle whose wind is strongest compared with its own limit."""
 
-    share: float = 0.0  # of the limit
+    share: float = 0.0  # wind divided by the vehicle's limit
     words: str = ""
 
 
@@ -46,7 +46,7 @@ async def hover_check(
         say: called with each line about the wind.
 
     Raises:
-        WindTooStrong: it is above the limit of one of them, and stays there.
+        WindTooStrong: the wind stays above the limit of a vehicle.
     """
     hovering = list(names)
     strongest = _strongest(state_of_now(), hovering)
@@ -75,7 +75,7 @@ def _strongest(state: FleetState, names: Iterable[str]) -> _Strongest:
         if telemetry is None:
             continue
 
-        # what is not known is NaN, and no comparison holds
+        # An unknown wind is NaN; the comparison below is then false.
         wind_m_s = math.hypot(*telemetry.wind_enu_m_s)
         share = wind_m_s / telemetry.max_wind_m_s
         if share > strongest.share:

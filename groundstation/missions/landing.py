@@ -1,12 +1,13 @@
 """Landing of all vehicles at the end of a mission, whatever has happened before.
 
-An order to land can end before its vehicle is down: a failsafe may have taken over, a link may have
-broken, PX4 may have landed by itself. So this asks the vehicles, not the orders: whoever is not
-down, and does not land, is ordered to land again, until all are down or the time is over.
+An order to land can end before its vehicle is down: a failsafe may have taken over, a link may
+have broken, PX4 may have landed by itself. So the telemetry of the vehicles decides, and not the
+result of the order. A vehicle that is neither down nor landing is ordered to land again, until all
+are down or the time is over.
 
-While this ground hears nobody, a mission waits for its link, and a person does not.
+While this ground hears no vehicle, a mission waits for its link. A person's order does not wait.
 
-Vehicles that a pilot flies by hand are left to him, and not waited for.
+Vehicles that a pilot flies by hand are left to the pilot; the landing does not wait for them.
 """
 
 from __future__ import annotations
@@ -21,11 +22,12 @@ from groundstation.missions.taken import FleetWatch, flown_by_hand
 from groundstation.orders.intents import Land
 from groundstation.orders.result import OrderResult, Results
 
-LAND_AGAIN_S = 6.0
-TELEMETRY_WITHIN_S = 0.3
-_LAST_TELEMETRY_S = 1.0  # after the end of the last order
-# Times the descent: a vehicle that lands waits for others below, and goes aside for others.
-_PATIENCE = 2.0
+LAND_AGAIN_S = 6.0  # wait for vehicles that land, before the next order
+TELEMETRY_WITHIN_S = 0.3  # longest wait for telemetry that shows the newest order
+_LAST_TELEMETRY_S = 1.0  # longest wait for telemetry after all orders are done
+# Factor on the time of the descent: a landing vehicle may wait for others below it, and may have to
+# avoid others.
+_DESCENT_FACTOR = 2.0
 _MAY_FLY_STATES = ("armed", "taking off", "flying", "holding", "landing")
 
 
@@ -41,27 +43,27 @@ async def land_all(
 ) -> bool:
     """Land all vehicles that are not down yet.
 
-    A landing under way goes on: no new order replaces an operator's.
+    A landing that is under way goes on; it is not ordered again.
 
     Args:
         client: fleet client that has been started.
-        superseded: vehicles whose last order another ground has replaced; that may have been by a
-            landing.
+        superseded: vehicles whose last order another ground has replaced, perhaps by a landing.
         timeout_s: longest wait beyond twice the time that the descent from their heights takes [s].
-        say: progress in words.
+        say: called with each line of progress.
         link: link of this ground.
-        watch: watch of the mission's fleet: once somebody has taken it, only a person lands it.
-        is_by_person: a person wants it, and not only the mission: it waits for no link, and goes
-            straight to PX4s whose agents do not answer.
+        watch: watch of the mission's fleet. Once somebody has taken the fleet, only a person lands
+            it.
+        is_by_person: whether a person has ordered it, and not only the mission. Then the order
+            waits for no link, and goes straight to PX4s whose agents do not answer.
 
     Returns:
-        Whether all are landed and disarmed that no pilot flies by hand.
+        Whether all vehicles are landed and disarmed, except those that a pilot flies by hand.
     """
     up = tuple(name for name in client.fleet.enabled_names if _may_fly(client, name))
     for name in flown_by_hand(client):
         say(f"{name} is flown by hand: `land {name}` takes it.")
     descent_s = longest_descent_s(client.fleet, client.state)
-    end_ns = client.now_ns() + int((timeout_s + _PATIENCE * descent_s) * 1e9)
+    end_ns = client.now_ns() + int((timeout_s + _DESCENT_FACTOR * descent_s) * 1e9)
 
     if superseded:
         # The next telemetry shows whether the new order is to land.
@@ -84,9 +86,10 @@ async def land_all(
             return True
 
         if not is_by_person:
-            lost_s = link.lost_s
+            # The time without a link does not count.
+            lost_before_s = link.lost_s
             await link.heard()
-            end_ns += round((link.lost_s - lost_s) * 1e9)
+            end_ns += round((link.lost_s - lost_before_s) * 1e9)
             if watch.look() is not None:
                 return False
 
@@ -102,15 +105,14 @@ async def land_all(
         order = client.send(planned, is_by_mission=not is_by_person)
         await client.wait_for(_has_ended(client, order), (end_ns - client.now_ns()) * 1e-9)
 
-        # An order can end before the vehicle is down: when a failsafe has taken over, PX4 lands by
-        # itself. A vehicle that PX4 itself reports as disarmed, on the direct path, has no agent
-        # left to send telemetry.
+        # A vehicle whose order is not done may still come down: when a failsafe has taken over, PX4
+        # lands by itself. A vehicle whose order is done may send no telemetry any more: its agent
+        # may have ended, and PX4 itself has reported the landing over the direct link.
         left = tuple(
             name for name in left if name not in order.results or not order.results[name].is_done
         )
-        if await client.wait_for(
-            _all_down(client, up), LAND_AGAIN_S if left else _LAST_TELEMETRY_S
-        ):
+        wait_s = LAND_AGAIN_S if left else _LAST_TELEMETRY_S
+        if await client.wait_for(_all_down(client, up), wait_s):
             return True
 
         _say_failures(client, order.results, say_once)
@@ -120,7 +122,7 @@ async def land_all(
 
 
 def _say_failures(client: FleetClient, results: Results, say: Callable[[str], None]) -> None:
-    """Say which vehicles have not landed by the last order, and why."""
+    """Say which vehicles the last order has not landed, and why."""
     silent = silent_in_flight(client)
     for name, result in results.items():
         if result.phase == "accepted" and name in silent:
@@ -130,7 +132,7 @@ def _say_failures(client: FleetClient, results: Results, say: Callable[[str], No
 
 
 def _has_ended(client: FleetClient, order: OrderResult) -> Callable[[FleetState], bool]:
-    """Return whether an order has ended, or an agent has accepted it and fallen silent."""
+    """Return a predicate: an order has ended, or an agent has accepted it and fallen silent."""
 
     def has_ended(_: FleetState) -> bool:
         if order.is_final:
@@ -148,14 +150,17 @@ def _all_down(client: FleetClient, names: Sequence[str]) -> Callable[[FleetState
 
 
 def _is_down(client: FleetClient, name: str) -> bool:
-    """Whether it is landed and nothing may take it up again, or a pilot's."""
+    """Whether a vehicle is landed and no order may start it again, or a pilot flies it."""
     if name in flown_by_hand(client):
         return True
     return client.state.is_landed(name) and not client.may_start(name)
 
 
 def _may_fly(client: FleetClient, name: str) -> bool:
-    """Whether it flies or is about to: an order to take off comes before its telemetry."""
+    """Whether a vehicle flies, or may be about to.
+
+    An order to take off may be under way although the telemetry does not show it yet.
+    """
     telemetry = client.state.vehicles[name].telemetry
     if telemetry is None:
         return client.may_start(name)

@@ -1,6 +1,7 @@
-"""Missions by written orders: started, stepped through, and ended, beside the orders by hand.
+"""Written orders about missions: start one, step through it, end it.
 
-The console and the live page take them in the same way.
+An operator types them beside the orders to vehicles, in the console or on the live page. Both use
+:class:`MissionOrders`.
 """
 
 from __future__ import annotations
@@ -29,13 +30,13 @@ from onboard.config.fleet import ConfigError
 from onboard.plain_text import listed
 
 _ONLY_WATCHES = "This ground only watches: open one that may order."
-_MOST_NAMED = 12
-_MOST_PROBLEMS = 2
-_READY_S = 10.0  # within which all vehicles are ready
+_MOST_NAMED = 12  # mission files that a sentence names
+_MOST_PROBLEMS = 2  # clock problems that the question before a countdown names
+_READY_S = 10.0  # longest wait until all vehicles are ready
 _WATCH_S = 0.2  # between two looks for silent vehicles
 
 MissionJudge = Callable[[MissionRun], Awaitable[Verdict]]
-MissionCall = Callable[[], Awaitable[object]]  # flies, and returns a verdict
+MissionCall = Callable[[], Awaitable[object]]  # flies a mission, and returns its verdict
 
 
 class CountdownQuestion(NamedTuple):
@@ -46,7 +47,7 @@ class CountdownQuestion(NamedTuple):
     reasons: Sequence[str]  # why the countdown may not begin
 
 
-# shows a question, and calls the function when the operator says yes
+# Shows the question that the first function returns; calls the second when the operator says yes.
 Ask = Callable[[Callable[[], CountdownQuestion], Callable[[], None]], None]
 
 
@@ -63,11 +64,13 @@ class MissionOrders:
 
     Args:
         client: client of the fleet; only one that may order flies missions.
-        begin: flies a mission in a worker, unless one flies already. Takes the mission, and the
-            function that returns its line for the title.
-        judge: judges a mission that has ended with the record of the flight; None without one.
+        begin: function that flies a mission in a worker. Its arguments are the function that flies
+            the mission, and the function that returns the mission's line for the title. It returns
+            False if a mission flies already.
+        judge: function that judges an ended mission by the record of the flight; None if there is
+            no record.
         run: the mission that the console was started with, if any.
-        ask: shows the question before a countdown; None begins it at once.
+        ask: function that shows the question before a countdown; None: it begins at once.
     """
 
     def __init__(
@@ -92,7 +95,7 @@ class MissionOrders:
             words: words of the line.
 
         Returns:
-            A sentence when it is refused, or else nothing.
+            Why the order is refused, as a sentence; empty when it is carried out.
         """
         if words[0] == "mission":
             return self._start(words[1:])
@@ -113,7 +116,7 @@ class MissionOrders:
         return ""
 
     def _start(self, words: Sequence[str]) -> str:
-        """Start a mission; returns a sentence when it is refused, or else nothing."""
+        """Start a mission; return why it is refused, or an empty string."""
         client = self._client
         if not isinstance(client, FleetClient):
             return _ONLY_WATCHES
@@ -157,13 +160,13 @@ class MissionOrders:
         return ""
 
     def take_off_in_waves(self, intent: Takeoff) -> str:
-        """Fly a take-off in waves as a mission of one step, which holds where one fails.
+        """Fly a take-off in waves as a mission of one step; if a vehicle fails, the others hold.
 
         Args:
             intent: order as it was shown.
 
         Returns:
-            A sentence when it is refused, or else nothing.
+            Why the order is refused, as a sentence; empty when it is carried out.
         """
         client = self._client
         if not isinstance(client, FleetClient):
@@ -181,7 +184,7 @@ class MissionOrders:
         return self._begin_run(MissionRun(mission, client, say=self._say, ready_timeout_s=_READY_S))
 
     def _begin_run(self, run: MissionRun) -> str:
-        """Fly a mission; returns a sentence when it is refused, or else nothing."""
+        """Fly a mission; return why it is refused, or an empty string."""
         if not self._begin(lambda: self._fly(run), lambda: self._line_of(run)):
             return "A mission flies already. Write: stop"
         self._run = run
@@ -197,7 +200,7 @@ class MissionOrders:
 
     @property
     def is_flying(self) -> bool:
-        """Whether a mission flies that was started here."""
+        """Whether a mission that was started here flies now."""
         return self._run is not None and not self._run.is_over
 
     @property
@@ -215,7 +218,7 @@ class MissionOrders:
         return self._run.fleet.ground.countdown is not None
 
     def stop_countdown(self) -> str:
-        """End the countdown of the mission that counts down; return what became of it."""
+        """End the countdown of the mission; return a sentence about what has happened."""
         if self._run is None or self._run.is_over or not self._run.fleet.ground.stop_countdown():
             return "No countdown of a mission that was started here is under way."
         return "The countdown ends: nothing is started."
@@ -238,20 +241,25 @@ class MissionOrders:
 
 
 def _without_time(words: Sequence[str]) -> tuple[list[str], str | None]:
-    """Return the words without "at TIME", and the time; empty without, None where it is missing."""
+    """Return the words without "at TIME", and the time.
+
+    The time is empty when the words have no "at". It is None when nothing follows "at".
+    """
     if "at" not in words:
         return list(words), ""
 
     index = list(words).index("at")
-    rest = [*words[:index], *words[index + 2 :]]
-    return rest, next(iter(words[index + 1 : index + 2]), None)
+    other_words = [*words[:index], *words[index + 2 :]]
+    if index + 1 == len(words):
+        return other_words, None
+    return other_words, words[index + 1]
 
 
 def countdown_question(run: MissionRun, at: WorldTime) -> CountdownQuestion:
-    """Return what the question before a countdown shows now.
+    """Return the present content of the question before a countdown.
 
     Args:
-        run: run of the mission, not begun.
+        run: run of the mission, which has not begun.
         at: time at which it begins.
     """
     client = run.client
@@ -289,5 +297,6 @@ def _names_sentence() -> str:
 
 
 async def _watched(run: MissionRun) -> None:
+    """Look for silent vehicles until the mission is over."""
     while not run.look_after():  # noqa: ASYNC110 - silence is no event
         await asyncio.sleep(_WATCH_S)

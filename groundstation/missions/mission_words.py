@@ -10,7 +10,7 @@ USAGE = (
 
 
 def are_of_mission(words: list[str]) -> bool:
-    """Return whether the words of a line are for a mission; ``pause all`` is for vehicles."""
+    """Whether a line is an order about a mission; ``pause all`` is an order to vehicles."""
     if words[0] == "mission":
         return True
     return words[0] in WORDS and len(words) == 1

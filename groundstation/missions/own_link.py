@@ -1,9 +1,9 @@
-"""This ground's own link to the vehicles: lost when nobody of several in flight is heard.
+"""This ground's own link to the vehicles.
 
-Vehicles that all fall silent at once have not all failed: this ground has lost its link. They go on
-under the law, because agents hear each other, and land by themselves when no ground was heard for
-``ground_lost_land_s``. An agent that is dead or hangs sends no setpoints, and its PX4 lands. So a
-mission waits.
+When several vehicles in flight all fall silent at once, not all of them have failed: this ground
+has lost its link. Then the mission waits, because the vehicles are safe. Their agents hear each
+other, so the avoidance law goes on, and they land when no ground was heard for
+``ground_lost_land_s``. An agent that is dead or hangs sends no setpoints, and its PX4 lands.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ import math
 from groundstation.client.client import FleetClient
 from groundstation.fleet.own_stall import AFTER_STALL_S
 
-SILENT_S = 2.0  # in the air: the agent hangs, or is cut off
+SILENT_S = 2.0  # age of the last telemetry of an agent that hangs or is cut off in flight
 _LOOK_PERIOD_S = 0.2
-_COUNTDOWN_PERIOD_S = 10.0
+_COUNTDOWN_PERIOD_S = 10.0  # between two warnings about the time until the agents land
 
 
 def silent_in_flight(client: FleetClient) -> list[str]:
     """Return the vehicles whose last telemetry was armed and is older than SILENT_S.
 
-    There are none after a stall of this ground itself.
+    After a stall of this ground itself, no vehicle counts as silent.
     """
     now_ns = client.now_ns()
     if client.state.is_after_stall(now_ns):
@@ -47,15 +47,16 @@ class OwnLink:
     def __init__(self, client: FleetClient) -> None:
         self._client = client
         self._is_lost = False
-        self._heard_ns = 0  # last telemetry before the loss
-        self._back_ns = 0  # first telemetry after the loss; 0: none yet
-        self._said_s = 0.0  # time without anybody, when it was said last
-        self._lost_before_s = 0.0  # length of earlier losses
-        self._settled_ns = 0  # until then vehicles that come back later are not yet silent
+        self._heard_ns = 0  # reception of the last telemetry before the loss
+        self._back_ns = 0  # reception of the first telemetry after the loss; 0: none yet
+        self._said_s = 0.0  # length of the silence at the last warning
+        self._lost_before_s = 0.0  # total length of earlier losses
+        # end of the time in which vehicles that are not heard again yet do not count as silent
+        self._settled_ns = 0
 
     @property
     def is_lost(self) -> bool:
-        """Whether nobody is heard, or not everybody again."""
+        """Whether no vehicle is heard, or not all vehicles are heard again after such a loss."""
         return self._is_lost
 
     @property
@@ -74,7 +75,7 @@ class OwnLink:
 
     @property
     def is_settling(self) -> bool:
-        """Whether the link came back just now: connections come back one after another."""
+        """Whether the link came back a moment ago, and single vehicles may not be heard yet."""
         return self._client.now_ns() < self._settled_ns
 
     def look(self) -> None:
@@ -88,7 +89,7 @@ class OwnLink:
         """Wait while the link is lost, at most until the agents land by themselves.
 
         Returns:
-            Whether there was something to wait for, and the link is back.
+            Whether the link was lost and is back now.
         """
         self.look()
         has_waited = False
@@ -101,18 +102,18 @@ class OwnLink:
     # -- the loss ----------------------------------------------------------------------------------
 
     def _hears_nobody(self) -> bool:
-        """Whether two or more fly, by what was heard last, and nobody has been heard for long."""
+        """Whether two or more vehicles were last heard in flight, and all have been silent long."""
         return bool(silent_in_flight(self._client)) and self._is_nobody_fresh()
 
     def _is_losing(self) -> bool:
-        """Whether nobody is heard, but not for so long that the link counts as lost."""
+        """Whether no vehicle is heard, but not yet for so long that the link counts as lost."""
         return not self._is_lost and self._is_nobody_fresh()
 
     def _is_nobody_fresh(self) -> bool:
-        """Whether two or more fly, by what was heard last, and no telemetry is of the present.
+        """Whether two or more vehicles were last heard in flight, and no telemetry is fresh.
 
-        Telemetry of several vehicles never ends at the same moment: when the first has been silent
-        for SILENT_S, those that fell silent with it have long been stale.
+        When a link is lost, the last telemetry of the vehicles arrives at slightly different times.
+        When the first vehicle has been silent for SILENT_S, the telemetry of all others is stale.
         """
         now_ns = self._client.now_ns()
         views = self._client.state.vehicles.values()
@@ -146,7 +147,7 @@ class OwnLink:
     # -- the return --------------------------------------------------------------------------------
 
     def _look_for_return(self) -> None:
-        """End the loss when all who fly are heard, or some time after the first is heard."""
+        """End the loss when all flying vehicles are heard, or some time after the first is."""
         now_ns = self._client.now_ns()
         vehicles = self._client.state.vehicles
         if not self._back_ns:

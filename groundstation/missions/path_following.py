@@ -1,10 +1,12 @@
-"""Paths flown together: one start for all vehicles, or for none.
+"""Paths that are flown together: either all vehicles start, or none does.
 
-Each vehicle gets its path in parts, and checks it on board. Then all go to the begins of their
-paths, as one order. The start is ordered some seconds ahead, for one instant of the fleet's clock;
-if anybody does not accept it, all are ordered to hold before that instant comes. That instant may
-be a time of the world's clock: then they wait at the begins, and the countdown may be stopped until
-they start.
+1. Each vehicle gets its path in parts, and checks it on board.
+2. One order sends all vehicles to the begins of their paths.
+3. The start is ordered some seconds ahead, for one instant of the fleet's clock. If a vehicle does
+   not accept it, all are ordered to hold before that instant.
+
+The instant may be a time of the world's clock. Then the vehicles wait at the begins of their paths,
+and an operator may stop the countdown until they start.
 """
 
 from __future__ import annotations
@@ -31,14 +33,15 @@ from onboard.bus.topics import Topic
 from onboard.control.path import Path, point_at
 from onboard.tuples import Xyz
 
-AHEAD_S = 3.0  # of the start, for all replies to come before it
-_LATE_S = 60.0  # after the paths' own end: half the clock's rate for ten seconds, and some
-_SAY_S = 10.0
-_LOAD_S = 10.0
+AHEAD_S = 3.0  # time from the order to the start, in which all replies arrive
+# Longest wait after the paths' own end: vehicles that fall behind slow the clock of the paths.
+_LATE_S = 60.0
+_SAY_S = 10.0  # between two lines of progress
+_LOAD_S = 10.0  # longest wait for the reply to one part of a path
 _LOOK_S = 0.5  # between two looks for a pause
-_HOME_S = 120.0
+_HOME_S = 120.0  # longest wait for vehicles that are brought home
 _LIGHT_S = 0.2  # between two looks at the colours
-_SPARE_S = 0.3  # before the last moment of an order
+_SPARE_S = 0.3  # added to the time that an order needs
 
 Paths = Mapping[str, Path]  # by vehicle
 Lights = Mapping[str, Sequence[TimedColour]]  # by vehicle
@@ -64,7 +67,7 @@ class PathGround(Protocol):
         """Note how far a vehicle is from its goal now."""
 
     def note_done(self, words: str, name: str, message: Order, results: Results) -> None:
-        """Note what an order leaves behind of a vehicle that has done it."""
+        """Note the last order of a vehicle that has done it."""
 
 
 async def follow_paths(
@@ -76,22 +79,23 @@ async def follow_paths(
     at: WorldTime | None = None,
     timeout_s: float | None,
 ) -> Results:
-    """Have each vehicle follow its path, from one instant on.
+    """Let each vehicle follow its path; all start at the same instant.
 
     Args:
         ground: the mission's ground in this flight.
         paths: paths of the vehicles.
-        lights: colours of vehicles, shown and recorded.
+        lights: colours of the vehicles, which are shown and recorded.
         on_lag: reaction of a vehicle that falls behind for too long; the others go on.
         at: time of the world's clock at which they start; None: at once.
-        timeout_s: longest flight along the paths [s]; None: their own duration, and a minute.
+        timeout_s: longest flight along the paths [s]; None: their own duration plus a minute.
 
     Returns:
-        One result per vehicle; one that has left the others has failed, which ends nothing else.
+        One result per vehicle. A vehicle that has left its path has failed; the others go on.
 
     Raises:
-        OrderFailed: a vehicle does not take its path, or does not start: then nobody does.
-        CountdownEnded: nobody starts at that time.
+        OrderFailed: a vehicle does not accept its path or its start, so no vehicle starts; or all
+            were brought home in a pause.
+        CountdownEnded: the countdown ended before the start, so no vehicle starts.
     """
     await _load(ground, paths)
 
@@ -112,16 +116,16 @@ async def follow_paths(
     ground.say(f"follow_path {','.join(paths)}: {longest_s:.0f} s, {begin_words}")
 
     begin_ns = ground.client.now_ns()
-    beside = [
+    tasks = [
         asyncio.create_task(_say_progress(ground, tuple(paths), longest_s)),
         asyncio.create_task(_play_lights(ground, lights)),
     ]
     try:
         results = await _end_of(ground, order, timeout_s or AHEAD_S + longest_s + _LATE_S)
     finally:
-        for task in beside:
+        for task in tasks:
             task.cancel()
-        await asyncio.gather(*beside, return_exceptions=True)
+        await asyncio.gather(*tasks, return_exceptions=True)
 
     duration_s = (ground.client.now_ns() - begin_ns) * 1e-9
     ground.steps.append(step_result(f"follow_path {','.join(results)}", duration_s, results))
@@ -139,10 +143,10 @@ async def follow_paths(
 async def _end_of(ground: PathGround, order: OrderResult, timeout_s: float) -> Results:
     """Wait for the end of all paths; the time of a pause does not count.
 
-    A pause ends with all brought home, at the last moment at which the weakest still can.
+    During a pause, all are brought home when the weakest battery can wait no longer.
 
     Raises:
-        OrderFailed: they were brought home.
+        OrderFailed: all were brought home.
     """
     watch = PauseWatch(ground)
     try:
@@ -196,7 +200,7 @@ def _is_paused(state: FleetState, name: str) -> bool:
 
 
 async def _load(ground: PathGround, paths: Paths) -> None:
-    """Bring every path to its vehicle, in parts; the last one has it checked there."""
+    """Send every path to its vehicle in parts; after the last part, the vehicle checks the path."""
     parts = {name: parts_of(path) for name, path in paths.items()}
     most_parts = max(len(own_parts) for own_parts in parts.values())
 
@@ -209,7 +213,7 @@ async def _load(ground: PathGround, paths: Paths) -> None:
 
 
 async def _start_at(ground: PathGround, paths: Paths, on_lag: OnLag, at: WorldTime) -> OrderResult:
-    """Order the start for a time of the world's clock; until then it may be stopped."""
+    """Order the start for a time of the world's clock; an operator may stop it until then."""
     client = ground.client
     with ground.counting(at, tuple(paths)) as countdown:
         if countdown.left_s < AHEAD_S:
@@ -229,7 +233,7 @@ async def _start_at(ground: PathGround, paths: Paths, on_lag: OnLag, at: WorldTi
 
 
 async def _start(ground: PathGround, paths: Paths, on_lag: OnLag, start_ns: int) -> OrderResult:
-    """Order the start; if anybody does not accept it, all are ordered to hold before it comes."""
+    """Order the start; if a vehicle does not accept it, order all to hold before that instant."""
     client = ground.client
     starts = starts_of(paths, client.new_order_id(), start_ns, on_lag)
     order = client.order_paths("follow_path", starts)
@@ -240,7 +244,7 @@ async def _start(ground: PathGround, paths: Paths, on_lag: OnLag, start_ns: int)
     await client.wait_for(have_replied, AHEAD_S)
     if any(result.phase != "accepted" for result in order.results.values()):
         results = dict(order.results)
-        # Also those hold whose reply may have been lost.
+        # This includes vehicles that may have accepted the start, and whose reply was lost.
         await client.order(Hold(vehicles=tuple(paths)), AHEAD_S, is_by_mission=True)
         _require_done(ground, results, "follow_path")
     return order
@@ -256,7 +260,7 @@ def _require_done(ground: PathGround, results: Results, verb: str) -> None:
 
 
 async def _say_progress(ground: PathGround, names: tuple[str, ...], longest_s: float) -> None:
-    """Say from time to time how far the paths are flown, and how far vehicles are behind."""
+    """Say every ten seconds how far the paths are flown, and how far vehicles are behind."""
     await asyncio.sleep(AHEAD_S)
     while True:
         await asyncio.sleep(_SAY_S)
@@ -271,15 +275,15 @@ async def _say_progress(ground: PathGround, names: tuple[str, ...], longest_s: f
 
         time_s = min(telemetry.path_time_s for telemetry in following)
         mean_lag_m = sum(telemetry.path_lag_m for telemetry in following) / len(following)
-        last = max(following, key=lambda telemetry: telemetry.path_lag_m)
+        farthest = max(following, key=lambda telemetry: telemetry.path_lag_m)
         ground.say(
             f"  {time_s:.0f} of {longest_s:.0f} s; behind their paths by {mean_lag_m:.2f} m, "
-            f"{last.vehicle} by {last.path_lag_m:.2f} m"
+            f"{farthest.vehicle} by {farthest.path_lag_m:.2f} m"
         )
 
 
 async def _play_lights(ground: PathGround, lights: Lights) -> None:
-    """Show and record each vehicle's colour at its own time of the show, when it has changed."""
+    """Show and record each change of a vehicle's colour, at the vehicle's own time of the show."""
     client = ground.client
     shown: dict[str, Colour] = {}
     while lights:

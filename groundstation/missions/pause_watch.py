@@ -1,9 +1,10 @@
 """Watches the batteries of vehicles that a pause keeps in the air.
 
-A pause may last until the weakest battery has just enough for the way home; the title of the flight
-says how long that is. Then the pause ends, and all are brought home. It makes no difference why
-they are paused: paths whose clock stands still (path_following.py) and vehicles that follow another
-one (follow_pause.py) are watched by the same rule.
+A pause may last until the weakest battery has just enough charge for the way home. Then the pause
+ends, and all vehicles are brought home. The title of the flight shows the remaining time.
+
+The same rule holds for both kinds of pause: for paths whose clock stands still (path_following.py)
+and for vehicles that follow another vehicle (follow_pause.py).
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class PausedGround(Protocol):
 
 
 class PauseWatch:
-    """The batteries of some vehicles, before a pause and in it.
+    """Watches the batteries of some vehicles, before a pause and during it.
 
     Args:
         ground: the mission's ground in this flight.
@@ -41,9 +42,9 @@ class PauseWatch:
         self._discharge = Discharge()
 
     def look(self, names: Sequence[str]) -> Reserve | None:
-        """Return the weakest battery: None where no vehicle reports one.
+        """Return the reserve of the weakest battery; None if no vehicle reports its battery.
 
-        Call it once a second or so, also before a pause: it measures how fast the batteries sink.
+        Call it about once a second, also before a pause, because it measures the rate of discharge.
 
         Args:
             names: names of the vehicles in the air.
@@ -69,7 +70,7 @@ class PauseWatch:
         Args:
             names: names of the vehicles.
             reserve: the battery that cannot wait any longer.
-            timeout_s: longest wait for their landing.
+            timeout_s: longest wait for their landing [s].
 
         Returns:
             The order and its results.

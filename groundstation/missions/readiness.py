@@ -36,7 +36,7 @@ def not_ready(state: FleetState, names: Sequence[str], now_ns: int, timeout_s: f
         timeout_s: time that was waited [s].
 
     Returns:
-        The exception, to be raised.
+        The exception, which the caller raises.
     """
     reasons = []
     heard = False

@@ -1,8 +1,8 @@
-"""Fly a mission from the first step to the verdict.
+"""Flies a mission from the first step to the verdict.
 
-The steps run in a task of their own. However that task ends, by its last step, a failure, a mistake
-of the mission's author, an interruption or a reason from outside, all vehicles land (or do what the
-mission declares), and there is a verdict.
+The steps run in a task of their own. That task may end by its last step, a failure, a mistake of
+the mission's author, an interruption or a reason from outside. In each case all vehicles land, or
+do what the mission declares, and there is a verdict.
 """
 
 from __future__ import annotations
@@ -34,11 +34,12 @@ from onboard.config.fleet import ConfigError
 LAND_TIMEOUT_S = 40.0
 HOME_TIMEOUT_S = 90.0
 READY_TIMEOUT_SIM_S = 60.0  # for the first step, when emulator and agents start with the mission
-LAST_TELEMETRY_S = 0.5
+LAST_TELEMETRY_S = 0.5  # longest wait for telemetry that shows the newest state
 _HOLD_TIMEOUT_S = 15.0
-_STILL_READY_S = 1.0  # for vehicles that were ready before a countdown
+_STILL_READY_S = 1.0  # longest wait after a countdown, for vehicles that were ready before it
 
-# What a mission may end with; anything else is a mistake of its author, shown with its trace.
+# Expected reasons for the end of a mission. Any other exception is a mistake of the mission's
+# author, and is shown with its trace.
 _FAILURES = (
     OrderFailed,
     MissionFailed,
@@ -50,7 +51,7 @@ _FAILURES = (
 
 
 class _NotBegun(RuntimeError):
-    """A mission cannot begin with the fleet as it is."""
+    """A mission cannot begin with the fleet in its present state."""
 
 
 class MissionRun:
@@ -59,9 +60,10 @@ class MissionRun:
     Args:
         mission: mission file, loaded and checked.
         client: fleet client that has been started.
-        say: progress in words.
+        say: called with each line of progress.
         ready_timeout_s: longest wait for the vehicles before the first step [s].
-        stays: stay beside a fleet that somebody has taken from the mission, until it is down.
+        stays: whether this process keeps running after somebody has taken the fleet from the
+            mission, until the fleet is down.
         at: time of the world's clock at which it begins; None: when the vehicles are ready.
     """
 
@@ -85,9 +87,9 @@ class MissionRun:
         self._stays = stays
         self._at = at
         self._staying: asyncio.Task[None] | None = None  # beside a fleet that was taken
-        self._abort_reason: str | None = None  # from outside
-        self._is_declared = False  # [on_failure] counts for that reason
-        self._can_land = True
+        self._abort_reason: str | None = None  # sentence of whoever called `abort`
+        self._is_declared = False  # whether [on_failure] decides after that abort
+        self._can_land = True  # whether vehicles can still be reached after that abort
         self._has_begun = False
         self._is_over = False
 
@@ -103,10 +105,12 @@ class MissionRun:
         )
 
     async def run(self) -> Verdict:
-        """Fly it. Cancelling this coroutine is an interruption: all vehicles land, then it returns.
+        """Fly the mission.
+
+        The cancellation of this coroutine is an interruption: all vehicles land, then it returns.
 
         Returns:
-            The verdict by the live state; with :meth:`flown` a record can be judged as well.
+            The verdict by the live state. With :meth:`flown`, the record can be judged as well.
         """
         task = self._task = asyncio.create_task(self._steps())
         if self._flown.is_interrupted or self._abort_reason is not None:
@@ -130,7 +134,7 @@ class MissionRun:
 
     @property
     def is_over(self) -> bool:
-        """Whether it has ended: its steps, and what came after them."""
+        """Whether the steps and the landing after them have ended."""
         return self._is_over
 
     def interrupt(self) -> None:
@@ -145,7 +149,7 @@ class MissionRun:
             self._staying.cancel()
 
     def abort(self, reason: str, *, can_land: bool = True) -> None:
-        """End the mission as failed, for a reason from outside.
+        """End the mission as failed, for a reason that is not a step's.
 
         Args:
             reason: a sentence, which the caller has published as an event.
@@ -162,12 +166,12 @@ class MissionRun:
             self._staying.cancel()
 
     def look_after(self) -> bool:
-        """End the mission when somebody has taken its fleet or a vehicle, or when it is silent.
+        """End the mission if somebody has taken the fleet, a pilot a vehicle, or one is silent.
 
         Call it several times a second.
 
         Returns:
-            Whether there is nothing left to look for.
+            Whether the mission has ended, so that no further call is necessary.
         """
         watch = self.fleet.ground.watch
         if not self._has_begun:
@@ -185,7 +189,7 @@ class MissionRun:
         return self._abort_reason is not None or self.abort_if_silent()
 
     def _look_for_pilots(self) -> None:
-        """Go on without vehicles that pilots fly by hand, where the mission declares that."""
+        """Go on without vehicles that pilots fly by hand, or end the mission, as it declares."""
         names = self.fleet.names
         pilots = [name for name in flown_by_hand(self.client) if name in names]
         if not pilots:
@@ -202,12 +206,12 @@ class MissionRun:
     def abort_if_silent(self) -> bool:
         """End the mission when a vehicle whose last telemetry was armed is silent for SILENT_S.
 
-        Call it several times a second. After a stall of this ground itself the vehicles get
-        AFTER_STALL_S. Where nobody is heard, this ground's own link is lost: the mission waits
-        until the agents land by themselves.
+        Call it several times a second. After a stall of this ground itself, the vehicles get
+        AFTER_STALL_S. If no vehicle is heard, this ground's own link is lost. Then the mission
+        waits until the agents land by themselves.
 
         Returns:
-            Whether it has ended for that.
+            Whether the mission has ended because of a silence.
         """
         self.client.notice_own_stall()
         link = self.fleet.ground.link
@@ -236,7 +240,7 @@ class MissionRun:
     def flown(self) -> FlightObservations:
         """Return the observations so far."""
         self._flown.state = self.client.state
-        # nobody expected anything of those that are out of service
+        # The verdict does not count vehicles that were out of service from the beginning.
         self._flown.left_out = self.fleet.ground.left_out - self.fleet.ground.disabled
         self._flown.other_ends = self.fleet.ground.other_ends
         self._flown.left_out_orders = self.fleet.ground.left_out_orders
@@ -249,7 +253,7 @@ class MissionRun:
         self.fleet.say(f"Waiting for {', '.join(self.fleet.names)} to be ready.")
         await self.fleet.ready(self._ready_timeout_s)
 
-        times = self._times()
+        times = self._step_times()
         refusal = begin_refusal(self.mission, self.client.state)
         if refusal:
             raise _NotBegun(refusal)
@@ -280,8 +284,12 @@ class MissionRun:
             raise
         await steps.run()
 
-    def _times(self) -> dict[str, WorldTime]:
-        """Return the times at which steps start; none in simulated time."""
+    def _step_times(self) -> dict[str, WorldTime]:
+        """Return the times at which steps start; none in simulated time.
+
+        Raises:
+            _NotBegun: a time is not valid, or the mission would come too late to a step.
+        """
         if self.client.world.is_simulated:
             return {}
 
@@ -298,7 +306,7 @@ class MissionRun:
         return times
 
     async def _bring_down(self, task: asyncio.Task[Any]) -> None:
-        """Do what the end of the steps demands; after the last step nothing."""
+        """Land the vehicles or do what the mission declares, unless the last step was done."""
         has_ended_by_itself = not task.cancelled() and task.exception() is None
         if has_ended_by_itself:
             return
@@ -318,7 +326,7 @@ class MissionRun:
             await self._leave_to(taken)
 
     async def _bring_down_after_a_failure(self, task: asyncio.Task[Any]) -> None:
-        """Do what the mission declares for a failure, where it has begun at all."""
+        """Do what the mission declares for a failure, if it has begun at all."""
         error = task.exception()
         if isinstance(error, NotReady):
             self._flown.failure = str(error)
@@ -332,26 +340,27 @@ class MissionRun:
         elif error is not None:
             self._flown.failure = self._failure_of(error)
             self.fleet.say(f"The mission ends here: {self._flown.failure}")
-            is_before_all = isinstance(error, OrderFailed | CountdownEnded)
-            if is_before_all and not self.fleet.ground.has_begun:
-                # its first order was refused by all, or not given: the fleet is as it was
+            is_refusal = isinstance(error, OrderFailed | CountdownEnded)
+            if is_refusal and not self.fleet.ground.has_begun:
+                # All vehicles have refused the first order, or it was not given. The fleet has not
+                # changed.
                 self._flown.is_left_flying = True
                 return
             await self._on_failure()
 
     def _note_later_pilots(self) -> None:
-        """Name pilots, too, who took their vehicle just after the first one: it is told later."""
-        first = list(self._flown.pilots)
-        if not first:
+        """Add vehicles that pilots took just after the first one; telemetry shows them later."""
+        first_pilots = list(self._flown.pilots)
+        if not first_pilots:
             return
 
-        pilots = sorted({*first, *flown_by_hand(self.client)})
-        if self._flown.failure == pilot_words(first):
+        pilots = sorted({*first_pilots, *flown_by_hand(self.client)})
+        if self._flown.failure == pilot_words(first_pilots):
             self._flown.failure = pilot_words(pilots)
         self._flown.pilots = tuple(pilots)
 
     def _failure_of(self, error: BaseException) -> str:
-        """Return what ended the steps, in words; the trace of a mistake of the author."""
+        """Return what ended the steps, in words; for a mistake of the author, its trace."""
         pilots = flown_by_hand(self.client)
         if isinstance(error, OrderFailed) and pilots:
             self._flown.pilots = tuple(pilots)
@@ -361,7 +370,10 @@ class MissionRun:
         return "".join(traceback.format_exception(error)).strip()
 
     async def _leave_to(self, taken: Taken) -> None:
-        """Leave the fleet to who has taken it, beside it or at once; an interrupt lands all."""
+        """Leave the fleet to whoever has taken it.
+
+        If `stays` is set, wait until the fleet is down; an interruption lands all vehicles.
+        """
         self._flown.failure = taken.sentence
         self._flown.is_left_flying = True
         self._flown.is_taken = True

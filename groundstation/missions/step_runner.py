@@ -1,6 +1,7 @@
-"""The steps of a mission file in flight: one after the other, side by side, again, or until.
+"""Flies the steps of a mission file.
 
-Keys of a step, as ``step[2].branches[0][1]``, are those of the mission file: sentences name them.
+Steps may be flown one after the other, side by side, several times, or until a condition holds.
+Sentences name a step by its key in the mission file, such as ``step[2].branches[0][1]``.
 """
 
 from __future__ import annotations
@@ -65,7 +66,11 @@ class StepRunner:
         course = list(self._mission.course())
 
         for index, step in enumerate(steps):
-            left_s = sum(one.times * one.expected_s for one in course if _index(one) >= index)
+            left_s = sum(
+                course_step.times * course_step.expected_s
+                for course_step in course
+                if _outermost_index(course_step) >= index
+            )
             self._fleet.say(f"[{index + 1}/{len(steps)}] {step.do}; about {left_s:.0f} s left")
             await self._do(step, f"step[{index}]")
 
@@ -73,10 +78,10 @@ class StepRunner:
         """Check every fault before the take-off.
 
         Args:
-            steps: steps to check, with those within them; None: all.
+            steps: steps to check, and the steps inside them; None: all.
 
         Raises:
-            FaultRefused: one will be impossible.
+            FaultRefused: a fault will be impossible.
         """
         if steps is None:
             steps = self._mission.steps
@@ -150,7 +155,7 @@ class StepRunner:
             await self._fleet.until(condition(step.until, self._fleet), step.timeout_s)
 
     async def _side_by_side(self, step: ParallelStep, key: str) -> None:
-        """Do branches at the same time; the first failure ends all."""
+        """Do branches at the same time; the first failure ends all branches."""
         try:
             async with asyncio.TaskGroup() as group:
                 for index, branch in enumerate(step.branches):
@@ -159,7 +164,7 @@ class StepRunner:
             raise first_failure(failures) from None
 
     async def _react(self, step: ReactStep, key: str) -> None:
-        """Do steps until a condition holds, then others."""
+        """Do steps until a condition holds; then do the steps of the reaction."""
 
         async def then() -> None:
             await self._all(step.then, f"{key}.then")
@@ -200,12 +205,15 @@ class StepRunner:
         return {name: path for name, path in own_paths.items() if name not in left_out}
 
     def _spots_of_places(self) -> dict[str, Xyz]:
-        """Return where the vehicles are that report it, by the names of their places."""
+        """Return the reported positions, by the names that the mission file uses.
+
+        A spare that was swapped in has the name of the vehicle that it replaces.
+        """
         state = self._fleet.state
         return {place_of(name, state): spot for name, spot in self._spots().items()}
 
     def _spots(self) -> dict[str, Xyz]:
-        """Return where the vehicles are that report it."""
+        """Return the positions of the vehicles that report one [m], ENU."""
         now_ns = self._fleet.client.now_ns()
         spots = {}
         for name in self._fleet.names:
@@ -258,7 +266,7 @@ def condition(until: Until, fleet: Fleet) -> WaitCondition:
 
 
 def _at_places(intent: Intent, state: FleetState) -> Intent:
-    """Return an order for those who have the places that it names."""
+    """Return an order with the spares that were swapped in, instead of the vehicles it names."""
     names = vehicles_at(intent.names, state)
     if isinstance(intent, Goto):
         goals = by_vehicle(intent.goals, state)
@@ -286,16 +294,16 @@ def _blocks(step: MissionStep) -> tuple[Sequence[MissionStep], ...]:
     return ()
 
 
-def _index(course_step: CourseStep) -> int:
-    """Return which of the mission's outermost steps a step belongs to."""
+def _outermost_index(course_step: CourseStep) -> int:
+    """Return the index of the mission's outermost step that a step belongs to."""
     return int(course_step.key.removeprefix("step[").partition("]")[0])
 
 
 def first_failure(failures: BaseExceptionGroup[BaseException]) -> BaseException:
-    """Return the first exception of a group, which the others followed.
+    """Return the first exception of a group; it has caused the others.
 
     Args:
-        failures: failures of tasks that ran beside each other.
+        failures: failures of tasks that ran at the same time.
     """
     first = failures.exceptions[0]
     if isinstance(first, BaseExceptionGroup):

@@ -1,13 +1,13 @@
 """A fleet that somebody has taken from its mission, by an order or by control of the fleet.
 
-A mission gives orders of its own only. As soon as a vehicle has taken another one, the fleet is no
-longer the mission's: the mission ends, and its ``[on_failure]`` does not count, because that would
-replace the order that somebody has just given. Vehicles that the order did not name finish what
-they do, and hold.
+A vehicle reports the newest order that it has accepted. When this is not an order of the mission,
+somebody else has taken the fleet, and the mission ends. Its ``[on_failure]`` is not carried out,
+because it would replace the order that somebody has just given. Vehicles that this order did not
+name finish their present order, and hold.
 
-* Another ground's order counts whatever it is; `locate` is none.
-* An order from the console in which the mission flies counts when it is to hold, to land or to
-  kill. Others are flown beside the mission, as they always were.
+* Every order from another ground takes the fleet, except `locate`.
+* An order from the console in which the mission flies takes the fleet if it is to hold, to land or
+  to kill. Other orders are flown beside the mission.
 """
 
 from __future__ import annotations
@@ -21,23 +21,25 @@ from groundstation.fleet.state import FleetState, VehicleView
 from groundstation.orders.result import Results, VehicleResult
 from onboard.bus.control_token import EMERGENCY, ORDER_STAYS
 
-HEARD_S = 1.0  # longest wait for the telemetry about an order that has ended one of the mission's
+# Longest wait for telemetry about an order that has replaced an order of the mission.
+HEARD_S = 1.0
 _REPEAT_S = 10.0  # from one line about who has the fleet to the next
-_LOOK_S = 0.5
+_LOOK_S = 0.5  # period at which a fleet that was taken is looked at
 
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """The taking of a fleet from its mission: by whom, and by what."""
+    """Who has taken a fleet from its mission, and how."""
 
-    by: str  # author and node
-    words: str  # of the order, or of control
-    since_ns: int  # on the ground's clock
-    is_by_other: bool  # by another ground, and not from the console in which the mission flies
+    by: str  # author and node of whoever has taken it
+    words: str  # what they did: "has ordered ..." or "has taken control"
+    since_ns: int  # time of the taking, on the ground's clock
+    # whether it was another ground, and not the console in which the mission flies
+    is_by_other: bool
 
     @property
     def sentence(self) -> str:
-        """The mission's end in a sentence."""
+        """The end of the mission in a sentence."""
         return f"{self.by} {self.words}: that stays, and the mission has ended."
 
 
@@ -50,7 +52,7 @@ class FleetTaken(RuntimeError):
 
 
 class FleetWatch:
-    """Notices that somebody takes the fleet of one mission.
+    """Notices when somebody takes the fleet of one mission.
 
     Args:
         client: fleet client that has been started.
@@ -59,41 +61,44 @@ class FleetWatch:
     def __init__(self, client: FleetClient) -> None:
         self.taken: Taken | None = None
         self._client = client
-        self._begin: dict[str, str] = {}  # vehicle -> newest order before the mission
+        self._earlier_order_ids: dict[str, str] = {}  # vehicle -> newest order before the mission
 
     def begin(self) -> None:
-        """Take the fleet as it is for the mission's."""
+        """Begin to watch for a mission; orders that the vehicles have already do not count."""
         self.taken = None
         for name, view in self._client.state.vehicles.items():
-            self._begin[name] = _order_id(view)
+            self._earlier_order_ids[name] = _newest_order_id(view)
 
     def look(self) -> Taken | None:
-        """Return who has taken the fleet, from the first time on; None while it is the mission's.
+        """Return who has taken the fleet first; None while the mission has it.
 
         Call it before each order, and several times a second.
         """
         if self.taken is not None:
             return self.taken
 
-        found: dict[str, list[str]] = {}  # what was ordered, by whom -> vehicles
+        vehicles_by_order: dict[tuple[str, str], list[str]] = {}  # author and verb -> vehicles
         is_by_other = False
         for name, view in self._client.state.vehicles.items():
             if not self._is_others(name, view) or view.telemetry is None:
                 continue
             telemetry = view.telemetry
             is_by_other = is_by_other or not self._client.is_own(telemetry.taken_order_id)
-            key = f"{telemetry.taken_order_from}\0{telemetry.taken_order_kind}"
-            found.setdefault(key, []).append(name)
+            order = (telemetry.taken_order_from, telemetry.taken_order_kind)
+            vehicles_by_order.setdefault(order, []).append(name)
 
-        if found:
-            key = max(found, key=lambda one: len(found[one]))
-            by, _, kind = key.partition("\0")
-            words = f"has ordered {kind} {','.join(found[key])}"
-            self.taken = Taken(by, words, self._client.now_ns(), is_by_other)
+        if vehicles_by_order:
+            # If there are several orders, the one to the most vehicles is named.
+            order = max(vehicles_by_order, key=lambda order: len(vehicles_by_order[order]))
+            author, verb = order
+            words = f"has ordered {verb} {','.join(vehicles_by_order[order])}"
+            self.taken = Taken(author, words, self._client.now_ns(), is_by_other)
         return self.taken
 
     async def after_failure(self, results: Results) -> Taken | None:
-        """Return who has taken the fleet, where that explains how an order of the mission ended.
+        """Return who has taken the fleet, if that explains how an order of the mission ended.
+
+        Telemetry about the other order may come later than the result, so this waits for it.
 
         Args:
             results: results of that order.
@@ -110,7 +115,7 @@ class FleetWatch:
         return self.taken
 
     def _is_replaced(self, result: VehicleResult) -> bool:
-        """Whether somebody else's order has ended or forestalled the mission's."""
+        """Whether somebody else's order has replaced or prevented the mission's order."""
         if result.phase == "refused":
             return result.sentence.endswith(ORDER_STAYS)
         is_newest = self._client.is_newest_of_mission(result.vehicle, result.order_id)
@@ -118,8 +123,8 @@ class FleetWatch:
 
     def _is_others(self, name: str, view: VehicleView) -> bool:
         """Whether a vehicle's newest order is neither the mission's nor older than the mission."""
-        order_id = _order_id(view)
-        if not order_id or order_id == self._begin.get(name, ""):
+        order_id = _newest_order_id(view)
+        if not order_id or order_id == self._earlier_order_ids.get(name, ""):
             return False
         if self._client.is_of_mission(order_id):
             return False
@@ -127,11 +132,14 @@ class FleetWatch:
             return True
 
         kind = "" if view.telemetry is None else view.telemetry.taken_order_kind
-        ends_it = kind in EMERGENCY or self._client.ends_missions(order_id)
-        return self._client.has_person and ends_it
+        ends_mission = kind in EMERGENCY or self._client.ends_missions(order_id)
+        return self._client.has_person and ends_mission
 
     def _new_operator(self) -> Taken | None:
-        """Return another ground that operates the fleet now: the mission's orders are refused."""
+        """Return another ground that operates the fleet now; None if there is none.
+
+        Its control of the fleet explains why the mission's orders are refused.
+        """
         control = self._client.control
         if control.is_operator or control.holder is None:
             return None
@@ -139,7 +147,7 @@ class FleetWatch:
 
 
 def flown_by_hand(client: FleetClient) -> list[str]:
-    """Return the vehicles that a pilot flies by hand, as they report it themselves.
+    """Return the vehicles that report that a pilot flies them by hand.
 
     Args:
         client: fleet client that has been started.
@@ -154,7 +162,7 @@ def flown_by_hand(client: FleetClient) -> list[str]:
 
 
 def pilot_words(names: list[str]) -> str:
-    """Return who has vehicles that are flown by hand.
+    """Return the sentence about vehicles that are flown by hand.
 
     Args:
         names: names of the vehicles; at least one.
@@ -166,14 +174,16 @@ def pilot_words(names: list[str]) -> str:
 async def stay(
     client: FleetClient, taken: Taken, begin_ns: int, say: Callable[[str], None]
 ) -> None:
-    """Stay beside a fleet that somebody has taken, until nobody flies who is not flown by hand.
+    """Stay connected to a fleet that somebody has taken, until no vehicle flies any more.
 
-    The vehicles hear a ground meanwhile. It says who has them, since when, and what ends that.
+    Vehicles that a pilot flies by hand do not count. The vehicles hear this ground meanwhile, so
+    they do not land because of a lost ground. Lines say who has the fleet, since when, and what
+    brings the vehicles down.
 
     Args:
         client: fleet client that has been started.
         taken: who has taken the fleet.
-        begin_ns: begin of the mission, on the ground's clock.
+        begin_ns: begin of the mission, on the ground's clock [ns].
         say: called with each line of text.
     """
     limits = client.fleet.fleet
@@ -192,7 +202,7 @@ async def stay(
     )
 
     said_ns = client.now_ns()
-    while up := _up(client):
+    while up := _still_up(client):
         await asyncio.sleep(_LOOK_S)
         if (client.now_ns() - said_ns) * 1e-9 >= _REPEAT_S:
             said_ns = client.now_ns()
@@ -200,8 +210,8 @@ async def stay(
             say(f"{taken.by} has the fleet for {for_s:.0f} s; up: {', '.join(up)}.")
 
 
-def _up(client: FleetClient) -> list[str]:
-    """Return the vehicles that fly or are armed, by their last telemetry, but not by hand."""
+def _still_up(client: FleetClient) -> list[str]:
+    """Return the vehicles that were last heard armed or in the air, without those of pilots."""
     pilots = flown_by_hand(client)
     return [
         name
@@ -210,5 +220,6 @@ def _up(client: FleetClient) -> list[str]:
     ]
 
 
-def _order_id(view: VehicleView) -> str:
+def _newest_order_id(view: VehicleView) -> str:
+    """Return the newest order that a vehicle reports; empty if it reports none."""
     return "" if view.telemetry is None else view.telemetry.taken_order_id

@@ -1,4 +1,7 @@
-"""One vehicle of a mission's fleet: the verbs of a group, and its live state."""
+"""One vehicle of a mission's fleet: a group of one, with the live state of the vehicle.
+
+A mission gets it as ``fleet["mav1"]``. The properties return what the last telemetry says.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,8 @@ import math
 from typing import NamedTuple
 
 from groundstation.fleet.state import FleetState, VehicleView
-from groundstation.missions.conditions import ARRIVED_M, FleetMoment, reached
+from groundstation.missions import conditions
+from groundstation.missions.conditions import ARRIVED_M, FleetMoment
 from groundstation.missions.group import Group
 from onboard.bus.schema import Telemetry
 from onboard.tuples import Xyz
@@ -17,8 +21,8 @@ class LawValues(NamedTuple):
 
     law: str
     status: str  # inactive, saturated, relaxed or infeasible
-    intervention_m_s2: float  # by how much it changes the commanded acceleration
-    avoids: str  # the neighbour that this is mostly for; "" without one
+    intervention_m_s2: float  # size of the change that the law makes to the acceleration
+    avoids: str  # neighbour that causes most of this change; "" if there is none
 
 
 class MissionVehicle(Group):
@@ -31,22 +35,22 @@ class MissionVehicle(Group):
 
     @property
     def view(self) -> VehicleView:
-        """Everything that the ground knows of it."""
+        """Everything that the ground knows of the vehicle."""
         return self.state.vehicles[self.name]
 
     @property
     def telemetry(self) -> Telemetry | None:
-        """Its last telemetry, however old; None before the first."""
+        """The last telemetry, however old; None before the first."""
         return self.view.telemetry
 
     @property
     def position_enu_m(self) -> Xyz | None:
-        """Its reported position, metres ENU; None without a fresh valid one."""
+        """The reported position [m], ENU; None without fresh telemetry with a valid position."""
         return self.view.position_enu_m(self.client.now_ns())
 
     @property
     def velocity_enu_m_s(self) -> Xyz | None:
-        """Its reported velocity; None without fresh telemetry."""
+        """The reported velocity [m/s], ENU; None without fresh telemetry."""
         view = self.view
         if view.telemetry is None or not view.is_fresh(self.client.now_ns()):
             return None
@@ -54,7 +58,7 @@ class MissionVehicle(Group):
 
     @property
     def yaw_deg(self) -> float | None:
-        """Its reported heading, counterclockwise from east; None before the first telemetry."""
+        """The reported heading, counterclockwise from east; None before the first telemetry."""
         return None if self.telemetry is None else self.telemetry.yaw_deg
 
     @property
@@ -64,12 +68,12 @@ class MissionVehicle(Group):
 
     @property
     def is_flying(self) -> bool:
-        """Whether it is in the air, by its last telemetry."""
+        """Whether the vehicle is in the air, by its last telemetry."""
         return self.view.is_airborne
 
     @property
     def law(self) -> LawValues | None:
-        """Values of its avoidance law; None before the first telemetry."""
+        """Values of the vehicle's avoidance law; None before the first telemetry."""
         telemetry = self.telemetry
         if telemetry is None:
             return None
@@ -83,36 +87,36 @@ class MissionVehicle(Group):
 
     @property
     def neighbours(self) -> dict[str, float]:
-        """Horizontal distances [m] to the others whose positions are known, the nearest first."""
-        own_position = self.position_enu_m
-        if own_position is None:
+        """Horizontal distances to the vehicles with known positions [m], the nearest first."""
+        own_enu_m = self.position_enu_m
+        if own_enu_m is None:
             return {}
 
         now_ns = self.client.now_ns()
         distances_m = {}
         for name, view in self.state.vehicles.items():
-            position = view.position_enu_m(now_ns)
-            if name != self.name and position is not None:
-                distances_m[name] = math.dist(own_position[:2], position[:2])
+            other_enu_m = view.position_enu_m(now_ns)
+            if name != self.name and other_enu_m is not None:
+                distances_m[name] = math.dist(own_enu_m[:2], other_enu_m[:2])
         return dict(sorted(distances_m.items(), key=lambda item: item[1]))
 
     async def reached(
         self, position_enu_m: Xyz, within_m: float = ARRIVED_M, timeout_s: float = 40.0
     ) -> bool:
-        """Wait until it reports to be at a position.
+        """Wait until the vehicle reports to be at a position.
 
         Args:
-            position_enu_m: metres ENU.
-            within_m: distance that counts as there [m].
+            position_enu_m: position [m], ENU.
+            within_m: distance from the position that counts as arrived [m].
             timeout_s: longest wait [s].
 
         Returns:
-            Whether it was there in time.
+            Whether the vehicle arrived in time.
         """
         client = self.client
-        condition = reached({self.name: position_enu_m}, within_m)
+        arrival = conditions.reached({self.name: position_enu_m}, within_m)
 
-        def is_there(state: FleetState) -> bool:
-            return condition.holds(FleetMoment(state, client.now_ns(), begin_ns=0))
+        def has_arrived(state: FleetState) -> bool:
+            return arrival.holds(FleetMoment(state, client.now_ns(), begin_ns=0))
 
-        return await client.wait_for(is_there, timeout_s)
+        return await client.wait_for(has_arrived, timeout_s)

@@ -19,10 +19,10 @@ def goal_enu_m(
         fleet: the fleet file; its origin counts.
         latitude_deg: latitude of the goal.
         longitude_deg: longitude of the goal.
-        height_m: up in the fleet frame, as of every goal.
+        height_m: height in the fleet frame, like the third coordinate of every goal [m].
 
     Raises:
-        ConfigError: the file has no origin, or the place is far from it.
+        ConfigError: the file has no origin, or the goal is far from the origin.
     """
     origin = fleet.fleet.global_origin
     if origin is None:

@@ -1,4 +1,4 @@
-"""Who is below vehicles that are about to be killed: they fall. Pure."""
+"""Finds vehicles below others whose motors are about to be stopped, and which will fall. Pure."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from collections.abc import Collection
 from groundstation.fleet.state import FleetState
 from onboard.config.fleet import FleetConfig
 
-_MOST_NAMED = 4
+_MOST_NAMED = 4  # pairs that the sentence names
 
 
 def below_words(names: Collection[str], fleet: FleetConfig, state: FleetState, now_ns: int) -> str:
-    """Return who is below vehicles that fly and are to be killed.
+    """Return which vehicles are below flying vehicles that are to be killed.
 
-    Below is whoever is lower, and beside it nearer than the safety distance.
+    A vehicle is below another one if it is lower, and their horizontal distance is smaller than the
+    safety distance.
 
     Args:
         names: names of the vehicles to be killed.
@@ -23,7 +24,8 @@ def below_words(names: Collection[str], fleet: FleetConfig, state: FleetState, n
         now_ns: the ground's monotonic clock [ns].
 
     Returns:
-        A sentence, the one that is nearest below first; empty when nobody is known to be below.
+        A sentence that begins with the smallest difference of height; empty if no vehicle is known
+        to be below.
     """
     found: list[tuple[float, str]] = []
     for name in names:

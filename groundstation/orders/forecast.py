@@ -1,8 +1,8 @@
-"""Forecast of an order: paths, smallest distance and time, by the rollout of the control code.
+"""Forecast of an order: paths, smallest distance and duration. Pure.
 
-Pure. A process of its own computes it (:mod:`groundstation.orders.forecast_process`), so that
-nothing else has to wait. A vehicle that moves is computed from a standstill at its present
-position.
+The rollout flies the vehicles' own control code ahead, several times with different errors. A
+process of its own computes it (:mod:`groundstation.orders.forecast_process`), so that nothing else
+has to wait. A vehicle that moves now is computed as if it started at rest at its present position.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from onboard.tuples import Xyz
 from onboard.types import TICK_S
 
 SEEDS = (0, 1, 2, 3)  # one flight for each, with different errors
-ARRIVED_M = 0.15
-TAKEOFF_START_S = 3.0  # OFFBOARD, arming and spinning up come before the climb
-_PATH_POINTS = 80  # at most so many of each path are drawn
-_MANY_VEHICLES = 20  # above which one flight has to do
-_SPARE_S = 10.0  # beyond the expected duration of a flight
-_LONGEST_S = 90.0
-_DETOUR = 4.0  # times the duration of the longest way at top speed
-_CLOSER_M = 0.02  # than now, from which on an order is blamed for a small distance
+ARRIVED_M = 0.15  # distance from a goal at which a vehicle has arrived
+TAKEOFF_START_S = 3.0  # time before the climb: OFFBOARD, arming and spinning up
+_PATH_POINTS = 80  # about so many points of each path are drawn
+_MANY_VEHICLES = 20  # largest fleet that is flown ahead more than once
+_SPARE_S = 10.0  # time that a flight may take beyond its expected duration
+_LONGEST_S = 90.0  # longest flight that is computed
+_DETOUR = 4.0  # expected duration over the duration of the longest way at top speed
+_CLOSER_M = 0.02  # an order is blamed only for a distance that is so much smaller than now
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,23 +42,23 @@ class Leg:
     start_enu_m: Xyz
     goal_enu_m: Xyz
     duration_s: float = 0.0  # 0 leaves it to the vehicle's limits
-    is_ordered: bool = True  # by this order, not by an earlier one
-    is_parked: bool = False  # stands on the ground
+    is_ordered: bool = True  # whether this order sends it, and not an earlier one
+    is_parked: bool = False  # whether it stands on the ground
 
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
     """The worst of several perturbed flights."""
 
-    # per vehicle, evenly in time
+    # path of each vehicle; its points are at equal intervals of time
     paths_enu_m: Mapping[str, Sequence[Xyz]] = field(default_factory=dict)
     closest_m: float = math.inf  # smallest separation; infinite with fewer than two vehicles
-    pair: tuple[str, str] = ("", "")  # that comes so close
-    closest_s: float = 0.0  # time of it
-    now_m: float = math.inf  # smallest separation now
-    duration_s: float = 0.0  # until all have arrived; infinite when one does not
+    pair: tuple[str, str] = ("", "")  # vehicles that have this separation
+    closest_s: float = 0.0  # time of this separation
+    now_m: float = math.inf  # smallest separation at the start
+    duration_s: float = 0.0  # time until all have arrived; infinite if a vehicle does not arrive
     outside: tuple[str, ...] = ()  # vehicles that leave the fence on the way
-    flight_count: int = 0  # flights that were flown ahead, each with other errors
+    flight_count: int = 0  # number of flights that were computed, each with other errors
 
 
 def forecast(
@@ -73,8 +73,8 @@ def forecast(
     Args:
         fleet: the fleet file.
         legs: legs of all vehicles with a known position.
-        is_takeoff: add the time that arming and spinning up take.
-        seeds: one flight for each; large fleets fly the first one only.
+        is_takeoff: whether the time of arming and spinning up is added.
+        seeds: seed of each flight; for large fleets only the first one is flown.
 
     Returns:
         The flight with the smallest distance.
@@ -103,6 +103,7 @@ def forecast(
     )
     flight = fly(scenario, fleet_model(fleet, names), seeds, Perturbation(start_m=0.0))
 
+    # One vehicle has no separation: then the latest arrival is the worst flight.
     if len(names) > 1:
         worst = int(flight.min_separation_m.argmin())
     else:
@@ -180,7 +181,8 @@ def _closest(
 def _outside(fleet: FleetConfig, legs: Mapping[str, Leg], trace_enu_m: Array) -> tuple[str, ...]:
     """Return the vehicles that leave the fence on a trace (T, N, 3)."""
     fence = fleet.fleet.geofence_m
-    low = np.array([fence.x[0], fence.y[0], -math.inf])  # what stands on the floor is inside
+    # No lower limit, because vehicles that stand on the floor are inside.
+    low = np.array([fence.x[0], fence.y[0], -math.inf])
     high = np.array([fence.x[1], fence.y[1], fence.z[1]])
     is_outside = np.any((trace_enu_m < low) | (trace_enu_m > high), axis=(0, 2))
     is_outside |= is_breached(flight_space_of(fleet).areas, trace_enu_m).any(axis=0)
@@ -195,16 +197,16 @@ def _outside(fleet: FleetConfig, legs: Mapping[str, Leg], trace_enu_m: Array) ->
 def _paths(
     start_enu_m: Array, trace_enu_m: Array, names: Sequence[str]
 ) -> dict[str, Sequence[Xyz]]:
-    """Return the path of each vehicle on a trace (T, N, 3), of a few points."""
+    """Return the path of each vehicle, as a few points of a trace (T, N, 3)."""
     step = max(1, len(trace_enu_m) // _PATH_POINTS)
     points = np.concatenate([start_enu_m[None], trace_enu_m[::step], trace_enu_m[-1:]])
 
     paths: dict[str, Sequence[Xyz]] = {}
     for index, name in enumerate(names):
-        paths[name] = [_vec3(point) for point in points[:, index]]
+        paths[name] = [_xyz(point) for point in points[:, index]]
     return paths
 
 
-def _vec3(point: Array) -> Xyz:
+def _xyz(point: Array) -> Xyz:
     x, y, z = point.tolist()
     return (x, y, z)

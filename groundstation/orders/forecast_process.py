@@ -1,17 +1,17 @@
 """Processes that compute forecasts; the console's own process only waits for the result.
 
-Requests and results are pickled between a parent and the children that it started itself, each
-behind its length. A child answers one request after the other and ends with its input, so that none
-is left behind whatever happens to the parent.
+Parent and child exchange pickled messages over the child's standard input and output; each message
+follows its length. A child answers one request after the other. It ends when its input ends, so no
+child remains when the parent is killed.
 
-Two children share the work. The compiled one flies an order ahead four times within half a second,
-but has to compile first: seconds of a processor from numba's cache, more than a minute the first
-time on a machine. Until then a second one answers, which interprets the same functions and flies
-the order ahead once.
+There are two kinds of child. The compiled child flies an order ahead four times within half a
+second, but it has to compile first. That takes seconds with numba's cache, and more than a minute
+the first time on a machine. Until then the interpreted child answers: it runs the same functions
+without compilation, and flies the order ahead once.
 
-This is no process pool of the standard library, for two measured reasons (Python 3.11): its workers
-cannot be cancelled, so a new forecast waits for the old one to end, and a worker lives on when its
-parent is killed.
+A process pool of the standard library was measured (Python 3.11) and has two defects for this use:
+its workers cannot be cancelled, so a new forecast waits for the end of the old one, and a worker
+lives on when its parent is killed.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from groundstation.orders.forecast import SEEDS, Forecast, Leg, forecast
 from onboard.config.fleet import FleetConfig
 from onboard.rollout import batch
 
-_LENGTH = struct.Struct("<I")
+_LENGTH = struct.Struct("<I")  # length of a message, before the message itself
 _NICENESS = 10
-_LIMIT_S = 120.0  # for an answer
+_LIMIT_S = 120.0  # longest wait for an answer
 _INTERPRETED = "--interpreted"
-_NO_NUMBA = {"COVEY_NUMBA": "0"}  # in the environment: see `batch`
+_NO_NUMBA = {"COVEY_NUMBA": "0"}  # environment of the interpreted child; `batch` reads it
 
 
 class ForecastFailed(RuntimeError):
@@ -44,7 +44,7 @@ class _Child:
     """One process that computes.
 
     Args:
-        process: just started; its first message says that it is ready to compute.
+        process: process that was just started; its first message says that it is ready to compute.
     """
 
     def __init__(self, process: asyncio.subprocess.Process) -> None:
@@ -77,22 +77,22 @@ class _Child:
 
     @property
     def has_ended(self) -> bool:
-        """Whether there is nobody to ask any more."""
+        """Whether the process has ended."""
         return self.process.returncode is not None
 
     async def ready(self) -> None:
-        """Wait until it can compute.
+        """Wait until the child can compute.
 
         Raises:
-            OSError, EOFError: it has ended.
+            OSError, EOFError: the child has ended.
         """
         await asyncio.shield(self._becoming_ready)
 
     async def answer(self, request: bytes) -> object:
-        """Wait until it is ready, send it a request and return its answer.
+        """Wait until the child is ready, send it a request and return its answer.
 
         Raises:
-            OSError, EOFError, TimeoutError: it has ended or did not answer.
+            OSError, EOFError, TimeoutError: the child has ended or did not answer.
         """
         await self.ready()
         assert self.process.stdin is not None
@@ -105,7 +105,7 @@ class _Child:
         return answer
 
     def kill(self) -> None:
-        """End it; a second call does nothing."""
+        """End the child; a second call does nothing."""
         self._becoming_ready.cancel()
         if not self.has_ended:
             with contextlib.suppress(ProcessLookupError):
@@ -122,11 +122,11 @@ class _Child:
 
 
 class Forecaster:
-    """Sends requests to its children; starts them when required, and again when they have ended."""
+    """Sends requests to its children, and starts them when they are needed."""
 
     def __init__(self) -> None:
         self._compiled: _Child | None = None
-        self._interpreted: _Child | None = None  # while the other one compiles
+        self._interpreted: _Child | None = None  # exists while the other child compiles
         self._turn = asyncio.Lock()  # one request at a time
 
     @property
@@ -137,7 +137,7 @@ class Forecaster:
     async def start(self) -> None:
         """Start the compiled child ahead of the first request."""
         async with self._turn:
-            await self._started()
+            await self._compiled_child()
 
     async def ready(self) -> None:
         """Wait until requests are answered by compiled code.
@@ -146,7 +146,7 @@ class Forecaster:
             OSError, EOFError: the child has ended.
         """
         async with self._turn:
-            child = await self._started()
+            child = await self._compiled_child()
         await child.ready()
 
     async def forecast(
@@ -154,7 +154,7 @@ class Forecaster:
     ) -> Forecast:
         """Compute a forecast in a child.
 
-        A cancellation kills the child that computes, and the next request starts anew; a child
+        A cancellation kills the child that computes; the next request starts a new one. A child
         that still compiles goes on.
 
         Args:
@@ -163,7 +163,7 @@ class Forecaster:
             is_takeoff: whether the order is a take-off.
 
         Returns:
-            As :func:`groundstation.orders.forecast.forecast`.
+            Result of :func:`groundstation.orders.forecast.forecast`.
 
         Raises:
             ForecastFailed: the children ended or did not answer.
@@ -172,7 +172,7 @@ class Forecaster:
 
         async with self._turn:
             try:
-                child = await self._started()
+                child = await self._compiled_child()
                 if child.is_ready:
                     answer = await child.answer(request)
                 else:
@@ -183,7 +183,7 @@ class Forecaster:
                     "start the console with --no-preview and watch closely."
                 ) from None
             finally:
-                self._end_those_that_are_useless()
+                self._end_useless_children()
 
         if isinstance(answer, str):
             raise ForecastFailed(f"The forecast could not be computed: {answer}")
@@ -199,17 +199,17 @@ class Forecaster:
             child.kill()
             await child.process.wait()
 
-    async def _started(self) -> _Child:
-        """Return the compiled child, started anew where it has ended."""
+    async def _compiled_child(self) -> _Child:
+        """Return the compiled child; start it if there is none, or if it has ended."""
         if self._compiled is None or self._compiled.has_ended:
             self._compiled = await _Child.started(environment={})
         return self._compiled
 
     async def _first_answer(self, compiled: _Child, request: bytes) -> object:
-        """Return the answer of the child that has it first.
+        """Return the answer of the child that answers first, while the compiled one compiles.
 
         Raises:
-            OSError, EOFError, TimeoutError: none of them has answered.
+            OSError, EOFError, TimeoutError: no child has answered.
         """
         if self._interpreted is None or self._interpreted.has_ended:
             self._interpreted = await _Child.started(_INTERPRETED, environment=_NO_NUMBA)
@@ -221,6 +221,8 @@ class Forecaster:
             with contextlib.suppress(OSError, EOFError, TimeoutError):
                 await next(iter(asyncio.as_completed(answers)))
 
+            # If the compiled child has begun to compute in the meantime, its answer is awaited: it
+            # comes soon, and is made of more flights.
             interpreted_answer, compiled_answer = answers
             has_answer = interpreted_answer.done() and interpreted_answer.exception() is None
             if has_answer and not compiled.is_computing:
@@ -233,28 +235,28 @@ class Forecaster:
             for task in answers:
                 task.cancel()
 
-    def _end_those_that_are_useless(self) -> None:
-        """End children that go on with a request that nobody waits for, and the spare one."""
+    def _end_useless_children(self) -> None:
+        """End children whose request was cancelled, and the interpreted child if not needed."""
         compiled = self._compiled
         if compiled is not None and compiled.is_computing:
             compiled.kill()
             self._compiled = None
 
-        spare = self._interpreted
-        is_spare_over = compiled is not None and compiled.is_ready
-        if spare is not None and (spare.is_computing or is_spare_over):
-            spare.kill()
+        interpreted = self._interpreted
+        is_compilation_over = compiled is not None and compiled.is_ready
+        if interpreted is not None and (interpreted.is_computing or is_compilation_over):
+            interpreted.kill()
             self._interpreted = None
 
 
 def _note_end(task: asyncio.Task[None]) -> None:
-    """Take note of how a child ended that nobody waits for."""
+    """Retrieve the exception of a task, so that asyncio does not report it as never retrieved."""
     if not task.cancelled():
         task.exception()
 
 
 def main() -> int:
-    """Say when everything is ready, then answer requests until the input ends."""
+    """Run a child: report that it is ready, then answer requests until the input ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(_NICENESS)
 

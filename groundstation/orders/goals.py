@@ -1,11 +1,12 @@
 """The goal of each vehicle, for each order that sends vehicles to goals. Pure.
 
-Some orders leave something open that only the fleet's present state decides: where a formation is
-that gets no position, about which point a rotation turns, who takes which slot of the nearest.
-These values are filled into the intent, so that a preview shows them and a second planning of the
-same order keeps them.
+Some orders leave values open that only the fleet's present state decides: the position of a
+formation that is ordered without one, the centre of a rotation, the slot of each vehicle under
+`assign="nearest"`. These values are filled into the intent, so that a preview shows them and a
+second planning of the same order keeps them.
 
-Without a state an order is judged against the fleet file alone, as a mission is before it flies.
+Without a fleet state, the goals follow from the fleet file alone. A mission is checked in this way
+before it flies.
 """
 
 from __future__ import annotations
@@ -41,24 +42,24 @@ from onboard.config.fleet import FleetConfig
 from onboard.config.ground import floor_m, least_height_m
 from onboard.tuples import Xyz
 
-_PEAK_OF_MEAN = 1.9  # speed of a quintic: its peak over its mean
-_LEAST_WAY_S = 3.0  # of a way home
+_PEAK_OF_MEAN = 1.9  # peak speed over mean speed of a quintic from rest to rest, rounded up
+_LEAST_WAY_S = 3.0  # shortest duration of a way home
 
 
 class GoalFacts(NamedTuple):
-    """What the goals of an order follow from, besides the order."""
+    """Everything besides the order that its goals depend on."""
 
     fleet: FleetConfig
-    state: FleetState | None  # None: judged against the fleet file alone
-    held: HeldFormation  # before the order
+    state: FleetState | None  # None: the fleet file alone counts
+    held: HeldFormation  # formation before the order
     names: list[str]  # vehicles of the order that may be ordered
 
     def spot_enu_m(self, name: str) -> Xyz:
-        """Return the take-off spot of a vehicle [m]: its own, or of whom it stands in for."""
+        """Return the take-off spot of a vehicle [m]; of a spare, the spot of whom it replaces."""
         return spot_of(name, self.fleet, self.state)
 
     def slots(self, held: HeldFormation) -> dict[str, Xyz]:
-        """Return the offset of each vehicle in a formation [m], of those who stand in as well."""
+        """Return the offset of each vehicle in a formation [m], with spares that replace others."""
         return by_vehicle(held_slots(self.fleet, held), self.state)
 
 
@@ -66,7 +67,7 @@ class Goals(NamedTuple):
     """The goals of one order."""
 
     intent: Intent  # with the values filled in that the order leaves open
-    goals: Mapping[str, Xyz] = {}  # none where they are known only when the order is flown
+    goals: Mapping[str, Xyz] = {}  # empty if they are known only when the order is flown
     refusals: Mapping[str, str] = {}  # vehicle -> sentence
 
 
@@ -99,7 +100,7 @@ def _goto(intent: Goto, facts: GoalFacts) -> Goals:
 
 
 def _yaw(intent: Yaw, facts: GoalFacts) -> Goals:
-    """Return the spots where the vehicles are or go to: they turn there."""
+    """Return the positions where the vehicles are or go to, because they turn there."""
     if facts.state is None:
         return Goals(intent)
 
@@ -124,7 +125,8 @@ def _home(intent: Home, facts: GoalFacts) -> Goals:
         x, y, _ = facts.spot_enu_m(name)
         height_m = intent.height_m
         if height_m is None:
-            # who stands or is about to is refused by its agent, for a reason of its own
+            # A vehicle on the ground gets a goal as well; its agent refuses the order with a better
+            # reason.
             lowest_m = floor_m(facts.fleet) + least_height_m(vehicle)
             height_m = max(spots[name][2], lowest_m)
         goals[name] = (x, y, height_m)
@@ -132,20 +134,20 @@ def _home(intent: Home, facts: GoalFacts) -> Goals:
 
 
 def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
-    """Return points above take-off spots, dealt out from where the vehicles are now.
+    """Return points above the take-off spots, which are assigned by the present positions.
 
     Each flies at its own height, or at the ordered one.
     """
     spots = {}
     for name in facts.names:
-        here = facts.spot_enu_m(name)
+        position_enu_m = facts.spot_enu_m(name)
         if facts.state is not None:
             view = facts.state.vehicles.get(name)
             telemetry = None if view is None else view.telemetry
             if telemetry is None or not telemetry.is_position_valid:
                 continue
-            here = telemetry.position_enu_m
-        spots[name] = here
+            position_enu_m = telemetry.position_enu_m
+        spots[name] = position_enu_m
     if len(spots) < len(facts.names):
         return Goals(intent, {}, _no_position(facts.names, spots))
 
@@ -165,7 +167,7 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
         goals[name] = (x, y, height_m)
 
     if not intent.duration_s:
-        # ways do not cross where all take the same time for them
+        # The assignment avoids conflicts only if all vehicles need the same time for their ways.
         longest_s = max(
             _way_s(spots[name], goal, facts.fleet.vehicles[name].max_speed_m_s)
             for name, goal in goals.items()
@@ -175,7 +177,7 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
 
 
 def _way_s(begin_enu_m: Xyz, end_enu_m: Xyz, max_speed_m_s: float) -> float:
-    """Return how long a way from rest to rest takes [s]."""
+    """Return the shortest duration of a way from rest to rest at the top speed [s]."""
     return _PEAK_OF_MEAN * math.dist(begin_enu_m, end_enu_m) / max_speed_m_s
 
 
@@ -183,7 +185,7 @@ def _way_s(begin_enu_m: Xyz, end_enu_m: Xyz, max_speed_m_s: float) -> float:
 
 
 def _move(intent: Move, facts: GoalFacts) -> Goals:
-    """Return the position itself for one vehicle, slots of the formation that holds for several."""
+    """Return the position itself for one vehicle, or slots of the present formation for several."""
     names = facts.names
     if len(names) == 1:
         return Goals(intent, {names[0]: intent.position_enu_m})
@@ -206,16 +208,16 @@ def _formation(intent: Formation, facts: GoalFacts) -> Goals:
 
     if intent.assign == "nearest" and intent.takes is None:
         spots = _spots_or_starts(facts)
-        slots_dealt = {name: slots[name] for name in facts.names if name in slots}
-        takes = nearest_slots(slots_dealt, spots, position_enu_m)
+        own_slots = {name: slots[name] for name in facts.names if name in slots}
+        takes = nearest_slots(own_slots, spots, position_enu_m)
         intent = replace(intent, takes=takes)
-        slots = {name: slots[taken] for name, taken in takes.items()}
+        slots = {name: slots[slot_name] for name, slot_name in takes.items()}
 
     return _slot_goals(intent, facts, held, position_enu_m, slots)
 
 
 def _rotate(intent: Rotate, facts: GoalFacts) -> Goals:
-    """Return the slots of the formation that holds, turned further about its present position."""
+    """Return the slots of the present formation, turned further about its present position."""
     center_enu_m = intent.center_enu_m
     if center_enu_m is None:
         if facts.state is None:
@@ -275,7 +277,10 @@ def _no_formation_position(intent: Intent, facts: GoalFacts) -> Goals:
 
 
 def known_spots(names: list[str], state: FleetState) -> dict[str, Xyz]:
-    """Return where vehicles go to, or else where they are; without those that report nothing."""
+    """Return the goal of each vehicle that moves, and the position of each other one [m], ENU.
+
+    Vehicles that do not report a position are left out.
+    """
     spots = {}
     for name in names:
         spot = _spot(state.vehicles.get(name))
@@ -285,14 +290,14 @@ def known_spots(names: list[str], state: FleetState) -> dict[str, Xyz]:
 
 
 def _spots_or_starts(facts: GoalFacts) -> dict[str, Xyz]:
-    """Return the known spots; without a state the take-off spots of the fleet file."""
+    """Return the known spots; without a state, the take-off spots of the fleet file."""
     if facts.state is not None:
         return known_spots(facts.names, facts.state)
     return {name: facts.spot_enu_m(name) for name in facts.names}
 
 
 def _spot(view: VehicleView | None) -> Xyz | None:
-    """Return where a vehicle goes to, or else where it is."""
+    """Return the goal of a vehicle, or its position if it has none; None if it reports none."""
     telemetry = None if view is None else view.telemetry
     if telemetry is None or not telemetry.is_position_valid:
         return None

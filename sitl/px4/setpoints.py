@@ -152,7 +152,7 @@ def from_global(
 
     Args:
         fields: fields of the message.
-        position_ned_m: position that the message commands, turned into the local frame by the caller.
+        position_ned_m: position of the setpoint, which the caller has turned into the local frame.
         now_s: present time.
     """
     mask = int(fields["type_mask"])
