@@ -1,7 +1,7 @@
-"""PX4 itself over one of its links: its parameters, and what it says of itself. Blocking.
+"""A link to PX4 itself, for commands such as ``covey px4``: parameters, version, signing. Blocking.
 
-A parameter that is sent may be refused, unknown or lost with the link; PX4 v1.16 answers all three
-with silence. So each is read back, and the heartbeat decides whether PX4 or the link is silent.
+A parameter that is sent may be refused, unknown or lost with the link. PX4 v1.16 answers none of
+the three. So each parameter is read back, and a heartbeat shows whether PX4 or the link is silent.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ _AUTOPILOT_VERSION = 148  # number of the message
 _PARAM_INT32 = 6
 _PARAM_REAL32 = 9
 
-_ANSWER_S = 0.4
-_VERSION_ASKED = 3  # times
+_ANSWER_S = 0.4  # longest wait for the answer to one request
+_VERSION_ATTEMPTS = 3
 _ATTEMPTS = 4
-_LIST_SILENT_S = 1.5  # within a list of parameters, after which what is missing is requested
-_LIST_S = 60.0
-_MOST_AT_ONCE = 20
+_LIST_SILENT_S = 1.5  # silence within a list of parameters, after which missing ones are requested
+_LIST_S = 60.0  # longest time for a whole list
+_MOST_AT_ONCE = 20  # missing parameters that are requested at once
 _HEARTBEAT_S = 2.5
 
 
@@ -56,12 +56,13 @@ class AutopilotLink:
     Args:
         endpoint: endpoint of the fleet file.
         system_id: PX4's MAVLink system id.
-        is_own: the vehicle's own link, which is used as its agent would; else PX4's ground link.
+        is_own: whether this is the vehicle's own link, which is used as the agent would use it;
+            otherwise it is PX4's ground link.
         key: key of MAVLink signing; None for a vehicle that does not sign.
 
     Raises:
         OSError: the endpoint cannot be opened.
-        ValueError: it is written wrongly.
+        ValueError: the endpoint is not well-formed.
     """
 
     def __init__(
@@ -70,7 +71,7 @@ class AutopilotLink:
         self.endpoint = endpoint
         self.system_id = system_id
         self.is_own = is_own
-        self.other_system_id: int | None = None  # of another autopilot that is heard here instead
+        self.other_system_id: int | None = None  # id of another autopilot that was heard instead
         self._kinds: dict[str, int] = {}  # MAV_PARAM_TYPE of each parameter that was heard
 
         if is_own:
@@ -79,7 +80,7 @@ class AutopilotLink:
             self._link = take_link(endpoint, key)
 
     def stop(self) -> None:
-        """Close the vehicle's own link; keep the ground's for the next command."""
+        """Close the vehicle's own link, or keep a ground link open for the next command."""
         if self.is_own:
             self._link.close()
         else:
@@ -92,7 +93,7 @@ class AutopilotLink:
             timeout_s: longest wait [s].
 
         Returns:
-            Whether PX4 is armed; None when no heartbeat came.
+            Whether PX4 is armed; None if no heartbeat came.
         """
         end_s = time.monotonic() + timeout_s
         while time.monotonic() < end_s:
@@ -112,10 +113,10 @@ class AutopilotLink:
             timeout_s: longest wait for each of three answers [s].
 
         Returns:
-            Major and minor number; None when PX4 does not answer or does not know.
+            Major and minor number; None if PX4 does not answer or does not know its version.
         """
         message = None
-        for _ in range(_VERSION_ASKED):  # an answer may be lost on the way
+        for _ in range(_VERSION_ATTEMPTS):  # an answer may be lost on the way
             heard = self.listen(timeout_s, [_AUTOPILOT_VERSION], until="AUTOPILOT_VERSION")
             message = heard.get("AUTOPILOT_VERSION")
             if message is not None:
@@ -127,25 +128,25 @@ class AutopilotLink:
         return (number >> 24 & 0xFF, number >> 16 & 0xFF)
 
     def sign(self, key: bytes | None) -> Signing:
-        """Sign from now on with a key, but hear also what is not signed with it.
+        """Sign with a key from now on, and accept also messages that are not signed with it.
 
-        So one sees what PX4 does.
+        The counts show how PX4 signs.
 
         Args:
-            key: None to send unsigned.
+            key: key to sign with; None: send unsigned messages.
 
         Returns:
-            Counts of what is heard from now on.
+            Counts of the messages that are received from now on.
         """
         signing = Signing(key, TOOL_LINK_ID, hears_all=True)
         sign(self._link, signing)
         return signing
 
     def set_key(self, key: bytes | None) -> None:
-        """Send SETUP_SIGNING: a new key, or none.
+        """Send a new key to PX4, or none, with SETUP_SIGNING.
 
         Args:
-            key: None to have PX4 forget the one it has.
+            key: the new key; None: PX4 forgets its key and signs no more.
         """
         stamp = 0
         if key is not None:
@@ -166,8 +167,8 @@ class AutopilotLink:
         Args:
             seconds: longest time to listen [s].
             requested: numbers of messages to request first.
-            until: name of a message that ends it.
-            take: called with every message of this vehicle, whichever part of it sends it.
+            until: name of a message that ends the listening.
+            take: called with every message of this vehicle, also of its other components.
         """
         for number in requested:
             self.command(_REQUEST_MESSAGE, float(number))
@@ -197,7 +198,7 @@ class AutopilotLink:
         send_to_autopilot(self._link.mav, self.system_id, name, values)
 
     def next_message(self, names: Iterable[str], timeout_s: float) -> Any | None:
-        """Return the autopilot's next message of these names; None when none comes in time."""
+        """Return the autopilot's next message with one of these names; None if none is in time."""
         end_s = time.monotonic() + timeout_s
         while True:
             left_s = end_s - time.monotonic()
@@ -220,7 +221,7 @@ class AutopilotLink:
             name: name of the parameter.
 
         Returns:
-            PX4's value; None when it does not know it.
+            PX4's value; None if PX4 does not know the parameter.
 
         Raises:
             LinkSilentError: PX4 is not heard any more.
@@ -241,7 +242,7 @@ class AutopilotLink:
             LinkSilentError: PX4 is not heard any more, or does not send them all.
         """
         values: dict[int, tuple[str, Value]] = {}  # index -> name and value
-        count = 0  # that PX4 has; 0 until it has said so
+        count = 0  # number of PX4's parameters; 0 until PX4 has sent it
         self._link.mav.param_request_list_send(self.system_id, AUTOPILOT)
 
         end_s = time.monotonic() + _LIST_S
@@ -254,7 +255,8 @@ class AutopilotLink:
                 if self.is_armed() is None:
                     break
                 self._request_missing([index for index in range(count) if index not in values])
-            elif reply.param_index < reply.param_count:  # not the hash, nor an answer by name
+            elif reply.param_index < reply.param_count:
+                # The hash of all parameters, and an answer by name, have an index beyond the count.
                 count = reply.param_count
                 values[reply.param_index] = (reply.param_id, self._value(reply))
 
@@ -263,7 +265,7 @@ class AutopilotLink:
         return dict(values.values())
 
     def _request_missing(self, indices: list[int]) -> None:
-        """Request what got lost of a list; all of it, when nothing has come."""
+        """Request the missing parameters of a list, or the whole list if nothing has come."""
         if not indices:
             self._link.mav.param_request_list_send(self.system_id, AUTOPILOT)
         for index in indices[:_MOST_AT_ONCE]:
@@ -277,10 +279,10 @@ class AutopilotLink:
             value: value to set.
 
         Returns:
-            PX4's value after it; None when PX4 does not know it.
+            PX4's value afterwards; None if PX4 does not know the parameter.
 
         Raises:
-            LinkSilentError: PX4 is not heard any more; it may have the old value or the new one.
+            LinkSilentError: PX4 is not heard any more; it may have the old or the new value.
         """
         if name not in self._kinds and self.read(name) is None:
             return None
@@ -305,7 +307,7 @@ class AutopilotLink:
             timeout_s: longest wait for the acknowledgement [s].
 
         Returns:
-            PX4's MAV_RESULT, which comes before it writes; None when it does not answer.
+            PX4's MAV_RESULT, which comes before it writes; None if it does not answer.
         """
         self.command(_PREFLIGHT_STORAGE, 1.0)
         end_s = time.monotonic() + timeout_s
@@ -321,7 +323,7 @@ class AutopilotLink:
         """Send a command without waiting for its answer.
 
         Args:
-            command: MAV_CMD.
+            command: number of the command, MAV_CMD.
             param1: first parameter of the command; the others are 0.
         """
         others = (0.0,) * 6
@@ -331,10 +333,9 @@ class AutopilotLink:
         self._link.mav.param_request_read_send(self.system_id, AUTOPILOT, name.encode(), -1)
 
     def _value_after(self, name: str, send: Callable[[], object]) -> Value | None:
-        """Return the value in PX4's reply to what ``send`` sends.
+        """Call ``send`` and return the value in PX4's reply to it.
 
-        Returns:
-            None when PX4 lives and does not reply.
+        Return None if PX4 does not reply, but its heartbeat is heard.
         """
         for _ in range(_ATTEMPTS):
             send()
@@ -352,7 +353,7 @@ class AutopilotLink:
         return None
 
     def _next_value(self, timeout_s: float) -> Any:
-        """Return the next value that PX4 sends; None when none comes in time."""
+        """Return the next value that PX4 sends; None if none comes in time."""
         end_s = time.monotonic() + timeout_s
         while True:
             left_s = end_s - time.monotonic()
@@ -373,12 +374,12 @@ class AutopilotLink:
 
 
 def _int_as_float(value: int) -> float:
-    """Return a whole number bit by bit in the field of a float, as PX4 sends it."""
+    """Return the float that has the same bits as a whole number, as PX4 sends it."""
     (sent,) = struct.unpack("<f", struct.pack("<i", value))
     return float(sent)
 
 
 def _float_as_int(sent: float) -> int:
-    """Return the whole number that PX4 has put bit by bit into the field of a float."""
+    """Return the whole number whose bits PX4 has put into the field of a float."""
     (value,) = struct.unpack("<i", struct.pack("<f", sent))
     return int(value)

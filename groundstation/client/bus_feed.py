@@ -1,8 +1,8 @@
 """The client's side of the bus: subscribes, and brings messages to the event loop in batches.
 
-Topics with many messages wait on the bus until the loop takes all of them, fifty times a second:
-waking up the loop for each message costs more than the message. Callbacks of all other topics come
-on threads of the bus; they only append to a bounded queue and wake up the loop once.
+Messages of frequent topics wait on the bus until the loop takes all of them, fifty times a second,
+because it costs more to wake up the loop than to handle a message. Callbacks of all other topics
+run on threads of the bus: they append to a bounded queue and wake up the loop once per batch.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from onboard.bus.topics import Topic
 
 MAX_QUEUED = 20_000
 DELIVERY_PERIOD_S = 0.02
-# topics that the fleet's state is made of
+# topics whose messages are folded into the fleet's state
 FOLDED = (Topic.TELEMETRY, Topic.EVENT, Topic.TRUTH, Topic.PREFLIGHT)
-# topics with many messages, which wait on the bus
+# frequent topics, whose messages wait on the bus
 _COLLECTED = (Topic.TELEMETRY, Topic.TRUTH, Topic.STATE, Topic.TICK, Topic.MOCAP)
 
 Sink = Callable[[Topic, str, Message, int], None]
@@ -33,9 +33,9 @@ class BusFeed:
     """Messages of the bus for one client.
 
     Args:
-        bus: not yet open.
+        bus: bus that is not open yet.
         on_batch: called on the event loop with everything that has arrived since the last call.
-        recorded: topics for the sinks only.
+        recorded: further topics, whose messages only the sinks get.
         clock_ns: the ground's monotonic clock [ns].
         on_delivery: called on the event loop before each delivery of a bus that is not simulated.
     """
@@ -57,8 +57,8 @@ class BusFeed:
         self._sinks: list[Sink] = []
 
         self._queue: deque[ReceivedMessage] = deque(maxlen=MAX_QUEUED)
-        self._dropped = 0  # pushed out of the queue since the last batch
-        self._is_scheduled = False  # the loop has been woken up for the queue
+        self._dropped = 0  # messages pushed out of the full queue since the last batch
+        self._is_scheduled = False  # whether the loop has been woken up for the queue
 
         self._loop: asyncio.AbstractEventLoop | None = None  # None while the bus is closed
         self._delivery: asyncio.TimerHandle | None = None
@@ -67,7 +67,7 @@ class BusFeed:
 
     @property
     def clocks(self) -> Clocks | None:
-        """The clocks of the other nodes; None in simulated time, which all share."""
+        """The clocks of the other nodes; None in simulated time, where all have one clock."""
         if self.bus.is_simulated:
             return None
         return self._clock_node.clocks
@@ -78,7 +78,7 @@ class BusFeed:
         return self._loop is not None
 
     def now_ns(self) -> int:
-        """Return the ground's monotonic clock [ns], which stamps what is received."""
+        """Return the ground's monotonic clock [ns], which stamps received messages."""
         return self._clock_ns()
 
     async def start(self) -> None:
@@ -93,7 +93,7 @@ class BusFeed:
         self._loop = asyncio.get_running_loop()
         await asyncio.to_thread(self._open)
         if not self.bus.is_simulated:
-            # agents on other hosts need this ground's clock to judge the deadline of an order
+            # Agents on other hosts need this ground's clock to check the deadline of an order.
             self._clock = self._loop.create_task(self._clock_node.keep())
             self._deliver_periodically(self._loop)
 
@@ -119,7 +119,7 @@ class BusFeed:
         self._sinks.append(sink)
 
     def tell_sinks(self, topic: Topic, name: str, message: Message) -> None:
-        """Hand a message to the sinks alone; callable from any thread.
+        """Hand a message to the sinks only; callable from any thread.
 
         Args:
             topic: the message's topic.
@@ -160,7 +160,7 @@ class BusFeed:
         try:
             loop.call_soon_threadsafe(function, *args)
         except RuntimeError:
-            return  # the loop closed between the two lines
+            return  # the loop closed after the check above
 
     def read(self) -> None:
         """Take everything that has arrived now; for the event loop's thread only."""
@@ -178,7 +178,7 @@ class BusFeed:
         self.bus.watch_alive(lambda node, is_alive: self.put(NodeSeen(node, is_alive)))
 
     def _receive(self, topic: Topic, name: str, message: Message | Malformed) -> None:
-        """Take a message; one that names another vehicle than its topic is refused."""
+        """Take a message; refuse it if it names another vehicle than its topic."""
         if isinstance(message, Malformed):
             self.put(message)
         elif getattr(message, "vehicle", name) != name:
@@ -197,7 +197,7 @@ class BusFeed:
 
     def _drain(self) -> None:
         """Hand everything in the queue over as one batch."""
-        # A listener that hears of an order's end needs the telemetry of that time in the state.
+        # A listener that is called at an order's end needs the telemetry of that time in the state.
         self.bus.deliver()
 
         self._is_scheduled = False

@@ -1,7 +1,8 @@
-"""The ground's end of the bus: messages in, :class:`FleetState` out, orders with their results.
+"""The ground's client of a fleet, which the console, missions, scripts and the live page use.
 
-All public methods are for the event loop's thread, except where "callable from any thread" is
-written.
+It folds the messages of the bus into a :class:`FleetState`, plans and sends orders, and fills in
+their results. All public methods are for the event loop's thread, unless their text says "callable
+from any thread".
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ from onboard.security.mavlink_key import mavlink_keys
 
 CONTROL_PERIOD_NS = 100_000_000
 _STARTS = ("arm", "takeoff")  # kinds of orders after which a vehicle may fly
-_AGE_PERIOD_S = 0.2  # ages change the state without any message
+_AGE_PERIOD_S = 0.2  # period at which conditions are tested without a message, since ages grow
 
 
 class FleetClient:
@@ -69,11 +70,11 @@ class FleetClient:
     Args:
         fleet: the fleet file.
         author: person or program that orders; written into every order and every record.
-        operates: take control of the fleet when nobody has it; otherwise only watch.
+        operates: whether to take control of the fleet when nobody has it, or only to watch.
         bus: the bus to use; by default a session that connects to all agents and the emulator, and
-            listens nowhere.
-        extra_topics: topics for the sinks only, as the recorder's state, tick and mocap.
-        send: sends land and kill straight to PX4.
+            listens on no port.
+        extra_topics: further topics, whose messages only the sinks get; a recorder needs some.
+        send: function that sends land and kill straight to PX4.
         clock_ns: the ground's monotonic clock [ns].
     """
 
@@ -89,14 +90,14 @@ class FleetClient:
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.fleet = fleet
-        self.is_recording = False  # this ground, as announced to the vehicles
-        self._brings_home: set[str] = set()  # ids of a person's orders to bring home
-        self.has_person = False  # a person gives orders by this client, beside any mission
+        self.is_recording = False  # whether this ground records, as the vehicles were told
+        self._bring_home_ids: set[str] = set()  # ids of a person's orders to bring home
+        self.has_person = False  # whether a person gives orders by this client, beside a mission
         self.author = author or user_name()
         self._clock_ns = clock_ns
         bus = bus or session(fleet)
 
-        # The state, and those who follow it.
+        # The state, and its listeners.
         self._state = initial(fleet)
         self._changed = asyncio.Event()
         self._listeners: list[Callable[[FleetState], None]] = []
@@ -147,11 +148,11 @@ class FleetClient:
         return self._feed.is_started
 
     def now_ns(self) -> int:
-        """Return the ground's monotonic clock [ns], which ages in the state are counted on."""
+        """Return the ground's monotonic clock [ns], on which ages in the state are counted."""
         return self._clock_ns()
 
     def add_sink(self, sink: Sink) -> None:
-        """Add a sink for everything received and ordered, as a recorder.
+        """Add a sink, for instance a recorder, for everything that is received and ordered.
 
         Args:
             sink: called with topic, name, message and time of reception [ns], on any thread.
@@ -228,7 +229,7 @@ class FleetClient:
             Orders for the vehicles that may be ordered, refusals for the others.
 
         Raises:
-            OrderError: the line is no order.
+            OrderError: the line is not an order.
         """
         intent = parse(order, self.fleet) if isinstance(order, str) else order
 
@@ -249,14 +250,14 @@ class FleetClient:
         )
 
     def order_paths(self, kind: PathVerb, paths: Mapping[str, PathOrder]) -> OrderResult:
-        """Send each vehicle a part of its path, or the start of it, as a mission does.
+        """Send each vehicle a part of its path, or the start of its path, for a mission.
 
         Args:
             kind: whether the paths are loaded or started.
-            paths: paths of each vehicle, see :mod:`groundstation.orders.path_orders`.
+            paths: message for each vehicle, see :mod:`groundstation.orders.path_orders`.
 
         Returns:
-            The results, which fill in on the event loop.
+            The results, which are filled in on the event loop.
         """
         intent = PATH_INTENTS[kind](vehicles=tuple(paths))
 
@@ -273,9 +274,9 @@ class FleetClient:
         return self.send(planned, is_by_mission=True)
 
     def check_again(self, planned: PlannedOrder) -> PlannedOrder:
-        """Check a planned order against the fleet as it is now, and stamp it anew.
+        """Check a planned order against the present fleet, and give its messages new stamps.
 
-        The fleet may have moved since it was planned.
+        The fleet may have moved since the order was planned.
 
         Args:
             planned: planned order, from :meth:`plan`.
@@ -290,17 +291,18 @@ class FleetClient:
         return check_again(planned, self.fleet, self._state, self._clock_ns())
 
     def send(self, planned: PlannedOrder, *, is_by_mission: bool = False) -> OrderResult:
-        """Send a planned order as it is; callable from any thread.
+        """Send a planned order without a further check; callable from any thread.
 
         Args:
             planned: planned order, from :meth:`plan` or :meth:`check_again`, not older than the
                 orders' deadline.
-            is_by_mission: a mission gives it, and no person: it replaces no order of a person that
-                this ground has not heard of, lands nobody whom a pilot flies by hand, and does not
-                go past the agents of several silent vehicles.
+            is_by_mission: whether a mission gives the order, and not a person. A mission's order
+                does not replace a person's order that this ground has not heard of, does not land
+                vehicles that a pilot flies by hand, and does not go straight to PX4 when several
+                vehicles are silent.
 
         Returns:
-            Its results, which fill in on the event loop.
+            Its results, which are filled in on the event loop.
 
         Raises:
             OrderError: a take-off in waves, which is more than one order.
@@ -313,16 +315,18 @@ class FleetClient:
         if is_by_mission:
             planned = of_mission(planned)
         elif planned.intent.verb == "bring_home":
-            self._brings_home.update(order.order_id for order in planned.orders.values())
+            self._bring_home_ids.update(order.order_id for order in planned.orders.values())
         return self._orders.send(planned, is_by_mission=is_by_mission)
 
     def ends_missions(self, order_id: str) -> bool:
-        """Whether an order of a person at this ground brings the fleet home, past its mission.
+        """Whether an order is a person's order, at this ground, to bring the fleet home.
+
+        Such an order ends the mission that flies.
 
         Args:
             order_id: identifier of the order, as in telemetry.
         """
-        return order_id in self._brings_home
+        return order_id in self._bring_home_ids
 
     def is_of_mission(self, order_id: str) -> bool:
         """Whether a mission of this ground has given an order.
@@ -333,7 +337,7 @@ class FleetClient:
         return order_id in self._orders.ids_of_missions
 
     def is_newest_of_mission(self, vehicle: str, order_id: str) -> bool:
-        """Whether no mission of this ground has given a vehicle another order since.
+        """Whether an order is the newest one that a mission of this ground has given a vehicle.
 
         Args:
             vehicle: name of the vehicle.
@@ -352,7 +356,7 @@ class FleetClient:
     def send_again(self, order: OrderResult, names: Sequence[str]) -> None:
         """Send an order once more to vehicles that have not answered it.
 
-        The goals are checked against the fleet as it is now.
+        The goals are checked against the present fleet.
 
         Args:
             order: order, from :meth:`send`.
@@ -367,9 +371,10 @@ class FleetClient:
         )
 
     def may_start(self, vehicle: str) -> bool:
-        """Whether a vehicle may be starting.
+        """Whether a vehicle may be about to start.
 
-        An order of this client to arm or take off goes on, or the vehicle reports one.
+        This is so while an order of this client to arm or take off is open, or while the vehicle
+        reports such an order.
 
         Args:
             vehicle: name of the vehicle.
@@ -388,10 +393,10 @@ class FleetClient:
             is_by_mission: see :meth:`send`.
 
         Returns:
-            Its results, which fill in on the event loop.
+            Its results, which are filled in on the event loop.
 
         Raises:
-            OrderError: the line is no order.
+            OrderError: the line is not an order.
         """
         return self.submit_now(order, is_by_mission=is_by_mission)
 
@@ -405,7 +410,7 @@ class FleetClient:
             is_by_mission: see :meth:`send`.
 
         Returns:
-            Its results, which fill in on the event loop.
+            Its results, which are filled in on the event loop.
 
         Raises:
             OrderError: the line is no order, or a take-off in waves.
@@ -426,7 +431,7 @@ class FleetClient:
             One result per vehicle.
 
         Raises:
-            OrderError: the line is no order.
+            OrderError: the line is not an order.
         """
         sent = self.submit_now(order, is_by_mission=is_by_mission)
         results = await sent.wait(timeout_s)
@@ -456,8 +461,7 @@ class FleetClient:
             The emulator's sentence about the fault.
 
         Raises:
-            FaultRefused: the fault is impossible, or no emulator answers: a real flight has no
-                faults to order.
+            FaultRefused: the fault is impossible, or no emulator answers, as in a real flight.
         """
         order = FaultOrder(
             order_id=self.new_order_id(),
@@ -486,7 +490,7 @@ class FleetClient:
         """Wait until the state meets a condition.
 
         Args:
-            condition: tested after every batch of messages, and from time to time without one.
+            condition: tested after every batch of messages, and five times a second without one.
             timeout_s: longest wait [s].
 
         Returns:
@@ -506,13 +510,13 @@ class FleetClient:
         return True
 
     def notice_own_stall(self) -> None:
-        """Say so when this ground itself stood still, and note it in the state.
+        """If this ground itself stood still, publish an event and excuse silent vehicles.
 
         Call it several times a second.
         """
         now_ns = self._clock_ns()
         if self._lateness.look():
-            # short of a stall: silence counts again a second later
+            # This gap is too short for a stall, so silence counts again after AFTER_LATE_S.
             excused_ns = now_ns - round((AFTER_STALL_S - AFTER_LATE_S) * 1e9)
             self._excuse_silence(excused_ns)
 
@@ -529,7 +533,7 @@ class FleetClient:
         self.publish_event("warning", GROUND_STALLED, sentence)
 
     def _notice_lateness(self) -> None:
-        """Note how late this delivery is; called fifty times a second."""
+        """Note how late this delivery is; it is called fifty times a second."""
         self._loop_lateness.look()
         late_s = round(self._loop_lateness.worst_s, 2)
         if late_s != self._state.loop_late_s:
@@ -537,7 +541,7 @@ class FleetClient:
         self.notice_own_stall()
 
     def notice_own_link(self) -> None:
-        """Note that this ground's own link comes back: silence counts again some time later."""
+        """Note that this ground's own link is back, so that silence counts only some time later."""
         self._excuse_silence(self._clock_ns())
 
     def _excuse_silence(self, stalled_ns: int) -> None:
@@ -575,11 +579,11 @@ class FleetClient:
         self._feed.put(message)
 
     def forget_distances(self) -> None:
-        """Begin anew with smallest distances: those of a mission are its own."""
+        """Forget the smallest distances so far; a mission counts only its own."""
         self._state = without_distances(self._state)
 
     def _take_batch(self, batch: Sequence[ReceivedMessage]) -> None:
-        """Fold a batch into the state, and call those who follow it."""
+        """Fold a batch into the state, and call the listeners."""
         now_ns = self._clock_ns()
         state = self._state = fold_batch(self._state, batch, now_ns)
         if now_ns >= self._control_due_ns:
@@ -590,8 +594,8 @@ class FleetClient:
         for item, _ in batch:
             if isinstance(item, Event):
                 self._orders.end(item)
-                for listen in self._event_listeners:
-                    listen(item)
+                for event_listener in self._event_listeners:
+                    event_listener(item)
         for listener in self._listeners:
             listener(state)
 

@@ -1,6 +1,6 @@
-"""The direct path to a vehicle: straight to PX4 over its ground link.
+"""The direct path: lands or kills a vehicle by a command straight to PX4, over its ground link.
 
-It leads past an agent that does not answer. Blocking: call it in a thread.
+It is used when the vehicle's agent does not answer. The functions block, so call them in a thread.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ DirectKind = Literal["land", "kill"]
 # MAV_CMD and their parameters
 _NAV_LAND = 21
 _ARM_DISARM = 400
-_FORCE = 21196.0  # second parameter of a disarm that is obeyed in the air
+_FORCE = 21196.0  # second parameter of a disarm that PX4 obeys also in the air
 _LAND_PARAMS = (0.0, 0.0, 0.0, math.nan, math.nan, math.nan, math.nan)
 _KILL_PARAMS = (0.0, _FORCE, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -40,16 +40,17 @@ _RESULTS = {
     4: "failed",
     5: "in progress",
 }
-_ACCEPTED = (0, 5)  # of MAV_RESULT
+_ACCEPTED = (0, 5)  # values of MAV_RESULT for "accepted" and "in progress"
 _PILOT_MODES = (1, 2, 3, 5, 7, 8, 11)  # PX4's main modes in which a pilot's sticks fly
 _REQUEST_MESSAGE = 512
 _SET_MESSAGE_INTERVAL = 511
 _HEARTBEAT_ID = 0
 _MANUAL_CONTROL_ID = 69
 _STICKS_INTERVAL_US = 100_000
-_BY_DEFAULT_US = 0
-_LOOK_S = 1.3  # for a pilot: a heartbeat comes once a second, and at once when it is asked for
-_STICKS_S = 0.8  # PX4 repeats the sticks that it hears five times a second
+_DEFAULT_INTERVAL_US = 0  # asks for the message's default interval
+# Longest wait for a heartbeat that shows the mode: it comes once a second, and on request.
+_LOOK_S = 1.3
+_STICKS_S = 0.8  # longest wait for sticks, which PX4 repeats five times a second
 _RETRY_S = 0.2
 _HEARTBEAT_S = 1.0
 _RECEIVE_S = 0.1
@@ -60,10 +61,10 @@ class DirectResult:
     """PX4's own answer to a direct command."""
 
     is_accepted: bool
-    is_disarmed: bool  # a heartbeat has shown it
+    is_disarmed: bool  # whether a heartbeat has shown it
     sentence: str  # without a capital letter and a full stop
-    has_answered: bool = True  # PX4 has, by word or by effect
-    is_flown_by_hand: bool = False  # a pilot flies: nothing was sent
+    has_answered: bool = True  # whether PX4 has acknowledged the command or shown its effect
+    is_flown_by_hand: bool = False  # whether nothing was sent, because a pilot flies
 
 
 def send_direct(
@@ -79,24 +80,24 @@ def send_direct(
 ) -> DirectResult:
     """Send one command over MAVLink until PX4's heartbeat shows its effect, then wait for disarm.
 
-    The command is repeated every 0.2 s, whatever is answered: both commands may arrive twice
-    without harm, and an answer alone does not prove that the vehicle obeys. Messages of other
-    senders are ignored.
+    The command is repeated every 0.2 s also after an acknowledgement, because an acknowledgement
+    does not prove that the vehicle obeys. Both commands may arrive twice without harm. Messages of
+    other senders are ignored.
 
     Args:
-        endpoint: PX4's ground link, as ``udpout://127.0.0.1:18570``.
+        endpoint: PX4's ground link, such as ``udpout://127.0.0.1:18570``.
         system_id: PX4's MAVLink system id.
-        kind: land, or kill: disarm by force.
+        kind: "land", or "kill" to disarm by force.
         key: key of MAVLink signing; None for a vehicle that does not sign.
         timeout_s: longest wait for the acknowledgement or the effect [s].
-        watch_s: longest wait for the disarm after it [s].
-        spares_pilot: ask PX4 first, and send nothing while it is in a pilot's mode and hears his
-            sticks.
-        was_flown_by_hand: by the agent's last word; it counts where PX4 does not answer that
-            question, because it answers another ground on this link.
+        watch_s: longest wait for the disarm after that [s].
+        spares_pilot: whether to ask PX4 first, and to send nothing if it is in a pilot's mode and
+            receives sticks.
+        was_flown_by_hand: whether the agent's last telemetry says that a pilot flies. It counts if
+            PX4 does not answer the question, because it answers another ground on this link.
 
     Returns:
-        PX4's answer; an endpoint that cannot be used gives one that is not accepted.
+        PX4's answer. If the endpoint cannot be used, the answer is not accepted.
     """
     try:
         link = take_link(endpoint, key)
@@ -143,12 +144,12 @@ class _Progress:
 
     @property
     def is_accepted(self) -> bool:
-        """Whether PX4 has accepted the command, by word or by effect."""
+        """Whether PX4 has acknowledged the command or shown its effect."""
         return self.is_shown or self.answer in _ACCEPTED
 
     @property
     def sentence(self) -> str:
-        """PX4's answer and what it has shown, in words."""
+        """PX4's acknowledgement and the effect, in words."""
         verb = "did not acknowledge"
         if self.answer is not None:
             verb = _RESULTS.get(self.answer, f"answered {self.answer} to")
@@ -161,7 +162,7 @@ class _Progress:
         return f"PX4 {verb} it{ending}"
 
     def take(self, message: Any) -> None:
-        """Take over a COMMAND_ACK or HEARTBEAT of PX4, and ignore those of others."""
+        """Take a COMMAND_ACK or HEARTBEAT of PX4; ignore messages of other senders."""
         if not is_of_autopilot(message, self._system_id):
             return
 
@@ -178,7 +179,7 @@ class _Progress:
 def _command(
     link: Any, system_id: int, kind: DirectKind, timeout_s: float, watch_s: float
 ) -> _Progress:
-    """Send a command until it has its effect or the time is over; return what PX4 has shown."""
+    """Send a command until it has its effect or the time is over; return the progress."""
     params = _LAND_PARAMS if kind == "land" else _KILL_PARAMS
     progress = _Progress(system_id, kind)
     was_accepted = False
@@ -191,14 +192,14 @@ def _command(
 
     while True:
         now_s = time.monotonic()
-        end_s += stall.look()  # answers of the time of a stall are still to be read
+        end_s += stall.look()  # after a stall of this process, answers are still to be read
         if now_s >= end_s or progress.is_disarmed:
             return progress
 
         if now_s >= next_heartbeat_s:
             send_heartbeat(link)
             next_heartbeat_s = now_s + _HEARTBEAT_S
-        # A pilot may take over a landing that has begun: it is not ordered once more.
+        # A landing that has begun is not ordered again, because a pilot may have taken over since.
         if now_s >= next_send_s and not progress.is_landing:
             link.mav.command_long_send(system_id, AUTOPILOT, progress.command, 0, *params)
             next_send_s = now_s + _RETRY_S
@@ -214,13 +215,13 @@ def _command(
 
 
 def _is_flown_by_hand(link: Any, system_id: int, *, otherwise: bool) -> bool:
-    """Return whether PX4 is in a pilot's mode and hears his sticks; `otherwise` if it is silent."""
+    """Whether PX4 is in a pilot's mode and receives sticks; `otherwise` if PX4 is silent."""
     has_heartbeat = False
     stall = OwnStall(boot_clock_ns)
     end_s = time.monotonic() + _LOOK_S
     next_send_s = 0.0
     is_pilots_mode = False
-    sticks_count = 0  # the first one comes with the stream, also without sticks
+    sticks_count = 0  # PX4 sends the first message at once, also without sticks
     try:
         while time.monotonic() < end_s:
             end_s += stall.look()
@@ -253,17 +254,20 @@ def _is_flown_by_hand(link: Any, system_id: int, *, otherwise: bool) -> bool:
                 end_s = time.monotonic() + _STICKS_S
         return otherwise and not has_heartbeat
     finally:
-        _ask(link, system_id, _SET_MESSAGE_INTERVAL, _MANUAL_CONTROL_ID, _BY_DEFAULT_US)
+        _ask(link, system_id, _SET_MESSAGE_INTERVAL, _MANUAL_CONTROL_ID, _DEFAULT_INTERVAL_US)
 
 
 def _ask(link: Any, system_id: int, command: int, param1: float, param2: float) -> None:
-    """Send a command whose answer is the message that it asks for."""
+    """Send a command that requests messages; PX4 answers it with these messages."""
     link.mav.command_long_send(
         system_id, AUTOPILOT, command, 0, param1, param2, 0.0, 0.0, 0.0, 0.0, 0.0
     )
 
 
 def _is_for_this_ground(ack: Any) -> bool:
-    """Whether an acknowledgement is for this ground's command; MAVLink 1 has no target in it."""
+    """Whether an acknowledgement answers this ground's command.
+
+    In MAVLink 1 it has no target, and both numbers are 0.
+    """
     target = (ack.target_system, ack.target_component)
     return target in ((GCS_SYSTEM, GCS_COMPONENT), (0, 0))

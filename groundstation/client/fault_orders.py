@@ -1,4 +1,4 @@
-"""Orders of faults to the emulator: something goes wrong in a simulated flight."""
+"""Orders the emulator to inject faults into a simulated flight."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _TIMEOUT_S = 1.5
 
 
 class FaultRefused(RuntimeError):
-    """A fault was not injected: a sentence with the reason."""
+    """A fault was not injected; the text is a sentence with the reason."""
 
 
 async def order_fault(feed: BusFeed, order: FaultOrder) -> str:

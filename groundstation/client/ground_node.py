@@ -1,4 +1,4 @@
-"""This ground on the bus: its node, and who sits before it."""
+"""This ground's node on the bus, and the name of the person at this computer."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ def session(fleet: FleetConfig, role: str = GROUND, key_of: NodeRole | None = No
 
     Args:
         fleet: fleet whose agents the node connects to.
-        role: whether the node may order, or only watches: without one that may, vehicles land after
-            a while.
-        key_of: whose key it uses on a locked bus; None for the one that fits the role.
+        role: role of the node: one that may order, or one that only watches. Vehicles land some
+            time after the last node that may order has gone.
+        key_of: node role whose key it uses on a locked bus; None for the key that fits ``role``.
 
     Returns:
-        The node, not started.
+        The node, which is not started yet.
     """
     return BusSession(
         namespace=fleet.namespace,
@@ -35,7 +35,10 @@ def session(fleet: FleetConfig, role: str = GROUND, key_of: NodeRole | None = No
 
 
 def _key_of(fleet: FleetConfig, role: str) -> NodeRole:
-    """Return whose key this ground uses; who may order may watch as well, with one key."""
+    """Return the role whose key this ground uses.
+
+    A ground that only watches uses the key for orders if there is no key for watching.
+    """
     viewer_key = os.path.join(fleet.keys_folder, files_of(NodeRole.VIEWER)[1])
     if role != GROUND and os.path.exists(viewer_key):
         return NodeRole.VIEWER

@@ -1,8 +1,9 @@
-"""Links of this computer to an autopilot over MAVLink.
+"""Opens MAVLink links from this computer to an autopilot.
 
-The only file of the ground that imports pymavlink, and only when a link is opened. A link to PX4's
-ground link is kept for the next command. The vehicle's own link is opened as its agent would, and
-closed again: the agent comes back to it.
+This is the only file of the ground that imports pymavlink, and it does so only when a link is
+opened. There are two kinds of links. A connection to PX4's ground link is kept for the next
+command. The vehicle's own link is opened as its agent opens it, and closed after use, so that the
+agent can open it again.
 """
 
 from __future__ import annotations
@@ -24,36 +25,36 @@ GCS_COMPONENT = 190
 AUTOPILOT = 1
 _COMPANION_COMPONENT = 191
 
-ARMED_FLAG = 128  # of HEARTBEAT.base_mode
+ARMED_FLAG = 128  # flag of HEARTBEAT.base_mode
 
-# MAV_TYPE, and MAV_AUTOPILOT of what is none
+# values of MAV_TYPE, and the value of MAV_AUTOPILOT for a sender that is not an autopilot
 _GCS = 6
 _ONBOARD_CONTROLLER = 18
 _NO_AUTOPILOT = 8
 
 _MAX_DATAGRAM = 65_535
 
-# PX4 answers for ever to the address that sent to it first. So a link is kept for the next command,
-# and every process of this computer sends from the same port, which follows from PX4's; of several
-# processes the newest gets the answers.
+# PX4 always answers to the address that sent to it first. So a link is kept for the next command,
+# and every process of this computer sends from the same port, which is computed from PX4's port. If
+# several processes run, the newest gets the answers.
 _FIRST_PORT = 10_000
 _PORTS = 4_000
 
-_idle_links: dict[str, Any] = {}
-_opening = threading.Lock()  # pymavlink keeps its dialect in a module
+_idle_links: dict[str, Any] = {}  # endpoint -> link that waits for its next command
+_opening = threading.Lock()  # pymavlink keeps its dialect in a module variable
 
 
 def mavutil_address(endpoint: str) -> str:
-    """Return the fleet file's ``udpout://HOST:PORT`` in pymavlink's spelling.
+    """Return an endpoint such as ``udpout://HOST:PORT`` in pymavlink's spelling.
 
     Args:
         endpoint: endpoint as in the fleet file.
 
     Returns:
-        As pymavlink expects it.
+        The address as pymavlink expects it.
 
     Raises:
-        ValueError: it is no such endpoint.
+        ValueError: the text is not such an endpoint.
     """
     match = re.fullmatch(r"(udpin|udpout|tcp)://(.+:\d+)", endpoint)
     if match is None:
@@ -64,12 +65,12 @@ def mavutil_address(endpoint: str) -> str:
 
 
 def is_of_autopilot(message: Any, system_id: int) -> bool:
-    """Whether a message is of this vehicle's autopilot, and not of another sender."""
+    """Whether this vehicle's autopilot has sent a message, and not another sender."""
     return bool(message.get_srcSystem() == system_id and message.get_srcComponent() == AUTOPILOT)
 
 
 def send_heartbeat(link: Any) -> None:
-    """Send a heartbeat: of a ground station, or of a companion on the vehicle's own link."""
+    """Send a heartbeat as a ground station, or as a companion on the vehicle's own link."""
     kind = _ONBOARD_CONTROLLER
     if link.source_system == GCS_SYSTEM:
         kind = _GCS
@@ -77,17 +78,16 @@ def send_heartbeat(link: Any) -> None:
 
 
 class Signing:
-    """Signing of one link, in the shape that pymavlink expects.
+    """Signing of one link, with the attributes that pymavlink expects.
 
-    Timestamps follow the clock and never go back.
-
-    Several programs of this computer send under the same link id, and PX4 refuses what is older
-    than the newest of them: a timestamp that only counts on would be refused for ever.
+    Timestamps follow the clock and never go back. Several programs of this computer send under the
+    same link id, and PX4 refuses messages that are older than the newest of them. A timestamp that
+    only counted messages would be refused after another program has sent a later one.
 
     Args:
         key: key of the vehicle; None for a link that neither signs nor checks.
-        link_id: link id of this sender.
-        hears_all: whether messages that are not signed with the key are let in, too.
+        link_id: MAVLink link id of this sender.
+        hears_all: whether messages that are not signed with the key are accepted, too.
     """
 
     def __init__(self, key: bytes | None, link_id: int, *, hears_all: bool = False) -> None:
@@ -97,7 +97,7 @@ class Signing:
         self.allow_unsigned_callback = self._other
         self.stream_timestamps: dict[tuple[int, int, int], int] = {}
 
-        # pymavlink counts what it has heard
+        # pymavlink counts received messages in these
         self.sig_count = 0
         self.badsig_count = 0
         self.goodsig_count = 0
@@ -105,11 +105,11 @@ class Signing:
         self.reject_count = 0
 
         self._hears_all = hears_all
-        self._newest = 0  # timestamp
+        self._newest = 0  # newest timestamp [10 us since 2015]
 
     @property
     def timestamp(self) -> int:
-        """The next one [10 us since 2015]."""
+        """The next timestamp [10 us since 2015]."""
         return max(self._newest, signing_time(time.time_ns()))
 
     @timestamp.setter
@@ -121,20 +121,20 @@ class Signing:
 
 
 def sign(link: Any, signing: Signing) -> None:
-    """Have a link sign from now on what it sends, and check what it receives."""
+    """Let a link sign what it sends and check what it receives, from now on."""
     link.mav.signing = signing
 
 
 def take_link(endpoint: str, key: bytes | None = None) -> Any:
-    """Return the ground's link to this endpoint, emptied of old messages.
+    """Return the ground's link to this endpoint, without old messages in its queue.
 
     Args:
         endpoint: PX4's ground link, as in the fleet file.
         key: key of MAVLink signing; None for a vehicle that does not sign.
 
     Raises:
-        OSError: it cannot be opened.
-        ValueError: it is written wrongly.
+        OSError: the endpoint cannot be opened.
+        ValueError: the endpoint is not well-formed.
     """
     link = _idle_links.pop(endpoint, None)
     if link is None:
@@ -148,7 +148,7 @@ def take_link(endpoint: str, key: bytes | None = None) -> Any:
 
 
 def _new_link(endpoint: str) -> Any:
-    """Open the ground's link to an endpoint, from the port that follows from PX4's."""
+    """Open the ground's link to an endpoint, from the port that is computed from PX4's port."""
     address = mavutil_address(endpoint)
     link = _connection(address, GCS_SYSTEM, GCS_COMPONENT)
     if not address.startswith("udpout:"):
@@ -156,7 +156,7 @@ def _new_link(endpoint: str) -> Any:
 
     px4_port = int(address.rpartition(":")[2])
     link.port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    with contextlib.suppress(OSError):  # taken by something else: any port then
+    with contextlib.suppress(OSError):  # another program has the port: the system chooses one
         link.port.bind(("", _FIRST_PORT + px4_port % _PORTS))
     _receive_from_px4_only(link)
     return link
@@ -171,13 +171,13 @@ def open_as_companion(endpoint: str, system_id: int, key: bytes | None = None) -
     """Return the vehicle's own link, as its agent opens it; close it after use.
 
     Args:
-        endpoint: ``autopilot`` of the fleet file.
+        endpoint: endpoint ``autopilot`` of the fleet file.
         system_id: PX4's MAVLink system id.
         key: key of MAVLink signing; None for a vehicle that does not sign.
 
     Raises:
-        OSError: it cannot be opened.
-        ValueError: it is written wrongly.
+        OSError: the endpoint cannot be opened.
+        ValueError: the endpoint is not well-formed.
     """
     if endpoint.startswith("serial://"):
         link = _serial(endpoint, system_id)
@@ -218,7 +218,8 @@ def send_to_autopilot(codec: Any, system_id: int, name: str, values: tuple[objec
 
 
 def _mavutil() -> Any:
-    # Else pymavlink begins with MAVLink 1, and forgets a key when it changes to MAVLink 2.
+    # Without this, pymavlink begins with MAVLink 1, and forgets its key when it changes to
+    # MAVLink 2.
     os.environ["MAVLINK20"] = "1"
     from pymavlink import mavutil
 
@@ -234,7 +235,7 @@ def _connection(address: str, system_id: int, component_id: int) -> Any:
 
 
 def _serial(endpoint: str, system_id: int) -> Any:
-    """Open a serial device without pyserial, which the ground does not have."""
+    """Open a serial device without pyserial, which is not installed on the ground."""
     with _opening:
         mavutil = _mavutil()
         mavutil.set_dialect("common")
@@ -257,9 +258,9 @@ def _serial(endpoint: str, system_id: int) -> Any:
 
 
 def _receive_from_px4_only(link: Any) -> None:
-    """Drop datagrams of any other address.
+    """Drop datagrams from any other address than PX4's.
 
-    The port is predictable, and anybody could play the autopilot there.
+    The port is predictable, so anybody could send there as if they were the autopilot.
     """
     host, port = link.destination_addr
     px4 = (socket.gethostbyname(host), port)

@@ -1,4 +1,4 @@
-"""One order of a program that connects for it alone, and leaves when it has ended."""
+"""Sends one order and disconnects when the order has ended, for ``covey order``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from groundstation.orders.intents import Intent, Kill
 from groundstation.orders.result import Results
 from onboard.bus.control_token import OPEN_TO_ALL
 
-CONNECT_S = 3.0  # until the vehicles are heard
+CONNECT_S = 3.0  # longest wait until the vehicles are heard
 
 
 async def order_once(
@@ -20,10 +20,10 @@ async def order_once(
     """Connect, send an order, wait for its end, and disconnect.
 
     Args:
-        client: not started.
+        client: fleet client that has not been started.
         intent: the order.
-        timeout_s: wait so long for its end [s].
-        say: gets a sentence about who is below vehicles that are killed, as the kill is sent.
+        timeout_s: longest wait for its end [s].
+        say: called before a kill with a sentence about vehicles below those that are killed.
 
     Returns:
         vehicle -> its result.
@@ -45,7 +45,7 @@ async def order_once(
 
 
 def _is_ready(client: FleetClient, state: FleetState, intent: Intent) -> bool:
-    """Whether the vehicles are heard, and it is known who operates, where that matters."""
+    """Whether the vehicles are heard, and the operator is known if the order depends on it."""
     for name in intent.names:
         if name in state.vehicles and state.vehicles[name].telemetry is None:
             return False

@@ -1,19 +1,19 @@
 """Orders that have been sent and have not ended: replies, deadlines, and the direct path to PX4.
 
 An order goes to the vehicle's agent, which replies at once and reports the end later by an event.
-Three things can be missing, and each has its own watch:
+Three things can be missing, and each is watched for:
 
-* The reply. Most orders then have no answer. Land and kill go straight to PX4 instead: a kill soon,
-  a landing after it was sent to the agent several times, because past the agents nobody keeps
-  distance. A mission's landing goes to PX4 only when a single vehicle is silent. Two at once are
-  silent because of this ground's own link.
-* The effect of a land or a kill that was accepted. Then, too, they go straight to PX4: at once
-  where the agent says that it cannot do it, because it does not hear PX4.
-* The event about the end, because a link broke. Then telemetry shows that the vehicle does not
+* The reply. Most orders end with "no answer". Land and kill go straight to PX4 instead: a kill
+  soon, a landing only after it was sent to the agent several times, because vehicles that PX4 lands
+  alone do not avoid each other. A mission's landing goes to PX4 only if a single vehicle is silent;
+  two that fall silent at once show that this ground has lost its own link.
+* The effect of a land or a kill that was accepted. These, too, go straight to PX4 then, and at once
+  if the agent reports that it cannot do it because it does not hear PX4.
+* The event about the end, because a link broke. Telemetry then shows that the vehicle does not
   follow the order any more.
 
-Time in which this ground itself stood still counts for none of them, and neither does time in which
-its computer was too busy to run it.
+Time in which this ground itself stood still does not count, and neither does time in which its
+computer was too busy to run it.
 """
 
 from __future__ import annotations
@@ -37,19 +37,20 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
 
 REPLY_TIMEOUT_S = 1.5
-# a vehicle that followed an order, and goes on without it for so long, has ended it
+# If a vehicle that followed an order is heard without it for this time, the order has ended.
 LOST_END_S = 3.0
 _LAND_REPLY_S = 1.0  # shortest wait for the reply to a landing
-_ROUND_TRIPS = 3.0  # measured ones that a landing waits for at least
-_MOST_ROUND_TRIPS = 8  # of the newest answers of a vehicle
-_AGAIN_ROUND_TRIPS = 1.5  # measured ones, after which a landing is sent again
-_QUIET_S = 0.5  # in the air without telemetry, beside another vehicle that does not answer
-_AT_ONCE_S = 1.0  # between the last telemetry of two that fell silent for the same reason
-_KILL_EFFECT_S = 1.3  # PX4 reports that it is disarmed once a second
+_ROUND_TRIPS = 3.0  # wait for the reply to a landing, in measured round trips, at least
+_MOST_ROUND_TRIPS = 8  # round trips of a vehicle that are kept, the newest ones
+_AGAIN_ROUND_TRIPS = 1.5  # time after which a landing is sent again, in measured round trips
+_QUIET_S = 0.5  # age of telemetry from which another vehicle in flight counts as silent as well
+# Vehicles whose last telemetry lies closer together than this fell silent for the same reason.
+_AT_ONCE_S = 1.0
+_KILL_EFFECT_S = 1.3  # longest wait for the disarm, which PX4 reports once a second
 _LINK_SILENT_S = 1.0  # age of PX4's last packet at the agent, after which its link counts as dead
-_NOTHING_S = 1e-6  # less than this is left of a wait that has ended
+_NOTHING_S = 1e-6  # a remaining wait below this has ended; it allows for rounding errors
 _WATCH_PERIOD_S = 0.05
-_READ_AGAIN_S = 0.2  # in which threads of the bus deliver what waits, after this ground was late
+_READ_AGAIN_S = 0.2  # time in which threads of the bus deliver waiting messages after a late wait
 _SEND_S = 3.0  # longest wait for PX4's own acknowledgement
 _WATCH_KILL_S = 2.0  # longest wait for PX4's own report that it is disarmed
 _WATCH_LAND_S = 30.0  # the same, beyond the time of the descent
@@ -58,7 +59,7 @@ _WITHOUT_GROUND = (
     "Its agent goes on without the ground; one that hangs has left the landing to PX4."
 )
 
-SendDirect = Callable[..., DirectResult]  # as direct_mavlink.send_direct
+SendDirect = Callable[..., DirectResult]  # a function like direct_mavlink.send_direct
 PublishEvent = Callable[[str, str, str, str], None]  # severity, code, sentence, vehicle
 
 
@@ -68,9 +69,9 @@ class OpenOrders:
     Args:
         fleet: the fleet file.
         feed: the client's side of the bus.
-        send_direct: sends a land or kill command straight to PX4.
-        publish_event: publishes an event of the ground.
-        views: returns the vehicles as known now.
+        send_direct: function that sends a land or kill command straight to PX4.
+        publish_event: function that publishes an event of the ground.
+        views: function that returns the vehicles as known now.
         stall_clock_ns: a clock that goes on while this computer sleeps [ns].
         mavlink_keys: keys of the vehicles whose MAVLink is signed.
     """
@@ -98,18 +99,18 @@ class OpenOrders:
         self._round_trips_s: dict[str, tuple[float, ...]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._unable: dict[str, str] = {}  # id of a land or kill -> why its agent cannot do it
-        self.ids_of_missions: set[str] = set()  # of all orders that missions of this ground gave
-        self.newest_of_missions: dict[str, str] = {}  # vehicle -> id of the newest of them
+        self.ids_of_missions: set[str] = set()  # ids of all orders of this ground's missions
+        self.newest_of_missions: dict[str, str] = {}  # vehicle -> id of the newest of these orders
 
     def send(self, planned: PlannedOrder, *, is_by_mission: bool = False) -> OrderResult:
         """Send the messages of a planned order; callable from any thread.
 
         Args:
-            planned: checked just now.
-            is_by_mission: a mission gives it, and no person.
+            planned: order that was checked just now.
+            is_by_mission: whether a mission gives it, and not a person.
 
         Returns:
-            Its results, which fill in on the event loop.
+            Its results, which are filled in on the event loop.
         """
         result = OrderResult(planned, is_by_mission=is_by_mission)
         if is_by_mission:
@@ -120,8 +121,8 @@ class OpenOrders:
             self._open[order.order_id] = result
             self._feed.tell_sinks(Topic.ORDER, vehicle, order)
 
-        # All leave before the first wait: the last of a hundred must not stand behind the
-        # bookkeeping of the others.
+        # All messages are sent before the first wait begins, so that the last of a hundred is not
+        # delayed by the bookkeeping for the others.
         replied = {}
         for vehicle, order in planned.orders.items():
             replied[vehicle] = asyncio.Event()
@@ -131,11 +132,13 @@ class OpenOrders:
         return result
 
     def send_again(self, result: OrderResult, orders: Mapping[str, Order]) -> None:
-        """Send orders that had no answer once more; an agent that has one already begins it once.
+        """Send orders without an answer once more.
+
+        An agent that has the order already does not begin it a second time.
 
         Args:
             result: result of the order.
-            orders: the same messages, stamped anew, of the vehicles that have not answered.
+            orders: vehicle without an answer -> the same message with a new stamp.
         """
         for vehicle, order in orders.items():
             result.update(vehicle, "sent", "sent again")
@@ -161,7 +164,7 @@ class OpenOrders:
         return False
 
     def end(self, event: Event) -> None:
-        """Take over the end of an order, where an event reports one.
+        """Note the end of an order if an event reports one.
 
         Args:
             event: any event of the fleet.
@@ -174,28 +177,25 @@ class OpenOrders:
             return
         before = result.results[event.vehicle]
         if before.phase == "direct" and event.order_outcome != "done":
-            return  # a late agent: the order is PX4's now, and PX4's answer ends it
+            return  # the agent is late: PX4 has the order now, and PX4's answer ends it
         has_failed = event.order_outcome == "failed" and not before.is_final
         if has_failed and self._has_lost_px4(event.vehicle, order):
             self._unable[order.order_id] = event.sentence
-            return  # it goes straight to PX4
+            return  # the order goes straight to PX4
 
         result.update(event.vehicle, event.order_outcome, event.sentence)
         if result.results[event.vehicle].is_final:
             self._open.pop(event.order_id, None)
 
     def _has_lost_px4(self, vehicle: str, order: Order) -> bool:
-        """Whether an order is one that PX4 takes directly, and its agent does not hear PX4."""
+        """Whether the agent of an armed vehicle does not hear PX4 and PX4 can take the order."""
         telemetry = self._views()[vehicle].telemetry
-        return (
-            order.kind in _DIRECT
-            and telemetry is not None
-            and telemetry.is_armed
-            and telemetry.autopilot_age_s > _LINK_SILENT_S
-        )
+        if telemetry is None or order.kind not in _DIRECT:
+            return False
+        return telemetry.is_armed and telemetry.autopilot_age_s > _LINK_SILENT_S
 
     async def stop(self) -> None:
-        """Wait for no more replies."""
+        """Stop waiting for replies."""
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -220,7 +220,8 @@ class OpenOrders:
                 self._feed.tell_sinks(Topic.ORDER, vehicle, reply)
                 self._feed.call(self._note_round_trip, vehicle, round_trip_s)
                 if not reply.is_accepted and not is_refusal_believed:
-                    return  # it may say that the agent has the order already; telemetry shows it
+                    # The agent may refuse because it has the order already; telemetry shows that.
+                    return
             self._feed.call(self._take_reply, result, vehicle, reply, replied)
 
         self._feed.bus.order(
@@ -233,7 +234,7 @@ class OpenOrders:
 
     def _note_round_trip(self, vehicle: str, round_trip_s: float) -> None:
         earlier_s = self._round_trips_s.get(vehicle, ())
-        # other threads read it: a new value replaces it at once
+        # Other threads read the tuple, so it is replaced as a whole.
         self._round_trips_s[vehicle] = (*earlier_s, round_trip_s)[-_MOST_ROUND_TRIPS:]
 
     def _longest_round_trip_s(self, vehicle: str) -> float:
@@ -241,7 +242,7 @@ class OpenOrders:
         return max(self._round_trips_s.get(vehicle, ()), default=0.0)
 
     def _land_limit_s(self, vehicle: str) -> float:
-        """Return how long a landing waits for the agent before it goes straight to PX4 [s]."""
+        """Return the time that a landing waits for the agent before it goes straight to PX4 [s]."""
         return max(
             _LAND_REPLY_S,
             self._fleet.fleet.direct_command_timeout_s,
@@ -255,7 +256,7 @@ class OpenOrders:
         reply: OrderReply | Malformed,
         replied: asyncio.Event,
     ) -> None:
-        """Take over an agent's answer: accepted or refused."""
+        """Note an agent's reply: accepted or refused."""
         if isinstance(reply, Malformed):
             self._feed.put(reply)
             return
@@ -271,7 +272,8 @@ class OpenOrders:
         if reply.is_accepted:
             phase = "accepted"
         elif order.kind == "kill":
-            # A kill is refused only where it is not believed: whoever gives it here means it.
+            # An agent refuses a kill only if it does not trust the order. The order is from this
+            # ground, so it goes straight to PX4.
             phase = "direct"
         result.update(vehicle, phase, reply.reason)
 
@@ -283,7 +285,7 @@ class OpenOrders:
     async def _follow(self, result: OrderResult, vehicle: str, replied: asyncio.Event) -> None:
         """Wait for the reply, and for the effect of a land or kill.
 
-        Without them a land or kill goes straight to PX4.
+        If either is missing, a land or kill goes straight to PX4.
         """
         direct = _DIRECT.get(result.planned.orders[vehicle].kind)
         if direct is None:
@@ -305,7 +307,7 @@ class OpenOrders:
     async def _follow_direct(
         self, result: OrderResult, vehicle: str, replied: asyncio.Event, kind: DirectKind
     ) -> None:
-        """Wait for the reply to a land or kill and for its effect, else send it to PX4 itself."""
+        """Wait for the reply to a land or kill and for its effect; if missing, send it to PX4."""
         limit_s = self._fleet.fleet.direct_command_timeout_s
         if kind == "land":
             limit_s = self._land_limit_s(vehicle)
@@ -316,7 +318,7 @@ class OpenOrders:
                 result.update(vehicle, "no answer", sentence)
                 return
 
-            # An agent that accepts a kill says this itself.
+            # An agent that accepts a kill publishes this event itself.
             if kind == "kill" and self._views()[vehicle].is_airborne:
                 order = result.planned.orders[vehicle]
                 sentence = f"Killed in the air by order of {order.author} (from {order.node})."
@@ -325,7 +327,7 @@ class OpenOrders:
             problem = f"{vehicle}'s agent refused kill ({result.results[vehicle].sentence})"
         else:
             if not replied.is_set():
-                result.update(vehicle, "accepted", "")  # as telemetry shows
+                result.update(vehicle, "accepted", "")  # telemetry shows it, without a reply
             problem = await self._missing_effect(result, vehicle, kind)
 
         if problem:
@@ -340,14 +342,14 @@ class OpenOrders:
     async def _has_replied(
         self, result: OrderResult, vehicle: str, replied: asyncio.Event, limit_s: float
     ) -> bool:
-        """Wait for a reply; a wait in which this ground itself stood still begins again.
+        """Wait for a reply.
 
-        After a wait in which this ground was late the bus is read once more before anybody is
-        blamed. A kill waits for nothing of that.
+        The wait begins again if this ground itself stood still in it. If this ground was late, the
+        bus is read once more at the end of the wait. Neither holds for a kill, which must not wait.
 
         Returns:
-            Whether the agent has replied, or shows by its telemetry that it follows the order: a
-                stall loses replies.
+            Whether the agent has replied, or its telemetry shows that it follows the order. A stall
+                of this ground can lose a reply.
         """
         kind = result.planned.orders[vehicle].kind
         has_stalled = False
@@ -372,6 +374,7 @@ class OpenOrders:
             if self._is_followed(result, vehicle):
                 return True
 
+            # After a stall, telemetry from after the begin that shows an order of this kind counts.
             view = self._views()[vehicle]
             telemetry = view.telemetry if view.received_ns > begin_ns else None
             if has_stalled and telemetry is not None and telemetry.order_kind == kind:
@@ -415,7 +418,7 @@ class OpenOrders:
             self._send(result, vehicle, order, replied, is_refusal_believed=False)
 
     async def _read_bus_again(self, replied: asyncio.Event) -> None:
-        """Take what has arrived while this ground was not scheduled."""
+        """Take the messages that have arrived while this ground was not scheduled."""
         self._feed.read()
         await wait_scheduled(replied, _READ_AGAIN_S)
         self._feed.read()
@@ -435,13 +438,15 @@ class OpenOrders:
         return telemetry is not None and telemetry.order_id == result.results[vehicle].order_id
 
     def _is_own_link(self, result: OrderResult, vehicle: str) -> bool:
-        """Whether a mission's landing stays with the agents: another fell silent at the same time.
+        """Whether a silence probably comes from this ground's own link.
 
-        Then this ground has most likely lost its own link, and the agents keep their distances
-        without it. PX4s that land by themselves would not. An agent that is dead or hangs sends no
-        setpoints, and its PX4 lands without an order. So it is also the own link when the others
-        fell silent before: their agents may be dead, and nobody is left to tell this one's from
-        the link.
+        Then a mission's landing is left to the agents, which avoid each other without this ground;
+        PX4s that land by themselves would not. An agent that is dead or hangs sends no setpoints,
+        so its PX4 lands without an order.
+
+        There are two signs of an own link: another vehicle fell silent at the same time, or no
+        other vehicle in flight is heard. In the second case nothing shows whether the agent or the
+        link is dead.
         """
         if not result.is_by_mission:
             return False
@@ -469,13 +474,13 @@ class OpenOrders:
     # -- the effect, and the end -------------------------------------------------------------------
 
     async def _watch_for_lost_end(self, result: OrderResult, vehicle: str) -> None:
-        """End an accepted order that its vehicle does not follow any more.
+        """End an accepted order when its vehicle does not follow it any more.
 
-        A link that broke has lost how it ended.
+        A link that broke may have lost the event about the end.
         """
         order_id = result.planned.orders[vehicle].order_id
         has_followed = False
-        without_ns = 0  # since when the vehicle is heard without the order; 0: it is not
+        without_ns = 0  # time since which the vehicle is heard without the order; 0: it is not
 
         while not result.results[vehicle].is_final:
             await asyncio.sleep(0.1 * LOST_END_S)
@@ -484,7 +489,7 @@ class OpenOrders:
             telemetry = view.telemetry
 
             if telemetry is None or not view.is_fresh(now_ns):
-                # A vehicle that is heard again reports ends that were missed, a second later.
+                # When a vehicle is heard again, it reports missed ends a second later.
                 without_ns = 0
                 continue
             if telemetry.order_id == order_id:
@@ -503,10 +508,10 @@ class OpenOrders:
                 result.update(vehicle, "failed", sentence)
 
     async def _missing_effect(self, result: OrderResult, vehicle: str, kind: DirectKind) -> str:
-        """Watch an accepted land or kill.
+        """Watch an accepted land or kill until it has ended, or has to go straight to PX4.
 
-        A kill has its effect when the agent reports PX4's disarm. A landing takes its time: only a
-        dead link between agent and PX4 counts against it.
+        A kill must soon show its effect: the agent reports PX4's disarm. A landing may take long,
+        so it goes to PX4 only if the link between agent and PX4 is dead.
 
         Returns:
             The reason to go straight to PX4; empty when the order has ended, or was refused.
@@ -524,7 +529,7 @@ class OpenOrders:
                 return f"{accepted} and cannot do it ({unable.rstrip('.')})"
 
             await asyncio.sleep(_WATCH_PERIOD_S)
-            if stall.look():  # what PX4 showed meanwhile is still to be read
+            if stall.look():  # telemetry from the time of the stall is still to be read
                 accepted_s = loop.time()
                 accepted_ns = self._feed.now_ns()
 
@@ -571,7 +576,8 @@ class OpenOrders:
         if name in self._mavlink_keys:
             options["key"] = self._mavlink_keys[name]
         if kind == "land" and result.planned.orders[name].reason:
-            # only a person who names the vehicle lands it against a pilot's sticks
+            # The order is from a mission, or to all. Only a person who names the vehicle lands it
+            # although a pilot flies it.
             options["spares_pilot"] = True
             telemetry = self._views()[name].telemetry
             options["was_flown_by_hand"] = telemetry is not None and telemetry.is_flown_by_hand

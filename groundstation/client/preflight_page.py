@@ -1,7 +1,8 @@
-"""The preflight page: go or no-go of every vehicle, and what only the ground can see.
+"""The preflight page: go or no-go of every vehicle, for ``covey preflight`` and the consoles.
 
-The checks are the agents' own. The ground adds what no agent knows: whether both have the same
-fleet file, whether the direct path exists, whether all fly the same version of PX4.
+Most checks are the agents' own; their reports come over the bus. The ground adds what no agent can
+know: whether both have the same fleet file, whether there is a direct path to PX4, whether all fly
+the same version of PX4, and whether this computer is fit.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ from onboard.security.node_roles import NodeRole
 _MARKS = {"ok": "ok", "advice": "advice", "no-go": "NO-GO"}
 _WIDTH = 118
 
-# A late ground hears late: from 0.3 s on it would blame agents that have answered in time
-# (`direct_command_timeout_s`).
+# A ground that is late reads replies late. From 0.3 s on it would miss replies that agents have
+# sent in time (`direct_command_timeout_s`).
 _LATE_ADVICE_S = 0.1
 _LATE_NO_GO_S = 0.3
 
@@ -60,7 +61,7 @@ class VehiclePage:
     """All lines of one vehicle."""
 
     name: str
-    answers: bool  # whether its agent was heard
+    answers: bool  # whether its agent is heard
     lines: tuple[PageLine, ...]
 
     @property
@@ -103,7 +104,7 @@ def page_of(view: VehicleView, fleet: FleetConfig, now_ns: int) -> VehiclePage:
 
 
 def _of_place(name: str, place: str) -> list[PageLine]:
-    """Return a line about a vehicle that stands in for another one, else none."""
+    """Return a line about a vehicle that stands in for another one; otherwise none."""
     if not place:
         return []
     sentence = f"{name} stands in for {place}, with its spot, slots and paths."
@@ -111,10 +112,10 @@ def _of_place(name: str, place: str) -> list[PageLine]:
 
 
 def _of_files(name: str, telemetry: Telemetry, fleet: FleetConfig) -> list[PageLine]:
-    """Return a line when a vehicle flies with another fleet file or another law, else none."""
-    # A law that the ground's file does not name is not imported because a message names it.
-    is_known = telemetry.law in BUILT_IN and telemetry.law != fleet.law.name
-    own_hash = (fleet.with_law(telemetry.law) if is_known else fleet).config_hash
+    """Return a line if a vehicle flies with another fleet file or another law; otherwise none."""
+    # Only a built-in law is compared: a message must not make this ground import another module.
+    is_other_built_in = telemetry.law in BUILT_IN and telemetry.law != fleet.law.name
+    own_hash = (fleet.with_law(telemetry.law) if is_other_built_in else fleet).config_hash
 
     if telemetry.config_hash != own_hash:
         sentence = (
@@ -157,7 +158,7 @@ def _of_report(view: VehicleView, telemetry: Telemetry, now_ns: int) -> list[Pag
 
 
 def _of_direct_path(name: str, fleet: FleetConfig) -> PageLine:
-    """Return the line about the way of kill and land past the agent."""
+    """Return the line about the direct path, on which kill and land reach PX4 without the agent."""
     direct = fleet.vehicles[name].direct
     if direct is None:
         return PageLine(
@@ -181,9 +182,9 @@ def pages_of(
         now_ns: the ground's monotonic clock [ns].
 
     Returns:
-        A page for each, as :func:`page_of` makes it.
+        The page of each vehicle, with the lines that are the same for the whole fleet.
     """
-    of_fleet = [
+    fleet_lines = [
         *_versions(state, fleet, names),
         *_of_ground_key(fleet),
         *_of_this_computer(state),
@@ -193,14 +194,14 @@ def pages_of(
     for name in names:
         page = page_of(state.vehicles[name], fleet, now_ns)
         if page.answers:
-            page = replace(page, lines=(*page.lines, *of_fleet))
+            page = replace(page, lines=(*page.lines, *fleet_lines))
         pages.append(page)
     return tuple(pages)
 
 
 def _versions(state: FleetState, fleet: FleetConfig, names: Sequence[str]) -> list[PageLine]:
-    """Return a line when the vehicles have reported different versions of PX4, else none."""
-    vehicles: dict[tuple[int, int], list[str]] = {}
+    """Return a line if the vehicles have reported different versions of PX4; otherwise none."""
+    vehicles: dict[tuple[int, int], list[str]] = {}  # version -> vehicles
     for name in names:
         report = state.vehicles[name].preflight
         if report is not None and report.px4_version is not None:
@@ -223,7 +224,7 @@ def _versions(state: FleetState, fleet: FleetConfig, names: Sequence[str]) -> li
 
 
 def _of_this_computer(state: FleetState) -> list[PageLine]:
-    """Return a line when this ground's computer is too busy for it, else none."""
+    """Return a line if this ground's computer is too busy; otherwise none."""
     late_s = state.loop_late_s
     if late_s < _LATE_ADVICE_S:
         return []
@@ -241,7 +242,7 @@ def _of_this_computer(state: FleetState) -> list[PageLine]:
 
 
 def _of_ground_key(fleet: FleetConfig) -> list[PageLine]:
-    """Return a line when this ground's certificate does not last for a flight, else none."""
+    """Return a line if this ground's certificate ends soon; otherwise none."""
     end_s = _ground_end_s(os.path.join(fleet.keys_folder, files_of(NodeRole.GROUND)[1]))
     if not fleet.has_keys or end_s is None:
         return []
@@ -265,14 +266,17 @@ def _of_ground_key(fleet: FleetConfig) -> list[PageLine]:
 
 @cache
 def _ground_end_s(path: str) -> float | None:
-    """Return the end of the certificate that this process has opened its links with."""
+    """Return the end of the certificate with which this process has opened its links [s, Unix].
+
+    The result is kept, because a later file does not change the links.
+    """
     if not os.path.exists(path):
         return None
     return end_of(path)
 
 
 def has_reported(state: FleetState, names: Sequence[str], now_ns: int) -> bool:
-    """Whether each vehicle has sent a report, or flies and sends none.
+    """Whether each vehicle has sent a report, or flies and therefore sends none.
 
     Args:
         state: the fleet as known now.
@@ -292,12 +296,13 @@ def advice_of(
 ) -> dict[str, list[str]]:
     """Return the advice of the newest reports.
 
-    A vehicle whose truth is known is simulated and needs no kill switch.
+    A vehicle whose ground truth is known is simulated, so it needs no kill switch.
 
     Args:
         state: the fleet as known now.
         names: vehicles to look at.
-        is_recording: this ground records: reports from before it began may still advise to.
+        is_recording: whether this ground records. Reports from before the record began may still
+            advise to record, so that advice is left out.
 
     Returns:
         Advice -> vehicles.
@@ -320,7 +325,7 @@ def advice_of(
 
 
 def exit_status(pages: Sequence[VehiclePage]) -> int:
-    """Return the exit status: 0 when all are go, 10 when nobody answered, else 1."""
+    """Return the exit status: 0 if all are go, 10 if no vehicle has answered, otherwise 1."""
     if not any(page.answers for page in pages):
         return EXIT_NO_ANSWER
     if not all(page.is_go for page in pages):
@@ -342,14 +347,14 @@ def as_text(pages: Sequence[VehiclePage]) -> str:
                 text, _WIDTH, initial_indent=first, subsequent_indent=" " * len(first)
             )
 
-    against = []
+    no_go = []
     for page in pages:
         if not page.is_go:
             failed = [plain_line(line.name) for line in page.lines if not line.is_ok]
-            against.append(f"{page.name} ({', '.join(failed)})")
+            no_go.append(f"{page.name} ({', '.join(failed)})")
 
-    if against:
-        rows.append(f"Do not fly: {'; '.join(against)}.")
+    if no_go:
+        rows.append(f"Do not fly: {'; '.join(no_go)}.")
     else:
         rows.append(f"Go: {', '.join(page.name for page in pages)}.")
     return "\n".join(rows)
@@ -388,10 +393,10 @@ async def ask(
         client: fleet client that has been started.
         names: vehicles.
         timeout_s: longest wait for the reports [s].
-        until_go_s: longest wait after that [s].
+        until_go_s: longest wait after that until all are go [s].
 
     Returns:
-        Their pages.
+        The pages of the vehicles.
     """
 
     def is_go(state: FleetState) -> bool:

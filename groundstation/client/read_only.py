@@ -15,7 +15,7 @@ REFUSAL = (
 
 
 class ReadOnlyClient:
-    """The console's view of a client, without any order, not even land and kill.
+    """A client for a console that only watches: it refuses every order, also land and kill.
 
     Args:
         client: fleet client that has been started.
@@ -26,7 +26,7 @@ class ReadOnlyClient:
 
     @property
     def tick_stream(self) -> TickStream:
-        """Ticks of the vehicle whose page is open."""
+        """The ticks of the vehicle whose page is open."""
         return self._client.tick_stream
 
     @property
@@ -35,7 +35,7 @@ class ReadOnlyClient:
         return self._client.state
 
     def now_ns(self) -> int:
-        """Return the clock [ns] that ages are counted on."""
+        """Return the clock on which ages are counted [ns]."""
         return self._client.now_ns()
 
     async def submit(self, order: Intent | str) -> OrderResult:

@@ -1,8 +1,8 @@
 """Waits that count only the time in which this ground was scheduled.
 
-On a computer that is too busy the event loop wakes up late, and so do the threads of the bus. What
-has not arrived by then says nothing about the sender. So a wait is divided into short sleeps, and
-what a sleep takes beyond its length does not count.
+On a computer that is too busy, the event loop and the threads of the bus wake up late. A message
+that has not arrived then may still have been sent in time. So a wait is divided into short sleeps,
+and the time that a sleep takes beyond its length does not count.
 """
 
 from __future__ import annotations
@@ -11,9 +11,11 @@ import asyncio
 import contextlib
 
 _SLEEP_S = 0.1
-_LATE_S = 0.05  # of a sleep: a computer that has time for us wakes us up within some milliseconds
-_NOTHING_S = 1e-6  # less than any clock shows
-LONGEST_LATE_S = 6.0  # of one wait: later than that everything counts
+# Lateness of one sleep from which it does not count; a computer that is not too busy wakes up the
+# loop within some milliseconds.
+_LATE_S = 0.05
+_NOTHING_S = 1e-6  # a remaining wait below this has ended; it allows for rounding errors
+LONGEST_LATE_S = 6.0  # lateness of one wait after which all time counts
 
 
 async def wait_scheduled(event: asyncio.Event, limit_s: float) -> float:
@@ -24,7 +26,7 @@ async def wait_scheduled(event: asyncio.Event, limit_s: float) -> float:
         limit_s: longest wait [s], without the time in which this ground was not scheduled.
 
     Returns:
-        Time in which it was not scheduled [s].
+        Time in which this ground was not scheduled [s].
     """
     loop = asyncio.get_running_loop()
     left_s = limit_s

@@ -1,4 +1,7 @@
-"""Positions of vehicles that stand, as they report them for some time."""
+"""Collects the reported positions of standing vehicles for some time.
+
+``covey spots`` makes take-off spots of them.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +14,8 @@ from onboard.config.fleet import ConfigError
 from onboard.safety.failsafe_table import Condition
 from onboard.tuples import Xyz
 
-CONNECT_S = 3.0  # until the vehicles are heard
-# the position of a vehicle for which one of these holds is not good enough
+CONNECT_S = 3.0  # longest wait until the vehicles are heard
+# conditions under which a vehicle's position is not good enough
 _POOR = (
     Condition.POSITION_STALE,
     Condition.POSITION_LOST,
@@ -28,9 +31,9 @@ async def standing_positions(
     """Connect, collect positions of vehicles that stand, and disconnect.
 
     Args:
-        client: not started.
+        client: fleet client that has not been started.
         names: names of the vehicles.
-        duration_s: time for which positions are collected.
+        duration_s: time for which positions are collected [s].
 
     Returns:
         name -> positions, one for each telemetry.
@@ -39,7 +42,7 @@ async def standing_positions(
         ConfigError: a vehicle is not heard, flies or is armed, or does not know its position well.
     """
     positions: dict[str, list[Xyz]] = {name: [] for name in names}
-    newest: dict[str, int] = {}
+    newest: dict[str, int] = {}  # vehicle -> sequence number of its newest telemetry
     refusals: list[str] = []
 
     def look(state: FleetState) -> None:
@@ -79,7 +82,7 @@ def _are_heard(state: FleetState, names: Sequence[str]) -> bool:
 
 
 def _refusal(telemetry: Telemetry) -> str:
-    """Return why a vehicle's position is no spot; empty where it is one."""
+    """Return why a vehicle's position cannot be used as a spot; empty if it can."""
     name = telemetry.vehicle
     does = ""
     if telemetry.is_airborne:
@@ -89,7 +92,7 @@ def _refusal(telemetry: Telemetry) -> str:
     if does:
         return f"{name} {does}: spots are surveyed while all stand disarmed. Land it first."
 
-    poor = [one.value for one in _POOR if one.value in telemetry.conditions]
+    poor = [condition.value for condition in _POOR if condition.value in telemetry.conditions]
     if poor or not telemetry.is_position_valid:
         why = ", ".join(poor) or "it has no valid position"
         return f"{name} does not know well where it is: {why}. See covey check vehicles."

@@ -1,8 +1,8 @@
-"""The world's clock at this ground, compared with that of the vehicles' computers.
+"""The world's clock (the time of day) of this ground, compared with the vehicles' computers.
 
-Flights run by monotonic clocks, which nobody sets. A start at a time of day needs the world's clock
-once: it becomes an instant of the monotonic clock. Whether this computer has the right time cannot
-be known here; what can be known is whether all computers of the fleet have the same one.
+Flights run by monotonic clocks, which nobody sets. For a start at a time of day, the world's clock
+is read once to turn that time into an instant of the monotonic clock. This ground cannot know
+whether its time of day is right, but it can know whether all computers of the fleet have the same.
 """
 
 from __future__ import annotations
@@ -12,14 +12,15 @@ from collections.abc import Callable
 
 from onboard.bus.clock_offsets import Clocks
 
-_READINGS = 3  # of both clocks: between two readings this process may have to wait
+# Number of readings of both clocks; in one of them this process may be stopped between both.
+_READINGS = 3
 
 
 class WorldClock:
-    """Reads the world's clock, and those of other computers.
+    """Reads the world's clock of this computer, and compares it with those of other computers.
 
     Args:
-        clocks: returns the clocks of the other nodes; None in simulated time.
+        clocks: function that returns the clocks of the other nodes; None in simulated time.
         now_ns: the ground's monotonic clock [ns].
         world_ns: this computer's time since 1970 [ns].
     """
@@ -36,7 +37,7 @@ class WorldClock:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether time is simulated: the world's clock has no meaning then."""
+        """Whether time is simulated; then the world's clock has no meaning."""
         return self._clocks() is None
 
     @property
@@ -50,23 +51,26 @@ class WorldClock:
         return self._world_ns()
 
     def offset_ns(self) -> int:
-        """Return the world's clock minus the monotonic one [ns], by the quickest of readings."""
+        """Return the world's clock minus the monotonic clock [ns], by the quickest reading."""
         readings = []
         for _ in range(_READINGS):
             before_ns = self._now_ns()
             world_ns = self._world_ns()
             after_ns = self._now_ns()
-            readings.append((after_ns - before_ns, world_ns - (before_ns + after_ns) // 2))
-        return min(readings)[1]
+            middle_ns = (before_ns + after_ns) // 2
+            readings.append((after_ns - before_ns, world_ns - middle_ns))
+        _, offset_ns = min(readings)
+        return offset_ns
 
     def ahead_s(self, vehicle: str) -> tuple[float, float] | None:
-        """Return by how much a vehicle's computer is ahead of this one, and the error of that [s].
+        """Return the time by which a vehicle's computer is ahead of this one.
 
         Args:
             vehicle: name of the vehicle.
 
         Returns:
-            None while it is not measured, and for a computer that does not tell it.
+            The difference and its largest error [s]; None while it is not measured, and for a
+                computer that does not report its time.
         """
         clocks = self._clocks()
         if clocks is None:

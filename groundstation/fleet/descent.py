@@ -1,4 +1,4 @@
-"""How long vehicles that are high need to come down, for those who wait for them. Pure."""
+"""The time that vehicles need to come down, for time limits of landings. Pure."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from onboard.control.vertical import vertical_s
 
 
 def descent_s(vehicle: Vehicle, view: VehicleView) -> float:
-    """Return the time that a landing takes from where a vehicle was last seen in the air.
+    """Return the time of a landing from the position that a vehicle in the air has reported last.
 
     Args:
         vehicle: entry of the vehicle in the fleet file.
         view: the vehicle as it is known.
 
     Returns:
-        Time [s], without braking and disarming; 0 for one that does not fly or whose position is
-        not known.
+        Time [s], without braking and disarming; 0 for a vehicle that does not fly, or whose
+        position is not known.
     """
     telemetry = view.telemetry
     if telemetry is None or not view.is_airborne or not telemetry.is_position_valid:
@@ -34,7 +34,7 @@ def longest_descent_s(fleet: FleetConfig, state: FleetState) -> float:
         state: state of the fleet now.
 
     Returns:
-        Time [s]; 0 when nobody flies.
+        Time [s]; 0 if no vehicle flies.
     """
     times_s = [descent_s(fleet.vehicles[name], view) for name, view in state.vehicles.items()]
     return max(times_s, default=0.0)

@@ -1,13 +1,13 @@
-"""Lateness of this ground's event loop: whether its computer is too busy for it."""
+"""Lateness of this ground's event loop, which shows whether its computer is too busy."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
 
-WINDOW_S = 10.0  # what is older says nothing about now
-_LEAST_LATE_S = 0.03  # later than a computer with time to spare ever is
-_MOST_KEPT = 500  # the window at 50 calls a second
+WINDOW_S = 10.0  # time that a late call counts
+_LEAST_LATE_S = 0.03  # lateness that a computer with time to spare does not reach
+_MOST_KEPT = 500  # calls in the window, at 50 a second
 
 
 class LoopLateness:
@@ -22,7 +22,7 @@ class LoopLateness:
         self._clock_ns = clock_ns
         self._period_s = period_s
         self._last_ns: int | None = None
-        # when, and how late [s]; the oldest first
+        # time [ns] and lateness [s] of late calls, the oldest first
         self._late: deque[tuple[int, float]] = deque(maxlen=_MOST_KEPT)
 
     def look(self) -> None:
@@ -36,7 +36,7 @@ class LoopLateness:
 
     @property
     def worst_s(self) -> float:
-        """The latest call within the window [s]; 0 when none was late."""
+        """The largest lateness within the window [s]; 0 if no call was late."""
         oldest_ns = self._clock_ns() - round(WINDOW_S * 1e9)
         while self._late and self._late[0][0] < oldest_ns:
             self._late.popleft()

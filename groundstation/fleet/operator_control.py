@@ -1,10 +1,10 @@
-"""Control of a fleet by this ground: taken when it is free, requested, handed over, given way.
+"""Control of a fleet by this ground: claim it if it is free, request it, hand it over, give it up.
 
-Grounds do not see each other: each learns the control tokens of the others from the vehicles'
-telemetry. The rules are those of onboard/bus/control_token.py.
+Grounds are not connected to each other. Each learns the control tokens of the others from the
+vehicles' telemetry. The rules are in onboard/bus/control_token.py.
 
 A ground claims up to three kinds of tokens: `operator` for the control that it has, `asks` for a
-request, and `keeps` for the refusal of another ground's request.
+request, and `keeps` to refuse another ground's request.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from onboard.bus.control_token import (
 )
 from onboard.bus.schema import Telemetry
 
-SETTLE_S = 0.5  # until every vehicle has sent the operator's name
-SILENCE_S = 10.0  # without an answer, after which control may be taken by force
+SETTLE_S = 0.5  # time in which every vehicle reports the operator
+SILENCE_S = 10.0  # time without an answer after which control may be taken by force
 FORCE_WORD = "force"
-# verbs that are open to every ground of the person who operates: see onboard/bus/control_token.py
+# verbs that every ground of the person who operates may order: see onboard/bus/control_token.py
 _OF_THE_PERSON = ("resume", "skip", "home", "bring_home")
 
 
@@ -50,9 +50,9 @@ class Control:
     """Control of one ground.
 
     Args:
-        bus: tokens are claimed there; open before :meth:`update` is called.
+        bus: bus on which tokens are claimed; it must be open before :meth:`update` is called.
         author: person or program that operates from here.
-        takes_control: take control at the start when nobody has it; otherwise only watch.
+        takes_control: whether to take control at the start if nobody has it, or only to watch.
         say: called with (severity, sentence) on every change.
         clock_ns: the ground's monotonic clock [ns].
     """
@@ -71,10 +71,11 @@ class Control:
         self._takes_control = takes_control
         self._say = say
         self._clock_ns = clock_ns
-        self._own: dict[ControlClaim, ControlToken] = {}
-        # begin of the present wait: for the first telemetry, an own claim, an answer
-        self._since_ns = 0
-        self._announced: ControlToken | None = None  # the last holder that was said
+        self._own: dict[ControlClaim, ControlToken] = {}  # tokens of this ground
+        # Time of the newest of three: first telemetry, own claim, own request; 0 before all. Two
+        # waits begin there: SETTLE_S for all vehicles' reports, and SILENCE_S for an answer.
+        self._wait_begin_ns = 0
+        self._announced: ControlToken | None = None  # the last holder that was announced
         self.holder: ControlToken | None = None  # the operator, by the vehicles' telemetry
         self.requester: ControlToken | None = None  # another ground that requests control
 
@@ -102,10 +103,10 @@ class Control:
         return f"{self.holder.label} operates"
 
     def refusal(self, kind: str) -> str | None:
-        """Return why this ground may not order; None when it may.
+        """Return why this ground may not give an order; None if it may.
 
         Args:
-            kind: verb of the order; what makes a flight safer always may.
+            kind: verb of the order; every ground may give orders that make a flight safer.
         """
         if kind in OPEN_TO_ALL or self.is_operator:
             return None
@@ -122,7 +123,7 @@ class Control:
         )
 
     def update(self, state: FleetState) -> None:
-        """Take over the tokens in the vehicles' telemetry, and react to them.
+        """Read the tokens in the vehicles' telemetry, and react to them.
 
         Args:
             state: the fleet as known now.
@@ -134,27 +135,26 @@ class Control:
                 reports.append(view.telemetry)
         if not reports:
             return
-        if self._since_ns == 0:
-            self._since_ns = now_ns
-        is_settled = (now_ns - self._since_ns) * 1e-9 >= SETTLE_S
+        if self._wait_begin_ns == 0:
+            self._wait_begin_ns = now_ns
+        is_settled = (now_ns - self._wait_begin_ns) * 1e-9 >= SETTLE_S
 
-        holders, others = _tokens_of(reports)
+        holders, tokens = _tokens_of(reports)
         self._give_way(holders, is_settled=is_settled)
 
-        self.requester = None
-        for token in sorted(others, key=str):
-            if token.claim == "asks" and token.node != self._bus.node:
-                self.requester = token
-                break
+        requests = [
+            token for token in tokens if token.claim == "asks" and token.node != self._bus.node
+        ]
+        self.requester = min(requests, key=_text_of, default=None)
 
         self._announce()
-        self._answer(others, has_holder=bool(holders), is_settled=is_settled)
+        self._answer(tokens, has_holder=bool(holders), is_settled=is_settled)
 
     def take(self, word: str = "") -> str:
-        """Take control if it is free, else request it.
+        """Take control if it is free; otherwise request it.
 
         Args:
-            word: FORCE_WORD takes it without consent, once the holder has left a request unanswered
+            word: FORCE_WORD to take it without consent, after the holder has not answered a request
                 for SILENCE_S.
 
         Returns:
@@ -170,12 +170,12 @@ class Control:
         if word != FORCE_WORD:
             if not self.is_waiting:
                 self._hold(self._token("asks", holder.term, self._bus.node))
-                self._since_ns = self._clock_ns()
+                self._wait_begin_ns = self._clock_ns()
             return f"Asking {holder.label} for control."
 
         if not self.is_waiting:
             return f"Ask {holder.author} first, with: take control."
-        waited_s = (self._clock_ns() - self._since_ns) * 1e-9
+        waited_s = (self._clock_ns() - self._wait_begin_ns) * 1e-9
         if waited_s < SILENCE_S:
             return (
                 f"{holder.author} was asked {waited_s:.0f} s ago. "
@@ -190,7 +190,7 @@ class Control:
         return f"You take control from {holder.author}."
 
     def hand_over(self) -> str:
-        """Hand control over to the ground that requests it; without a request, give it up.
+        """Hand control over to the ground that requests it; if none does, give it up.
 
         Returns:
             A sentence about the outcome.
@@ -220,10 +220,10 @@ class Control:
     # -- what the vehicles report ------------------------------------------------------------------
 
     def _give_way(self, holders: Sequence[ControlToken], *, is_settled: bool) -> None:
-        """Take over who operates, and give the own claim up where another one counts more.
+        """Note who operates, and give up the own claim if another ground's claim wins.
 
-        While vehicles still report two holders, the token with the higher rank counts. An own claim
-        that no vehicle reports gives way once all have had the time to report it.
+        While vehicles report two holders, the token with the higher rank wins. An own claim that no
+        vehicle reports is given up after all vehicles have had the time to report it.
         """
         own = self._own.get("operator")
         rivals = [token for token in holders if token != own]
@@ -239,42 +239,47 @@ class Control:
             self.holder = min(rivals, key=_rank)
 
         if rivals and "operator" not in self._own:
-            # once another ground operates, only an operator's command takes control
+            # After another ground has operated, only a command of the user takes control.
             self._takes_control = False
 
-    def _answer(self, others: set[ControlToken], *, has_holder: bool, is_settled: bool) -> None:
-        """React to the others' tokens.
+    def _answer(self, tokens: set[ControlToken], *, has_holder: bool, is_settled: bool) -> None:
+        """React to the tokens of all grounds.
 
-        Free control is claimed, a refusal is noted, and an answered request is forgotten.
+        Claim free control, note a refusal of the own request, and withdraw an own refusal when the
+        other ground's request has gone.
         """
         is_refused = any(
-            token.claim == "keeps" and token.node == self._bus.node for token in others
+            token.claim == "keeps" and token.node == self._bus.node for token in tokens
         )
         if self.is_waiting and is_refused:
             self._drop("asks")
             author = "The operator" if self.holder is None else self.holder.author
             self._say("warning", f"{author} keeps control.")
         elif not has_holder and "operator" not in self._own:
-            self._claim_free_control(others, is_settled=is_settled)
+            self._claim_free_control(tokens, is_settled=is_settled)
 
-        refused = self._own.get("keeps")
+        refusal = self._own.get("keeps")
         requesting_node = None if self.requester is None else self.requester.node
-        if refused is not None and requesting_node != refused.node:
+        if refusal is not None and requesting_node != refusal.node:
             self._drop("keeps")
 
-    def _claim_free_control(self, others: set[ControlToken], *, is_settled: bool) -> None:
-        """Claim control that nobody has: the first request counts, then who takes it by itself."""
-        requests = [token for token in others if token.claim == "asks"]
-        first = min(requests, key=str, default=None)
+    def _claim_free_control(self, tokens: set[ControlToken], *, is_settled: bool) -> None:
+        """Claim control that nobody has.
 
-        if self.is_waiting and first == self._own["asks"]:
+        If there are requests, the ground of the first one claims it. If there are none, a ground
+        that takes control at its start claims it.
+        """
+        requests = [token for token in tokens if token.claim == "asks"]
+        first_request = min(requests, key=_text_of, default=None)
+
+        if self.is_waiting and first_request == self._own["asks"]:
             self._drop("asks")
             self._claim(1)
-        elif self._takes_control and is_settled and first is None:
+        elif self._takes_control and is_settled and first_request is None:
             self._claim(1)
 
     def _announce(self) -> None:
-        """Say who operates, when that has changed."""
+        """Say who operates, if that has changed."""
         holder = self.holder
         before = self._announced
         if holder == before:
@@ -296,30 +301,32 @@ class Control:
         """Claim control; the vehicles' telemetry shows whether it is granted."""
         self._takes_control = True
         self._hold(self._token("operator", term, self._bus.node))
-        self._since_ns = self._clock_ns()
+        self._wait_begin_ns = self._clock_ns()
 
     def _token(self, claim: ControlClaim, term: int, node: str) -> ControlToken:
         return ControlToken(claim, term, node, self._author)
 
     def _hold(self, token: ControlToken) -> None:
-        """Claim a token on the bus, instead of an own one of the same claim."""
+        """Claim a token on the bus; it replaces this ground's earlier token of the same kind."""
         self._drop(token.claim)
+        # Parsed from its text, the token equals the one that telemetry will report: the text
+        # shortens names.
         parsed = parse_control_token(str(token))
         assert parsed is not None
         self._own[token.claim] = parsed
         self._bus.claim(str(parsed))
 
     def _drop(self, claim: ControlClaim) -> None:
-        """Release an own token, where there is one."""
+        """Release this ground's token of a kind, if there is one."""
         token = self._own.pop(claim, None)
         if token is not None:
             self._bus.release(str(token))
 
 
 def _tokens_of(reports: Sequence[Telemetry]) -> tuple[list[ControlToken], set[ControlToken]]:
-    """Return the holders of control that vehicles report, and all tokens that they hear.
+    """Return the holders of control that vehicles report, and all tokens that they see.
 
-    Nearly always all vehicles report the same: each name is parsed once.
+    Nearly always all vehicles report the same names, so each name is parsed only once.
     """
     holder_names = {report.operator for report in reports}
     token_lists = {report.roles for report in reports}
@@ -328,7 +335,7 @@ def _tokens_of(reports: Sequence[Telemetry]) -> tuple[list[ControlToken], set[Co
 
 
 def _parsed(names: Iterable[str]) -> list[ControlToken]:
-    """Return the tokens of these names; names that are no tokens are left out."""
+    """Return the tokens with these names; names of other nodes are left out."""
     tokens = []
     for name in names:
         token = parse_control_token(name)
@@ -338,4 +345,10 @@ def _parsed(names: Iterable[str]) -> list[ControlToken]:
 
 
 def _rank(token: ControlToken) -> tuple[int, str]:
+    """Return the sort key by which the later term comes first, then the lower node."""
     return (-token.term, token.node)
+
+
+def _text_of(token: ControlToken) -> str:
+    """Return the sort key of requests; all grounds see the same texts, so all choose the same."""
+    return str(token)

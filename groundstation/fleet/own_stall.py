@@ -1,6 +1,6 @@
-"""Notice that this ground itself stood still: a stopped process, a closed lid.
+"""Notices that this ground itself stood still: a stopped process, a closed lid of a laptop.
 
-Silence and time limits that such a time contains say nothing about the vehicles.
+A silence or a timeout during such a stall says nothing about the vehicles, so it does not count.
 """
 
 from __future__ import annotations
@@ -8,10 +8,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-OWN_STALL_S = 1.0  # between two looks, after which this ground itself stood still
-AFTER_STALL_S = 6.0  # until silence counts again: connections come back first
-LATE_S = 0.5  # between two looks, after which this ground was late: its computer is too busy
-AFTER_LATE_S = 1.0  # until silence counts again: what waits is read first
+OWN_STALL_S = 1.0  # time between two looks after which this ground itself has stood still
+AFTER_STALL_S = 6.0  # time after a stall until silence counts again; connections come back first
+LATE_S = 0.5  # time between two looks after which this computer is too busy
+AFTER_LATE_S = 1.0  # time after that until silence counts again; waiting messages are read first
 
 
 def boot_clock_ns() -> int:
@@ -20,7 +20,7 @@ def boot_clock_ns() -> int:
 
 
 class OwnStall:
-    """Stalls of one ground.
+    """Detects stalls of this process.
 
     Args:
         clock_ns: a clock that goes on while this computer sleeps [ns].
@@ -41,7 +41,7 @@ class OwnStall:
             waited_s: time that was meant to pass since the last look [s].
 
         Returns:
-            Length of the stall [s]; 0 without one, and at the first look.
+            Length of the stall [s]; 0 if there was none, and at the first look.
         """
         last_look_ns = self._last_look_ns
         now_ns = self._clock_ns()

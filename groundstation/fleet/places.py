@@ -1,8 +1,8 @@
-"""Who has whose place: spares that stand in for vehicles, as all tell it in telemetry. Pure.
+"""Which vehicle has which place, by the spares that report that they stand in for others. Pure.
 
-A place is what the fleet file gives a name: a take-off spot, slots of formations, paths and steps
-of missions. Mostly the vehicle of that name has it. After ``swap mav2 mav7`` the vehicle mav7 has
-the place mav2; its own place stays empty.
+A place is everything that a fleet file or mission assigns to a vehicle's name: a take-off spot,
+slots of formations, paths, steps. Normally the vehicle with that name has the place. After ``swap
+mav2 mav7`` the vehicle mav7 has the place mav2, and the place mav7 stays empty.
 """
 
 from __future__ import annotations
@@ -18,39 +18,40 @@ Value = TypeVar("Value")
 
 
 def stand_ins(state: FleetState | None) -> dict[str, str]:
-    """Return who stands in at which place: name of the place -> vehicle.
+    """Return the vehicles that stand in for others: name of the place -> vehicle.
 
     Args:
-        state: the fleet as known now; None: nothing is known, so nobody.
+        state: the fleet as known now; None: nothing is known, so the result is empty.
     """
     if state is None:
         return {}
 
-    there_are = {}
+    vehicle_by_place = {}
     for name, view in state.vehicles.items():
         telemetry = view.telemetry
         if telemetry is None or telemetry.disabled_by:
             continue
-        # what a message says may be no name of the fleet
+        # This is also false for an empty name, and for a name that is not of this fleet.
         if telemetry.stands_in_for not in state.vehicles:
             continue
-        there_are[telemetry.stands_in_for] = name
-    return there_are
+        vehicle_by_place[telemetry.stands_in_for] = name
+    return vehicle_by_place
 
 
 def out_of_service(state: FleetState) -> set[str]:
-    """Return the vehicles that take part in no flight: disabled ones, and those swapped.
+    """Return the vehicles that take part in no flight: disabled and swapped ones.
 
     Args:
         state: the fleet as known now.
     """
-    out = {name for name, view in state.vehicles.items() if view.is_disabled}
-    there_are = stand_ins(state)
-    return out | (there_are.keys() - there_are.values())
+    disabled = {name for name, view in state.vehicles.items() if view.is_disabled}
+    vehicle_by_place = stand_ins(state)
+    swapped = vehicle_by_place.keys() - vehicle_by_place.values()
+    return disabled | swapped
 
 
 def place_of(name: str, state: FleetState | None) -> str:
-    """Return whose place a vehicle has.
+    """Return the name of the place that a vehicle has; mostly its own name.
 
     Args:
         name: name of the vehicle.
@@ -77,30 +78,31 @@ def vehicles_at(places: Iterable[str], state: FleetState | None) -> tuple[str, .
     """Return the vehicles that have these places, each once.
 
     Args:
-        places: names of the fleet file.
+        places: names in the fleet file.
         state: the fleet as known now; None: nothing is known.
     """
-    there_are = stand_ins(state)
-    return tuple(dict.fromkeys(there_are.get(place, place) for place in places))
+    vehicle_by_place = stand_ins(state)
+    vehicles = [vehicle_by_place.get(place, place) for place in places]
+    return tuple(dict.fromkeys(vehicles))  # without repetitions, in the same order
 
 
 def by_vehicle(values: Mapping[str, Value], state: FleetState | None) -> dict[str, Value]:
-    """Return values of places as those of the vehicles that have them.
+    """Return values of places as values of the vehicles that have these places.
 
-    A vehicle that stands in for another one has that one's value; the value of its own place is
-    nobody's.
+    A vehicle that stands in for another one gets the value of that one's place. The value of its
+    own place is dropped.
 
     Args:
         values: place -> value.
         state: the fleet as known now; None: nothing is known.
     """
-    there_are = stand_ins(state)
-    taken = {there_are[place] for place in values if place in there_are}
+    vehicle_by_place = stand_ins(state)
+    standing_in = {vehicle_by_place[place] for place in values if place in vehicle_by_place}
 
-    of_vehicles = {}
+    vehicle_values = {}
     for place, value in values.items():
-        if place in there_are:
-            of_vehicles[there_are[place]] = value
-        elif place not in taken:
-            of_vehicles[place] = value
-    return of_vehicles
+        if place in vehicle_by_place:
+            vehicle_values[vehicle_by_place[place]] = value
+        elif place not in standing_in:
+            vehicle_values[place] = value
+    return vehicle_values

@@ -7,12 +7,14 @@ import math
 from onboard.bus.schema import Telemetry
 from onboard.plain_text import plain_line
 
+_LARGEST_SHOWN_M = 9.9e6  # a larger distance is shown as this one, so that the text stays short
+
 
 def satellite_words(telemetry: Telemetry) -> str:
-    """Return fix, satellites, age of the corrections and their base; empty where none is told.
+    """Return fix, satellites, age of the corrections and their base; empty if none is reported.
 
     Args:
-        telemetry: the newest of a vehicle.
+        telemetry: newest telemetry of a vehicle.
     """
     if not telemetry.fix:
         return ""
@@ -30,11 +32,11 @@ def satellite_words(telemetry: Telemetry) -> str:
 
 
 def distance_words(distance_m: float) -> str:
-    """Return the distance to a base: metres below a kilometre.
+    """Return the distance to a base, in metres below a kilometre and in kilometres above.
 
     Args:
-        distance_m: finite.
+        distance_m: finite distance [m].
     """
     if distance_m < 1000.0:
         return f"{distance_m:.0f} m"
-    return f"{min(distance_m, 9.9e6) / 1000.0:.1f} km"
+    return f"{min(distance_m, _LARGEST_SHOWN_M) / 1000.0:.1f} km"

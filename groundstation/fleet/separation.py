@@ -15,9 +15,9 @@ def closest_pair(
     below_m: float,
     height_share: float,
 ) -> tuple[int, int, float] | None:
-    """Return the closest two vehicles, one of which flies and one of which was just updated.
+    """Return the closest two vehicles, of which one flies and one was just updated.
 
-    Only the rows of updated vehicles are compared: the pairs of a large fleet are many.
+    Only pairs with an updated vehicle are compared, because a large fleet has many pairs.
 
     Args:
         position_enu_m: positions (n, 3) [m].
@@ -27,7 +27,7 @@ def closest_pair(
         height_share: weight of a metre of height.
 
     Returns:
-        Both indices and the separation [m]; None when no two are that close.
+        Both indices and the separation [m]; None if no two vehicles are that close.
     """
     rows = np.flatnonzero(is_updated)
     if not len(rows) or not is_up.any():

@@ -1,7 +1,9 @@
 """The fleet as the ground sees it: a frozen value, folded from messages of the bus. Pure.
 
-Telemetry that is older than ``stale_after_s`` of the table of topics counts as silence and is never
-shown as present. Ages are counted from the moment of reception, on the ground's own clock.
+The client folds every batch of messages into a :class:`FleetState`; consoles, missions and the
+verdict read it. Telemetry that is older than ``stale_after_s`` in the table of topics counts as
+silence and is never shown as present. Ages are counted from the moment of reception, on the
+ground's own clock.
 """
 
 from __future__ import annotations
@@ -42,15 +44,16 @@ from onboard.tuples import Xyz
 
 MAX_EVENTS = 500
 MAX_TOUCHDOWNS = 500
-GROUND_STALLED = "ground_stalled"  # code of the ground's event: it stood still itself
-# code of the ground's event: PX4 itself reports it on the direct path
+GROUND_STALLED = "ground_stalled"  # code of the event that the ground itself has stood still
+# code of the event that PX4 itself reports, on the direct path, that it is disarmed
 DIRECT_DISARMED = "direct_disarmed"
 TELEMETRY_STALE_NS = int(TOPICS[Topic.TELEMETRY].stale_after_s * 1e9)
 PREFLIGHT_STALE_NS = int(TOPICS[Topic.PREFLIGHT].stale_after_s * 1e9)
 TRUTH_STALE_NS = int(TOPICS[Topic.TRUTH].stale_after_s * 1e9)
-_NEVER = -(1 << 62)
-# So far back a message may have been overtaken. One message with a false, high number excludes no
-# more than these.
+_NEVER = -(1 << 62)  # time of something that has not happened, long before every other time [ns]
+# A message with a lower number than the last one counts as overtaken, and is dropped, if the
+# difference is below these. A larger difference means that the last number was false: so a message
+# with a false, high number suppresses no more than these.
 _REORDERED_TICKS = 50
 _REORDERED_REPORTS = 2
 
@@ -69,7 +72,7 @@ class NotUsed(NamedTuple):
     dropped: int = 0
 
 
-# a message, and when it was received [ns]
+# a message or another item, and its time of reception [ns]
 ReceivedMessage = tuple[Message | Malformed | NodeSeen | NotUsed, int]
 
 
@@ -80,13 +83,13 @@ class Separation(Struct, frozen=True):
     second: str
     distance_m: float
     stamp_ns: int
-    is_truth: bool = False  # by ground truth, otherwise by telemetry
+    is_truth: bool = False  # whether it is by ground truth, and not by telemetry
 
 
 class LoggedEvent(Struct, frozen=True):
     """An event of the fleet or of the ground."""
 
-    received_ns: int  # on the ground's monotonic clock
+    received_ns: int  # time of reception, on the ground's monotonic clock
     event: Event
 
 
@@ -94,38 +97,38 @@ class VehicleView(Struct, frozen=True):
     """One vehicle as the ground knows it."""
 
     name: str
-    telemetry: Telemetry | None = None  # last received, however old: see is_fresh
-    received_ns: int = _NEVER
-    is_alive: bool = False
+    telemetry: Telemetry | None = None  # the last one, however old: see is_fresh
+    received_ns: int = _NEVER  # time of reception of the telemetry
+    is_alive: bool = False  # whether the agent's liveliness token is on the bus
     truth: Truth | None = None
     truth_received_ns: int = _NEVER
-    # when and where its position was known last, by ground truth or by telemetry
+    # time and position at which it was last seen, by ground truth or by telemetry
     seen_ns: int = _NEVER
     seen_enu_m: Xyz = (0.0, 0.0, 0.0)
     preflight: PreflightReport | None = None
     preflight_received_ns: int = _NEVER
     light: tuple[int, int, int] | None = None  # colour in a show: red, green, blue up to 255
-    # PX4 itself reported then, on the direct path, that it is disarmed
+    # last time at which PX4 itself reported, on the direct path, that it is disarmed
     direct_disarmed_ns: int = _NEVER
-    blind_ns: int = _NEVER  # when its telemetry told last that it flies without a position
+    blind_ns: int = _NEVER  # last time at which it reported a flight without a position
 
     def has_preflight(self, now_ns: int) -> bool:
-        """Whether the last go/no-go report may be shown as the present.
+        """Whether the last preflight report is recent enough to be shown as present.
 
-        A flying vehicle sends none.
+        A flying vehicle sends no reports.
         """
         if self.preflight is None:
             return False
         return now_ns - self.preflight_received_ns <= PREFLIGHT_STALE_NS
 
     def age_s(self, now_ns: int) -> float:
-        """Seconds since telemetry came in; infinite when none ever did."""
+        """Return the time since the last telemetry was received [s]; infinite before the first."""
         if self.telemetry is None:
             return math.inf
         return max(0.0, (now_ns - self.received_ns) * 1e-9)
 
     def is_fresh(self, now_ns: int) -> bool:
-        """Whether the telemetry may be shown as the present."""
+        """Whether the telemetry is recent enough to be shown as present."""
         return self.telemetry is not None and now_ns - self.received_ns <= TELEMETRY_STALE_NS
 
     def has_truth(self, now_ns: int) -> bool:
@@ -133,12 +136,12 @@ class VehicleView(Struct, frozen=True):
         return self.truth is not None and now_ns - self.truth_received_ns <= TRUTH_STALE_NS
 
     def has_new_truth(self, now_ns: int) -> bool:
-        """Whether its true position is known now, so that no distance is taken by telemetry."""
+        """Whether the true position is known now, so that telemetry is not used for distances."""
         return self.truth is not None and now_ns - self.truth_received_ns <= KNOWN_S * 1e9
 
     @property
     def sighting(self) -> Sighting | None:
-        """Its last sighting; None while it was never seen."""
+        """The vehicle's last sighting; None if it was never seen."""
         if self.seen_ns == _NEVER:
             return None
 
@@ -149,7 +152,7 @@ class VehicleView(Struct, frozen=True):
 
     @property
     def resting_enu_m(self) -> Xyz | None:
-        """Its place on the ground while it is disarmed [m], ENU; None while it may move."""
+        """The position of a disarmed vehicle on the ground [m], ENU; None while it may move."""
         message = self.telemetry
         if message is None or not message.is_position_valid:
             return None
@@ -158,23 +161,23 @@ class VehicleView(Struct, frozen=True):
         return message.position_enu_m
 
     def position_enu_m(self, now_ns: int) -> Xyz | None:
-        """Return the last reported position, carried to now with its velocity.
+        """Return the last reported position, extrapolated to now with the reported velocity.
 
         Args:
             now_ns: the ground's monotonic clock [ns].
 
         Returns:
-            Metres ENU; None without a fresh valid one.
+            Position [m], ENU; None without fresh telemetry with a valid position.
         """
         message = self.telemetry
         if message is None or not self.is_fresh(now_ns) or not message.is_position_valid:
             return None
 
         ahead_s = max(0.0, (now_ns - self.received_ns) * 1e-9)
-        return _along(message.position_enu_m, message.velocity_enu_m_s, ahead_s)
+        return _extrapolated(message.position_enu_m, message.velocity_enu_m_s, ahead_s)
 
     def known_enu_m(self, now_ns: int) -> Xyz | None:
-        """Return its place now, by telemetry or else by ground truth; None where neither is new.
+        """Return the position now, by telemetry or else by ground truth; None if neither is new.
 
         Args:
             now_ns: the ground's monotonic clock [ns].
@@ -186,14 +189,14 @@ class VehicleView(Struct, frozen=True):
 
     @property
     def is_disarmed_by_px4(self) -> bool:
-        """Whether PX4 has reported so on the direct path, after the agent's last telemetry."""
+        """Whether PX4 has reported a disarm on the direct path after the agent's last telemetry."""
         return self.direct_disarmed_ns > self.received_ns
 
     @property
     def is_armed(self) -> bool:
-        """Whether it is armed by the last telemetry.
+        """Whether the vehicle is armed, by the last telemetry.
 
-        PX4's own report on the direct path counts, if it came later.
+        A later report of PX4 itself, on the direct path, that it is disarmed counts more.
         """
         if self.telemetry is None or self.is_disarmed_by_px4:
             return False
@@ -206,9 +209,9 @@ class VehicleView(Struct, frozen=True):
 
     @property
     def is_airborne(self) -> bool:
-        """Whether it flies by the last telemetry.
+        """Whether the vehicle flies, by the last telemetry.
 
-        It does not, if PX4 has reported since that it is disarmed.
+        A later report of PX4 itself, on the direct path, that it is disarmed counts more.
         """
         if self.telemetry is None or self.is_disarmed_by_px4:
             return False
@@ -218,14 +221,14 @@ class VehicleView(Struct, frozen=True):
 class FleetState(Struct, frozen=True):
     """The whole fleet as the ground knows it."""
 
-    # in the order of the fleet file; those that it disables once they are heard
+    # in the order of the fleet file; vehicles that the file disables are added when they are heard
     vehicles: Mapping[str, VehicleView]
     events: tuple[LoggedEvent, ...] = ()  # the newest MAX_EVENTS, oldest first
     nodes: frozenset[str] = frozenset()  # liveliness tokens of the bus
-    # smallest so far while one of the two flew, by telemetry: while there is no ground truth
+    # smallest separation so far while one of the two flew, by telemetry, without ground truth
     smallest: Separation | None = None
     smallest_truth: Separation | None = None  # the same by ground truth; None outside simulation
-    unknown_times: tuple[UnknownTime, ...] = ()  # in which distances were not known, oldest first
+    unknown_times: tuple[UnknownTime, ...] = ()  # times of unknown distances, oldest first
     # contacts with the ground at the ends of flights, oldest first; simulation only
     touchdowns: tuple[Touchdown, ...] = ()
     # messages that could not be decoded; these four as in onboard/message_counts.py
@@ -234,23 +237,20 @@ class FleetState(Struct, frozen=True):
     dropped: int = 0
     late: int = 0
     disabled: frozenset[str] = frozenset()  # vehicles that the fleet file disables
-    height_share: float = 0.0  # what a metre of height counts in a separation
-    top_speed_m_s: float = 0.0  # the fastest that any of its vehicles flies
-    stalled_ns: int = _NEVER  # this ground itself stood still until then
-    loop_late_s: float = 0.0  # lateness of this ground's event loop over the last seconds, at worst
+    height_share: float = 0.0  # weight of a metre of height in a separation
+    top_speed_m_s: float = 0.0  # largest speed of any vehicle
+    stalled_ns: int = _NEVER  # end of the last stall of this ground itself
+    loop_late_s: float = 0.0  # largest lateness of this ground's event loop in the last seconds
 
     def is_after_stall(self, now_ns: int) -> bool:
-        """Whether this ground itself stood still just now.
-
-        Silence is then no sign of a lost vehicle.
-        """
+        """Whether this ground itself stood still a moment ago, so that silence does not count."""
         return now_ns - self.stalled_ns < AFTER_STALL_S * 1e9
 
     def events_after(self, last: LoggedEvent | None) -> list[LoggedEvent]:
-        """Return the events after one of them, oldest first.
+        """Return the events after a given one, oldest first.
 
         Args:
-            last: the event; if it is not among them any more, all are returned.
+            last: the given event; if it is not kept any more, all events are returned.
         """
         newer = []
         for logged in reversed(self.events):
@@ -261,7 +261,7 @@ class FleetState(Struct, frozen=True):
         return newer
 
     def closest(self, now_ns: int) -> Separation | None:
-        """Return the closest pair now, by fresh telemetry; None with fewer than two positions."""
+        """Return the closest pair now, by fresh telemetry; None without two known positions."""
         positions = []
         for name, view in self.vehicles.items():
             position_enu_m = view.position_enu_m(now_ns)
@@ -296,7 +296,7 @@ class FleetState(Struct, frozen=True):
 
     @property
     def is_simulated(self) -> bool:
-        """Whether the ground truth of every vehicle was received; no real vehicle tells its own."""
+        """Whether the ground truth of every vehicle was received, which only simulations send."""
         return all(view.truth is not None for view in self.vehicles.values())
 
     @property
@@ -306,7 +306,7 @@ class FleetState(Struct, frozen=True):
 
 
 def without_distances(state: FleetState) -> FleetState:
-    """Return the state without what it remembers of distances: another mission begins."""
+    """Return the state without the distances so far, for the begin of another mission."""
     return replace(state, smallest=None, smallest_truth=None, unknown_times=())
 
 
@@ -328,8 +328,9 @@ def initial(fleet: FleetConfig) -> FleetState:
 def fold(state: FleetState, message: Message, now_ns: int) -> FleetState:
     """Fold one message into the state.
 
-    Unknown vehicles and repeated or overtaken samples change nothing: their number is the last
-    one's, or a little below it, of the same boot. A new boot id starts over.
+    Messages of unknown vehicles change nothing. Repeated or overtaken messages do not either: their
+    number is equal to the last number of the same boot, or a little below it. With a new boot id
+    the numbers begin again.
 
     Args:
         state: fleet before the message.
@@ -367,7 +368,7 @@ def _fold_light(state: FleetState, message: Light) -> FleetState:
 
 
 def _fold_event(state: FleetState, message: Event, now_ns: int) -> FleetState:
-    """Keep an event; one of the ground may say that PX4 itself reports a disarmed vehicle."""
+    """Keep an event, and note the time if it says that PX4 itself has reported a disarm."""
     kept = state.events[-(MAX_EVENTS - 1) :]
     state = replace(state, events=(*kept, LoggedEvent(now_ns, message)))
 
@@ -386,8 +387,8 @@ def _fold_event(state: FleetState, message: Event, now_ns: int) -> FleetState:
 def fold_batch(state: FleetState, batch: Sequence[ReceivedMessage], now_ns: int) -> FleetState:
     """Fold everything that has arrived since the last batch.
 
-    Telemetry and ground truth are folded together, after the rest: the pairs to compare grow with
-    the square of the vehicles.
+    Telemetry of all vehicles is folded at once, after the other messages, and so is ground truth:
+    the number of pairs to compare grows with the square of the number of vehicles.
 
     Args:
         state: fleet before the batch.
@@ -421,7 +422,7 @@ def fold_batch(state: FleetState, batch: Sequence[ReceivedMessage], now_ns: int)
 
     if nodes:
         state = fold_nodes(state, nodes)
-    # truth first: where there is truth, telemetry says nothing about distances
+    # Truth comes first, because telemetry is not used for distances where there is truth.
     if truths:
         state = fold_truths(state, truths, now_ns)
     if telemetry:
@@ -430,7 +431,7 @@ def fold_batch(state: FleetState, batch: Sequence[ReceivedMessage], now_ns: int)
 
 
 def fold_nodes(state: FleetState, seen: Sequence[NodeSeen]) -> FleetState:
-    """Fold names of the bus that appeared or vanished, all at once: there may be thousands."""
+    """Fold all names of the bus that appeared or vanished at once, since there may be thousands."""
     nodes = set(state.nodes)
     vehicles = dict(state.vehicles)
 
@@ -452,13 +453,13 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
 
     Args:
         state: fleet before the messages.
-        received: each with when it was received, on the ground's monotonic clock [ns].
+        received: messages with their times of reception, on the ground's monotonic clock [ns].
 
     Returns:
         The state after the messages.
     """
     vehicles = dict(state.vehicles)
-    updated: set[str] = set()  # vehicles that are not compared yet
+    updated: set[str] = set()  # vehicles with a new position that is not compared yet
     malformed = state.malformed
     late = state.late
     now_ns = 0
@@ -482,13 +483,13 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
             malformed += 1
             message = _without_position(message)
 
-        heard = replace(view, telemetry=message, received_ns=now_ns)
+        new_view = replace(view, telemetry=message, received_ns=now_ns)
         if is_flown_blind(message):
-            heard = replace(heard, blind_ns=now_ns)
+            new_view = replace(new_view, blind_ns=now_ns)
         if message.is_position_valid:
-            heard = replace(heard, seen_ns=now_ns, seen_enu_m=message.position_enu_m)
-            state = _seen_again(state, vehicles, view, heard)
-        vehicles[view.name] = heard
+            new_view = replace(new_view, seen_ns=now_ns, seen_enu_m=message.position_enu_m)
+            state = _seen_again(state, vehicles, view, new_view)
+        vehicles[view.name] = new_view
         updated.add(view.name)
 
     if not updated:
@@ -548,7 +549,7 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
         The state after the messages.
     """
     vehicles = dict(state.vehicles)
-    updated: set[str] = set()  # vehicles that are not compared yet
+    updated: set[str] = set()  # vehicles with a new position that is not compared yet
     touchdowns: list[Touchdown] = []
     for message in messages:
         view = vehicles.get(message.vehicle)
@@ -576,7 +577,7 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
         if touchdown is not None:
             touchdowns.append(touchdown)
 
-        seen = replace(
+        new_view = replace(
             view,
             truth=message,
             truth_received_ns=now_ns,
@@ -584,8 +585,8 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
             seen_enu_m=message.position_enu_m,
         )
         if not _is_next(view.truth, message):
-            state = _seen_again(state, vehicles, view, seen)
-        vehicles[view.name] = seen
+            state = _seen_again(state, vehicles, view, new_view)
+        vehicles[view.name] = new_view
         updated.add(view.name)
 
     if not updated:
@@ -600,7 +601,7 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
 def _compared_by_truth(state: FleetState, updated: Set[str], now_ns: int) -> FleetState:
     """Return the state with the smallest true separation between ``updated`` and all vehicles.
 
-    Samples that are older than the newest one are carried to it.
+    Samples that are older than the newest one are extrapolated to its time.
     """
     known = []
     for view in state.vehicles.values():
@@ -632,11 +633,11 @@ def _compared_by_truth(state: FleetState, updated: Set[str], now_ns: int) -> Fle
     return replace(state, smallest_truth=_separation(*names, distance_m, newest_ns, is_truth=True))
 
 
-# -- times without knowledge -----------------------------------------------------------------------
+# -- times of unknown distances --------------------------------------------------------------------
 
 
 def unknown_until(state: FleetState, now_ns: int) -> tuple[UnknownTime, ...]:
-    """Return the times in which distances were not known, with those that have not ended.
+    """Return the times in which distances were not known, also those that have not ended.
 
     Args:
         state: state of the fleet.
@@ -653,7 +654,7 @@ def unknown_until(state: FleetState, now_ns: int) -> tuple[UnknownTime, ...]:
 def _seen_again(
     state: FleetState, vehicles: Mapping[str, VehicleView], before: VehicleView, after: VehicleView
 ) -> FleetState:
-    """Return the state with the time for which a vehicle was not seen, if it was long enough."""
+    """Return the state with the time in which a vehicle was not seen, if that was long enough."""
     if after.seen_ns - before.seen_ns <= KNOWN_S * 1e9:
         return state
 
@@ -670,6 +671,7 @@ def _unknown_time(
     after: Sighting | None,
     now_ns: int,
 ) -> UnknownTime | None:
+    """Return the time in which a vehicle was not seen, up to now; None if it does not count."""
     sighting = before.sighting
     if sighting is None:
         return None
@@ -717,9 +719,9 @@ def _is_repeated(
     message: Telemetry | PreflightReport,
     most_reordered: int,
 ) -> bool:
-    """Whether a message is the last one again, or was overtaken by it.
+    """Whether a message is a repetition of the last one, or was overtaken by it.
 
-    Where it is farther back, the last one's number was false.
+    If its number is much lower, the number of the last one was false.
     """
     if last is None or last.boot_id != message.boot_id:
         return False
@@ -731,7 +733,7 @@ def _with(state: FleetState, view: VehicleView) -> FleetState:
     return replace(state, vehicles=MappingProxyType({**state.vehicles, view.name: view}))
 
 
-def _along(position: Xyz, velocity: Xyz, ahead_s: float) -> Xyz:
+def _extrapolated(position: Xyz, velocity: Xyz, ahead_s: float) -> Xyz:
     return (
         position[0] + velocity[0] * ahead_s,
         position[1] + velocity[1] * ahead_s,

@@ -1,4 +1,4 @@
-"""Who flies what `pause`, `resume` and `skip` can change: a path, or the way of another vehicle."""
+"""The vehicles on which `pause`, `resume` and `skip` have an effect."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from groundstation.fleet.state import FleetState
 
 
 def stoppable(state: FleetState, names: Iterable[str]) -> tuple[str, ...]:
-    """Return those of these vehicles that follow a path or another vehicle, as they tell it.
+    """Return those of these vehicles that report to follow a path or another vehicle.
 
     Args:
         state: the fleet as known now.

@@ -20,16 +20,17 @@ class TickStream(Protocol):
     values: deque[TickSample]  # newest last
 
     def follow(self, vehicle: str | None) -> None:
-        """Keep the ticks of this vehicle from now on; None keeps none."""
+        """Keep the ticks of this vehicle from now on; None: keep no ticks."""
 
 
 class BusTickStream:
     """Ticks over the bus.
 
-    A change of the followed vehicle may wait for peers, so a thread of its own declares it.
+    A change of the followed vehicle is declared on the bus, which may have to wait for other nodes.
+    So a thread of its own declares it.
 
     Args:
-        bus: open before :meth:`follow` is called.
+        bus: bus, which must be open before :meth:`follow` is called.
     """
 
     def __init__(self, bus: Bus) -> None:
@@ -39,7 +40,7 @@ class BusTickStream:
         self._declarer: ThreadPoolExecutor | None = None
 
     def follow(self, vehicle: str | None) -> None:
-        """Keep the ticks of this vehicle from now on; None keeps none."""
+        """Keep the ticks of this vehicle from now on; None: keep no ticks."""
         if vehicle == self._vehicle:
             return
 
@@ -54,7 +55,7 @@ class BusTickStream:
         self._declarer.submit(self._bus.follow, Topic.TICK, names, self._receive)
 
     def stop(self) -> None:
-        """Change the followed vehicle no more."""
+        """End the thread; the followed vehicle does not change any more."""
         if self._declarer is not None:
             self._declarer.shutdown(wait=False, cancel_futures=True)
             self._declarer = None

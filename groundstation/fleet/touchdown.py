@@ -1,8 +1,9 @@
 """Vertical speed of simulated vehicles at their first contact with the ground. Pure.
 
-The emulator measures it, by its physics, at the end of each flight. How hard a landing may be
-depends on what the vehicle knew of its height: to millimetres by a motion capture, to half a metre
-by satellites, less by dead reckoning, and on whether its agent flew it at all.
+The physics of the emulator measures it at the end of each flight. The permitted speed depends on
+how well the vehicle knew its height: to millimetres with motion capture, to half a metre with
+satellites, and worse with dead reckoning. It also depends on whether the agent flew the vehicle, or
+PX4 alone.
 """
 
 from __future__ import annotations
@@ -13,19 +14,19 @@ from onboard.bus.schema import Telemetry, Truth
 from onboard.config.fleet import Vehicle
 from onboard.safety.failsafe_table import Condition
 
-# largest vertical speed of a landing that counts as one [m/s]
+# largest vertical speed that counts as a landing, and not as a hard contact [m/s]
 LIMIT_BY_POSES_M_S = 0.8
 LIMIT_BY_SATELLITES_M_S = 1.0
 LIMIT_BLIND_M_S = 1.2
-# PX4's own landing without poses: of 33 on real PX4s (SIH) most had 0.64 to 1.04 m/s, five 1.2 to
-# 1.5, one 2.3
+# PX4's own landing without poses. Of 33 landings of real PX4s (SIH) most had 0.64 to 1.04 m/s, five
+# had 1.2 to 1.5 m/s, and one had 2.3 m/s.
 LIMIT_BY_PX4_M_S = 1.6
 
-# A vehicle that sees its position again so shortly before the ground comes down as it did without:
-# it has learned its height anew, and has no height left to slow down in.
+# A vehicle whose position returns less than this before the contact comes down as fast as without
+# it: its height estimate changes, and no height is left to slow down in.
 SIGHT_RETURNED_NS = 1_000_000_000
 
-_LINK_IS_FRESH_S = 0.5  # younger packets of PX4: its agent flies it
+_LINK_IS_FRESH_S = 0.5  # age of PX4's last packet up to which the agent flies the vehicle
 
 _BLIND = {
     Condition.POSITION_STALE.value,
@@ -39,12 +40,12 @@ class Touchdown(Struct, frozen=True):
     """One landing's first contact with the ground."""
 
     vehicle: str
-    stamp_ns: int  # of the truth that told it
+    stamp_ns: int  # stamp of the ground truth that reported it
     speed_m_s: float  # downwards
-    had_thrust: bool = True  # False: its motors were off, weak or dead; then it fell
-    # its agent flew it without seeing its position, until now or until just before
+    had_thrust: bool = True  # False: its motors were off, weak or dead, so it fell
+    # whether its agent flew it without a position, until the contact or until shortly before
     is_blind: bool = False
-    is_by_px4: bool = False  # PX4 alone flew it
+    is_by_px4: bool = False  # whether PX4 alone flew it
 
     def limit_m_s(self, vehicle: Vehicle) -> float:
         """Return the largest speed that this contact may have.
@@ -82,7 +83,7 @@ class Touchdown(Struct, frozen=True):
 
 
 def is_flown_blind(telemetry: Telemetry) -> bool:
-    """Return whether a vehicle tells that it flies without seeing its position."""
+    """Return whether a vehicle reports that it flies without knowing its position."""
     return not telemetry.is_position_valid or not _BLIND.isdisjoint(telemetry.conditions)
 
 
@@ -94,14 +95,15 @@ def touchdown_of(
     is_fresh: bool,
     was_blind: bool,
 ) -> Touchdown | None:
-    """Return the contact that a truth tells for the first time; None while it tells no new one.
+    """Return the contact that a ground truth reports for the first time; None if it has no new one.
 
     Args:
-        truth: newest of the vehicle.
-        before: the one before it; None before the first, which may tell old ones.
-        telemetry: last received of the vehicle.
-        is_fresh: whether that is of the present.
-        was_blind: whether the vehicle told within :data:`SIGHT_RETURNED_NS` that it flies blind.
+        truth: newest ground truth of the vehicle.
+        before: ground truth before that; None for the first, which may report earlier contacts.
+        telemetry: last telemetry of the vehicle.
+        is_fresh: whether that telemetry is fresh.
+        was_blind: whether the vehicle has reported a blind flight within
+            :data:`SIGHT_RETURNED_NS`.
     """
     if before is None or truth.touchdowns <= before.touchdowns:
         return None
@@ -110,9 +112,10 @@ def touchdown_of(
     is_blind = False
     if telemetry is not None and is_fresh:
         is_linked = telemetry.autopilot_age_s < _LINK_IS_FRESH_S
-        # a failed agent sends no setpoints; PX4 tells its mode once a second only
-        is_flown = telemetry.state != "failed" and is_linked
-        is_by_px4 = telemetry.mode != "OFFBOARD" or not is_flown
+        # The state counts besides the mode: a failed agent sends no setpoints, and PX4 reports its
+        # mode only once a second.
+        is_flown_by_agent = telemetry.state != "failed" and is_linked
+        is_by_px4 = telemetry.mode != "OFFBOARD" or not is_flown_by_agent
         is_blind = was_blind or is_flown_blind(telemetry)
 
     return Touchdown(

@@ -1,9 +1,9 @@
 """Times in which the ground did not know how far a vehicle was from the others. Pure.
 
-A distance that nobody saw is no distance that was kept. A vehicle is seen while its true position
-or its telemetry is younger than KNOWN_S. When it is seen again, or when the flight is judged, what
-it may have done meanwhile follows from where it and the others were and from how fast they can fly:
-that bound is kept for the nearest of the others.
+A distance that was not observed must not count as kept. A vehicle is seen while its true position
+or its telemetry is younger than KNOWN_S. When it is seen again, or when the flight is judged, a
+lower bound of its distance from each other vehicle is computed: from the positions at which both
+were seen, and from their top speed. The smallest of these bounds is kept.
 """
 
 from __future__ import annotations
@@ -15,30 +15,29 @@ from msgspec import Struct
 from onboard.config.pair_separation import separation_m
 from onboard.tuples import Xyz
 
-KNOWN_S = 0.5  # a position that is older is not known any more
-MAX_KEPT = 200  # times; of more, those in which two may have come nearest
-# The fastest that vehicles were seen to fly, as a share of max_speed_m_s: the law uses more than
-# the plain speed to keep distances.
+KNOWN_S = 0.5  # age of a position up to which it counts as known
+MAX_KEPT = 200  # number of times that are kept; those with the smallest bounds
+# Largest observed speed over max_speed_m_s: to keep distances, the law may fly faster than that.
 FASTEST_SHARE = 1.6
 
 
 class UnknownTime(Struct, frozen=True):
     """A time in which the distance between two vehicles was not known."""
 
-    vehicle: str  # the one that was not seen
-    other: str  # the one to which it may have come nearest
-    begin_ns: int  # when it was seen last, on the ground's clock
+    vehicle: str  # the vehicle that was not seen
+    other: str  # the vehicle to which it may have come nearest
+    begin_ns: int  # time at which it was last seen, on the ground's clock
     end_ns: int
-    possible_m: float  # separation that the two cannot have fallen below, as far as is known
+    possible_m: float  # smallest separation that the two can have had
 
     @property
     def duration_s(self) -> float:
-        """Its length [s]."""
+        """The length of the time [s]."""
         return (self.end_ns - self.begin_ns) * 1e-9
 
 
 class Sighting(Struct, frozen=True):
-    """The place and time at which one vehicle was seen last."""
+    """The position and the time at which one vehicle was last seen."""
 
     vehicle: str
     position_enu_m: Xyz
@@ -58,21 +57,21 @@ def unknown_time(
     """Return how near a vehicle may have come to any other while it was not seen.
 
     Args:
-        before: state in which the vehicle was last seen.
-        after: where it is seen now; None while it is still unseen.
-        others: the last sightings of all other vehicles.
-        now_ns: the end of the time, on the ground's clock [ns].
-        top_speed_m_s: the fastest that any of them flies [m/s].
+        before: last sighting of the vehicle before the time.
+        after: sighting at the end of the time; None while the vehicle is still unseen.
+        others: last sightings of all other vehicles.
+        now_ns: end of the time, on the ground's clock [ns].
+        top_speed_m_s: largest speed of any vehicle [m/s].
         height_share: weight of a metre of height in a separation.
 
     Returns:
-        The time with the other vehicle that it may have come nearest to; None when it was seen
-        all the time, or stood.
+        The time, with the other vehicle that it may have come nearest to; None if the vehicle was
+        seen all the time, or stood on the ground.
     """
     if _is_seen(before, now_ns):
         return None
 
-    # who stands is where it was
+    # A vehicle that stands has not moved.
     flew = before.is_flying or (after is not None and after.is_flying)
     if not flew:
         return None
@@ -81,13 +80,14 @@ def unknown_time(
     for other in others:
         position_enu_m = before.position_enu_m
         if _is_seen(other, now_ns):
-            # from where this one was to where the other is
+            # The other is seen. Only this one has moved since it was seen.
             approach_ns = now_ns - before.seen_ns
         elif after is None:
-            # both are still unseen: each flies on from where it was
+            # Both are still unseen. Each has moved since it was seen.
             approach_ns = (now_ns - before.seen_ns) + (now_ns - other.seen_ns)
         else:
-            # from where the other was to where this one is, and back to when both were seen
+            # This one is seen again, the other is not. The bound is computed from this one's new
+            # position, backwards in time to the moment when one of both was last seen.
             position_enu_m = after.position_enu_m
             begin_ns = min(before.seen_ns, other.seen_ns)
             approach_ns = (now_ns - begin_ns) + (other.seen_ns - begin_ns)
@@ -107,19 +107,19 @@ def unknown_time(
 
 
 def with_time(times: tuple[UnknownTime, ...], time: UnknownTime) -> tuple[UnknownTime, ...]:
-    """Return times and one more; of too many the one whose bound is the largest is left out.
+    """Return the times with one more; if there are too many, drop the one with the largest bound.
 
     Args:
-        times: oldest first.
+        times: times so far, oldest first.
         time: the newest one.
     """
     if len(times) < MAX_KEPT:
         return (*times, time)
 
-    mildest = max(times, key=lambda one: one.possible_m)
+    mildest = max(times, key=lambda kept: kept.possible_m)
     if mildest.possible_m <= time.possible_m:
         return times
-    return (*(one for one in times if one is not mildest), time)
+    return (*(kept for kept in times if kept is not mildest), time)
 
 
 def _is_seen(sighting: Sighting, now_ns: int) -> bool:

@@ -1,4 +1,4 @@
-"""Formations.
+"""Formations: their slots, the assignment of slots to vehicles, and frames that move and turn.
 
-Slots from shapes, texts, images and files; who takes which slot; frames that move, turn and scale.
+Slots come from shapes, texts, images and files.
 """

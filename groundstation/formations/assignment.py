@@ -1,4 +1,8 @@
-"""Who takes which slot: such that the longest of all flights is as short as possible. Pure."""
+"""Assigns slots to vehicles so that flights are short and ways do not cross. Pure.
+
+Two assignment problems are solved: the bottleneck problem (the largest cost is least) and the
+linear one (the sum of costs is least), both by shortest augmenting chains.
+"""
 
 from __future__ import annotations
 
@@ -9,25 +13,26 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.tuples import Xyz
 
-_FORBIDDEN = 1e9  # beyond every squared flight
+_FORBIDDEN = 1e9  # cost of a flight that is not allowed, above every squared distance [m²]
+_ROUNDING_M2 = 1e-9  # allowance for rounding errors of squared distances
 
 
 def nearest_slots(
     slots: Mapping[str, Xyz], positions: Mapping[str, Xyz], centre: Xyz
 ) -> dict[str, str]:
-    """Deal the slots of a formation out anew.
+    """Assign the slots of a formation anew.
 
-    The longest flight is as short as any assignment makes it; of those, the squares of all flights
-    sum up to the least, so that straight ways hardly cross.
+    The longest flight is as short as possible. Among all such assignments, the sum of the squared
+    flights is least, so that straight ways hardly cross.
 
     Args:
-        slots: offset of each vehicle, metres ENU.
-        positions: positions of the vehicles that fly there, metres ENU; whoever has none keeps its
-            slot.
-        centre: position of the formation.
+        slots: offset of each vehicle [m], ENU.
+        positions: positions of the vehicles that fly there [m], ENU; a vehicle without a position
+            keeps its slot.
+        centre: position of the formation [m], ENU.
 
     Returns:
-        For each vehicle the one whose slot it takes.
+        vehicle -> the vehicle whose slot it takes.
     """
     names = [name for name in slots if name in positions]
     if len(names) < 2:
@@ -35,31 +40,31 @@ def nearest_slots(
 
     goals = np.array([slots[name] for name in names]) + np.array(centre)
     starts = np.array([positions[name] for name in names])
-    squares = ((starts[:, None] - goals[None]) ** 2).sum(-1)
+    squares_m2 = ((starts[:, None] - goals[None]) ** 2).sum(-1)
 
-    # no flight longer than the best assignment needs; among these the least sum
-    is_allowed = squares <= least_longest(squares) + 1e-9
-    columns = least_sum(np.where(is_allowed, squares, _FORBIDDEN))
-    taken = {name: names[column] for name, column in zip(names, columns, strict=True)}
-    return {name: taken.get(name, name) for name in slots}
+    # Forbid flights that are longer than the best assignment needs; then minimize the sum.
+    is_allowed = squares_m2 <= least_longest(squares_m2) + _ROUNDING_M2
+    columns = least_sum(np.where(is_allowed, squares_m2, _FORBIDDEN))
+    slot_of = {name: names[column] for name, column in zip(names, columns, strict=True)}
+    return {name: slot_of.get(name, name) for name in slots}
 
 
 def spots_without_crossing(
     spots: Mapping[str, Xyz], positions: Mapping[str, Xyz]
 ) -> dict[str, str]:
-    """Deal spots out so that straight ways that take the same time do not cross.
+    """Assign spots so that straight ways that take the same time do not cross.
 
-    The sum of the squares of all ways is the least. Then no exchange of two spots makes it smaller,
-    which says that no two vehicles come nearer on their ways than the smaller of their distances at
-    the begin and at the end, over the square root of 2 (Turpin, Michael and Kumar, CAPT, 2014).
-    Heights do not count: vehicles fly back at their own.
+    The sum of the squared ways is least, so no exchange of two spots makes it smaller. It follows
+    that two vehicles never come nearer than d / sqrt(2), where d is the smaller of their distances
+    at the begin and at the end (Turpin, Michael and Kumar, CAPT, 2014). Heights do not count,
+    because vehicles fly back at their own heights.
 
     Args:
         spots: spot of each vehicle [m], ENU.
-        positions: positions of the vehicles that fly there, metres ENU.
+        positions: positions of the vehicles that fly there [m], ENU.
 
     Returns:
-        For each vehicle the one whose spot it takes.
+        vehicle -> the vehicle whose spot it takes.
     """
     names = [name for name in spots if name in positions]
     if len(names) < 2:
@@ -67,28 +72,31 @@ def spots_without_crossing(
 
     goals = np.array([spots[name][:2] for name in names])
     starts = np.array([positions[name][:2] for name in names])
-    squares = ((starts[:, None] - goals[None]) ** 2).sum(-1)
-    return {name: names[column] for name, column in zip(names, least_sum(squares), strict=True)}
+    squares_m2 = ((starts[:, None] - goals[None]) ** 2).sum(-1)
+    columns = least_sum(squares_m2)
+    return {name: names[column] for name, column in zip(names, columns, strict=True)}
 
 
 def least_longest(costs: Array) -> float:
     """Return the largest cost of the assignment whose largest cost is least.
 
-    Each row in turn is taken in by the chain of exchanges whose worst cost is least.
+    Rows are assigned one after the other. A new row may take the column of an earlier one, which
+    then takes another column, and so on. Of all such chains, the one whose largest cost is least
+    is used.
 
     Args:
-        costs: (N, N), of row i in column j.
+        costs: costs (N, N) of row i in column j.
     """
     count = len(costs)
-    row_of = np.full(count, -1)  # of each column; -1: not taken
+    row_of = np.full(count, -1)  # row of each column; -1: none
     largest = 0.0
 
     for row in range(count):
-        reach = costs[row].copy()  # worst cost of the chain that ends at each column
-        came_from = np.full(count, -1)  # the column before it in that chain
+        reach = costs[row].copy()  # largest cost of the best chain to each column
+        came_from = np.full(count, -1)  # the column before each column in its chain; -1: none
         is_open = np.ones(count, dtype=bool)
 
-        # Dijkstra's search, with the worst cost of a chain in the place of its length
+        # Dijkstra's search, with the largest cost of a chain instead of its length
         while True:
             column = int(np.where(is_open, reach, np.inf).argmin())
             if row_of[column] < 0:
@@ -101,7 +109,7 @@ def least_longest(costs: Array) -> float:
 
         largest = max(largest, float(reach[column]))
 
-        # each column of the chain gets the row of the one before it; the first one gets this row
+        # Each column of the chain gets the row of the column before it; the first gets this row.
         while came_from[column] >= 0:
             before = int(came_from[column])
             row_of[column] = row_of[before]
@@ -113,29 +121,29 @@ def least_longest(costs: Array) -> float:
 def least_sum(costs: Array) -> list[int]:
     """Return the column of each row such that the sum of costs is least.
 
-    The Hungarian method by shortest chains: rows and columns have prices, and costs less prices
-    are never negative.
+    This is the Hungarian method with shortest augmenting chains. Rows and columns have prices; a
+    cost minus the prices of its row and column is never negative.
 
     Args:
-        costs: (N, N), of row i in column j.
+        costs: costs (N, N) of row i in column j.
     """
     count = len(costs)
-    start = count  # a column more, where the row that is taken in begins
-    row_of = np.full(count + 1, -1)  # of each column; -1: not taken
+    start = count  # an additional column, at which the chain of the new row begins
+    row_of = np.full(count + 1, -1)  # row of each column; -1: none
     price_of_row = np.zeros(count)
     price_of_column = np.zeros(count + 1)
 
     for row in range(count):
         row_of[start] = row
         column = start
-        reach = np.full(count, np.inf)  # length of the chain that ends at each column
-        came_from = np.full(count, -1)  # the column before it in that chain
+        reach = np.full(count, np.inf)  # length of the shortest chain to each column
+        came_from = np.full(count, -1)  # the column before each column in its chain; -1: none
         is_open = np.ones(count + 1, dtype=bool)
 
         while row_of[column] >= 0:
             is_open[column] = False
-            here = row_of[column]
-            through = costs[here] - price_of_row[here] - price_of_column[:count]
+            chain_row = row_of[column]
+            through = costs[chain_row] - price_of_row[chain_row] - price_of_column[:count]
             is_better = is_open[:count] & (through < reach)
             reach[is_better] = through[is_better]
             came_from[is_better] = column
@@ -147,7 +155,7 @@ def least_sum(costs: Array) -> list[int]:
             reach[is_open[:count]] -= step
             column = following
 
-        # each column of the chain gets the row of the one before it
+        # Each column of the chain gets the row of the column before it.
         while column != start:
             before = int(came_from[column])
             row_of[column] = row_of[before]

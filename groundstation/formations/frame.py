@@ -1,4 +1,9 @@
-"""A frame that carries a formation: it moves, turns and stretches, and the shape changes. Pure."""
+"""Paths of a formation that moves, turns, stretches and changes its shape on the way. Pure.
+
+A frame carries the formation: its centre and its angle follow smooth curves through the given
+points, and so does the offset of each vehicle within the frame. The path of a vehicle is the sum.
+If a point has no duration, all paths are slowed until they are within the vehicles' limits.
+"""
 
 from __future__ import annotations
 
@@ -17,21 +22,21 @@ from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.control.path import Path, sampled
 from onboard.tuples import Xyz
 
-_SPEED_SHARE = 0.6  # of the top speed, where no duration is given
-_ROOM = 1.005  # by which paths are slowed beyond what is needed
-_LEAST_S = 2.0
-_LONGEST_S = 3600.0  # of a whole way, as of every other step
+_SPEED_SHARE = 0.6  # share of the top speed that is flown if no duration is given
+_SLOWING_MARGIN = 1.005  # factor by which paths are slowed beyond the necessary slowing
+_LEAST_S = 2.0  # shortest duration between two points
+_LONGEST_S = 3600.0  # longest duration of a whole way, as of every other step
 _MOST_POINTS = 1000
 
 
 class FramePoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A point on the way of a formation, which is flown through, not stopped at."""
 
-    position_enu_m: Xyz | None = None  # of the formation; by default as before
-    turn_deg: float = 0.0  # counterclockwise, on the way to this point
-    spacing_m: float | None = None  # from here on; by default as before
-    name: str | None = None  # of the formation that it has become here; by default as before
-    # of the way to this point; 0: as fast as six tenths of the top speed allow
+    position_enu_m: Xyz | None = None  # position of the formation; by default as before
+    turn_deg: float = 0.0  # turn on the way to this point, counterclockwise
+    spacing_m: float | None = None  # spacing from here on; by default as before
+    name: str | None = None  # formation that it has become here; by default as before
+    # duration of the way to this point; 0: as six tenths of the top speed need
     duration_s: float = 0.0
 
 
@@ -42,7 +47,8 @@ class Begin(msgspec.Struct, frozen=True, kw_only=True):
     position_enu_m: Xyz
     rotation_deg: float = 0.0
     spacing_m: float | None = None
-    leader: str | None = None  # positions are this vehicle's, and the formation turns about it
+    # vehicle whose position is the formation's, and about which it turns; None: the formation's own
+    leader: str | None = None
 
 
 def frame_paths(
@@ -53,20 +59,21 @@ def frame_paths(
 ) -> dict[str, Path]:
     """Return the path of each vehicle of a formation whose frame flies through points.
 
-    All paths lead from rest to rest.
+    All paths begin and end at rest.
 
     Args:
         fleet: the fleet file.
         begin: the formation at the begin.
         points: points that are flown through.
-        positions: positions of the vehicles before, by which the slots are dealt out anew, also
+        positions: positions of the vehicles before the begin, by which the slots are assigned, also
             those of later shapes; None: each vehicle has its own slots.
 
     Returns:
         Paths with a common begin.
 
     Raises:
-        ConfigError: a formation does not exist or has no slot for a vehicle, or there is no way.
+        ConfigError: a formation does not exist or has no slot for a vehicle, or the way has no
+            points, too many, or takes too long.
     """
     if not points:
         raise ConfigError("A formation's way needs at least one point.")
@@ -76,22 +83,22 @@ def frame_paths(
             "Fly it in several steps."
         )
 
-    is_dealt_out = positions is not None and begin.leader is None
+    is_assigned = positions is not None and begin.leader is None
     slots = _slots(fleet, begin.name, begin.spacing_m, begin.leader)
     names = list(slots)
-    if positions is not None and is_dealt_out:
+    if positions is not None and is_assigned:
         turned = stretched(slots, None, begin.rotation_deg)
-        dealt = nearest_slots(turned, positions, begin.position_enu_m)
-        slots = {name: slots[dealt[name]] for name in names}
+        slot_of = nearest_slots(turned, positions, begin.position_enu_m)
+        slots = {vehicle: slots[slot_of[vehicle]] for vehicle in names}
 
-    # the frame and the slots within it, at the begin and at each point
+    # The frame and the slots within it, at the begin and at each point.
     name = begin.name
     spacing_m = begin.spacing_m
     centres = [begin.position_enu_m]
     angles_rad = [math.radians(begin.rotation_deg)]
     offsets = [_array(slots, names)]
     times_s = [0.0]
-    slowest_m_s = min(fleet.vehicles[one].max_speed_m_s for one in names)
+    slowest_m_s = min(fleet.vehicles[vehicle].max_speed_m_s for vehicle in names)
 
     for point in points:
         if point.name is not None or point.spacing_m is not None:
@@ -105,16 +112,19 @@ def frame_paths(
                 raise ConfigError(
                     f"Formation '{name}' has slots for other vehicles than '{begin.name}'."
                 )
-            if is_dealt_out:
-                before = {one: _vec3(at) for one, at in zip(names, offsets[-1], strict=True)}
-                dealt = nearest_slots(slots, before, (0.0, 0.0, 0.0))
-                slots = {one: slots[dealt[one]] for one in names}
+            if is_assigned:
+                offset_of = {
+                    vehicle: _xyz(offset)
+                    for vehicle, offset in zip(names, offsets[-1], strict=True)
+                }
+                slot_of = nearest_slots(slots, offset_of, (0.0, 0.0, 0.0))
+                slots = {vehicle: slots[slot_of[vehicle]] for vehicle in names}
 
         centre = point.position_enu_m or centres[-1]
         angle_rad = angles_rad[-1] + math.radians(point.turn_deg)
         offsets.append(_array(slots, names))
 
-        # at most as far as this: within the frame, with the frame, and around its centre
+        # An upper bound of each way: within the frame, with the frame, and around its centre.
         length_m = np.linalg.norm(offsets[-1] - offsets[-2], axis=-1)
         length_m = length_m + math.dist(centre, centres[-1])
         radius_m = np.hypot(offsets[-1][:, 0], offsets[-1][:, 1])
@@ -142,19 +152,22 @@ def frame_paths(
     )
     if any(not point.duration_s for point in points):
         factor, _ = needed_slowing(sample(paths), limits_of(fleet, names))
-        factor = _ROOM * max(factor, 1.0)
-        paths = {one: slowed(path, factor) for one, path in paths.items()}
+        factor = _SLOWING_MARGIN * max(factor, 1.0)
+        paths = {vehicle: slowed(path, factor) for vehicle, path in paths.items()}
     return paths
 
 
 def _carried(
     names: Sequence[str], *, times_s: Array, centres: Array, angles_rad: Array, offsets: Array
 ) -> dict[str, Path]:
-    """Return the paths of offsets (K, N, 3) in a frame at centres (K, 3) with angles (K,)."""
+    """Return the path of each vehicle in a frame that flies through K points.
+
+    The frame has centres (K, 3) and angles (K,); the vehicles have offsets (K, N, 3) in it.
+    """
     count = max(2, math.ceil(times_s[-1] / GRID_S) + 1)
     grid_s = np.linspace(0.0, times_s[-1], count)
     centre = _smooth(times_s, centres, grid_s)
-    padded = np.column_stack([angles_rad, np.zeros((len(angles_rad), 2))])
+    padded = np.column_stack([angles_rad, np.zeros((len(angles_rad), 2))])  # three columns
     angle_rad = _smooth(times_s, padded, grid_s)[:, 0]
     c = np.cos(angle_rad)
     s = np.sin(angle_rad)
@@ -170,16 +183,20 @@ def _carried(
 
 
 def _smooth(times_s: Array, values: Array, grid: Array) -> Array:
-    """Return values (K, 3) at times, joined smoothly, on a grid that is as long."""
+    """Return a smooth curve through values (K, 3) at given times, sampled on a grid of times.
+
+    The fitted path takes longer than the times, because it begins and ends at rest. The grid is
+    stretched to it.
+    """
     path = fitted(times_s, np.column_stack([values, np.zeros(len(values))]))
-    longer = path.duration_s / grid[-1]  # by the rests at both ends
-    return np.asarray(sampled(path, grid * longer)[0][:, :3])
+    stretch = path.duration_s / grid[-1]
+    return np.asarray(sampled(path, grid * stretch)[0][:, :3])
 
 
 def _slots(
     fleet: FleetConfig, name: str, spacing_m: float | None, leader: str | None
 ) -> dict[str, Xyz]:
-    """Return the offsets of a formation, from its leader where it has one."""
+    """Return the offsets of a formation, from its leader if it has one."""
     if name not in formation_names(fleet):
         known = ", ".join(formation_names(fleet)) or "none"
         raise ConfigError(
@@ -192,13 +209,14 @@ def _slots(
     if leader not in slots:
         raise ConfigError(f"The leader '{leader}' has no slot in formation '{name}'.")
 
-    return {one: _vec3(np.array(at) - np.array(slots[leader])) for one, at in slots.items()}
+    leader_slot = np.array(slots[leader])
+    return {vehicle: _xyz(np.array(slot) - leader_slot) for vehicle, slot in slots.items()}
 
 
 def _array(slots: Mapping[str, Xyz], names: Sequence[str]) -> Array:
     return np.array([slots[name] for name in names])
 
 
-def _vec3(point: Array) -> Xyz:
+def _xyz(point: Array) -> Xyz:
     x, y, z = point.tolist()
     return (x, y, z)

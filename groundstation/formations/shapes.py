@@ -1,7 +1,7 @@
-"""Slots of the shapes that a few numbers describe. Pure.
+"""Slots of shapes that a few numbers describe: lines, circles, grids and so on. Pure.
 
-North is ahead. Each function takes the number of slots and returns positions (N, 3) of unit size;
-spacing and rotation come later.
+North is ahead. Each function takes the number of slots and returns positions (N, 3) in arbitrary
+units. The caller stretches and turns them later.
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ import numpy as np
 
 from onboard.arrays import Array
 
-_GOLDEN_RAD = math.pi * (3.0 - math.sqrt(5.0))
+_GOLDEN_RAD = math.pi * (3.0 - math.sqrt(5.0))  # golden angle, which spreads points evenly
+_ROUNDING = 1e-9  # allowance for rounding errors of a number of sides
 
 
 def line(count: int) -> Array:
-    """Return slots abreast, the first in the west."""
+    """Return slots side by side, the first in the west."""
     return _flat([(float(k), 0.0) for k in range(count)])
 
 
@@ -27,7 +28,7 @@ def column(count: int) -> Array:
 
 
 def v(count: int, opening_deg: float) -> Array:
-    """Return two arms behind the first slot, to its left and right in turn."""
+    """Return two arms behind the first slot; the slots are on its right and left in turn."""
     half_rad = math.radians(0.5 * opening_deg)
     slots = []
     for k in range(count):
@@ -59,7 +60,7 @@ def circle(count: int) -> Array:
 
 
 def grid(count: int, columns: int | None) -> Array:
-    """Return rows from the north, each from the west; the last one is centred."""
+    """Return rows from north to south, each from west to east; the last row is centred."""
     width = columns or math.ceil(math.sqrt(count))
     slots = []
     for k in range(count):
@@ -73,16 +74,16 @@ def polygon(count: int, sides: int) -> Array:
     """Return slots evenly along a regular polygon's sides, the first on its northern corner."""
     corners = circle(sides)
 
-    # how many sides lie before each slot, whole ones and the share of its own
+    # the number of sides before each slot: whole sides, and a share of the slot's own side
     sides_before = sides * np.arange(count) / count
-    whole = np.floor(sides_before + 1e-9)
+    whole = np.floor(sides_before + _ROUNDING)
     side = whole.astype(np.int64) % sides
     share = (sides_before - whole)[:, None]
     return np.asarray((1.0 - share) * corners[side] + share * corners[(side + 1) % sides])
 
 
 def sphere(count: int) -> Array:
-    """Return slots on a sphere, upper and lower half in turn; no two stand above each other."""
+    """Return slots on the upper and lower half of a sphere in turn, none above another one."""
     numbers = np.arange(count)
     radius = np.sqrt((numbers + 0.5) / count)
     angles = _GOLDEN_RAD * numbers
@@ -99,14 +100,15 @@ def nearest_m(slots: Array) -> float:
 
 
 def layered(make: Array, layers: int, height_m: float, *, is_stacked: bool, count: int) -> Array:
-    """Return slots in several heights.
+    """Return slots in several layers.
 
     Args:
-        make: slots (N, 3) of the shape, metres; of a stack the slots of one layer.
-        layers: number of heights.
-        height_m: difference of height from one to the next [m].
-        is_stacked: the whole shape in every layer, else the slots take turns.
-        count: count of all slots.
+        make: slots (N, 3) of the whole shape [m], or of one layer if it is stacked.
+        layers: number of layers.
+        height_m: difference of height from one layer to the next [m].
+        is_stacked: whether every layer is the whole shape; otherwise the slots of one shape are on
+            the layers in turn.
+        count: number of all slots.
     """
     numbers = np.arange(count)
     if is_stacked:
@@ -127,7 +129,7 @@ def turned(slots: Array, rotation_deg: float) -> Array:
 
 
 def centred(slots: Array) -> Array:
-    """Return slots around the middle of their outline, the lowest at height 0."""
+    """Return slots around the middle of their outline, with the lowest slot at height 0."""
     middle = 0.5 * (slots.min(0) + slots.max(0))
     middle[2] = slots[:, 2].min()
     return np.asarray(slots - middle)

@@ -1,6 +1,6 @@
 """Slots that draw a text or an image.
 
-They are spread evenly over its dark part, so that thin strokes become lines.
+The slots are spread evenly over the dark part of the picture, so that thin strokes become lines.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from onboard.arrays import Array
 from onboard.config.file_reading import FONT, PICTURE, opened, read_bytes
 from onboard.config.fleet import ConfigError
 
-_HEIGHT_PX = 48  # of a text
-_MOST_PX = 150  # of an image's longer side
-_ROUNDS = 40
-_MOST_PIXELS = 25_000_000  # of an image: they take 300 MB while it is read
+_HEIGHT_PX = 48  # height of a text
+_MOST_PX = 150  # pixels of an image's longer side that are used
+_ROUNDS = 40  # largest number of iterations of the spreading
+_SETTLED_PX = 1e-3  # the spreading ends when no centre moves by more
+_MOST_PIXELS = 25_000_000  # pixels of an image; they take 300 MB while it is read
 _FORMATS = ("PNG", "JPEG", "GIF", "BMP", "WEBP")
 
 
@@ -29,7 +30,7 @@ def text_slots(text: str, font: str | None, count: int) -> Array:
 
     Args:
         text: one line.
-        font: file of a font; None for the one that comes along with matplotlib.
+        font: file of a font; None: the default font of matplotlib.
         count: number of slots.
 
     Raises:
@@ -37,7 +38,7 @@ def text_slots(text: str, font: str | None, count: int) -> Array:
     """
     matplotlib = _matplotlib()
     if font is not None:
-        opened(font, FONT).close()  # a regular file, and no larger than a font
+        opened(font, FONT).close()  # refuses what is not a regular file, or is too large for a font
     try:
         properties = matplotlib.font_manager.FontProperties(fname=font)
         outline = matplotlib.textpath.TextPath((0.0, 0.0), text, size=_HEIGHT_PX, prop=properties)
@@ -56,7 +57,7 @@ def text_slots(text: str, font: str | None, count: int) -> Array:
     x, y = np.meshgrid(np.arange(low[0], high[0]) + 0.5, np.arange(low[1], high[1]) + 0.5)
     pixels = np.column_stack([x.ravel(), y.ravel()])
 
-    # exclusive or, since the hole of an O is a polygon
+    # Exclusive or, because the hole of an O is a polygon of its own.
     inside = np.logical_xor.reduce([polygon.contains_points(pixels) for polygon in polygons])
     return _spread(pixels[inside], count, f"The text {text!r}")
 
@@ -65,7 +66,7 @@ def image_slots(file: str, count: int) -> Array:
     """Return slots (N, 3) over the dark part of an image, its upper edge in the north.
 
     Args:
-        file: a PNG, or what Pillow reads.
+        file: an image in one of the formats in _FORMATS.
         count: number of slots.
 
     Raises:
@@ -78,7 +79,7 @@ def image_slots(file: str, count: int) -> Array:
 
     is_drawn = grey < 0.5
     if is_drawn.mean() > 0.5:
-        is_drawn = ~is_drawn  # light on dark
+        is_drawn = ~is_drawn  # most pixels are dark, so the drawing is light on dark
     rows, columns = np.nonzero(is_drawn)
     return _spread(np.column_stack([columns, -rows]).astype(float), count, f"{file}")
 
@@ -87,15 +88,14 @@ def _pixels(file: str) -> Array:
     """Return red, green, blue and opacity, each up to 1, of at most _MOST_PX by _MOST_PX pixels.
 
     Raises:
-        ConfigError: there is no such image, it has too many pixels, or is of a format that is not
-            read.
+        ConfigError: there is no such image, it has too many pixels, or its format is not read.
     """
     _matplotlib()  # brings Pillow
     from PIL import Image, UnidentifiedImageError
 
     data = read_bytes(file, PICTURE)
     try:
-        # the head of the file is enough for its size: no pixel is unpacked yet
+        # Only the header is read here, which has the size; no pixel is unpacked yet.
         with warnings.catch_warnings(action="ignore", category=Image.DecompressionBombWarning):
             opened_image = Image.open(BytesIO(data), formats=_FORMATS)
         with opened_image as image:
@@ -107,7 +107,7 @@ def _pixels(file: str) -> Array:
                     "Make it smaller."
                 )
             step = math.ceil(max(image.size) / _MOST_PX)
-            if image.mode.startswith("I"):  # grey of 16 bits, which would be cut off at 255
+            if image.mode.startswith("I"):  # grey of 16 bits, which `convert` would limit to 255
                 grey = np.asarray(image)[::step, ::step] / 65_535.0
                 return np.stack([grey, grey, grey, np.ones_like(grey)], axis=-1)
             return np.asarray(image.convert("RGBA"))[::step, ::step] / 255.0
@@ -140,16 +140,18 @@ def _matplotlib() -> Any:
 
 
 def _spread(pixels: Array, count: int, what: str) -> Array:
-    """Return pixels (N, 3) of a drawing (P, 2), each in the middle of its nearest ones.
+    """Return N = `count` pixels (N, 3) of a drawing (P, 2), spread evenly over it.
 
-    Lloyd's iteration (k-means), begun with pixels that are far from each other.
+    This is Lloyd's iteration (k-means): each slot moves to the mean of the pixels that are nearest
+    to it. It begins with pixels that are far from each other.
     """
     if len(pixels) < count:
         raise ConfigError(
             f"{what} has {len(pixels)} dark pixels, too few for {count} slots. Draw it thicker."
         )
 
-    # the first in the west, each further one as far from all before it as possible
+    # The first is the one farthest west (the small weight decides between equals); each further
+    # one is as far from all before it as possible.
     centres = pixels[[int(np.argmin(pixels @ (1.0, -0.01)))]]
     distances = ((pixels - centres) ** 2).sum(-1)
     for _ in range(1, count):
@@ -161,7 +163,7 @@ def _spread(pixels: Array, count: int, what: str) -> Array:
         sizes = np.bincount(nearest, minlength=count)
         sums = [np.bincount(nearest, axis, minlength=count) for axis in pixels.T]
         means = np.column_stack(sums) / sizes[:, None]
-        if np.abs(means - centres).max() < 1e-3:
+        if np.abs(means - centres).max() < _SETTLED_PX:
             break
         centres = means
 
@@ -171,5 +173,5 @@ def _spread(pixels: Array, count: int, what: str) -> Array:
 
 
 def beside(path: str, file: str) -> str:
-    """Return the path of a file that another file names."""
+    """Return the path of a file that another file at `path` names."""
     return os.path.join(os.path.dirname(path), file)

@@ -1,4 +1,8 @@
-"""The slots of a fleet's formations, whichever way they are given; the door of this room."""
+"""The slots of a fleet's formations, from the fleet file itself, from shapes, drawings or files.
+
+Other rooms use the formations by this module: orders, missions and shows call
+:func:`formation_slots`.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,8 @@ from onboard.config.fleet import ConfigError, FleetConfig, parking_distance_m
 from onboard.config.formation_shape import FormationShape
 from onboard.tuples import Xyz
 
-_ROOM = 1.15  # of the spacing that is taken by default, times the law's least
+_SPACING_FACTOR = 1.15  # default spacing over the smallest distance that the law permits
+_SAME_SPOT_M = 1e-6  # slots that are nearer than this are at one spot
 
 # shapes that need no more than the number of slots
 _PLAIN = {
@@ -32,7 +37,7 @@ def formation_names(fleet: FleetConfig) -> tuple[str, ...]:
 
 
 def formation_slots(fleet: FleetConfig, name: str) -> dict[str, Xyz]:
-    """Return the offsets of a formation as the file gives it.
+    """Return the offsets of a formation as the fleet file defines it.
 
     Args:
         fleet: the fleet file.
@@ -42,14 +47,16 @@ def formation_slots(fleet: FleetConfig, name: str) -> dict[str, Xyz]:
         Offset of each vehicle from the formation's position, metres ENU.
 
     Raises:
-        ConfigError: a shape that cannot be made: no such file, vehicles that do not exist ...
+        ConfigError: the shape cannot be made, for instance because a file does not exist.
     """
     if name in fleet.formations:
         return fleet.formations[name]
 
     shape = fleet.shapes[name]
     key = f"'formations.{name}'"
-    names = tuple(one for one in fleet.select(shape.vehicles) if one in fleet.enabled_names)
+    names = tuple(
+        vehicle for vehicle in fleet.select(shape.vehicles) if vehicle in fleet.enabled_names
+    )
     if not names:
         raise ConfigError(f"{key} has no vehicle that is enabled. Correct its 'vehicles'.")
     try:
@@ -62,15 +69,15 @@ def formation_slots(fleet: FleetConfig, name: str) -> dict[str, Xyz]:
 def stretched(
     slots: Mapping[str, Xyz], spacing_m: float | None, rotation_deg: float = 0.0
 ) -> dict[str, Xyz]:
-    """Return offsets with another spacing and turned.
+    """Return offsets that are stretched to another spacing and turned.
 
     Args:
-        slots: offsets, metres ENU.
-        spacing_m: horizontal distance [m] of the two nearest; None leaves it.
-        rotation_deg: counterclockwise, seen from above.
+        slots: offset of each vehicle [m], ENU.
+        spacing_m: horizontal distance of the two nearest slots [m]; None: no stretching.
+        rotation_deg: angle to turn by, counterclockwise, seen from above.
 
     Returns:
-        The offsets; heights stay.
+        The new offsets; heights do not change.
     """
     if not slots:
         return {}
@@ -88,19 +95,19 @@ def stretched(
 
 @functools.lru_cache(maxsize=64)
 def _slots(shape: FormationShape, count: int, path: str, least_m: float) -> tuple[Xyz, ...]:
-    """Return the slots of a shape for so many vehicles."""
-    in_outline = count
+    """Return the slots of a shape for `count` vehicles; `least_m` is the law's least distance."""
+    outline_count = count
     if shape.stacked:
-        in_outline = math.ceil(count / shape.layers)
-    points = _outline(shape, in_outline, path)
+        outline_count = math.ceil(count / shape.layers)
+    points = _outline(shape, outline_count, path)
     nearest_m = shapes.nearest_m(points)
 
-    # a file's own metres stay, unless it says otherwise
+    # The metres of a CSV file are not changed, unless the shape has a spacing.
     spacing_m = shape.spacing_m
     if spacing_m is None and shape.shape != "csv":
-        spacing_m = _ROOM * least_m
+        spacing_m = _SPACING_FACTOR * least_m
     if spacing_m is not None and nearest_m < math.inf:
-        if nearest_m < 1e-6:
+        if nearest_m < _SAME_SPOT_M:
             raise ConfigError("two of its slots are at one spot. Correct its shape or its file.")
         points = points * (spacing_m / nearest_m)
 

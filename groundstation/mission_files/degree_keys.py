@@ -1,7 +1,7 @@
-"""Steps with goals in latitude and longitude, as steps in metres. Pure.
+"""Turns goals in latitude and longitude into metres, before the steps are read. Pure.
 
-``position_deg`` stands for ``position_enu_m``, and ``goals_deg`` for ``goals``. They are replaced
-before a step is read, so that all that knows steps knows metres only.
+A mission file may write ``position_deg`` instead of ``position_enu_m``, and ``goals_deg`` instead
+of ``goals``. Both are replaced first, so that the code for steps knows metres only.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ def in_metres(value: Any, fleet: FleetConfig, path: str) -> Any:
         path: path of the mission file, for the sentences.
 
     Raises:
-        ConfigError: a goal in degrees is none.
+        ConfigError: a goal in degrees is not valid.
     """
     if isinstance(value, list):
-        return [in_metres(one, fleet, path) for one in value]
+        return [in_metres(item, fleet, path) for item in value]
     if not isinstance(value, dict):
         return value
 
@@ -50,15 +50,17 @@ def in_metres(value: Any, fleet: FleetConfig, path: str) -> Any:
 
 
 def _goal(value: Any, key: str, fleet: FleetConfig, path: str) -> list[float]:
-    is_three_numbers = (
-        isinstance(value, list | tuple)
-        and len(value) == 3
-        and all(isinstance(one, int | float) and not isinstance(one, bool) for one in value)
-    )
-    if not is_three_numbers:
+    if not _is_three_numbers(value):
         raise ConfigError(f"{path}: '{key}' needs [latitude, longitude, height].")
-    latitude_deg, longitude_deg, height_m = (float(one) for one in value)
+    latitude_deg, longitude_deg, height_m = (float(number) for number in value)
     try:
         return list(goal_enu_m(fleet, latitude_deg, longitude_deg, height_m))
     except ConfigError as error:
         raise ConfigError(f"{path}: '{key}': {error}") from None
+
+
+def _is_three_numbers(value: Any) -> bool:
+    """Whether a value is a list of three numbers; in Python, True and False are integers, too."""
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        return False
+    return all(isinstance(item, int | float) and not isinstance(item, bool) for item in value)

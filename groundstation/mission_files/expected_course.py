@@ -1,10 +1,12 @@
-"""The course of a mission before it flies: each step with its order, its goals and its duration.
+"""The expected course of a mission: each step with its order, its goals and its duration. Pure.
 
-The course is walked through with the fleet as the steps before would leave it: where each vehicle
-is, whether it flies, and which formation holds. Checks refuse an order that makes no sense there,
-findings judge the time that a step gives, and the runner says how long the rest takes. Pure.
+The course goes through the steps one after the other, and keeps the fleet in the state in which the
+steps so far would leave it: where each vehicle is, whether it flies, and the present formation.
 
-What the law does on the way is not foreseen: durations are those of vehicles that fly alone.
+Three users need it. Checks refuse an order that makes no sense at its place, findings compare the
+time limit of a step with its duration, and the runner says how long the rest of a flight takes.
+
+The avoidance law is not simulated: durations are those of vehicles that fly alone.
 """
 
 from __future__ import annotations
@@ -48,13 +50,13 @@ from onboard.control.trajectory import TrajectoryParams, shortest_duration_s
 from onboard.control.vertical import vertical_s
 from onboard.tuples import Xyz
 
-_START_S = 3.0  # arming and spinning up, before a climb
-_SETTLE_S = 1.0  # until a vehicle counts as arrived
-_PATH_SETTLE_S = 5.0  # between the arrival at the begins of paths and their start
-_SHORT_ORDER_S = 1.0  # an order that leads nowhere
-_PEAK_OF_MEAN = 1.875  # of a move's speed: its peak over its mean
+_START_S = 3.0  # time of arming and spinning up before a climb
+_SETTLE_S = 1.0  # time from the end of a move until the vehicle counts as arrived
+_PATH_SETTLE_S = 5.0  # time from the arrival at the begins of paths to their start
+_SHORT_ORDER_S = 1.0  # duration of an order that does not move a vehicle
+_PEAK_OF_MEAN = 1.875  # peak speed over mean speed of a quintic from rest to rest
 _LONGEST_MOVE_S = 600.0
-_LEAST_HEIGHT_M = 1.0  # that a climb or a descent is taken to have
+_LEAST_HEIGHT_M = 1.0  # smallest height that is assumed for a climb or a descent
 _VERTICAL = Takeoff | Land | Home  # orders with a climb or a descent
 
 PathsOf = Callable[[FollowPathStep], Mapping[str, Path]]
@@ -64,23 +66,23 @@ PathsOf = Callable[[FollowPathStep], Mapping[str, Path]]
 class CourseStep:
     """One step of a mission as it is expected to be flown."""
 
-    key: str  # of the step in the file: step[2].steps[0]
+    key: str  # key of the step in the file, such as step[2].steps[0]
     step: MissionStep
-    positions: Mapping[str, Xyz]  # of all vehicles before it
-    flying: frozenset[str]  # before it
-    is_known: bool  # whether that is certain; after a fault or a reaction it is not
-    times: int = 1  # that it is flown so
-    planned: PlannedOrder | None = None  # of a step that is an order
-    goals: Mapping[str, Xyz] = field(default_factory=dict)  # where vehicles are after it
+    positions: Mapping[str, Xyz]  # positions of all vehicles before the step
+    flying: frozenset[str]  # vehicles that fly before the step
+    is_known: bool  # whether both are certain; after a fault or a reaction they are not
+    times: int = 1  # number of times that the step is flown
+    planned: PlannedOrder | None = None  # the order, if the step is one
+    goals: Mapping[str, Xyz] = field(default_factory=dict)  # positions of vehicles after the step
     paths: Mapping[str, Path] = field(default_factory=dict)
-    # what each vehicle needs without the others
+    # time that each vehicle needs if it flies alone
     alone_s: Mapping[str, float] = field(default_factory=dict)
     expected_s: float = 0.0
 
 
 @dataclass(slots=True)
-class _FleetThen:
-    """The fleet at one time of the course."""
+class _CourseFleet:
+    """The fleet at the present point of the course; each step changes it."""
 
     positions: dict[str, Xyz]
     held: HeldFormation
@@ -93,25 +95,25 @@ def course(
 ) -> Iterator[CourseStep]:
     """Yield the steps of a mission in the order in which they are flown.
 
-    Branches that are flown side by side come one by one.
+    Branches that are flown side by side are yielded one after the other.
 
     Args:
         fleet: the fleet file.
         steps: steps of the mission.
-        paths_of: the paths of a step that follows some.
+        paths_of: function that returns the paths of a step that follows paths.
         path: path of the mission file, for the sentences.
 
     Raises:
         ConfigError: a step names a vehicle or a formation that does not exist.
     """
     starts = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
-    then = _FleetThen(starts, HeldFormation(default_formation(fleet)))
+    at_step = _CourseFleet(starts, HeldFormation(default_formation(fleet)))
     for index, step in enumerate(steps):
-        yield from _course_steps(fleet, step, f"step[{index}]", then, paths_of, path)
+        yield from _course_steps(fleet, step, f"step[{index}]", at_step, paths_of, path)
 
 
 def resolved(intent: Intent, fleet: FleetConfig) -> Intent:
-    """Return the order that a step gives to one fleet: with the names of its vehicles.
+    """Return the order of a step with the names of its vehicles instead of "all" or indices.
 
     Args:
         intent: order as it stands in the mission file.
@@ -146,11 +148,11 @@ def resolved(intent: Intent, fleet: FleetConfig) -> Intent:
 
 
 def with_speed(intent: Intent, goals: Mapping[str, Xyz], spots: Mapping[str, Xyz]) -> Intent:
-    """Return an order with the duration that its speed means: that of the longest way.
+    """Return an order with the duration that its speed gives for the longest way.
 
     Args:
-        intent: an order; one without a speed stays as it is.
-        goals: goals of the vehicles [m].
+        intent: an order; an order without a speed is returned unchanged.
+        goals: goals of the vehicles [m], ENU.
         spots: positions of the vehicles [m], ENU.
     """
     if not isinstance(intent, GoalIntent) or intent.speed_m_s is None:
@@ -171,7 +173,7 @@ def formation_paths(
     Args:
         step: step of a mission file.
         fleet: the fleet file.
-        positions: positions of the vehicles before it [m].
+        positions: positions of the vehicles before the step [m], ENU.
 
     Raises:
         ConfigError: see :func:`groundstation.formations.frame.frame_paths`.
@@ -183,7 +185,9 @@ def formation_paths(
         spacing_m=step.spacing_m,
         leader=step.leader,
     )
-    return frame_paths(fleet, begin, step.to, positions if step.assign == "nearest" else None)
+    if step.assign == "nearest":
+        return frame_paths(fleet, begin, step.to, positions)
+    return frame_paths(fleet, begin, step.to, None)
 
 
 # -- one step after the other ----------------------------------------------------------------------
@@ -193,40 +197,43 @@ def _course_steps(
     fleet: FleetConfig,
     step: MissionStep,
     key: str,
-    then: _FleetThen,
+    at_step: _CourseFleet,
     paths_of: PathsOf,
     path: str,
     times: int = 1,
 ) -> Iterator[CourseStep]:
-    """Yield a step, or the steps that it holds, and leave the fleet as it is after them."""
+    """Yield a step, or the steps inside it, and change the fleet as they would change it."""
     if isinstance(step, BlockStep):
-        for inner, inner_key, count in _inner(step, key):
-            yield from _course_steps(fleet, inner, inner_key, then, paths_of, path, times * count)
+        for inner, inner_key, count in _inner_steps(step, key):
+            yield from _course_steps(
+                fleet, inner, inner_key, at_step, paths_of, path, times * count
+            )
         if isinstance(step, ReactStep):
-            then.is_known = False
+            at_step.is_known = False
         return
 
     try:
-        course_step = _course_step(fleet, step, key, then, paths_of)
+        course_step = _course_step(fleet, step, key, at_step, paths_of)
     except ConfigError as error:
         raise ConfigError(f"{path}: '{key}' ({step.do}): {error}") from None
     yield replace(course_step, times=times)
 
-    then.positions.update(course_step.goals)
+    at_step.positions.update(course_step.goals)
     if course_step.planned is not None:
-        then.held = course_step.planned.held
+        at_step.held = course_step.planned.held
     if isinstance(step, Takeoff):
-        then.flying.update(course_step.goals)
+        at_step.flying.update(course_step.goals)
     elif isinstance(step, Land | Home):
-        then.flying.difference_update(course_step.goals)
+        at_step.flying.difference_update(course_step.goals)
     elif step.do == "fault":
-        then.is_known = False
+        at_step.is_known = False
 
 
-def _inner(step: BlockStep, key: str) -> Iterator[tuple[MissionStep, str, int]]:
-    """Yield the steps within a step with their keys and how often they are flown.
+def _inner_steps(step: BlockStep, key: str) -> Iterator[tuple[MissionStep, str, int]]:
+    """Yield the steps inside a step, each with its key and the number of times it is flown.
 
-    Of repetitions come the first, and the second for all others.
+    A repetition is yielded once for its first time, and once more for all later times: from the
+    second time on, the vehicles begin at the same positions.
     """
     if isinstance(step, RepeatStep):
         counts = [1]
@@ -249,32 +256,32 @@ def _inner(step: BlockStep, key: str) -> Iterator[tuple[MissionStep, str, int]]:
 
 
 def _course_step(
-    fleet: FleetConfig, step: MissionStep, key: str, then: _FleetThen, paths_of: PathsOf
+    fleet: FleetConfig, step: MissionStep, key: str, at_step: _CourseFleet, paths_of: PathsOf
 ) -> CourseStep:
     """Return one step as it is expected to be flown."""
     course_step = CourseStep(
         key=key,
         step=step,
-        positions=dict(then.positions),
-        flying=frozenset(then.flying),
-        is_known=then.is_known,
+        positions=dict(at_step.positions),
+        flying=frozenset(at_step.flying),
+        is_known=at_step.is_known,
     )
 
     if isinstance(step, FollowPathStep):
         return _with_paths(course_step, fleet, paths_of(step))
     if isinstance(step, FlyFormationStep):
-        return _with_paths(course_step, fleet, formation_paths(step, fleet, then.positions))
+        return _with_paths(course_step, fleet, formation_paths(step, fleet, at_step.positions))
     if isinstance(step, WaitStep):
         return replace(course_step, expected_s=step.duration_s)
     if isinstance(step, Intent):
-        return _with_order(course_step, step, fleet, then)
+        return _with_order(course_step, step, fleet, at_step)
     return course_step
 
 
 def _with_paths(
     course_step: CourseStep, fleet: FleetConfig, paths: Mapping[str, Path]
 ) -> CourseStep:
-    """Return a step with its paths: where they end, and how long they take with the way there."""
+    """Return a step with its paths, their ends, and their duration with the way to their begins."""
     course_step = replace(course_step, paths=paths)
     if not paths or not set(paths) <= set(fleet.enabled_names):
         return course_step
@@ -289,24 +296,24 @@ def _with_paths(
 
 
 def _with_order(
-    course_step: CourseStep, step: Intent, fleet: FleetConfig, then: _FleetThen
+    course_step: CourseStep, step: Intent, fleet: FleetConfig, at_step: _CourseFleet
 ) -> CourseStep:
-    """Return a step with its order: its goals, and how long each vehicle needs alone."""
-    intent = _filled(resolved(step, fleet), fleet, then)
-    planned = plan_order(intent, fleet, None, held=then.held, author="check", now_ns=0)
+    """Return a step with its order, its goals, and the time that each vehicle needs alone."""
+    intent = _filled(resolved(step, fleet), fleet, at_step)
+    planned = plan_order(intent, fleet, None, held=at_step.held, author="check", now_ns=0)
     goals = {
-        name: _goal(step, then.positions[name], order.position_enu_m)
+        name: _position_after(step, at_step.positions[name], order.position_enu_m)
         for name, order in planned.orders.items()
     }
     course_step = replace(course_step, planned=planned)
     if not isinstance(step, GoalIntent | Rotate | _VERTICAL):
         return replace(course_step, expected_s=_SHORT_ORDER_S)
 
-    intent = with_speed(intent, goals, then.positions)
+    intent = with_speed(intent, goals, at_step.positions)
     duration_s = intent.message_values().duration_s
     alone_s = {}
     for name, goal in goals.items():
-        position = then.positions[name]
+        position = at_step.positions[name]
         if isinstance(step, _VERTICAL):
             alone_s[name] = _vertical_order_s(fleet, name, position, goal, duration_s)
         else:
@@ -319,20 +326,21 @@ def _with_order(
     return replace(course_step, goals=goals, alone_s=alone_s, expected_s=expected_s)
 
 
-def _filled(intent: Intent, fleet: FleetConfig, then: _FleetThen) -> Intent:
-    """Return the intent with what a flight would take from where the vehicles are then."""
-    spots = {name: then.positions[name] for name in intent.names if name in then.positions}
+def _filled(intent: Intent, fleet: FleetConfig, at_step: _CourseFleet) -> Intent:
+    """Return the intent with the values that a flight fills in from the vehicles' positions."""
+    positions = at_step.positions
+    spots = {name: positions[name] for name in intent.names if name in positions}
 
     if isinstance(intent, Formation):
         if intent.assign != "nearest" or intent.position_enu_m is None:
             return intent
         slots = slots_of(fleet, intent.name, intent.spacing_m, intent.rotation_deg)
-        slots_dealt = {name: slots[name] for name in intent.names if name in slots}
-        takes = nearest_slots(slots_dealt, spots, intent.position_enu_m)
+        own_slots = {name: slots[name] for name in intent.names if name in slots}
+        takes = nearest_slots(own_slots, spots, intent.position_enu_m)
         return structs.replace(intent, takes=takes)
 
     if isinstance(intent, Rotate):
-        slots = held_slots(fleet, then.held)
+        slots = held_slots(fleet, at_step.held)
         centers = [np.array(spots[name]) - np.array(slots[name]) for name in spots if name in slots]
         if centers:
             x, y, z = np.mean(centers, axis=0).tolist()
@@ -341,8 +349,8 @@ def _filled(intent: Intent, fleet: FleetConfig, then: _FleetThen) -> Intent:
     return intent
 
 
-def _goal(step: Intent, position: Xyz, ordered: Xyz | None) -> Xyz:
-    """Return where a vehicle is after an order."""
+def _position_after(step: Intent, position: Xyz, ordered: Xyz | None) -> Xyz:
+    """Return the position of a vehicle after an order; `ordered` is the goal in the order."""
     if isinstance(step, Takeoff):
         return (position[0], position[1], step.height_m)
 
@@ -358,7 +366,10 @@ def _goal(step: Intent, position: Xyz, ordered: Xyz | None) -> Xyz:
 def _vertical_order_s(
     fleet: FleetConfig, name: str, position: Xyz, goal: Xyz, duration_s: float
 ) -> float:
-    """Return how long an order with a climb or a descent takes: across, and up or down."""
+    """Return the duration of an order with a climb or a descent [s].
+
+    It consists of the horizontal way, of the start, and of the climb or descent.
+    """
     height_m = max(position[2], goal[2], _LEAST_HEIGHT_M)
     across_s = _move_or_stay_s(fleet, name, (position[0], position[1], goal[2]), goal, duration_s)
     return across_s + (_START_S + vertical_s(height_m, fleet.vehicles[name].max_speed_m_s))
@@ -367,14 +378,14 @@ def _vertical_order_s(
 def _move_or_stay_s(
     fleet: FleetConfig, name: str, position: Xyz, goal: Xyz, duration_s: float
 ) -> float:
-    """Return how long a vehicle needs to a goal; nothing where it is there already."""
+    """Return the time that a vehicle needs to a goal [s]; 0 if it is at the goal already."""
     if position == goal:
         return 0.0
     return _move_s(fleet, name, position, goal, duration_s)
 
 
 def _move_s(fleet: FleetConfig, name: str, position: Xyz, goal: Xyz, duration_s: float) -> float:
-    """Return how long a vehicle needs to a goal."""
+    """Return the time that a vehicle needs to a goal [s]."""
     vehicle = fleet.vehicles[name]
     bounds = TrajectoryParams(vehicle.max_speed_m_s, vehicle.max_acceleration_m_s2)
     shortest_s = shortest_duration_s(math.dist(position, goal), bounds)
@@ -382,6 +393,6 @@ def _move_s(fleet: FleetConfig, name: str, position: Xyz, goal: Xyz, duration_s:
 
 
 def _point(path: Path, time_s: float) -> Xyz:
-    """Return the position of a path at a time; its end at infinity."""
+    """Return the position of a path at a time [s]; an infinite time gives its end."""
     x, y, z = point_at(path, time_s).position_enu_m
     return (x, y, z)

@@ -1,7 +1,7 @@
-"""Mission files are read: TOML steps with schema 1, or a Python file.
+"""Reads mission files: TOML with steps, or Python.
 
-A file is checked whole before anything starts, and unknown keys are errors: a mission with a
-misspelt bound must not fly without that bound.
+The whole file is checked before anything starts. Unknown keys are errors, because a mission with a
+misspelt limit must not fly without that limit.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from onboard.config.formation_shape import FormationShape, problems, split
 from onboard.config.toml_reading import table
 
 _KEYS = ("schema", "fleet", "formations", "step", "expect", "on_failure")
-_DEEPEST = 8  # lists within lists of steps
+_DEEPEST = 8  # largest depth of lists of steps inside steps
 
 
 def load_mission(path: str | os.PathLike[str], fleet: FleetConfig | str | None = None) -> Mission:
@@ -57,14 +57,14 @@ def load_mission(path: str | os.PathLike[str], fleet: FleetConfig | str | None =
 
     Args:
         path: path of the file, or the name of an example: ``paper``.
-        fleet: instead of the fleet that the mission names.
+        fleet: fleet to use instead of the one that the mission names.
 
     Returns:
         The mission with its fleet.
 
     Raises:
-        ConfigError: missing file, unknown key, unknown vehicle or formation, goal outside the fence
-            ...
+        ConfigError: the file is missing or not valid, for instance because of an unknown key, an
+            unknown vehicle or a goal outside the fence.
     """
     name = existing_file(path, "mission file")
     if name.endswith(".py"):
@@ -79,13 +79,13 @@ def with_fleet(mission: Mission, fleet: FleetConfig) -> Mission:
 
     Args:
         mission: mission as it was read.
-        fleet: instead of its own.
+        fleet: fleet to use instead of the mission's own.
 
     Returns:
         The same mission with that fleet.
 
     Raises:
-        ConfigError: as :func:`load_mission`.
+        ConfigError: see :func:`load_mission`.
     """
     changed = msgspec.structs.replace(mission, fleet=with_shapes(fleet, mission.shapes))
     check_steps(changed)
@@ -172,7 +172,7 @@ def _check_keys(data: dict[str, Any], path: str) -> None:
 
 
 def _fleet_of(value: Any, override: FleetConfig | str | None, path: str) -> FleetConfig:
-    """Return the fleet that was given instead, or the one that a mission names."""
+    """Return the given fleet, or the fleet that a mission names if none is given."""
     if isinstance(override, FleetConfig):
         return override
     if override is not None:
@@ -183,13 +183,14 @@ def _fleet_of(value: Any, override: FleetConfig | str | None, path: str) -> Flee
             f"{path}: 'fleet' must be the path of a fleet file, relative to this file; "
             "or give --fleet."
         )
-    beside = FilePath(path).parent / value
-    is_example = FilePath(value).name == value and not beside.exists()
-    return load_fleet(value if is_example else beside)
+    # A name without a folder may be an example, if no such file is beside the mission.
+    file = FilePath(path).parent / value
+    is_example = FilePath(value).name == value and not file.exists()
+    return load_fleet(value if is_example else file)
 
 
 def _shapes(data: Any, path: str) -> dict[str, FormationShape]:
-    """Return the formations of a mission; their files are relative to it."""
+    """Return the formations of a mission; paths in them are relative to the mission file."""
     slots, shapes = split(table(data, path, "formations"), path)
     sentences = [f"'formations.{name}' needs a 'shape' here." for name in slots]
     sentences += problems(shapes)
@@ -211,7 +212,7 @@ def _shapes(data: Any, path: str) -> dict[str, FormationShape]:
 
 
 def _step(data: Any, key: str, path: str) -> MissionStep:
-    """Return one step of a file, with the steps that it holds."""
+    """Return one step of a file, with the steps inside it."""
     verbs = ", ".join(STEPS)
     if not isinstance(data, dict) or not isinstance(data.get("do"), str):
         raise ConfigError(f"{path}: '{key}.do' is missing. It says what to do: {verbs}.")
@@ -224,9 +225,9 @@ def _step(data: Any, key: str, path: str) -> MissionStep:
     for name in BLOCK_KEYS:
         if name in data:
             blocks[name] = _inner_steps(data[name], f"{key}.{name}", path)
-            values[name] = ()  # converted one by one, each to the kind that its `do` says
+            values[name] = ()  # `_inner_steps` has converted them, each to the kind of its `do`
     if issubclass(kind, Intent):
-        del values["do"]  # the class says it
+        del values["do"]  # an intent has no such field; its class stands for it
         _check_planned_fields(values, kind, key, path)
 
     step = cast(MissionStep, convert(values, kind, path, key))
@@ -237,7 +238,7 @@ def _step(data: Any, key: str, path: str) -> MissionStep:
 
 
 def _check_planned_fields(values: dict[str, Any], kind: type[Intent], key: str, path: str) -> None:
-    """Refuse keys for the fields of an intent that only planning fills in."""
+    """Refuse keys for fields of an intent that only the planning may fill in."""
     for name in kind.planned_fields:
         if name in values:
             raise ConfigError(
@@ -247,7 +248,7 @@ def _check_planned_fields(values: dict[str, Any], kind: type[Intent], key: str, 
 
 
 def _check_step(step: MissionStep, key: str, path: str) -> None:
-    """Refuse values outside their bounds, and waits for nothing."""
+    """Refuse values outside their bounds, and a wait without anything to wait for."""
     for name, (low, high) in STEP_BOUNDS.items():
         value = getattr(step, name, None)
         if value is not None and not low <= value <= high:
@@ -276,7 +277,7 @@ def _check_step(step: MissionStep, key: str, path: str) -> None:
 
 
 def _check_time(step: MissionStep, key: str, path: str) -> None:
-    """Refuse what is no time of the world's clock, and one that comes again and again."""
+    """Refuse a time that is not valid, and a time inside a repetition."""
     written = getattr(step, "at", "")
     if written:
         try:
@@ -294,7 +295,7 @@ def _check_time(step: MissionStep, key: str, path: str) -> None:
 
 
 def _inner_steps(tables: Any, key: str, path: str) -> tuple[Any, ...]:
-    """Return steps within a step, or lists of them."""
+    """Return the steps inside a step; for branches, one tuple of steps for each branch."""
     if not isinstance(tables, list) or not tables:
         raise ConfigError(f"{path}: '{key}' must be a list of steps, and not empty.")
     if key.count("[") > _DEEPEST:
@@ -310,7 +311,7 @@ def _inner_steps(tables: Any, key: str, path: str) -> tuple[Any, ...]:
 
 
 def _every(steps: Iterable[MissionStep]) -> Iterator[MissionStep]:
-    """Yield all steps, those within others too."""
+    """Yield all steps, also those inside other steps."""
     for step in steps:
         yield step
         for name in BLOCK_KEYS:

@@ -17,24 +17,24 @@ from onboard.control.path import Path
 
 
 class Mission(msgspec.Struct, frozen=True):
-    """A mission file, resolved.
+    """A mission file with its fleet and the files that its steps name.
 
-    ``steps`` is empty for a Python mission, whose function runs instead.
+    ``steps`` is empty for a Python mission, whose function is run instead.
     """
 
     path: str
-    fleet: FleetConfig  # with the mission's own formations
+    fleet: FleetConfig  # the fleet file, with the mission's own formations
     steps: tuple[MissionStep, ...]
     expect: Expect
     on_failure: OnFailure
-    text: str  # of the file
+    text: str  # content of the file
     is_python: bool = False
-    arguments: Mapping[str, str] = {}  # of a Python mission's function, as they were written
-    paths: Mapping[str, Path] = {}  # by the files that the steps name
-    shapes: Mapping[str, FormationShape] = {}  # formations of the mission's own
+    arguments: Mapping[str, str] = {}  # arguments of a Python mission's function, as written
+    paths: Mapping[str, Path] = {}  # file that a step names -> path
+    shapes: Mapping[str, FormationShape] = {}  # the mission's own formations
 
     def course(self) -> Iterator[CourseStep]:
-        """Yield the steps of the mission as it is expected to be flown; none of a Python one."""
+        """Yield the steps as they are expected to be flown; a Python mission yields none."""
         return course(self.fleet, self.steps, self.paths_of, self.path)
 
     def paths_of(self, step: FollowPathStep) -> dict[str, Path]:
@@ -42,13 +42,13 @@ class Mission(msgspec.Struct, frozen=True):
         return {vehicle: self.paths[file] for vehicle, file in step.paths.items()}
 
     def lights_of(self, step: FollowPathStep) -> dict[str, tuple[TimedColour, ...]]:
-        """Return the colours of each vehicle of a step that has some."""
+        """Return the colours of each vehicle for which a step names a file of colours."""
         folder = FilePath(self.path).parent
         return {vehicle: load_lights(folder / file) for vehicle, file in step.lights.items()}
 
     @property
     def name(self) -> str:
-        """File name without its ending."""
+        """The name of the file without its ending."""
         return FilePath(self.path).stem
 
 

@@ -1,4 +1,7 @@
-"""Findings about a mission before it flies: spacing, time for each leg, expectations. Pure."""
+"""Findings about a mission before it flies: spacing, time limits, batteries, expectations. Pure.
+
+``covey check`` shows them, and a flight refuses a mission with a finding that the law cannot fly.
+"""
 
 from __future__ import annotations
 
@@ -16,22 +19,22 @@ from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
 from onboard.safety.area_room import way_beyond_m
 
-# Findings with these names are about the mission, and no promise of the law's.
+# Findings with these names do not refuse a flight: they do not concern what the law can fly.
 _OF_THE_MISSION = ("time", "expectation", "arrival", "ending")
-_SPARE_PCT = 10.0  # of a battery, above the level at which a vehicle lands by itself
-_ROOM_FOR_DETOURS = 1.7  # times the straight way's duration
+_SPARE_PCT = 10.0  # charge at the end above the level at which a vehicle lands by itself
+_DETOUR_FACTOR = 1.7  # recommended time limit over the duration of the straight way
 _ARRIVAL_M = 0.05  # error of an arrival with a perfect position
 
 
 def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tuple[Finding, ...]:
-    """Return findings about a mission: room in each constellation, time for legs, expectations.
+    """Return the findings about a mission.
 
-    Of equal findings of several steps only the worst is listed. A Python mission's steps are not
-    known before it flies.
+    If several steps have a finding of the same name, only the worst of them is listed. The steps of
+    a Python mission are not known before it flies.
 
     Args:
         mission: mission file, loaded and checked.
-        errors: accuracy of positions; None: as the fleet file says.
+        errors: accuracy of positions; None: the accuracy in the fleet file.
     """
     groups: dict[str, list[Finding]] = {}
     for finding in _step_findings(mission, errors):
@@ -45,11 +48,12 @@ def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tupl
 
 
 def refused_findings(mission: Mission, is_simulated: bool) -> list[Finding]:
-    """Return why the law cannot fly a mission; empty when it can.
+    """Return the findings because of which the law cannot fly a mission; empty if it can.
 
     Args:
         mission: mission file, loaded and checked.
-        is_simulated: whether the flight is simulated: other laws than Covey's may then be flown.
+        is_simulated: whether the flight is simulated. Then another law than Covey's may fly any
+            mission.
     """
     fleet = mission.fleet
     if not fleet.enabled_names:
@@ -67,8 +71,8 @@ def refused_findings(mission: Mission, is_simulated: bool) -> list[Finding]:
 def refuse_unflyable(mission: Mission, is_simulated: bool) -> None:
     """Refuse a mission that the law cannot fly.
 
-    Its vehicles are too near to each other, or its fleet is too large. Findings about time do not
-    refuse a mission. Other laws than Covey's may be flown in simulation.
+    Examples are vehicles that are too near to each other, and a fleet that is too large. Findings
+    about time do not refuse a mission. In simulation, another law than Covey's may fly any mission.
 
     Args:
         mission: mission file, loaded and checked.
@@ -91,12 +95,12 @@ def refuse_unflyable(mission: Mission, is_simulated: bool) -> None:
 
 
 def _name_of(finding: Finding) -> str:
-    """Return a finding's name without the step that it is about."""
+    """Return a finding's name without its step: the name is "NAME, STEP"."""
     return finding.name.partition(",")[0]
 
 
 def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Finding]:
-    """Yield findings about the steps in their order, and about the end."""
+    """Yield findings about the steps, in their order, and about the end of the mission."""
     fleet = mission.fleet
     flying: set[str] = set()
 
@@ -134,7 +138,7 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
 
 
 def _way_findings(fleet: FleetConfig, course_step: CourseStep, where: str) -> Iterator[Finding]:
-    """Yield the finding about the straight way that leads farthest beyond the edge of a fence."""
+    """Yield the finding about the straight way of which most lies beyond the edge of a fence."""
     areas = flight_space_of(fleet).areas
     beyond_m = {
         name: way_beyond_m(areas, course_step.positions[name], goal)
@@ -157,7 +161,7 @@ def _way_findings(fleet: FleetConfig, course_step: CourseStep, where: str) -> It
 
 
 def _flying_after(course_step: CourseStep) -> set[str]:
-    """Return the vehicles that fly after an order."""
+    """Return the vehicles that fly after a step with an order."""
     if isinstance(course_step.step, Land | Home):
         return set(course_step.flying).difference(course_step.goals)
     return set(course_step.flying).union(course_step.goals)
@@ -168,7 +172,7 @@ def _time(timeout_s: float, name: str, alone_s: float, where: str) -> Finding:
     return at_least(
         f"time, {where}",
         timeout_s,
-        _ROOM_FOR_DETOURS * alone_s,
+        _DETOUR_FACTOR * alone_s,
         "s",
         f"{where[0].upper()}{where[1:]}: timeout_s is {{value}}; {name} needs {alone_s:.1f} s "
         "alone, so {relation} {bound} leaves room for detours",
@@ -195,7 +199,7 @@ def _separation_expectation(mission: Mission) -> Iterator[Finding]:
 
 
 def _arrival_expectation(mission: Mission, errors: ErrorClass | None) -> Iterator[Finding]:
-    """Yield the finding about arrivals that are expected nearer than positions are known."""
+    """Yield the finding that compares the expected arrivals with the accuracy of positions."""
     within_m = mission.expect.arrived_within_m
     if within_m is None:
         return
@@ -214,7 +218,7 @@ def _arrival_expectation(mission: Mission, errors: ErrorClass | None) -> Iterato
 
 
 def _endurance(mission: Mission) -> Iterator[Finding]:
-    """Yield what is left in each battery at the end, where its hover time is in the fleet file."""
+    """Yield the finding about each battery's charge at the end, if its hover time is known."""
     fleet = mission.fleet
     needed_s = sum(course_step.times * course_step.expected_s for course_step in mission.course())
     if not needed_s:

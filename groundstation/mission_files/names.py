@@ -1,4 +1,4 @@
-"""Names of missions that may be meant, for completion: files of a folder, and the examples."""
+"""Completes the names of missions: files of a folder, and the examples."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ _ENDINGS = (".toml", ".py")
 
 
 def mission_names(start: str = "") -> list[str]:
-    """Return mission files that may be meant: those below a folder, and the examples.
+    """Return the names of missions that begin with a text.
 
     Args:
-        start: what was written of the name so far, with its folder.
+        start: begin of the name, with its folder.
 
     Returns:
-        Names that begin with it, as :func:`load_mission` takes them, sorted.
+        Names of files in the folder, sorted, then names of examples if `start` has no folder; all
+        as :func:`load_mission` takes them.
     """
-    folder, _, begun = start.rpartition("/")
+    folder, _, name_start = start.rpartition("/")
     try:
         entries = sorted(os.scandir(f"{folder}/" if "/" in start else "."), key=_name_of)
     except OSError:
@@ -26,11 +27,12 @@ def mission_names(start: str = "") -> list[str]:
 
     names = []
     for entry in entries:
-        is_mission = entry.name.endswith(_ENDINGS) and entry.name.startswith(begun)
-        if is_mission and entry.name.isprintable() and " " not in entry.name and entry.is_file():
+        is_mission = entry.name.endswith(_ENDINGS) and entry.name.startswith(name_start)
+        is_one_word = entry.name.isprintable() and " " not in entry.name  # orders have no quotes
+        if is_mission and is_one_word and entry.is_file():
             names.append(f"{folder}/{entry.name}" if "/" in start else entry.name)
     if "/" not in start:
-        names += [name for name in example_names("mission file") if name.startswith(begun)]
+        names += [name for name in example_names("mission file") if name.startswith(name_start)]
     return names
 
 

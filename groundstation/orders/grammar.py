@@ -1,6 +1,7 @@
-"""One line of text -> the intent of an order, or a reason in words why it is no order. Pure.
+"""Reads one line of text as an order, or says in words why it is not an order. Pure.
 
-Grammar (``WHO`` is ``all``, names or indices: ``mav0,mav2``, ``0-1``; left out it means all)::
+The console, the live page and ``covey order`` call :func:`parse`. The grammar is as follows.
+``WHO`` is ``all``, names or indices: ``mav0,mav2``, ``0-1``. Without ``WHO``, all are meant::
 
     arm [WHO]   disarm [WHO]   hold [WHO]   land [WHO]   kill WHO   locate WHO
     takeoff [WHO] [HEIGHT]                 takeoff all 1.0
@@ -12,18 +13,21 @@ Grammar (``WHO`` is ``all``, names or indices: ``mav0,mav2``, ``0-1``; left out 
     home [WHO] [HEIGHT] [in SECONDS]       home all
     swap WHO SPARE                         swap mav2 mav7
 
-``move`` for one vehicle names its own goal. For several it names the formation's position: each
-one's slot is added, so that they never get one goal together. The formation is the last one
-ordered, at first the first of the fleet file. SPACING stretches the formation until its two nearest
-slots are so far apart; ``turned`` turns it about its position, counterclockwise; ``rotate`` turns
-it further. ``nearest`` deals its slots out anew, such that the longest flight is as short as it can
-be; else each vehicle has its own slot. ``move`` keeps all that. ``goto`` names a goal for each
-vehicle, and all of them are judged together: vehicles may change places. ``home`` leads over the
-take-off spots of the fleet file, at the present heights or at HEIGHT, and lands there. ``yaw`` is
-the heading, counterclockwise from east.
+* ``move`` gives one vehicle its goal. For several vehicles it gives the formation's position; each
+  vehicle's slot is added. The formation is the one that was ordered last. Before the first such
+  order it is the first of the fleet file.
+* ``formation``: SPACING is the distance of the two nearest slots, to which the formation is
+  stretched. ``turned`` turns it about its position, counterclockwise. ``nearest`` assigns the slots
+  so that the longest flight is as short as possible; otherwise each vehicle has its own slot. A
+  later ``move`` keeps all this.
+* ``rotate`` turns the present formation further.
+* ``goto`` gives each vehicle a goal. All goals are checked together, so vehicles may change places.
+* ``home`` sends vehicles to the take-off spots of the fleet file, at their present heights or at
+  HEIGHT, and lands them there.
+* ``yaw`` is the heading, counterclockwise from east.
 
-How many numbers and which options a verb takes is written at its class in
-`groundstation/orders/intents.py`.
+The class of a verb in `groundstation/orders/intents.py` says how many numbers and which options it
+takes.
 """
 
 from __future__ import annotations
@@ -47,14 +51,14 @@ _MOST_QUOTED = 40  # characters of a wrong word that a sentence repeats
 
 
 class OrderError(ConfigError):
-    """An order that makes no sense as it stands: a sentence; nothing is sent."""
+    """A line or a call is not a valid order, so nothing is sent; the text is a sentence."""
 
 
 def parse(text: str, fleet: FleetConfig) -> Intent:
     """Return the intent of one line.
 
     Args:
-        text: the line, as the module's grammar says.
+        text: the line, in the grammar of this module.
         fleet: the fleet file, for the names of vehicles and formations.
 
     Returns:
@@ -72,7 +76,7 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
     kind = _verb_of(words)
     words = words[1:]
 
-    # the name comes first: a formation may be named as an option is, for instance `nearest`
+    # The name of the formation is taken first, because it may be a word such as `nearest`.
     formation = ""
     is_nearest = False
     if kind.verb == "formation":
@@ -108,7 +112,7 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
 
 
 def default_formation(fleet: FleetConfig) -> str | None:
-    """Return the formation that holds before one was ordered: the first of the fleet file."""
+    """Return the first formation of the fleet file, which counts before one is ordered."""
     return next(iter(formation_names(fleet)), None)
 
 
@@ -142,7 +146,7 @@ def _formation_of(words: list[str], kind: type[Intent], fleet: FleetConfig) -> s
 
 
 def _names_meant(names: tuple[str, ...], kind: type[Intent], fleet: FleetConfig) -> tuple[str, ...]:
-    """Return the vehicles of a line; all for an order that need not name any, and does not."""
+    """Return the vehicles that a line means: those that it names, or all if it names none."""
     if names:
         return names
 
@@ -226,8 +230,8 @@ def _take_vehicles(
 ) -> tuple[tuple[str, ...], tuple[float, ...]]:
     """Return the vehicles and the numbers of ``[WHO] numbers``.
 
-    Of the counts of numbers that the verb allows, the largest one counts that leaves at most one
-    word for the vehicles and only numbers behind it.
+    A verb may allow several counts of numbers. The largest count is chosen that fits the line: at
+    most one word for the vehicles, and only numbers behind it.
     """
     for count in sorted(kind.number_counts, reverse=True):
         if len(words) not in (count, count + 1):
@@ -235,7 +239,8 @@ def _take_vehicles(
         selection = words[: len(words) - count]
         number_words = words[len(words) - count :]
 
-        # `takeoff 1` selects the vehicle with index 1; a height or a spacing is written 1.0
+        # `takeoff 1` selects the vehicle with index 1; a height or a spacing is written 1.0. With
+        # 1 or 4 numbers, the first of them is a height or a spacing.
         may_be_index = kind.first_number_is_vehicle and count in (1, 4) and not selection
         if may_be_index and "." not in number_words[0] and _is_selection(number_words[0], fleet):
             continue
@@ -266,7 +271,7 @@ def _take_swapped(words: list[str], fleet: FleetConfig) -> tuple[str, ...]:
 
 
 def _select(word: str, fleet: FleetConfig) -> tuple[str, ...]:
-    """Return the vehicles that a word means."""
+    """Return the vehicles that a word selects."""
     try:
         return fleet.select(word)
     except ConfigError as error:
@@ -274,7 +279,7 @@ def _select(word: str, fleet: FleetConfig) -> tuple[str, ...]:
 
 
 def _is_selection(word: str, fleet: FleetConfig) -> bool:
-    """Whether a word means vehicles of the fleet."""
+    """Whether a word selects vehicles of the fleet."""
     try:
         return bool(fleet.select(word))
     except ConfigError:
@@ -291,7 +296,7 @@ def _with_slots(names: tuple[str, ...], fleet: FleetConfig, formation: str) -> t
 
 
 def _number(word: str) -> float | None:
-    """Return the number that a word is; None for another word."""
+    """Return the number that a word represents; None for any other word."""
     try:
         return float(word)
     except ValueError:

@@ -1,7 +1,7 @@
-"""The formation that holds: what the next ``move`` of several vehicles keeps. Pure.
+"""The present formation, which the next ``move`` of several vehicles keeps. Pure.
 
-Orders to take up a formation and to rotate one change it; it holds as soon as such an order is
-sent. A formation is a name, a spacing, a rotation, and which vehicle has which slot.
+It consists of a name, a spacing, a rotation and a slot for each vehicle. The orders ``formation``
+and ``rotate`` change it as soon as they are sent.
 """
 
 from __future__ import annotations
@@ -21,18 +21,19 @@ from onboard.tuples import Xyz
 class HeldFormation:
     """The formation that moves of several vehicles keep."""
 
-    name: str | None  # in the fleet file; None when it has none
+    name: str | None  # name in the fleet file; None if the file has no formation
     spacing_m: float | None = None  # distance of its two nearest slots; None: as in the fleet file
-    rotation_deg: float = 0.0  # against the fleet file, counterclockwise
-    takes: Mapping[str, str] | None = None  # vehicle -> the one whose slot it has; None: its own
+    rotation_deg: float = 0.0  # rotation from the fleet file's formation, counterclockwise
+    # vehicle -> the vehicle whose slot it takes; None: each vehicle has its own slot
+    takes: Mapping[str, str] | None = None
 
 
 def held_after(intent: Intent, held: HeldFormation) -> HeldFormation:
-    """Return the formation that holds once an order is sent.
+    """Return the formation after an order is sent.
 
     Args:
         intent: the order.
-        held: the formation that holds before it.
+        held: the formation before the order.
     """
     if isinstance(intent, Rotate):
         rotation_deg = math.remainder(held.rotation_deg + intent.angle_deg, 360.0)
@@ -50,7 +51,7 @@ def held_after(intent: Intent, held: HeldFormation) -> HeldFormation:
 
 
 def held_slots(fleet: FleetConfig, held: HeldFormation) -> dict[str, Xyz]:
-    """Return the offsets of the vehicles in the formation that holds.
+    """Return the offsets of the vehicles in the present formation.
 
     Args:
         fleet: the fleet file.
@@ -65,7 +66,7 @@ def held_slots(fleet: FleetConfig, held: HeldFormation) -> dict[str, Xyz]:
     slots = slots_of(fleet, held.name, held.spacing_m, held.rotation_deg)
     if held.takes is None:
         return slots
-    return {name: slots[taken] for name, taken in held.takes.items()}
+    return {name: slots[slot_name] for name, slot_name in held.takes.items()}
 
 
 def slots_of(
@@ -77,7 +78,7 @@ def slots_of(
         fleet: the fleet file.
         formation: name of the formation.
         spacing_m: distance [m] of its two nearest slots; None leaves the formation as it is.
-        rotation_deg: counterclockwise.
+        rotation_deg: angle by which the formation is turned, counterclockwise.
 
     Returns:
         Offset of each vehicle from the formation's position, metres ENU.

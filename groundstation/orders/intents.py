@@ -1,4 +1,4 @@
-"""What can be ordered: one class for each verb, in which the verb stands once.
+"""The orders that exist: one class for each verb holds everything about that verb.
 
 An order is written in three ways: as a line in the console, as a step of a mission file, and as a
 call in Python::
@@ -59,7 +59,7 @@ Verb = Literal[
     "enable",
     "swap",
 ]
-PathVerb = Literal["load_path", "follow_path"]  # of programs and missions; nobody types a path
+PathVerb = Literal["load_path", "follow_path"]  # programs and missions give these; nobody types one
 
 
 class LineWords(NamedTuple):
@@ -68,10 +68,10 @@ class LineWords(NamedTuple):
     vehicles: tuple[str, ...]
     numbers: tuple[float, ...] = ()  # as many as one of the verb's `number_counts`
     options: Mapping[str, float] = {}  # the numbers behind "in", "yaw" and "turned"
-    goals: Mapping[str, Xyz] = {}  # of goto
+    goals: Mapping[str, Xyz] = {}  # vehicle -> goal, for goto
     formation: str = ""
     is_nearest: bool = False
-    is_everybody: bool = False  # it names nobody, or says "all"
+    is_everybody: bool = False  # whether the line names no vehicle, or says "all"
 
     @property
     def duration_s(self) -> float:
@@ -85,7 +85,10 @@ class LineWords(NamedTuple):
 
 
 class MessageValues(NamedTuple):
-    """Values of an intent in the message to each vehicle, besides the goal: fields of `Order`."""
+    """Values that an intent gives to the message to each vehicle, apart from the goal.
+
+    They are fields of `Order`.
+    """
 
     height_m: float | None = None
     duration_s: float = 0.0
@@ -99,27 +102,27 @@ class Intent(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """One order as it was written, before it is checked."""
 
     verb: ClassVar[Verb | PathVerb]
-    kind: ClassVar[OrderKind]  # of the message to each vehicle
+    kind: ClassVar[OrderKind]  # kind of the message to each vehicle
 
     # How the console writes it.
-    usage: ClassVar[str] = ""  # the line, shown when a line is not understood
+    usage: ClassVar[str] = ""  # form of the line, shown when a line is not understood
     number_counts: ClassVar[tuple[int, ...]] = (0,)  # how many numbers may follow the vehicles
     options: ClassVar[tuple[str, ...]] = ()  # words that a number may follow, at the line's end
     must_name_vehicles: ClassVar[bool] = False  # otherwise a line without names means all
-    # Without names, a first number without a point is a vehicle's index: "takeoff 1" means mav1.
+    # In a line without names, a first number without a point is a vehicle's index: "takeoff 1".
     first_number_is_vehicle: ClassVar[bool] = True
 
-    # Where else it is written, and how it is judged.
+    # Where else it is written, and how it is checked.
     is_mission_step: ClassVar[bool] = True  # `do` of a mission file may be this verb
     is_previewed: ClassVar[bool] = False  # the console shows a preview before it sends it
     is_joint: ClassVar[bool] = False  # when one vehicle is refused, nothing is sent to the others
     has_goals: ClassVar[bool] = False  # each vehicle gets a position: see goals.py
     is_start: ClassVar[bool] = False  # the motors may begin to turn: preflight must allow it
     waits_for_step: ClassVar[bool] = False  # a mission that is flown in steps stops before it
-    brings_down: ClassVar[bool] = False  # open to vehicles that the fleet file disables
+    brings_down: ClassVar[bool] = False  # disabled vehicles of the fleet file may get it as well
     begins: ClassVar[Literal["on ground", "in air", "anywhere"]] = "anywhere"
 
-    # Planning fills these fields in. They are no keys of a mission file.
+    # Fields that the planning fills in. They are not keys of a mission file.
     planned_fields: ClassVar[tuple[str, ...]] = ()
 
     vehicles: Names = "all"  # "all", a name, "0-2", "a,b" or a list
@@ -137,16 +140,16 @@ class Intent(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the vehicles, once the words for them have been resolved for a fleet."""
+        """Names of the vehicles; a fleet must have resolved "all" and indices before."""
         assert not isinstance(self.vehicles, str), f"'{self.vehicles}' is not resolved"
         return self.vehicles
 
     def message_values(self) -> MessageValues:
-        """Return what the message to each vehicle says."""
+        """Return the values of the message to each vehicle."""
         return MessageValues()
 
     def kind_for(self, name: str) -> OrderKind:
-        """Return the kind of the message to a vehicle: mostly the same for all."""
+        """Return the kind of the message to a vehicle; for most verbs it is the same for all."""
         return self.kind
 
     def __str__(self) -> str:
@@ -201,12 +204,12 @@ class Takeoff(Intent, frozen=True, kw_only=True):
     begins = "on ground"
 
     height_m: float = 1.0  # above the fleet's origin
-    by: int = 0  # in waves of so many vehicles; 0: all at once
+    by: int = 0  # number of vehicles in a wave; 0: all at once
     every_s: float = DEFAULT_EVERY_S  # from the arrival of a wave to the start of the next
 
     @classmethod
     def from_line(cls, line: LineWords) -> Self:
-        """Return the order that a line of the console says."""
+        """Return the order of a line of the console."""
         return cls(
             vehicles=line.vehicles,
             height_m=line.numbers[0] if line.numbers else DEFAULT_HEIGHT_M,
@@ -219,10 +222,11 @@ class Takeoff(Intent, frozen=True, kw_only=True):
         """The vehicles of each wave, in the order of the fleet file."""
         names = self.names
         size = self.by or len(names)
-        return [names[begin : begin + size] for begin in range(0, len(names), max(1, size))]
+        step = max(1, size)  # `range` refuses 0, which an order to nobody would have
+        return [names[begin : begin + size] for begin in range(0, len(names), step)]
 
     def message_values(self) -> MessageValues:
-        """Return what the message to each vehicle says besides its kind."""
+        """Return the values of the message to each vehicle."""
         return MessageValues(height_m=self.height_m)
 
     def _words(self) -> list[str]:
@@ -232,7 +236,7 @@ class Takeoff(Intent, frozen=True, kw_only=True):
 
 
 class GoalIntent(Intent, frozen=True, kw_only=True):
-    """An order to goals, as fast as the limits allow or slower."""
+    """An order that sends vehicles to goals, as fast as their limits allow, or slower."""
 
     kind = "move"
     is_previewed = True
@@ -241,14 +245,14 @@ class GoalIntent(Intent, frozen=True, kw_only=True):
     waits_for_step = True
     begins = "in air"
 
-    duration_s: float = 0.0  # slower than the limits allow; 0: as fast as they allow
+    duration_s: float = 0.0  # duration, if slower than the limits allow; 0: as fast as they allow
     # instead of a duration: the highest speed of the vehicle with the longest way
     speed_m_s: float | None = None
-    # heading to turn to, counterclockwise from east; by default as it is
+    # heading to turn to, counterclockwise from east; by default the present one
     yaw_deg: float | None = None
 
     def message_values(self) -> MessageValues:
-        """Return what the message to each vehicle says besides its kind."""
+        """Return the values of the message to each vehicle."""
         return MessageValues(duration_s=self.duration_s, yaw_deg=self.yaw_deg)
 
     def _words(self) -> list[str]:
@@ -260,7 +264,7 @@ class GoalIntent(Intent, frozen=True, kw_only=True):
 
 
 class Move(GoalIntent, frozen=True, kw_only=True):
-    """One vehicle: its own goal. Several: the position of the formation that holds."""
+    """Send one vehicle to a goal, or several to the position of their present formation."""
 
     verb = "move"
     usage = "move WHO X Y Z [yaw DEG] [in SECONDS], for instance: move all 2 0 1.2"
@@ -272,7 +276,7 @@ class Move(GoalIntent, frozen=True, kw_only=True):
 
     @classmethod
     def from_line(cls, line: LineWords) -> Self:
-        """Return the order that a line of the console says."""
+        """Return the order of a line of the console."""
         x, y, z = line.numbers
         return cls(
             vehicles=line.vehicles,
@@ -286,7 +290,7 @@ class Move(GoalIntent, frozen=True, kw_only=True):
 
 
 class Goto(GoalIntent, frozen=True, kw_only=True):
-    """Each vehicle to its own goal, judged together: they may change places."""
+    """Send each vehicle to its own goal; all are checked together, so they may change places."""
 
     verb = "goto"
     usage = (
@@ -301,7 +305,7 @@ class Goto(GoalIntent, frozen=True, kw_only=True):
 
     @classmethod
     def from_line(cls, line: LineWords) -> Self:
-        """Return the order that a line of the console says."""
+        """Return the order of a line of the console."""
         return cls(
             vehicles=line.vehicles,
             goals=dict(line.goals),
@@ -310,7 +314,7 @@ class Goto(GoalIntent, frozen=True, kw_only=True):
         )
 
     def message_values(self) -> MessageValues:
-        """Return what the message to each vehicle says besides its kind."""
+        """Return the values of the message to each vehicle."""
         return super().message_values()._replace(follows=self.follows)
 
     def __str__(self) -> str:
@@ -333,16 +337,18 @@ class Formation(GoalIntent, frozen=True, kw_only=True):
     planned_fields = ("takes",)
 
     name: str  # a table [formations.NAME] of the mission or of the fleet file
-    position_enu_m: Xyz | None = None  # of the formation; None: where it is on average
-    spacing_m: float | None = None  # stretches it until its two nearest slots are so far apart
-    rotation_deg: float = 0.0  # turns it, counterclockwise
-    # each its own slot; nearest: such that the longest flight is short
+    # position of the formation; None: the mean of the vehicles' positions
+    position_enu_m: Xyz | None = None
+    # distance of the two nearest slots, to which the formation is stretched
+    spacing_m: float | None = None
+    rotation_deg: float = 0.0  # angle by which it is turned, counterclockwise
+    # ids: each vehicle has its own slot; nearest: the longest flight is as short as possible
     assign: Assign = "ids"
-    takes: Mapping[str, str] | None = None  # for each vehicle the one whose slot it takes
+    takes: Mapping[str, str] | None = None  # vehicle -> the vehicle whose slot it takes
 
     @classmethod
     def from_line(cls, line: LineWords) -> Self:
-        """Return the order that a line of the console says."""
+        """Return the order of a line of the console."""
         numbers = list(line.numbers)
 
         spacing_m = None
@@ -381,7 +387,7 @@ class Formation(GoalIntent, frozen=True, kw_only=True):
 
 
 class Rotate(Intent, frozen=True, kw_only=True):
-    """Turn the formation that holds about its position, each vehicle straight to its new slot."""
+    """Turn the present formation; each vehicle flies straight to its new slot."""
 
     verb = "rotate"
     kind = "move"
@@ -396,13 +402,13 @@ class Rotate(Intent, frozen=True, kw_only=True):
     begins = "in air"
     planned_fields = ("center_enu_m",)
 
-    angle_deg: float  # counterclockwise, from how it is turned now
+    angle_deg: float  # angle to turn by, counterclockwise
     duration_s: float = 0.0  # as for move
     center_enu_m: Xyz | None = None  # the formation's position, about which it turns
 
     @classmethod
     def from_line(cls, line: LineWords) -> Self:
-        """Return the order that a line of the console says."""
+        """Return the order of a line of the console."""
         return cls(
             vehicles=line.vehicles,
             angle_deg=line.numbers[0],
@@ -410,7 +416,7 @@ class Rotate(Intent, frozen=True, kw_only=True):
         )
 
     def message_values(self) -> MessageValues:
-        """Return what the message to each vehicle says besides its kind."""
+        """Return the values of the message to each vehicle."""
         return MessageValues(duration_s=self.duration_s)
 
     def _words(self) -> list[str]:
@@ -422,7 +428,7 @@ class Rotate(Intent, frozen=True, kw_only=True):
 
 
 class Yaw(Intent, frozen=True, kw_only=True):
-    """Turn to a heading on the spot."""
+    """Turn each vehicle to a heading, without a change of position."""
 
     verb = "yaw"
     kind = "move"
@@ -434,16 +440,16 @@ class Yaw(Intent, frozen=True, kw_only=True):
     waits_for_step = True
     begins = "in air"
 
-    yaw_deg: float  # counterclockwise from east
+    yaw_deg: float  # heading, counterclockwise from east
     timeout_s: float = 15.0
 
     @classmethod
     def from_line(cls, line: LineWords) -> Self:
-        """Return the order that a line of the console says."""
+        """Return the order of a line of the console."""
         return cls(vehicles=line.vehicles, yaw_deg=line.numbers[0])
 
     def message_values(self) -> MessageValues:
-        """Return what the message to each vehicle says besides its kind."""
+        """Return the values of the message to each vehicle."""
         return MessageValues(yaw_deg=self.yaw_deg)
 
     def _words(self) -> list[str]:
@@ -463,7 +469,7 @@ class Hold(Intent, frozen=True, kw_only=True):
 
 
 class Home(Intent, frozen=True, kw_only=True):
-    """Back over the take-off spots of the fleet file, and land there."""
+    """Fly back to the take-off spots of the fleet file, and land there."""
 
     verb: ClassVar[Verb | PathVerb] = "home"
     kind = "move"
@@ -475,13 +481,13 @@ class Home(Intent, frozen=True, kw_only=True):
     has_goals = True
     begins = "in air"
 
-    height_m: float | None = None  # of the way back; by default each at its own
-    duration_s: float = 0.0  # of the way back, as for move
+    height_m: float | None = None  # height of the way back; by default each keeps its own
+    duration_s: float = 0.0  # duration of the way back, as for move
     timeout_s: float = 90.0
 
     @classmethod
     def from_line(cls, line: LineWords) -> Self:
-        """Return the order that a line of the console says."""
+        """Return the order of a line of the console."""
         height_m = None
         if line.numbers:
             height_m = line.numbers[0]
@@ -489,7 +495,7 @@ class Home(Intent, frozen=True, kw_only=True):
         return cls(vehicles=line.vehicles, height_m=height_m, duration_s=line.duration_s)
 
     def message_values(self) -> MessageValues:
-        """Return what the message to each vehicle says besides its kind."""
+        """Return the values of the message to each vehicle."""
         return MessageValues(duration_s=self.duration_s, then_land=True)
 
     def _words(self) -> list[str]:
@@ -501,18 +507,18 @@ class Home(Intent, frozen=True, kw_only=True):
 
 
 class BringHome(Home, frozen=True, kw_only=True):
-    """Back to the take-off spots from wherever all are, dealt out so that ways do not cross."""
+    """Fly back from any positions to take-off spots, assigned so that the ways do not cross."""
 
     verb = "bring_home"
     usage = "bring_home [WHO] [HEIGHT] [in SECONDS], for instance: bring_home all"
     planned_fields = ("takes",)
 
-    # which vehicle's take-off spot each lands at; None: not dealt out yet
+    # vehicle -> the vehicle on whose take-off spot it lands; None: not assigned yet
     takes: Mapping[str, str] | None = None
 
 
 class Pause(Intent, frozen=True, kw_only=True):
-    """Stop the clock of the paths that are followed: all who fly them brake along them."""
+    """Stop the clock of the paths: vehicles that fly a path brake along it."""
 
     verb = "pause"
     kind = "pause"
@@ -536,7 +542,7 @@ class Resume(Intent, frozen=True, kw_only=True):
 
 
 class Skip(Intent, frozen=True, kw_only=True):
-    """Leave the paths that are followed, straight to their ends; then the mission goes on."""
+    """Leave the paths and fly straight to their ends; then the mission goes on."""
 
     verb = "skip"
     kind = "skip"
@@ -557,16 +563,16 @@ class Land(Intent, frozen=True, kw_only=True):
     brings_down = True
     planned_fields = ("is_everybody",)
 
-    # All are meant, and nobody by his name: a vehicle that a pilot flies by hand is left to him.
+    # whether the order is to all, without names: it leaves out vehicles that a pilot flies by hand
     is_everybody: bool = False
 
     @classmethod
     def from_line(cls, line: LineWords) -> Self:
-        """Return the order that a line of the console says."""
+        """Return the order of a line of the console."""
         return cls(vehicles=line.vehicles, is_everybody=line.is_everybody)
 
     def message_values(self) -> MessageValues:
-        """Return what the message to each vehicle says besides its kind."""
+        """Return the values of the message to each vehicle."""
         return MessageValues(reason=TO_EVERYBODY if self.is_everybody else "")
 
 
@@ -593,7 +599,7 @@ class Locate(Intent, frozen=True, kw_only=True):
 
 
 class Reboot(Intent, frozen=True, kw_only=True):
-    """Start PX4 anew, on the ground and disarmed."""
+    """Restart PX4, on the ground and disarmed."""
 
     verb = "reboot"
     kind = "reboot"
@@ -607,7 +613,7 @@ class Reboot(Intent, frozen=True, kw_only=True):
 
 
 class Disable(Intent, frozen=True, kw_only=True):
-    """Leave a vehicle out of flights: "all" does not mean it, and it does not start."""
+    """Take a vehicle out of service: "all" excludes it, and it refuses to start."""
 
     verb = "disable"
     kind = "disable"
@@ -632,7 +638,7 @@ class Enable(Intent, frozen=True, kw_only=True):
 
 
 class Swap(Intent, frozen=True, kw_only=True):
-    """Give a vehicle's place to a spare: its spot, its slots, its paths."""
+    """Replace a vehicle by a spare, which gets its spot, its slots and its paths."""
 
     verb = "swap"
     kind = "stand_in"
@@ -644,16 +650,17 @@ class Swap(Intent, frozen=True, kw_only=True):
     planned_fields = ("place",)
 
     timeout_s: float = 5.0
-    place: str = ""  # that the spare gets: of the first vehicle, or of whom it stands in for
+    # the vehicle whose place the spare gets: the first one, or the vehicle that it replaces
+    place: str = ""
 
     @property
     def swapped(self) -> str:
-        """The vehicle that is out of service from then on."""
+        """The vehicle that is out of service after the swap."""
         return self.names[0]
 
     @property
     def spare(self) -> str:
-        """The vehicle that has its place from then on."""
+        """The vehicle that takes part instead."""
         return self.names[1]
 
     def kind_for(self, name: str) -> OrderKind:
@@ -665,7 +672,7 @@ class Swap(Intent, frozen=True, kw_only=True):
 
 
 class LoadPath(Intent, frozen=True, kw_only=True):
-    """Bring each vehicle a part of its path."""
+    """Send each vehicle a part of its path."""
 
     verb = "load_path"
     kind = "load_path"
@@ -673,7 +680,7 @@ class LoadPath(Intent, frozen=True, kw_only=True):
 
 
 class FollowPath(Intent, frozen=True, kw_only=True):
-    """Follow the loaded paths from one instant on."""
+    """Follow the loaded paths; all vehicles start at one instant."""
 
     verb = "follow_path"
     kind = "follow_path"

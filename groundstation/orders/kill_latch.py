@@ -1,6 +1,7 @@
-"""Killing takes the same key twice within a second. Pure.
+"""The kill key: it must be pressed twice within a second. Pure.
 
-A killed vehicle takes no orders until it is reset.
+The console stops motors only at the second press. It gives a killed vehicle no orders until the
+operator resets it.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ class KillLatch:
     def armed(self, now_s: float) -> tuple[str, ...]:
         """Return the vehicles that the next press of the same key stops.
 
-        There are none when that press would only arm.
+        The result is empty if that press would be a first one.
         """
         first = self._first_press
         if first is None:
@@ -56,6 +57,6 @@ class KillLatch:
 
     def reset(self, vehicles: Iterable[str]) -> frozenset[str]:
         """Release vehicles; return those that were latched."""
-        freed = self.killed.intersection(vehicles)
-        self.killed -= freed
-        return freed
+        released = self.killed.intersection(vehicles)
+        self.killed -= released
+        return released

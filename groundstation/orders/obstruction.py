@@ -1,4 +1,7 @@
-"""What stands between a vehicle and its goal, in words: neighbours, obstacles, the fence. Pure."""
+"""Says what keeps a vehicle from its goal: neighbours, obstacles, the fence. Pure.
+
+The results of moves that did not end in time get these sentences.
+"""
 
 from __future__ import annotations
 
@@ -15,17 +18,17 @@ from onboard.config.flight_space import flight_space_of
 from onboard.config.pair_separation import separation_m
 from onboard.tuples import Xyz
 
-_BLOCKED = ("unfinished", "timed out")
-_NEAR_WALL_M = 0.5
-_MOST = 3  # things that a sentence names
-_ACTIVE_M_S2 = 0.05  # of the law's intervention
-_STEPS = 20  # in which the way is compared with obstacles
+_BLOCKED = ("unfinished", "timed out")  # phases of results that get an explanation
+_NEAR_WALL_M = 0.5  # distance from a body's edge at which an obstacle or the fence counts as near
+_MOST_NAMED = 3  # hindrances that a sentence names
+_ACTIVE_M_S2 = 0.05  # smallest intervention of the law that is said
+_STEPS = 20  # points of the straight way that are compared with obstacles
 
 
 def explained(
     results: Results, planned: PlannedOrder, fleet: FleetConfig, state: FleetState, now_ns: int
 ) -> Results:
-    """Return the results of an order; unfinished moves say what stands in their way.
+    """Return the results of an order; those of unfinished moves say what is in the way.
 
     Args:
         results: results of its vehicles.
@@ -45,7 +48,7 @@ def explained(
 
 
 def in_the_way(fleet: FleetConfig, state: FleetState, name: str, goal: Xyz, now_ns: int) -> str:
-    """Return what keeps a vehicle from its goal now, the nearest first, with distances.
+    """Return what keeps a vehicle from its goal now, with distances, the nearest first.
 
     Args:
         fleet: the fleet file.
@@ -55,7 +58,7 @@ def in_the_way(fleet: FleetConfig, state: FleetState, name: str, goal: Xyz, now_
         now_ns: the ground's monotonic clock [ns].
 
     Returns:
-        Sentences; empty when its position is not known.
+        Sentences; empty if the vehicle's position is not known.
     """
     view = state.vehicles.get(name)
     if view is None or view.telemetry is None:
@@ -64,21 +67,22 @@ def in_the_way(fleet: FleetConfig, state: FleetState, name: str, goal: Xyz, now_
     if position is None:
         return ""
 
-    left = f"It is {math.dist(position, goal):.2f} m from its goal."
-    near = [
+    distance_sentence = f"It is {math.dist(position, goal):.2f} m from its goal."
+    hindrances = [
         *_neighbours(fleet, state, name, position, goal, now_ns),
         *_walls(fleet, position, goal),
     ]
-    near.sort()  # by distance
-    words = "; ".join(sentence for _, sentence in near[:_MOST])
+    hindrances.sort()  # by distance
+    words = "; ".join(text for _, text in hindrances[:_MOST_NAMED])
     if not words:
-        return f"{left} Nothing known is in its way."
-    return f"{left} In its way: {words}.{_law_words(view.telemetry)}"
+        return f"{distance_sentence} Nothing known is in its way."
+    return f"{distance_sentence} In its way: {words}.{_law_words(view.telemetry)}"
 
 
 def _law_words(telemetry: Telemetry) -> str:
-    """Return by how much the law gives way, and to whom; nothing where it does not."""
-    if not telemetry.avoids or not telemetry.intervention_m_s2 > _ACTIVE_M_S2:
+    """Return to whom the law gives way, and by how much; empty if it does not give way."""
+    is_active = telemetry.intervention_m_s2 > _ACTIVE_M_S2  # False for an unknown one, NaN
+    if not telemetry.avoids or not is_active:
         return ""
     return f" The law gives way to {telemetry.avoids} by {telemetry.intervention_m_s2:.1f} m/s²."
 
@@ -136,7 +140,7 @@ def _walls(fleet: FleetConfig, position: Xyz, goal: Xyz) -> Iterator[tuple[float
 
 
 def _distance_m(point: Xyz, begin: Xyz, end: Xyz, height_share: float) -> float:
-    """Return the separation of a point from the straight way between two others."""
+    """Return the separation of a point from the straight way between two other points."""
     route = (end[0] - begin[0], end[1] - begin[1])
     length_squared_m2 = route[0] ** 2 + route[1] ** 2
     along = (point[0] - begin[0]) * route[0] + (point[1] - begin[1]) * route[1]
@@ -145,7 +149,8 @@ def _distance_m(point: Xyz, begin: Xyz, end: Xyz, height_share: float) -> float:
     if length_squared_m2 > 0.0:
         share = min(max(along / length_squared_m2, 0.0), 1.0)
 
-    low, high = sorted((begin[2], end[2]))  # at some time on the way it has each height between
+    # The way passes every height between its ends, so the nearest of them counts.
+    low, high = sorted((begin[2], end[2]))
     nearest = (
         begin[0] + share * route[0],
         begin[1] + share * route[1],

@@ -1,4 +1,7 @@
-"""Orders about paths: the parts that a path is loaded in, and the common start. Pure."""
+"""Messages about paths: the parts in which a path is sent, and the common start. Pure.
+
+A path is longer than one message may be, so it is cut into parts of PART_BYTES bytes.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +24,12 @@ def path_orders(
     node: str,
     now_ns: int,
 ) -> dict[str, Order]:
-    """Return the messages that bring each vehicle its part of an order.
+    """Return the message to each vehicle.
 
     Args:
-        kind: whether they bring a part of a path, or start it.
-        paths: the part, or the start, of each vehicle.
-        new_id: makes the orders' ids.
+        kind: "load_path" for messages with a part of a path, "follow_path" for the start.
+        paths: the part or the start for each vehicle.
+        new_id: function that returns a new order id.
         author: person or program that orders.
         node: the ground's name on the bus.
         now_ns: the ground's monotonic clock [ns].
@@ -49,10 +52,10 @@ def path_orders(
 def parts_of(path: Path) -> list[PathOrder]:
     """Return the parts of a path, in their order."""
     data = to_bytes(path)
-    own_id = path_id(data)
+    id_of_path = path_id(data)
     chunks = [data[begin : begin + PART_BYTES] for begin in range(0, len(data), PART_BYTES)]
     return [
-        PathOrder(path_id=own_id, part=index, parts=len(chunks), data=chunk)
+        PathOrder(path_id=id_of_path, part=index, parts=len(chunks), data=chunk)
         for index, chunk in enumerate(chunks)
     ]
 
@@ -65,7 +68,7 @@ def starts_of(
     Args:
         paths: paths of the vehicles.
         show_id: identifier of this flight: vehicles with the same id wait for each other.
-        start_ns: time 0 of the paths, on this ground's monotonic clock.
+        start_ns: time 0 of the paths, on this ground's monotonic clock [ns].
         on_lag: reaction of a vehicle that falls behind for too long.
     """
     return {

@@ -1,11 +1,11 @@
-"""An intent -> one checked order per vehicle, or a reason in words for each refusal. Pure.
+"""Makes one checked message per vehicle of an intent, or a refusal in words. Pure.
 
 An order is planned once. Before it is sent, :func:`check_again` checks the planned goals against
-the fleet as it is then; the goals themselves stay as they were shown.
+the fleet at that time. The goals themselves do not change after they were shown.
 
-The checks come in this order: who may be ordered and whether the numbers are sound, then where the
-vehicles would go, then what the verb itself demands. Once one of them has refused a vehicle, the
-later ones are not asked.
+The checks come in this order: which vehicles may be ordered and whether the numbers are valid, then
+the goals, then the conditions of the verb itself. Once a check has refused a vehicle, the later
+checks are not made.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ from onboard.config.ground import floor_m, least_height_m
 from onboard.config.pair_separation import separation_m
 from onboard.tuples import Xyz
 
-ORDER_LIFE_S = 2.0
+ORDER_LIFE_S = 2.0  # time from an order to its deadline
 _LONGEST_MOVE_S = 600.0
 _MOST_SPACING_M = 1000.0
 _MIN_HEIGHT_M = 0.2
-_OTHER_HEIGHT_M = 0.3  # from which on a refusal says that heights do not count
+_OTHER_HEIGHT_M = 0.3  # difference from which a refusal says that heights do not count
 _NO_FORMATION = HeldFormation(None)
 
 
@@ -52,7 +52,7 @@ class PlannedOrder:
     intent: Intent  # with the values filled in that the order leaves open
     orders: Mapping[str, Order] = field(default_factory=dict)  # vehicle -> message
     refusals: Mapping[str, str] = field(default_factory=dict)  # vehicle -> sentence
-    held: HeldFormation = _NO_FORMATION  # holds as soon as the order is sent
+    held: HeldFormation = _NO_FORMATION  # formation after the order is sent
 
 
 def random_id() -> str:
@@ -73,18 +73,18 @@ def plan_order(
 ) -> PlannedOrder:
     """Check an intent against the fleet and make its orders.
 
-    If one goal of a joint move is refused, none of that move is sent: nobody wants half a
-    formation.
+    If one vehicle of a joint order is refused, no vehicle gets the order, because nobody wants half
+    a formation.
 
     Args:
-        intent: the order, by the grammar or by a program.
+        intent: the order, from the grammar or from a program.
         fleet: the fleet file.
         state: the fleet as known now; None checks against the fleet file alone.
-        held: formation that holds now.
+        held: present formation.
         author: person or program that orders.
         now_ns: the ground's monotonic clock [ns].
         node: the ground's name on the bus.
-        new_id: makes the orders' ids.
+        new_id: function that returns a new order id.
 
     Returns:
         Orders for the vehicles that may be ordered, refusals for the others.
@@ -156,7 +156,7 @@ def plan_order(
 
 
 def _place_for(name: str, intent: Intent) -> str:
-    """Return the place that a message gives a vehicle; mostly none."""
+    """Return the name of the vehicle that another one replaces by this order; empty for others."""
     if isinstance(intent, Swap) and name == intent.spare:
         return intent.place or intent.swapped
     return ""
@@ -180,7 +180,10 @@ def _without_disabled(intent: Intent, fleet: FleetConfig, state: FleetState | No
 
 
 def _without_bystanders(intent: Intent, fleet: FleetConfig, state: FleetState | None) -> Intent:
-    """Return an order to all who fly a show without those who follow nothing, if anybody does."""
+    """Return an order about paths to all without the vehicles that do not follow anything.
+
+    If no vehicle follows a path or another vehicle, the order is not changed.
+    """
     if state is None or intent.kind not in ON_PATHS:
         return intent
 
@@ -198,7 +201,7 @@ def _without_bystanders(intent: Intent, fleet: FleetConfig, state: FleetState | 
 def check_again(
     planned: PlannedOrder, fleet: FleetConfig, state: FleetState, now_ns: int
 ) -> PlannedOrder:
-    """Check a planned order against the fleet as it is now, and stamp it anew.
+    """Check a planned order against the present fleet, and give its messages new stamps.
 
     Args:
         planned: result of :func:`plan_order`.
@@ -230,14 +233,16 @@ def check_again(
 
 
 def addressed(orders: Mapping[str, Order], state: FleetState | None) -> dict[str, Order]:
-    """Return orders that show their vehicles how new they are, by what was heard of each last.
+    """Return orders with the stamp of the newest telemetry that was heard of each vehicle.
+
+    The vehicle can tell from this stamp, which its own clock has made, how old the order is.
 
     Args:
         orders: vehicle -> order.
-        state: the fleet as known now; None when nothing is known.
+        state: the fleet as known now; None if nothing is known.
 
     Returns:
-        The orders, with the stamp of each vehicle's newest telemetry where there is one.
+        The orders; those to vehicles without telemetry are unchanged.
     """
     if state is None:
         return dict(orders)
@@ -254,7 +259,7 @@ def addressed(orders: Mapping[str, Order], state: FleetState | None) -> dict[str
 
 
 def of_mission(planned: PlannedOrder) -> PlannedOrder:
-    """Return a planned order as a mission gives it: its messages say so.
+    """Return a planned order whose messages say that a mission has given it.
 
     Args:
         planned: order as a person would give it.
@@ -267,7 +272,7 @@ def of_mission(planned: PlannedOrder) -> PlannedOrder:
 
 
 def stamped_anew(order: Order, now_ns: int) -> Order:
-    """Return the same order, given now.
+    """Return the same order with a new stamp and a new deadline.
 
     Args:
         order: order as it was sent before.
@@ -284,7 +289,7 @@ def _deadline_ns(now_ns: int) -> int:
 
 
 def _refuse_jointly(refusals: Mapping[str, str], names: Iterable[str]) -> dict[str, str]:
-    """Return refusals for all vehicles, as soon as there is one."""
+    """Return refusals for all vehicles if there is at least one; otherwise none."""
     if not refusals:
         return {}
 
@@ -297,7 +302,7 @@ def _refuse_jointly(refusals: Mapping[str, str], names: Iterable[str]) -> dict[s
 
 
 def _may_be_ordered(name: str, intent: Intent, fleet: FleetConfig) -> bool:
-    """Whether a vehicle takes part, or is to be brought down although it does not."""
+    """Whether a vehicle takes part, or the order brings down a vehicle that does not take part."""
     if name in fleet.enabled_names:
         return True
     return name in fleet.vehicles and intent.brings_down
@@ -316,7 +321,7 @@ def _unknown(name: str, fleet: FleetConfig) -> str:
 
 
 def _bad_number(intent: Intent) -> str | None:
-    """Return a sentence about a number that no order may have; None where all numbers are sound."""
+    """Return a sentence about a number that no order may have; None if all numbers are valid."""
     if not all(math.isfinite(number) for number in _numbers(intent)):
         return (
             "A number of this order is not finite. "
@@ -343,7 +348,10 @@ def _bad_number(intent: Intent) -> str | None:
 
 
 def _numbers(intent: Intent) -> Iterator[float]:
-    """Yield the numbers of an intent; goals of single vehicles are judged one by one."""
+    """Yield the numbers of an intent, except the goals of single vehicles.
+
+    `_goal_refusals` checks those.
+    """
     for name in intent.__struct_fields__:
         value = getattr(intent, name)
         if isinstance(value, int | float):
@@ -372,7 +380,7 @@ def _goal_refusals(
 
 
 def _space_refusal(name: str, goal: Xyz, fleet: FleetConfig) -> str | None:
-    """Return why a vehicle must not be at a goal, whoever else flies; None where it may."""
+    """Return why no vehicle may be at a goal, other vehicles apart; None if it may."""
     fence = fleet.fleet.geofence_m
     goal_text = f"({goal[0]:.2f}, {goal[1]:.2f}, {goal[2]:.2f})"
     if not fence.contains(goal):
@@ -419,7 +427,10 @@ def _too_near(name: str, goal: Xyz, other: str, position: Xyz, fleet: FleetConfi
 def _others(
     name: str, goals_enu_m: Mapping[str, Xyz], state: FleetState | None, now_ns: int
 ) -> Iterator[tuple[str, Xyz, str]]:
-    """Yield the goals of this order, and those of vehicles that fly but are not part of it."""
+    """Yield the goals of this order, and goals or positions of other vehicles that fly.
+
+    Each item is the other vehicle, its goal or position, and the word "goal" or "position".
+    """
     for other, goal in goals_enu_m.items():
         if other != name:
             yield other, goal, "goal"
@@ -441,7 +452,7 @@ def _others(
 
 
 def _height_refusals(names: list[str], height_m: float, fleet: FleetConfig) -> dict[str, str]:
-    """Return refusals of a take-off to a height outside the fence, or hardly above the ground."""
+    """Return refusals of a take-off to a height outside the fence, or too near to the ground."""
     _, top_m = fleet.fleet.geofence_m.z
     for area in flight_space_of(fleet).areas:
         if area.keeps_in:

@@ -1,9 +1,10 @@
-"""An order on its way from the wish to the send button: planned, flown ahead, checked again.
+"""An order before it is sent: planned, forecast, shown, and checked again.
 
-The console's preview and the page in the browser show the same thing: the order as it is planned
-now, its paths and smallest distance as soon as they are computed, and every reason against sending
-it. When the fleet has moved meanwhile it is computed again. At the moment of sending it is checked
-against the fleet as it is then, and only what was shown and passed that check is sent.
+The console's preview and the page in the browser show the same: the planned order, every reason
+against sending it, and its paths and smallest distance as soon as they are computed. If the fleet
+has moved meanwhile, the forecast is computed again. When the operator sends the order, it is
+checked against the fleet at that time. Only an order that was shown and that passes this check is
+sent.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class PlansOrders(Protocol):
 
 
 class FliesAhead(Protocol):
-    """A forecaster."""
+    """The part of a forecaster that is needed here."""
 
     async def forecast(
         self, fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False
@@ -55,11 +56,11 @@ class PreparedOrder:
 
     Args:
         fleet: the fleet file.
-        client: plans and checks orders.
+        client: client that plans and checks orders.
         intent: order that is prepared.
         forecaster: computes the paths.
-        start: begins the computing; a computing that goes on is ended first.
-        on_change: called whenever something else is to be shown.
+        start: function that begins a computation; it first ends a computation that still runs.
+        on_change: called whenever the shown values have changed.
     """
 
     def __init__(
@@ -74,14 +75,14 @@ class PreparedOrder:
     ) -> None:
         self.fleet = fleet
         self.client = client
-        self.intent = intent  # once it is planned, with the numbers that were left open
+        self.intent = intent  # after the planning, with the values that were left open
 
         self.preview: OrderPreview | None = None
         self.forecast: Forecast | None = None
-        self.reasons: tuple[str, ...] = ()  # against sending it
+        self.reasons: tuple[str, ...] = ()  # reasons against sending it
         self.is_computing = True
-        self.note = ""  # why it was computed again
-        self.begun_ns = client.now_ns()  # when the computing began
+        self.note = ""  # reason why it was computed again
+        self.begun_ns = client.now_ns()  # begin of the computation
 
         self._forecaster = forecaster
         self._start = start
@@ -89,7 +90,7 @@ class PreparedOrder:
 
     @property
     def is_sendable(self) -> bool:
-        """Whether it could be sent now."""
+        """Whether the order may be sent now."""
         return not self.is_computing and not self.reasons and self.preview is not None
 
     def begin(self, note: str = "") -> None:
@@ -114,7 +115,7 @@ class PreparedOrder:
         self._on_change()
 
     async def compute(self, preview: OrderPreview) -> None:
-        """Compute the paths of a preview; those of one that is no longer shown are dropped.
+        """Compute the paths of a preview; drop them if the preview is no longer shown.
 
         Args:
             preview: preview that ``start`` was given.
@@ -139,7 +140,7 @@ class PreparedOrder:
         """Check the shown order against the fleet as it is now.
 
         Returns:
-            What passed the check; None when something has changed and it is computed again.
+            The order that has passed the check; None if it is computed again after a change.
         """
         if self.preview is None:
             return None
@@ -152,7 +153,7 @@ class PreparedOrder:
         return checked
 
     def figures(self) -> list[str]:
-        """Return smallest distance, limit and duration, a line each."""
+        """Return smallest distance, limit and duration, one line each."""
         if self.intent.verb == "arm":
             return ["The propellers turn. Keep clear.", self._closest_now()]
 

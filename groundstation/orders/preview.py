@@ -1,7 +1,7 @@
-"""Preview of an order: where all vehicles go, reasons not to send it, and whether it still holds.
+"""Preview of an order: where all vehicles go, and reasons not to send the order. Pure.
 
-The preview is made of one moment of the fleet. While it is shown the fleet moves on: `changed`
-says whether something that matters is different by now. Pure.
+A preview describes the fleet at one moment. The fleet moves while the preview is shown, so
+:func:`changed` says whether anything that matters has changed since.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from onboard.tuples import Xyz
 _CAN_START = ("waiting", "ready", "landed", "armed")
 _CAN_MOVE = ("flying", "holding", "taking off")
 _HAS_GOAL = _CAN_MOVE
-# A start may drift by so much, and by so many seconds of its speed, while the preview is shown.
+# While the preview is shown, a vehicle may drift by this distance plus its speed times this time.
 _DRIFT_M = 0.3
 _DRIFT_S = 1.0
-_MOVING_M_S = 0.4
+_MOVING_M_S = 0.4  # speed from which a note says that the vehicle moves
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,15 +33,15 @@ class OrderPreview:
     """One planned order, as it is shown before it is sent."""
 
     planned: PlannedOrder
-    legs: Mapping[str, Leg]  # of all vehicles with a known position
-    reasons: tuple[str, ...] = ()  # not to send it, in sentences
-    notes: tuple[str, ...] = ()  # for the operator, in sentences
+    legs: Mapping[str, Leg]  # way of each vehicle with a known position
+    reasons: tuple[str, ...] = ()  # reasons not to send it, in sentences
+    notes: tuple[str, ...] = ()  # notes for the operator, in sentences
     unfit: frozenset[str] = frozenset()  # ordered vehicles that would refuse it
-    silent: frozenset[str] = frozenset()  # vehicles that fly without being heard
+    silent: frozenset[str] = frozenset()  # flying vehicles that are not heard
 
     @property
     def intent(self) -> Intent:
-        """The order, every number filled in."""
+        """The order, with every number filled in."""
         return self.planned.intent
 
     @property
@@ -51,7 +51,7 @@ class OrderPreview:
 
 
 def preview_order(planned: PlannedOrder, state: FleetState, now_ns: int) -> OrderPreview:
-    """Return what a planned order would do to the fleet as it is now.
+    """Return what a planned order would do to the fleet in its present state.
 
     Args:
         planned: the order.
@@ -70,7 +70,7 @@ def preview_order(planned: PlannedOrder, state: FleetState, now_ns: int) -> Orde
     for name, view in state.vehicles.items():
         order = planned.orders.get(name)
         if order is not None:
-            reason = _unfit(intent, view, now_ns)
+            reason = _expected_refusal(intent, view, now_ns)
             if reason is not None:
                 unfit[name] = reason
 
@@ -109,7 +109,7 @@ def preview_order(planned: PlannedOrder, state: FleetState, now_ns: int) -> Orde
 def changed(
     preview: OrderPreview, checked: PlannedOrder, state: FleetState, now_ns: int
 ) -> str | None:
-    """Compare the fleet with the one that a preview was made of.
+    """Compare the present fleet with the fleet that a preview was made of.
 
     Args:
         preview: preview as it is shown.
@@ -118,7 +118,7 @@ def changed(
         now_ns: the ground's monotonic clock [ns].
 
     Returns:
-        The first difference that matters, in words; None when the preview still holds.
+        The first difference that matters, in words; None if the preview is still right.
     """
     if checked.orders.keys() != preview.planned.orders.keys():
         return "the vehicles that can be ordered have changed"
@@ -131,7 +131,7 @@ def changed(
 
 
 def _difference(preview: OrderPreview, view: VehicleView, now_ns: int) -> str | None:
-    """Return what is different about one vehicle, in words; None when nothing matters."""
+    """Return what has changed about one vehicle, in words; None if nothing that matters has."""
     name = view.name
     telemetry = view.telemetry
     position = view.position_enu_m(now_ns)
@@ -150,7 +150,8 @@ def _difference(preview: OrderPreview, view: VehicleView, now_ns: int) -> str | 
     if not leg.is_ordered and telemetry.is_airborne == leg.is_parked:
         return f"{name} has taken off" if telemetry.is_airborne else f"{name} has landed"
 
-    is_unfit = name in preview.planned.orders and _unfit(preview.intent, view, now_ns) is not None
+    is_ordered = name in preview.planned.orders
+    is_unfit = is_ordered and _expected_refusal(preview.intent, view, now_ns) is not None
     if is_unfit != (name in preview.unfit):
         return f"{name}'s readiness has changed"
 
@@ -165,8 +166,8 @@ def _difference(preview: OrderPreview, view: VehicleView, now_ns: int) -> str | 
     return None
 
 
-def _unfit(intent: Intent, view: VehicleView, now_ns: int) -> str | None:
-    """Return why this vehicle would refuse the order now, as far as telemetry shows it."""
+def _expected_refusal(intent: Intent, view: VehicleView, now_ns: int) -> str | None:
+    """Return why a vehicle would refuse the order now, by its telemetry; None if it would not."""
     telemetry = view.telemetry
     if telemetry is None:
         return f"{view.name} is not heard: is its agent running?"
@@ -193,14 +194,18 @@ def _unfit(intent: Intent, view: VehicleView, now_ns: int) -> str | None:
 
 
 def _leg(intent: Intent, telemetry: Telemetry, position: Xyz, order: Order | None) -> Leg:
-    """Return a vehicle's straight way: by this order, by an earlier one, or none on the ground."""
+    """Return a vehicle's straight way by this order, or by an earlier one.
+
+    A vehicle on the ground that is not ordered stays where it is.
+    """
     if order is None or intent.verb == "arm":
         is_parked = not telemetry.is_airborne
         goal = position if is_parked else _goal(telemetry, position)
         return Leg(position, goal, is_ordered=False, is_parked=is_parked)
 
     if intent.verb == "skip":
-        # the goal of a path is its end already; who follows a vehicle holds where it is
+        # The goal that a vehicle on a path reports is the end of the path. A vehicle that follows
+        # another one holds where it is.
         goal = position if telemetry.follows else _goal(telemetry, position)
         return Leg(position, goal)
     if order.position_enu_m is not None:
@@ -213,7 +218,7 @@ def _leg(intent: Intent, telemetry: Telemetry, position: Xyz, order: Order | Non
 
 
 def _goal(telemetry: Telemetry, position: Xyz) -> Xyz:
-    """Return the goal that a vehicle has announced; where it is without one."""
+    """Return the goal that a vehicle reports, or its position if it reports none."""
     goal_enu_m = telemetry.goal_position_enu_m
     if telemetry.state in _HAS_GOAL and all(map(math.isfinite, goal_enu_m)):
         return goal_enu_m

@@ -1,4 +1,4 @@
-"""Result of an order under way: one per vehicle, filled in as replies and events come."""
+"""Results of an order: one per vehicle, which replies and events of the vehicles fill in."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ class VehicleResult:
     """Progress of an order with one vehicle.
 
     Phases: sent -> accepted -> done | superseded | failed | timed out; or refused; or no answer.
-    ``direct``: the order goes straight to PX4. ``unfinished``: waiting ended before the order did.
+    ``direct``: the order goes straight to PX4. ``unfinished``: the wait ended before the order.
     """
 
     vehicle: str
     order_id: str
     phase: Phase
-    sentence: str  # reason, by the agent, PX4 or the ground
-    is_silent: bool = False  # neither the agent nor, on the direct path, PX4 has answered
-    ended_before: int = 0  # number of vehicles whose order had ended before
+    sentence: str  # reason that the agent, PX4 or the ground gives
+    is_silent: bool = False  # whether neither the agent nor PX4, on the direct path, has answered
+    ended_before: int = 0  # number of vehicles whose order had ended before this one's
 
     @property
     def is_final(self) -> bool:
@@ -64,10 +64,10 @@ class OrderFailed(RuntimeError):
     def __init__(self, intent: Intent, results: Results) -> None:
         self.results = results
 
-        missing = [result for result in results.values() if not result.is_done]
-        # The first order that ended may be the cause of the others' ends.
-        missing.sort(key=lambda result: result.ended_before)
-        reasons = [f"{result.vehicle} {result.phase}: {result.sentence}" for result in missing]
+        not_done = [result for result in results.values() if not result.is_done]
+        # The failure that came first is named first: it may be the cause of the others.
+        not_done.sort(key=lambda result: result.ended_before)
+        reasons = [f"{result.vehicle} {result.phase}: {result.sentence}" for result in not_done]
         super().__init__(f"'{intent}' failed. {' '.join(reasons)}")
 
 
@@ -76,7 +76,7 @@ class OrderResult:
 
     Args:
         planned: the order as it was sent.
-        is_by_mission: a mission has given it, and no person.
+        is_by_mission: whether a mission has given it, and not a person.
     """
 
     def __init__(self, planned: PlannedOrder, *, is_by_mission: bool = False) -> None:
@@ -96,7 +96,7 @@ class OrderResult:
 
     @property
     def intent(self) -> Intent:
-        """The order, every number filled in."""
+        """The order, with every number filled in."""
         return self.planned.intent
 
     @property
@@ -116,13 +116,13 @@ class OrderResult:
     def update(self, vehicle: str, phase: Phase, sentence: str, *, is_silent: bool = False) -> None:
         """Set a vehicle's phase.
 
-        An end stays, except that a late reply of the agent replaces ``no answer``.
+        A final phase does not change, except that a late reply of the agent replaces ``no answer``.
 
         Args:
             vehicle: name of the vehicle.
             phase: the new phase.
             sentence: the reason.
-            is_silent: neither the agent nor PX4 has answered.
+            is_silent: whether neither the agent nor PX4 has answered.
         """
         before = self.results[vehicle]
         if before.is_final and before.phase != "no answer":
@@ -150,7 +150,7 @@ class OrderResult:
             timeout_s: longest wait [s]; None waits for ever.
 
         Returns:
-            One result per vehicle; an order that is still open then is ``unfinished``.
+            One result per vehicle. An order that is open at the end of the wait is ``unfinished``.
         """
         try:
             async with asyncio.timeout(timeout_s):
@@ -166,7 +166,7 @@ class OrderResult:
 
 
 def _unfinished(result: VehicleResult, limit: str) -> VehicleResult:
-    """Return the result of an order whose end was not waited for any longer."""
+    """Return the result of an order after the wait for its end has timed out."""
     if result.is_final:
         return result
     return VehicleResult(

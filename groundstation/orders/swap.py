@@ -1,8 +1,8 @@
-"""A vehicle's place for a spare: what speaks against it, and who has to hear of it. Pure.
+"""The swap of a vehicle for a spare: reasons against it, and which vehicles get a message. Pure.
 
-The spare gets the order to stand in, the swapped vehicle the order ``disable``. A swapped vehicle
-that nobody hears gets none: dead computers are a reason to swap. Each vehicle judges its own order
-once more (`onboard/flight/order_checks.py`).
+The spare gets the order to stand in for the swapped vehicle, which gets the order ``disable``. A
+swapped vehicle that is silent gets no order, because a dead computer is a reason to swap. Each
+vehicle checks its own order once more (`onboard/flight/order_checks.py`).
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ def with_place(intent: Swap, state: FleetState) -> Swap:
 
 
 def names_that_hear(intent: Swap, state: FleetState, now_ns: int) -> list[str]:
-    """Return who gets a message: the spare, and the swapped vehicle where it is heard.
+    """Return which vehicles get a message: the spare, and the swapped vehicle if it is heard.
 
     Args:
-        intent: intent with its place.
+        intent: swap whose place is filled in.
         state: the fleet as known now.
         now_ns: the ground's monotonic clock [ns].
     """
@@ -46,17 +46,17 @@ def names_that_hear(intent: Swap, state: FleetState, now_ns: int) -> list[str]:
 def swap_refusals(
     intent: Swap, fleet: FleetConfig, state: FleetState, now_ns: int
 ) -> dict[str, str]:
-    """Return what speaks against a swap, as a sentence of the vehicle that it is about.
+    """Return why a swap is refused, as a sentence for the vehicle that is the reason.
 
     Args:
-        intent: intent with its place.
+        intent: swap whose place is filled in.
         fleet: the fleet file.
         state: the fleet as known now.
         now_ns: the ground's monotonic clock [ns].
     """
-    flying = _standing_refusal(state.vehicles[intent.swapped])
-    if flying:
-        return {intent.swapped: flying}
+    not_standing = _not_standing(state.vehicles[intent.swapped])
+    if not_standing:
+        return {intent.swapped: not_standing}
 
     spare = state.vehicles[intent.spare]
     sentence = _spare_refusal(intent, spare, fleet, state, now_ns)
@@ -66,7 +66,7 @@ def swap_refusals(
 def _spare_refusal(
     intent: Swap, spare: VehicleView, fleet: FleetConfig, state: FleetState, now_ns: int
 ) -> str:
-    """Return why the spare cannot stand in; empty where it can."""
+    """Return why the spare cannot stand in for the other vehicle; empty if it can."""
     telemetry = spare.telemetry
     if telemetry is None or not spare.is_fresh(now_ns):
         sentence = f"{spare.name} is not heard: start its agent."
@@ -74,9 +74,9 @@ def _spare_refusal(
             sentence += f" It needs keys of its own: covey keys secure {fleet.path}."
         return sentence
 
-    standing = _standing_refusal(spare)
-    if standing:
-        return standing
+    not_standing = _not_standing(spare)
+    if not_standing:
+        return not_standing
 
     own_place = place_of(spare.name, state)
     if own_place not in (spare.name, intent.place):
@@ -84,9 +84,9 @@ def _spare_refusal(
             f"{spare.name} stands in for {own_place} already: order swap {spare.name} "
             f"{own_place} first."
         )
-    present = stand_ins(state).get(intent.place, intent.swapped)
-    if present not in (intent.swapped, spare.name):
-        return f"{present} has the place of {intent.place}: write swap {present} {spare.name}."
+    holder = stand_ins(state).get(intent.place, intent.swapped)  # who has the place now
+    if holder not in (intent.swapped, spare.name):
+        return f"{holder} has the place of {intent.place}: write swap {holder} {spare.name}."
     in_the_way = _in_the_way(intent, fleet, state, now_ns)
     if in_the_way:
         return in_the_way
@@ -95,9 +95,9 @@ def _spare_refusal(
 
 
 def _in_the_way(intent: Swap, fleet: FleetConfig, state: FleetState, now_ns: int) -> str:
-    """Return that the swapped vehicle still stands where the spare will land; empty: it does not.
+    """Return a sentence if the swapped vehicle stands where the spare will land; else empty.
 
-    Nobody avoids a vehicle that stands.
+    The avoidance law does not avoid vehicles that stand on the ground.
     """
     position_enu_m = state.vehicles[intent.swapped].position_enu_m(now_ns)
     if position_enu_m is None or intent.place not in fleet.vehicles:
@@ -112,8 +112,8 @@ def _in_the_way(intent: Swap, fleet: FleetConfig, state: FleetState, now_ns: int
     )
 
 
-def _standing_refusal(view: VehicleView) -> str:
-    """Return that a vehicle is armed or flies; empty where it stands, or was never heard."""
+def _not_standing(view: VehicleView) -> str:
+    """Return a sentence if a vehicle is armed or flies; empty if it stands or was never heard."""
     telemetry = view.telemetry
     if telemetry is None or not (telemetry.is_armed or telemetry.is_airborne):
         return ""

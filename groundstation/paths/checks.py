@@ -1,4 +1,9 @@
-"""Checks of paths flown together: findings with vehicle, time, value and bound. Pure."""
+"""Checks of paths that are flown together. Pure.
+
+Mission checks and the import of shows use them. All paths are sampled at common times; the samples
+are compared with the vehicles' limits, the fence, the ground and the law's distance. Each check
+returns a finding with vehicle, time, value and bound.
+"""
 
 from __future__ import annotations
 
@@ -17,17 +22,20 @@ from onboard.feasibility.finding import Finding, at_least, at_most, worst
 from onboard.safety.area_room import clearances_m
 from onboard.types import GRAVITY_M_S2
 
-LOWEST_M = 0.3  # of a path, above the ground
-STEP_S = 0.05
-# by which the parking distance exceeds the one at which the law begins to act
+LOWEST_M = 0.3  # lowest height of a path above the ground
+STEP_S = 0.05  # time from one sample to the next
+# difference between the parking distance and the distance at which the law begins to act
 _PARKING_MORE_M = 0.10
-_ENDS_M_S = 0.05  # speed at which a path may begin and end
-_BLOCK = 400  # samples of which all pairs are looked at together
-_LISTED = 12  # words of a list that are written out
+_ENDS_M_S = 0.05  # largest speed at the begin and at the end of a path
+_BLOCK = 400  # samples whose pairs are compared at once, which limits the memory
+_LISTED = 12  # items of a list that a sentence names
+_TILT_SHARE = 0.8  # share of the largest tilt that a path may use
+_LIMIT_FACTOR = 1.01  # factor on a limit above which a path is refused
+_FENCE_ROOM_M = 0.15  # smallest distance of a path from the fence
 
 
 class SampledPaths(NamedTuple):
-    """Motion of all vehicles at common times; after its end each stays where its path ends."""
+    """Motion of all vehicles at common times; each vehicle stays at the end of its path."""
 
     names: tuple[str, ...]
     times_s: Array  # (T,)
@@ -35,17 +43,17 @@ class SampledPaths(NamedTuple):
 
 
 class ClosestApproach(NamedTuple):
-    """Smallest horizontal distance of one pair, between the samples as well."""
+    """Smallest horizontal distance of one pair, also between the samples."""
 
     distance_m: float
     first: str
     second: str
     time_s: float
-    height_m: float  # of the one above the other then
+    height_m: float  # difference of their heights at that time
 
 
 class FlightLimits(NamedTuple):
-    """What the slowest of some vehicles can fly."""
+    """Limits that all of some vehicles can keep."""
 
     max_speed_m_s: float
     max_acceleration_m_s2: float
@@ -65,7 +73,7 @@ def limits_of(fleet: FleetConfig, names: Sequence[str]) -> FlightLimits:
 
 
 def sample(paths: Mapping[str, Path], step_s: float = STEP_S) -> SampledPaths:
-    """Return the motion of all paths from the first one's begin to the last one's end."""
+    """Return the motion of all paths from their common begin to the end of the longest one."""
     longest_s = max(path.duration_s for path in paths.values())
     times_s = np.linspace(0.0, longest_s, max(2, math.ceil(longest_s / step_s) + 1))
     values = np.stack([sampled(path, times_s) for path in paths.values()], axis=2)
@@ -73,7 +81,11 @@ def sample(paths: Mapping[str, Path], step_s: float = STEP_S) -> SampledPaths:
 
 
 def bound_m(fleet: FleetConfig) -> float:
-    """Return the distance that paths keep: where the law begins to act, or the promised one."""
+    """Return the distance that paths must keep from each other.
+
+    For Covey's law it is the distance at which the law begins to act; for other laws it is the
+    safety distance of the fleet file.
+    """
     if fleet.law.built_in != "covey":
         return fleet.fleet.safety_distance_m
     return parking_distance_m(fleet) - _PARKING_MORE_M
@@ -84,8 +96,8 @@ def closest_pairs(
 ) -> list[ClosestApproach]:
     """Return each pair that comes nearer than a separation, once, the nearest first.
 
-    The nearest pair of all is returned in any case. Between two samples vehicles are taken to move
-    straight.
+    The nearest pair of all is always returned. Vehicles are assumed to move straight between two
+    samples.
 
     Args:
         flown: the paths.
@@ -102,7 +114,8 @@ def closest_pairs(
     for begin in range(0, len(xy) - 1, _BLOCK):
         block = slice(begin, begin + _BLOCK + 1)
 
-        # the point of each step from sample to sample at which the two are nearest
+        # The point of each step, from sample to sample, at which the two vehicles are nearest. The
+        # lower limit of the divisor avoids a division by zero if both move alike.
         gap = xy[block][:, first] - xy[block][:, second]
         step = np.diff(gap, axis=0)
         along = -(gap[:-1] * step).sum(-1) / np.maximum((step**2).sum(-1), 1e-12)
@@ -110,7 +123,7 @@ def closest_pairs(
         distance_m = np.sqrt((near**2).sum(-1))
 
         if height_share > 0.0:
-            # height counts with the smallest difference of each step: never with too much
+            # The smallest difference of heights within each step counts, to be safe.
             height = z[block][:, first] - z[block][:, second]
             is_one_above = height[:-1] * height[1:] > 0.0
             least = np.minimum(abs(height[:-1]), abs(height[1:]))
@@ -141,36 +154,36 @@ def closest_pairs(
 
 
 class _Demand(NamedTuple):
-    """One quantity of paths beside what can be flown."""
+    """One quantity of paths, compared with the bound up to which it can be flown."""
 
     noun: str
     values: Array  # (T, N)
     bound: float
     unit: str
-    slowings: Array  # (T, N): how many times as long the paths must take for it
+    slowings: Array  # (T, N): factor by which the paths must take longer to keep the bound
 
 
 def needed_slowing(
     flown: SampledPaths, limits: FlightLimits, *, begin_s: float = 0.0
 ) -> tuple[float, str]:
-    """Return how many times as long paths must take, and the worst reason in words.
+    """Return the factor by which paths must take longer, and the worst reason in words.
 
-    At most 1: they can be flown as they are.
+    If the factor is at most 1, the paths can be flown without a change.
 
     Args:
         flown: the paths.
         limits: limits of the vehicles.
-        begin_s: begin of the paths, on the clock that the words speak of.
+        begin_s: begin of the paths, on the clock of the times in the words [s].
     """
     velocity = flown.values[1]
     acceleration = flown.values[2]
     speed_m_s = np.sqrt((velocity[:, :, :3] ** 2).sum(-1))
     acceleration_m_s2 = np.sqrt((acceleration[:, :, :3] ** 2).sum(-1))
 
-    # what the tilt has to give: the path's own acceleration, and what drag takes at its speed
+    # The tilt has to provide the path's own acceleration, and the drag at its speed.
     sideways_m_s2 = np.hypot(acceleration[..., 0], acceleration[..., 1])
     drag_m_s2 = limits.drag_1_s * np.hypot(velocity[..., 0], velocity[..., 1])
-    steepest_m_s2 = 0.8 * GRAVITY_M_S2 * math.tan(math.radians(limits.max_tilt_deg))
+    steepest_m_s2 = _TILT_SHARE * GRAVITY_M_S2 * math.tan(math.radians(limits.max_tilt_deg))
 
     demands = (
         _Demand(
@@ -195,41 +208,41 @@ def needed_slowing(
             slowings=_slowings_of_tilt(sideways_m_s2, drag_m_s2, steepest_m_s2),
         ),
     )
-    worst_one = max(demands, key=lambda one: float(one.slowings.max()))
-    step, index = np.unravel_index(worst_one.slowings.argmax(), worst_one.slowings.shape)
+    hardest = max(demands, key=lambda demand: float(demand.slowings.max()))
+    step, index = np.unravel_index(hardest.slowings.argmax(), hardest.slowings.shape)
     time_s = begin_s + flown.times_s[step]
     words = (
-        f"{flown.names[index]}'s {worst_one.noun} was {worst_one.values[step, index]:.2f} "
-        f"{worst_one.unit} at {time_s:.1f} s, {worst_one.bound:g} is the most"
+        f"{flown.names[index]}'s {hardest.noun} was {hardest.values[step, index]:.2f} "
+        f"{hardest.unit} at {time_s:.1f} s, {hardest.bound:g} is the most"
     )
-    return float(worst_one.slowings[step, index]), words
+    return float(hardest.slowings[step, index]), words
 
 
 def _slowings_of_tilt(sideways_m_s2: Array, drag_m_s2: Array, steepest_m_s2: float) -> Array:
-    """Return how many times as long a path must take for its tilt.
+    """Return the factor by which a path must take longer to keep its tilt.
 
-    A path that takes k times as long has the k-th part of its speed, and so of its drag, and the
-    k^2-th part of its acceleration: a / k^2 + d / k = b, solved for k.
+    If a path takes k times as long, its speed and its drag are divided by k, and its acceleration
+    is divided by k^2. So k is the solution of a / k^2 + d / k = b.
 
     Args:
         sideways_m_s2: a, horizontal acceleration of the path.
-        drag_m_s2: d, what drag takes at its speed.
-        steepest_m_s2: b, what the tilt gives.
+        drag_m_s2: d, acceleration by drag at the path's speed.
+        steepest_m_s2: b, horizontal acceleration at the largest tilt.
     """
     root = np.sqrt(drag_m_s2**2 + 4.0 * steepest_m_s2 * sideways_m_s2)
     return np.asarray((drag_m_s2 + root) / (2.0 * steepest_m_s2))
 
 
-def pair_words(one: ClosestApproach) -> str:
+def pair_words(pair: ClosestApproach) -> str:
     """Return a pair in words."""
-    words = f"{one.first} and {one.second} {one.distance_m:.2f} m at {one.time_s:.1f} s"
-    if one.height_m > one.distance_m:
-        words += f", one {one.height_m:.1f} m above the other"
+    words = f"{pair.first} and {pair.second} {pair.distance_m:.2f} m at {pair.time_s:.1f} s"
+    if pair.height_m > pair.distance_m:
+        words += f", one {pair.height_m:.1f} m above the other"
     return words
 
 
 def listed_words(words: Sequence[str]) -> str:
-    """Return the first of many, and how many more there are."""
+    """Return the first items of a list in words, and the number of the others."""
     listed = "; ".join(words[:_LISTED])
     if len(words) > _LISTED:
         listed += f"; {len(words) - _LISTED} more"
@@ -237,7 +250,7 @@ def listed_words(words: Sequence[str]) -> str:
 
 
 def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> list[Finding]:
-    """Judge paths that begin together.
+    """Check paths that begin together.
 
     Args:
         fleet: the fleet file.
@@ -245,7 +258,8 @@ def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> 
         where: position in the mission, for the sentences.
 
     Returns:
-        One finding each for speed, acceleration, tilt, rest at the ends, fence, height and spacing.
+        One finding each for speed, acceleration, tilt, speed at the ends, fence, height and
+        spacing.
     """
     flown = sample(paths)
     vehicles = [fleet.vehicles[name] for name in flown.names]
@@ -301,7 +315,10 @@ def _at_most(
     bounds: Sequence[float],
     where: str,
 ) -> Finding:
-    """Judge the vehicle whose value (T, N), or (2, N) at the ends, exceeds its bound (N) most."""
+    """Return the finding about the vehicle whose value is largest compared with its bound.
+
+    The values are (T, N), or (2, N) for the begin and the end. The bounds are (N).
+    """
     step, index = np.unravel_index((values / np.array(bounds)).argmax(), values.shape)
     name = flown.names[index]
     bound = bounds[index]
@@ -316,13 +333,13 @@ def _at_most(
         f"{where[0].upper()}{where[1:]}: on {name}'s path {noun} is {{value}} at {time_s:.1f} s; "
         "{relation} {bound} can be flown",
         "Slow the path, or raise the vehicle's limit: 'covey import' slows a show by itself.",
-        refuse_above=1.01 * bound,
-        warn_above=1.01 * bound,
+        refuse_above=_LIMIT_FACTOR * bound,
+        warn_above=_LIMIT_FACTOR * bound,
     )
 
 
 def _tilt_deg(fleet: FleetConfig, flown: SampledPaths) -> Array:
-    """Return the tilt (T, N) that the path takes, its drag included."""
+    """Return the tilt (T, N) that the paths need, with the drag."""
     drag_1_s = np.array([fleet.vehicles[name].drag_1_s for name in flown.names])[:, None]
     push_m_s2 = flown.values[2, :, :, :3] + drag_1_s * flown.values[1, :, :, :3]
 
@@ -332,7 +349,7 @@ def _tilt_deg(fleet: FleetConfig, flown: SampledPaths) -> Array:
 
 
 def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
-    """Judge the distance to the fence's walls and top, and the height above the ground."""
+    """Return the findings about the distance to the fence and the height above the ground."""
     fence = fleet.fleet.geofence_m
     positions = flown.values[0]
     x = positions[..., 0]
@@ -346,7 +363,7 @@ def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
 
     findings = []
     for noun, values, bound in (
-        ("room to the fence", to_fence_m, 0.15),
+        ("room to the fence", to_fence_m, _FENCE_ROOM_M),
         ("height", height_m, least_m),
     ):
         step, index = np.unravel_index(values.argmin(), values.shape)
@@ -365,11 +382,11 @@ def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
 
 
 def _spacing(fleet: FleetConfig, flown: SampledPaths, where: str) -> Finding:
-    """Judge the smallest distance of all pairs."""
+    """Return the finding about the smallest distance of all pairs."""
     least_m = bound_m(fleet)
     above = above_words(fleet)
     pairs = closest_pairs(flown, least_m, parking_height_share(fleet))
-    listed = listed_words([pair_words(one) for one in pairs])
+    listed = listed_words([pair_words(pair) for pair in pairs])
 
     if above:
         how = above
@@ -392,7 +409,7 @@ def _spacing(fleet: FleetConfig, flown: SampledPaths, where: str) -> Finding:
 
 
 def refusals(findings: Sequence[Finding]) -> list[str]:
-    """Return the sentences of what refuses the flight, the worst first."""
+    """Return the sentences of the findings that refuse the flight, the worst first."""
     refused = [finding for finding in findings if finding.status == "refused"]
     if not refused:
         return []

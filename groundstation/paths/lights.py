@@ -1,4 +1,8 @@
-"""Colours of vehicles along their paths: files ``t,red,green,blue``, and the colour at a time."""
+"""Colours of vehicles along their paths.
+
+A file with the columns ``t,red,green,blue`` gives colours at some times; between two of them the
+colour changes evenly.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ from collections.abc import Sequence
 from groundstation.paths.path_files import read_columns
 from onboard.config.fleet import ConfigError
 
-# time [s], red, green, blue up to 255; between two the colour changes evenly
+# time [s], and red, green and blue up to 255
 TimedColour = tuple[float, int, int, int]
 Colour = tuple[int, int, int]
 _COLUMNS = "t", "red", "green", "blue"
@@ -25,7 +29,7 @@ def load_lights(file: str | os.PathLike[str]) -> tuple[TimedColour, ...]:
         The colours at their times.
 
     Raises:
-        ConfigError: there is no such file, or it is none of these.
+        ConfigError: there is no such file, or it does not have these columns.
     """
     name = os.fspath(file)
     columns, numbers = read_columns(name)
@@ -45,14 +49,17 @@ def load_lights(file: str | os.PathLike[str]) -> tuple[TimedColour, ...]:
 
 
 def colour_at(lights: Sequence[TimedColour], time_s: float) -> Colour:
-    """Return the colour at a time: before the first one the first, after the last one the last."""
-    after = bisect_right(lights, time_s, key=lambda light: light[0])
-    before_s, *before = lights[max(after - 1, 0)]
-    behind_s, *behind = lights[min(after, len(lights) - 1)]
+    """Return the colour at a time.
+
+    Before the first time it is the first colour, and after the last time the last one.
+    """
+    next_index = bisect_right(lights, time_s, key=lambda light: light[0])
+    before_s, *before = lights[max(next_index - 1, 0)]
+    after_s, *after = lights[min(next_index, len(lights) - 1)]
 
     share = 0.0
-    if before_s < time_s and behind_s > before_s:
-        share = (time_s - before_s) / (behind_s - before_s)
+    if before_s < time_s and after_s > before_s:
+        share = (time_s - before_s) / (after_s - before_s)
 
-    red, green, blue = (round(a + share * (b - a)) for a, b in zip(before, behind, strict=True))
+    red, green, blue = (round(a + share * (b - a)) for a, b in zip(before, after, strict=True))
     return red, green, blue

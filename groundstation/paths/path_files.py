@@ -1,6 +1,6 @@
 """Files of paths: time-stamped positions, polynomial pieces, or waypoints with speeds, as CSV.
 
-The first line names the columns, and so says which of the three it is:
+The first line names the columns, which show the kind of the file:
 
 * ``t,x,y,z[,yaw]``: positions at times; also with a unit as in ``Time [msec],x [m]``
 * ``duration,x^0,...,yaw^7``: Crazyswarm's 33 columns, a piece of seventh order in each line
@@ -55,10 +55,10 @@ def load_path(file: str | os.PathLike[str]) -> Path:
         file: a CSV of one of the module's three kinds.
 
     Returns:
-        Its pieces.
+        The path as polynomial pieces.
 
     Raises:
-        ConfigError: there is no such file, or it is none of the three.
+        ConfigError: there is no such file, or it is none of the three kinds.
     """
     name = os.fspath(file)
     columns, numbers = read_columns(name)
@@ -103,7 +103,7 @@ def read_columns(name: str) -> tuple[tuple[str, ...], Array]:
         Names of the columns, and numbers (lines, columns).
 
     Raises:
-        ConfigError: there is no such file, a unit is foreign, or a line is no list of numbers.
+        ConfigError: there is no such file, a unit is not known, or a line is not a list of numbers.
     """
     lines = _lines_of(name)
     if not 2 <= len(lines) <= MOST_LINES:
@@ -115,7 +115,7 @@ def read_columns(name: str) -> tuple[tuple[str, ...], Array]:
     first_line = lines[0][1]
     delimiter = next((mark for mark in (";", "\t") if mark in first_line), ",")
     names = _cells(name, lines[0], delimiter)
-    # Crazyswarm's own files end each line of names with a comma
+    # Files of Crazyswarm end their line of names with a comma, and may end every line with one.
     has_last_delimiter = len(names) > 1 and not names[-1].strip()
     if has_last_delimiter:
         names = names[:-1]
@@ -138,7 +138,7 @@ def read_columns(name: str) -> tuple[tuple[str, ...], Array]:
 
 
 def _lines_of(name: str) -> list[tuple[int, str]]:
-    """Return number and text of each line that is neither empty nor a comment."""
+    """Return the number and the text of each line, without empty lines and comments."""
     text = read_text(name, CSV_FILE)
     lines = []
     for number, line in enumerate(text.split("\n"), 1):
@@ -175,7 +175,7 @@ def _numbers_of(name: str, line_number: int, row: Sequence[str]) -> list[float]:
 
 
 def _column(name: str, text: str) -> tuple[str, float]:
-    """Return the name of a column, and what its numbers are multiplied with to be s, m or deg."""
+    """Return the name of a column, and the factor that turns its numbers into s, m or deg."""
     match = re.fullmatch(r"\s*([A-Za-z][\w^]*)\s*(?:[\[(]\s*([\w/]*)\s*[\])])?\s*", text)
     if match is None:
         raise ConfigError(
@@ -198,11 +198,11 @@ def _timed(columns: Sequence[str], numbers: Array) -> Path:
     if len(times_s) < 2:
         raise ValueError("one position is no path: give at least two times.")
 
-    late = np.flatnonzero(np.diff(times_s) <= 0.0)
-    if len(late):
+    not_rising = np.flatnonzero(np.diff(times_s) <= 0.0)
+    if len(not_rising):
         raise ValueError(
-            f"time does not rise after {times_s[late[0]]:g} s: sort the lines, keep one for each "
-            "time."
+            f"time does not rise after {times_s[not_rising[0]]:g} s: sort the lines, keep one for "
+            "each time."
         )
 
     duration_s = float(times_s[-1] - times_s[0])
@@ -219,7 +219,7 @@ def _waypoints(columns: Sequence[str], numbers: Array) -> Path:
 
 
 def _values(columns: Sequence[str], points: Array, numbers: Array) -> Array:
-    """Return x, y, z and yaw [rad] (T, 4)."""
+    """Return x, y, z [m] and yaw [rad] (T, 4); yaw is 0 if the file has none."""
     yaw_rad = np.zeros(len(numbers))
     if "yaw" in columns:
         yaw_rad = np.radians(numbers[:, columns.index("yaw")])

@@ -1,4 +1,8 @@
-"""Paths made, cut, joined and slowed: polynomial pieces as arrays (P, 33). Pure."""
+"""Makes, cuts, slows and moves paths, which are polynomial pieces. Pure.
+
+A piece is an array (33,): its duration, and eight coefficients each for x, y, z and yaw. Several
+pieces are an array (P, 33).
+"""
 
 from __future__ import annotations
 
@@ -9,25 +13,29 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.control.path import LONGEST_S, NUMBERS, Path, path_of
 
-GRID_S = 0.05
-_WINDOW = 5  # samples on each side that a dense sample is smoothed with
-_DENSE_S = 0.2
-_TOLERANCE_M = 0.01
-_TOLERANCE_M_S2 = 0.5  # or a tenth of the largest acceleration, if that is more
-_LONGEST_PIECE = 80  # samples of the grid
+GRID_S = 0.05  # time from one sample of the grid to the next
+_WINDOW = 5  # samples of the grid on each side over which positions are smoothed
+_DENSE_S = 0.2  # positions with smaller intervals than this are dense
+_TOLERANCE_M = 0.01  # largest error of a piece in position
+# Largest error of a piece in acceleration, unless a tenth of the largest acceleration is more.
+_TOLERANCE_M_S2 = 0.5
+_FIRST_PIECE = 8  # samples of the grid that the first piece covers at least to begin with
+_LONGEST_PIECE = 80  # samples of the grid that a piece covers at most
+_SAME_SPOT_M = 1e-3  # waypoints that are nearer than this are at one spot
+_SHORTEST_S = 1e-6  # shorter pieces of a cut path are left out
 _BINOMIALS = np.array([[math.comb(k, i) for k in range(8)] for i in range(8)], dtype=float)
 
 
 def fitted(times_s: Array, values: Array) -> Path:
     """Return the path through time-stamped positions.
 
-    Dense samples are smoothed over half a second, since rounded positions would otherwise shake the
-    vehicle; sparse ones are joined by a cubic spline. The path rests for a quarter of a second at
-    both ends.
+    Dense positions are smoothed over half a second, because rounded positions would shake the
+    vehicle. Sparse positions are joined by a cubic spline first. The path rests for a quarter of a
+    second at both ends.
 
     Args:
-        times_s: (T,), rising.
-        values: (T, 4) of x, y, z [m] and yaw [rad].
+        times_s: times (T,), rising.
+        values: x, y, z [m] and yaw [rad] (T, 4).
     """
     count = max(2, math.ceil((times_s[-1] - times_s[0]) / GRID_S) + 1)
     grid_s = np.linspace(times_s[0], times_s[-1], count)
@@ -42,7 +50,7 @@ def fitted(times_s: Array, values: Array) -> Path:
     else:
         on_grid = _spline(times_s, unwrapped, grid_s)
 
-    # a quarter of a second of rest on either side
+    # A quarter of a second of rest on either side.
     padded = np.pad(on_grid, ((_WINDOW, _WINDOW), (0, 0)), mode="edge")
     p, v, a = _smoothed(padded, step_s)
     return path_of(_merged(p, v, a, step_s))
@@ -52,15 +60,15 @@ def through(points: Array, speeds_m_s: Array) -> Path:
     """Return the path through waypoints, from rest to rest.
 
     Args:
-        points: (T, 4) of x, y, z [m] and yaw [rad].
-        speeds_m_s: (T,) at the waypoints; at the first and the last it rests.
+        points: x, y, z [m] and yaw [rad] of the waypoints (T, 4).
+        speeds_m_s: speeds at the waypoints (T,); the vehicle rests at the first and the last.
 
     Raises:
-        ValueError: fewer than two waypoints, two in one spot, a speed that is not positive, or a
-            way that takes too long.
+        ValueError: there are fewer than two waypoints, two successive ones are at one spot, a speed
+            is not positive, or the way takes too long.
     """
     lengths_m = np.sqrt((np.diff(points[:, :3], axis=0) ** 2).sum(-1))
-    if len(points) < 2 or (lengths_m < 1e-3).any():
+    if len(points) < 2 or (lengths_m < _SAME_SPOT_M).any():
         raise ValueError("waypoints must be at least two, and each away from the one before.")
     if (speeds_m_s[1:-1] <= 0.0).any():
         raise ValueError("each waypoint between the first and the last needs a speed above 0.")
@@ -69,7 +77,8 @@ def through(points: Array, speeds_m_s: Array) -> Path:
     speeds[[0, -1]] = 0.0
     mean_m_s = 0.5 * (speeds[:-1] + speeds[1:])
 
-    # from rest to rest without a waypoint between: the mean of the two zeros would be no speed
+    # With two waypoints, both speeds are 0 and their mean would be no speed. Half the given one
+    # counts.
     if len(points) == 2:
         mean_m_s[:] = 0.5 * max(speeds_m_s)
         if mean_m_s[0] <= 0.0:
@@ -89,12 +98,13 @@ def quintic(duration_s: float, begin: Array, end: Array) -> Array:
     t = duration_s
     out = np.zeros((4, 8))
 
-    # the motion at the begin gives the first three coefficients
+    # The motion at the begin gives the first three coefficients.
     out[:, 0] = begin[0]
     out[:, 1] = begin[1]
     out[:, 2] = 0.5 * begin[2]
 
-    # what these leave of value, first and second derivative at the end gives the other three
+    # The other three follow from value, first and second derivative at the end, minus the part that
+    # the first three contribute.
     p = end[0] - (begin[0] + t * begin[1] + 0.5 * t * t * begin[2])
     v = (end[1] - (begin[1] + t * begin[2])) * t
     a = (end[2] - begin[2]) * t * t
@@ -141,10 +151,10 @@ def cut(path: Path, begin_s: float, end_s: float) -> Array:
         duration_s = piece[0]
         piece_begin_s = piece_end_s - duration_s
 
-        # the part of this piece that lies between the two times, counted from its own begin
+        # The part of this piece that lies between the two times, counted from the piece's begin.
         first_s = max(begin_s - piece_begin_s, 0.0)
         last_s = min(end_s - piece_begin_s, duration_s)
-        if last_s - first_s <= 1e-6:
+        if last_s - first_s <= _SHORTEST_S:
             continue
 
         shifted = np.array(piece[1:]).reshape(4, 8) @ _shift(first_s)
@@ -153,7 +163,7 @@ def cut(path: Path, begin_s: float, end_s: float) -> Array:
 
 
 def moved(path: Path, by: Array) -> Path:
-    """Return a path that is shifted by (4,) in x, y, z and yaw."""
+    """Return a path that is shifted by x, y, z and yaw (4,)."""
     pieces = np.array(path.pieces)
     pieces[:, 1::8] += by
     return path_of(pieces.tolist())
@@ -162,30 +172,34 @@ def moved(path: Path, by: Array) -> Path:
 def _shift(by_s: float) -> Array:
     """Return the matrix (8, 8), applied from the right, that shifts polynomials in time.
 
-    It makes the coefficients in t + by_s from those in t.
+    The new polynomial has at t the value that the old one has at t + by_s.
     """
     powers = np.array([[by_s ** max(k - i, 0) for k in range(8)] for i in range(8)])
     return np.asarray((_BINOMIALS * powers * np.triu(np.ones((8, 8)))).T)
 
 
 def _smoothed(padded: Array, step_s: float) -> tuple[Array, Array, Array]:
-    """Return value, first and second derivative (T, 4) of positions that are smoothed.
+    """Return value, first and second derivative (T, 4) of smoothed positions.
 
-    The positions, joined by straight lines, are averaged twice over a quarter of a second. Velocity
-    and acceleration are the exact derivatives of that: values that did not belong together would
-    make short pieces swing between the samples. At both ends the motion rests exactly.
+    The positions are joined by straight lines, and averaged twice over a quarter of a second.
+    Velocity and acceleration are the exact derivatives of the result, because derivatives that do
+    not match the positions would make short pieces swing between the samples. At both ends the
+    motion rests exactly.
+
+    An average over a window is a difference of the integral at both ends of the window. So the
+    positions are integrated twice, and the second difference over the window is taken.
     """
     window_s = _WINDOW * step_s
     held = np.pad(padded, ((_WINDOW, _WINDOW), (0, 0)), mode="edge")
 
-    # integrals of the straight lines, once and twice, from the first sample on
+    # Integrals of the straight lines, once and twice, from the first sample on.
     begins = held[:-1]
     ends = held[1:]
     once = _summed(0.5 * step_s * (begins + ends))
     twice = _summed(step_s * once[:-1] + step_s**2 * (2.0 * begins + ends) / 6.0)
 
     def averaged(values: Array) -> Array:
-        """Return the second difference over the window: what averaging twice makes of it."""
+        """Return the second difference over the window, divided by the square of its length."""
         ahead = values[2 * _WINDOW :]
         here = values[_WINDOW:-_WINDOW]
         behind = values[: -2 * _WINDOW]
@@ -207,17 +221,18 @@ def _summed(steps: Array) -> Array:
 
 
 def _merged(p: Array, v: Array, a: Array, step_s: float) -> list[list[float]]:
-    """Return few quintics through the motion on a grid, each near it in position and acceleration.
+    """Return few quintics that are near a motion on a grid, in position and in acceleration.
 
-    A quintic that is near in position alone may swing in between, with twice the acceleration.
+    A quintic that is near in position only may swing between the samples with twice the
+    acceleration.
     """
     pieces = []
     first = 0  # sample at which the next piece begins
-    length = 8  # samples that it covers
+    length = _FIRST_PIECE  # samples that the last piece covers
     tolerance_m_s2 = max(_TOLERANCE_M_S2, 0.1 * float(np.abs(a[:, :3]).max()))
 
     while first < len(p) - 1:
-        # twice as long as the last one, then halved until it fits
+        # Try a piece twice as long as the last one, and halve it until it is near enough.
         length = min(2 * length, _LONGEST_PIECE, len(p) - 1 - first)
         while True:
             last = first + length
@@ -252,8 +267,8 @@ def _spline(times_s: Array, values: Array, grid: Array) -> Array:
     slopes = np.diff(values, axis=0) / steps[:, None]
     count = len(times_s)
 
-    # velocities at the samples, such that accelerations are continuous: a tridiagonal system,
-    # eliminated from the front
+    # The velocities at the samples follow from the continuity of the acceleration. They are the
+    # solution of a tridiagonal system, which is eliminated from the front
     upper = np.zeros(count)
     right = np.zeros((count, 4))
     for k in range(1, count - 1):
@@ -263,12 +278,12 @@ def _spline(times_s: Array, values: Array, grid: Array) -> Array:
         upper[k] = ahead / pivot
         right[k] = (3.0 * (left * slopes[k - 1] + ahead * slopes[k]) - left * right[k - 1]) / pivot
 
-    # and solved from the back; at both ends it rests
+    # and solved from the back. The motion rests at both ends.
     velocity = np.zeros((count, 4))
     for k in range(count - 2, 0, -1):
         velocity[k] = right[k] - upper[k] * velocity[k + 1]
 
-    # Hermite's cubic between the two samples around each time of the grid
+    # Hermite's cubic between the two samples around each time of the grid.
     index = np.clip(np.searchsorted(times_s, grid, side="right") - 1, 0, count - 2)
     h = steps[index][:, None]
     u = (grid - times_s[index])[:, None] / h
