@@ -1,1 +1,1 @@
-"""Alarms for the operator: a table of conditions, and those that hold now."""
+"""Alarms for the operator: a table of conditions, and the alarms that hold now."""

@@ -19,7 +19,7 @@ class AlarmSeverity(IntEnum):
 
 
 class GroundCondition(Enum):
-    """Conditions that the ground detects itself, beside those that a vehicle reports."""
+    """Conditions that the ground itself detects, in addition to those that a vehicle reports."""
 
     SILENT = "vehicle silent"
     FAILED = "vehicle failed"
@@ -64,11 +64,11 @@ def _row(in_flight: str, on_ground: str, sentence: str, advice: str) -> AlarmRow
 
 
 TABLE: dict[Kind, AlarmRow] = {_KINDS[name]: _row(*row) for name, row in _FILE["alarms"].items()}
-# The most urgent first, as in the file.
+# Rank of each kind: its position in the file, which begins with the most urgent alarm.
 RANKS = {kind: rank for rank, kind in enumerate(TABLE)}
-# The text by which a vehicle reports a condition.
+# Text with which a vehicle reports a condition -> condition.
 BY_TEXT = {condition.value: condition for condition in Condition}
-# An alarm that is not shown beside a worse one of the same vehicle, which says as much.
+# Alarm -> worse alarm; the first is not shown if the same vehicle has the second, which implies it.
 COVERED: dict[Kind, Kind] = {
     _KINDS[name]: _KINDS[worse] for name, worse in _FILE["covered_by"].items()
 }

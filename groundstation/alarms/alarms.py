@@ -1,12 +1,12 @@
 """Alarms: the rows of the alarm table that hold now, and since when. Pure.
 
-:func:`conditions` returns the alarms of this moment. :class:`Alarms` keeps their begin, whether
-they were acknowledged, and the past ones.
+:func:`conditions` returns the alarms of this moment. :class:`Alarms` keeps the begin of each alarm,
+whether it was acknowledged, and past alarms.
 
-An operator reads lines, not events. So a lasting alarm is one line with a duration, and so is one
-that flickers: it ends only when it has not held for some seconds. The same alarm of many vehicles
-is one line as well. What the ground learns from a single event, as that a vehicle was killed, stays
-until it is acknowledged, since nothing says later that it is over.
+An operator reads lines, not events. So a lasting alarm is one line with a duration. A flickering
+alarm is also one line: it ends only when it has not held for some seconds. The same alarm of many
+vehicles is one line as well. An alarm from a single event, such as a kill, stays until it is
+acknowledged, because no later event says that it is over.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from onboard.config.pair_separation import separations_m
 from onboard.plain_text import listed, plain_line
 from onboard.safety.failsafe_table import Condition
 
-LINGER_S = 3.0  # an alarm that comes back within this time has lasted
-MAX_OVER = 100
-_GROUPED = 4  # so many vehicles with the same alarm share a line
+LINGER_S = 3.0  # an alarm that comes back within this time counts as one that has lasted
+MAX_OVER = 100  # past alarms that are kept
+_GROUPED = 4  # vehicles with the same alarm from which they share a line
 _SHOWN = 3  # names in a shared line
-_MOST_UNKNOWN = 3  # texts of one vehicle that the alarm table does not have
-_AND = " – "  # between the names of a pair
+_MOST_UNKNOWN = 3  # texts of one vehicle that are not in the table and are shown nevertheless
+_AND = " – "  # separates the names of a pair
 
-# Alarms whose sentence has a number: a shared line shows the lowest one.
+# Alarms with a number in their sentence; a shared line shows the lowest number.
 _NUMBERED = frozenset(
     (
         GroundCondition.CLOSE,
@@ -57,7 +57,7 @@ _EVENT_KINDS: dict[str, Kind] = {
     "process_ended": GroundCondition.PROCESS_ENDED,
     "killed": GroundCondition.KILLED,
 }
-# Reported once by an event: they stay until they are acknowledged.
+# Alarms from a single event, which stay until they are acknowledged.
 _LATCHED = frozenset(_EVENT_KINDS.values())
 
 
@@ -71,7 +71,7 @@ class Alarm:
     sentence: str
     advice: str
     what: str = ""  # number, name or reason in the sentence
-    since_ns: int | None = None  # begin, where the state has it; None: counts from the first update
+    since_ns: int | None = None  # begin, if the state has it; None: the first update with it
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,11 +81,11 @@ class AlarmLine:
     alarm: Alarm
     since_ns: int
     is_acknowledged: bool = False
-    over_ns: int | None = None  # its end; None while it holds
-    count: int = 1  # vehicles that share the line
+    over_ns: int | None = None  # end of the alarm; None while it holds
+    count: int = 1  # number of vehicles that share the line
 
     def duration_s(self, now_ns: int) -> float:
-        """Return its duration [s], until now or until its end."""
+        """Return the duration of the alarm until now or until its end [s]."""
         end_ns = now_ns if self.over_ns is None else self.over_ns
         return max(0.0, (end_ns - self.since_ns) * 1e-9)
 
@@ -111,21 +111,21 @@ class Alarms:
 
     def __init__(self, fleet: FleetConfig) -> None:
         self.fleet = fleet
-        self.has_new = False  # the last update brought an alarm above NOTE
-        self._lines: dict[_Key, AlarmLine] = {}  # that hold, or held a moment ago
-        self._last_ns: dict[_Key, int] = {}  # when each of them held last
+        self.has_new = False  # whether the last update brought an alarm above NOTE
+        self._lines: dict[_Key, AlarmLine] = {}  # alarms that hold, or held a moment ago
+        self._last_ns: dict[_Key, int] = {}  # last time at which each of them held
         self._over: deque[AlarmLine] = deque(maxlen=MAX_OVER)
         self._last_event: LoggedEvent | None = None
         self._now_ns = 0
 
     def update(self, state: FleetState, now_ns: int) -> None:
-        """Take over the fleet as it is now.
+        """Update the alarms with the present state of the fleet.
 
         Args:
             state: the fleet as known now.
-            now_ns: the clock of the state [ns]; going back forgets everything.
+            now_ns: the clock of the state [ns]; if it goes back, all alarms are forgotten.
         """
-        is_turned_back = now_ns < self._now_ns  # a replay
+        is_turned_back = now_ns < self._now_ns  # a replay has jumped back
         if is_turned_back:
             self._lines.clear()
             self._over.clear()
@@ -192,7 +192,7 @@ class Alarms:
 
     @property
     def lines(self) -> list[AlarmLine]:
-        """Present alarms: open before acknowledged, the worst first.
+        """Present alarms: first those that are not acknowledged, and the worst first.
 
         The same alarm of many vehicles is one line.
         """
@@ -216,7 +216,7 @@ class Alarms:
 
     @property
     def worst(self) -> AlarmLine | None:
-        """The line that every screen shows; an acknowledged one only when no other holds."""
+        """The line that every screen shows; an acknowledged one only if there is no other."""
         return next(iter(self.lines), None)
 
     def of(self, vehicle: str) -> list[AlarmLine]:
@@ -231,36 +231,38 @@ class Alarms:
             line: alarm line as shown, also one of many vehicles; None: all lines.
 
         Returns:
-            The number of alarms that were open.
+            The number of alarms that were not acknowledged before.
         """
         count = 0
-        for key, own in self._lines.items():
-            is_meant = line is None or _is_part_of(own, line)
-            if is_meant and not own.is_acknowledged:
-                self._lines[key] = dataclasses.replace(own, is_acknowledged=True)
+        for key, single in self._lines.items():
+            is_selected = line is None or _is_part_of(single, line)
+            if is_selected and not single.is_acknowledged:
+                self._lines[key] = dataclasses.replace(single, is_acknowledged=True)
                 count += 1
         return count
 
 
-def _is_part_of(own: AlarmLine, shown: AlarmLine) -> bool:
-    """Whether a shown line, maybe of many vehicles, contains an alarm."""
-    is_same = own.alarm.kind == shown.alarm.kind and own.alarm.severity == shown.alarm.severity
-    is_shared = shown.count > 1
-    return is_same and (is_shared or own.alarm.subject == shown.alarm.subject)
+def _is_part_of(single: AlarmLine, shown: AlarmLine) -> bool:
+    """Whether the line of a single alarm is part of a shown line, maybe of many vehicles."""
+    has_kind = single.alarm.kind == shown.alarm.kind
+    has_severity = single.alarm.severity == shown.alarm.severity
+    has_subject = shown.count > 1 or single.alarm.subject == shown.alarm.subject
+    return has_kind and has_severity and has_subject
 
 
 def _urgency(alarm: Alarm) -> tuple[int, int, str]:
+    """Return the sort key by which the worst alarm comes first."""
     return -alarm.severity, RANKS[alarm.kind], alarm.subject
 
 
 def _together(lines: list[AlarmLine]) -> AlarmLine:
-    """Return one line for the same alarm of many vehicles; it lasts as long as their oldest."""
+    """Return one line for the same alarm of many vehicles, with the begin of the oldest one."""
     oldest = min(lines, key=lambda line: (line.since_ns, line.alarm.subject))
     kind = oldest.alarm.kind
 
     names = sorted(line.alarm.subject for line in lines)
-    listed = ", ".join(names[:_SHOWN])
-    vehicles = f"{len(lines)} of them: {listed} and {len(names) - _SHOWN} more"
+    first_names = ", ".join(names[:_SHOWN])
+    vehicles = f"{len(lines)} of them: {first_names} and {len(names) - _SHOWN} more"
 
     what = "each for its own reason"
     if kind in _NUMBERED:
@@ -312,9 +314,9 @@ def _of_fleet(state: FleetState, fleet: FleetConfig, now_ns: int) -> Iterator[Al
         if view is not None and view.is_armed and view.is_fresh(now_ns):
             yield _alarm(GroundCondition.DISABLED_FLIES, view.name, is_flying=view.is_airborne)
 
-    silent = [name for name, view in state.vehicles.items() if view.telemetry is None]
-    if silent:
-        names = listed(silent, _GROUPED)
+    never_heard = [name for name, view in state.vehicles.items() if view.telemetry is None]
+    if never_heard:
+        names = listed(never_heard, _GROUPED)
         yield _alarm(GroundCondition.WAITING, "", is_flying=False, names=names)
 
     hashes = {
@@ -352,7 +354,8 @@ def _of_vehicle(
     """Yield the alarms of one vehicle.
 
     Args:
-        is_after_stall: this program has just stood still itself, so that silence means nothing.
+        is_after_stall: whether this program itself has just stood still, so that silence does not
+            count.
     """
     name = view.name
     telemetry = view.telemetry
@@ -388,9 +391,9 @@ def _of_vehicle(
 
 
 def _reported(telemetry: Telemetry) -> tuple[set[Kind], list[str]]:
-    """Return the conditions that the vehicle reports, and texts that the table does not have."""
+    """Return the conditions that a vehicle reports, and reported texts that are not known."""
     texts = telemetry.conditions
-    if not texts:  # nearly always; this runs ten times a second for a hundred vehicles
+    if not texts:  # the usual case returns early: this runs 1000 times a second for 100 vehicles
         return set(), []
 
     known: set[Kind] = {BY_TEXT[text] for text in texts if text in BY_TEXT}
@@ -399,7 +402,7 @@ def _reported(telemetry: Telemetry) -> tuple[set[Kind], list[str]]:
 
 
 def _measured(telemetry: Telemetry, fleet: FleetConfig) -> set[Kind]:
-    """Return the conditions that the numbers of its telemetry show, reported or not."""
+    """Return the conditions that the numbers in the telemetry show, reported or not."""
     kinds: set[Kind] = set()
 
     charge_pct = telemetry.battery_frac * 100.0
@@ -418,7 +421,7 @@ def _measured(telemetry: Telemetry, fleet: FleetConfig) -> set[Kind]:
 
 
 def _what(kind: Kind, telemetry: Telemetry) -> str:
-    """Return the number or name that the sentence of a condition has."""
+    """Return the number or name in the sentence of a condition; empty if it has none."""
     is_battery = kind in (Condition.BATTERY_LOW, Condition.BATTERY_WARNING)
     if is_battery and math.isfinite(telemetry.battery_frac):
         return f", {telemetry.battery_frac * 100.0:.0f} %"
@@ -443,5 +446,5 @@ def lasting(seconds: float) -> str:
 
 
 def plain(text: str, limit: int = 160) -> str:
-    """Return text from outside as one line without control characters."""
+    """Return a received text as one line without control characters."""
     return plain_line(text[:limit]).rstrip(".")

@@ -1,9 +1,9 @@
-"""The console's app: owns the objects that do the work, gives each its keys, draws what they say.
+"""The console's app: creates the objects that do the work, and connects them with keys.
 
-The app itself decides little. Orders are taken by :class:`OrderEntry`, the mission is flown by
-:class:`MissionWorker`, leaving is the business of :class:`Shutdown`, and every panel draws itself.
-What stands here is which key means which of them, and the refresh eight times a second that passes
-the fleet's state on to all panels and to the screen in front.
+The app itself decides little. :class:`OrderEntry` takes orders, :class:`MissionWorker` flies the
+mission, :class:`Shutdown` ends the console, and every panel draws itself. The app defines which key
+calls which of them. Eight times a second it passes the fleet's state to all panels and to the
+screen in front.
 """
 
 from __future__ import annotations
@@ -73,14 +73,15 @@ class ConsoleApp(App[int]):
 
     Args:
         client: client of the fleet, or a record.
-        mission: flies in a worker; its verdict stays until the operator quits.
-        connect: opens the bus in a worker.
-        title: stands at the top; by default the fleet's name.
-        progress: returns one line about the mission.
+        mission: function that flies a mission in a worker; the verdict stays until the operator
+            quits.
+        connect: function that opens the bus in a worker.
+        title: text at the top; by default the fleet's name.
+        progress: function that returns one line about the mission.
         run: run of the mission, which may be paused and stepped through by written orders.
-        judge: judges the missions that are started here; None: by what the console has seen.
-        has_bell: ring the terminal's bell for every new alarm.
-        forecaster: computes previews; None sends every order at once.
+        judge: function that judges missions that are started here; None: the live state decides.
+        has_bell: whether to ring the terminal's bell for every new alarm.
+        forecaster: computes previews; None: every order is sent at once.
     """
 
     CSS_PATH = "style.tcss"
@@ -138,7 +139,7 @@ class ConsoleApp(App[int]):
         has_bell: bool = False,
         forecaster: Forecaster | None = None,
     ) -> None:
-        # Before Textual's own start, which takes the driver's class.
+        # Set before Textual's own `__init__`, which asks for the driver's class.
         self.terminal = TerminalHooks(on_key=lambda key: self.orders.send_urgent(key))
         super().__init__()
 
@@ -176,14 +177,14 @@ class ConsoleApp(App[int]):
             warn=self._warn,
         )
 
-        self._newest_event: LoggedEvent | None = None  # of those that stand in the log
+        self._newest_event: LoggedEvent | None = None  # newest event that is in the log
 
     def compose(self) -> ComposeResult:
         """All panels."""
         yield from self.panels.compose()
 
     def on_mount(self) -> None:
-        """Start refreshing, then the mission."""
+        """Start the refresh, then the mission."""
         self.panels.table.focus()
 
         name = self.fleet.fleet.name
@@ -197,15 +198,15 @@ class ConsoleApp(App[int]):
             self.orders.warm_up()
             sys.setswitchinterval(SWITCH_S)
 
-            # A collection of all that was loaded takes as long as a key may take to come to the
-            # screen, so what is alive now is collected once and then left out.
+            # A garbage collection of all loaded objects would delay the reaction to a key. So they
+            # are collected once now, and excluded from later collections.
             gc.collect()
             gc.freeze()
 
         self.mission.start()
 
     async def on_unmount(self) -> None:
-        """Leave no process and no signal handler behind."""
+        """End the forecast processes and remove the signal handlers."""
         self.shutdown.release_signals()
         await self.orders.stop()
 
@@ -213,15 +214,15 @@ class ConsoleApp(App[int]):
         """Show the console until the operator quits.
 
         Returns:
-            The exit status: the verdict's, 0 without a mission, 130 when the operator cut the
-                mission short.
+            The exit status: the verdict's, 0 without a mission, 130 if the operator ended the
+                mission early.
         """
         return await self.run_async() or 0
 
     # -- the terminal ------------------------------------------------------------------------------
 
     def get_driver_class(self) -> type[Driver]:
-        """Return a driver that does not let an emergency key wait."""
+        """Return a driver that handles emergency keys at once."""
         return with_hooks(super().get_driver_class(), self.terminal)
 
     def get_line_filters(self) -> Sequence[LineFilter]:
@@ -229,15 +230,18 @@ class ConsoleApp(App[int]):
         return self.filters.active(has_colour=not self.no_color)
 
     def on_resize(self, event: events.Resize) -> None:
-        """Share another size among the panels."""
+        """Share the new size among the panels."""
         self._arrange(event.size.width, event.size.height)
 
     def on_lines_alone(self, message: Lines.Alone) -> None:
-        """Let a panel take all the room, or share it again."""
+        """Give a panel the whole terminal, or share it again."""
         self._arrange(*self.size, message.name)
 
     def _arrange(self, width: int, height: int, alone: str | None = None) -> None:
-        """Share the terminal among the panels; without ``alone`` the enlarged one stays so."""
+        """Share the terminal among the panels.
+
+        `alone` is the panel that gets all the room, or empty for none; None keeps the present one.
+        """
         screen = self.screen_stack[0]
         if alone is None:
             alone = _enlarged_panel(screen.classes)
@@ -264,7 +268,7 @@ class ConsoleApp(App[int]):
     # -- the picture -------------------------------------------------------------------------------
 
     def refresh_fleet(self) -> None:
-        """Draw the fleet as it is now."""
+        """Draw the present state of the fleet."""
         if self.shutdown.is_hung_up:
             return
 
@@ -336,13 +340,13 @@ class ConsoleApp(App[int]):
 
         vehicle = event.vehicle
         if vehicle == "ground":
-            vehicle = ""  # its own sentences stand without a name
+            vehicle = ""  # sentences of this ground itself are shown without a name
         sentence = self.orders.short(event.sentence)
         stamp = self.time_text(logged.received_ns)
         return EventEntry.of(sentence, sign, vehicle=vehicle, stamp=stamp)
 
     def forget_events(self) -> None:
-        """Empty the event log; events of the fleet's state come again."""
+        """Empty the event log; events that are still in the fleet's state are added again."""
         self.panels.events.forget()
         self._newest_event = None
 
@@ -358,11 +362,11 @@ class ConsoleApp(App[int]):
 
     @property
     def is_writing(self) -> bool:
-        """Whether words are being written, so that every letter belongs to them."""
+        """Whether the operator types a text, so that letters are no keys."""
         return isinstance(self.focused, Input) or self.panels.table.is_writing
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Let a colon be a letter where words are written, and nothing while a dialog is open."""
+        """Let the colon be a letter in texts, and disable its key while a dialog is open."""
         if action == "order_line" and (self.is_writing or isinstance(self.screen, ModalScreen)):
             return False
         return super().check_action(action, parameters)
@@ -376,7 +380,7 @@ class ConsoleApp(App[int]):
         self.orders.show_usage(message.value)
 
     def on_order_line_completions(self, message: OrderLine.Completions) -> None:
-        """Show the words that the order line may go on with."""
+        """Show the words with which the order line may continue."""
         self.panels.results.show_sentence("  ".join(message.words), FAINT)
 
     async def action_order_all(self, verb: Verb) -> None:
@@ -384,7 +388,7 @@ class ConsoleApp(App[int]):
         await self.orders.order_all(verb)
 
     async def action_order_paths(self, verb: Verb) -> None:
-        """Stop all who follow paths, let them go on, or bring them home."""
+        """Give an order to all vehicles that follow paths: pause, resume, skip or bring home."""
         await self.orders.order_paths(verb)
 
     async def action_order(self, verb: Verb) -> None:
@@ -404,11 +408,11 @@ class ConsoleApp(App[int]):
         await self.orders.kill(key)
 
     def action_answer_request(self, answer: str) -> None:
-        """Give control to the ground that asks for it, or keep it."""
+        """Give control to the ground that requests it, or keep it."""
         self.orders.answer_request(answer)
 
     def action_stop_countdown(self) -> None:
-        """End the countdown to a start: nothing is started."""
+        """End the countdown without a start."""
         if self.orders.missions is not None:
             sentence = self.orders.missions.stop_countdown()
             self.panels.results.show_sentence(sentence)
@@ -427,7 +431,7 @@ class ConsoleApp(App[int]):
     # -- mission and leaving -----------------------------------------------------------------------
 
     def on_worker_state_changed(self, event: Worker.StateChanged) -> None:
-        """Show why the mission or the connection broke."""
+        """Show why the mission or the connection has failed."""
         self.mission.worker_changed(event)
 
     def action_verdict(self) -> None:
@@ -435,11 +439,11 @@ class ConsoleApp(App[int]):
         self.mission.turn_verdict()
 
     def action_leave(self) -> None:
-        """Quit, after a question when vehicles fly."""
+        """Quit, after a question if vehicles fly."""
         self.shutdown.quit()
 
     async def action_interrupt(self) -> None:
-        """Land and leave; a second time at once."""
+        """Land all and quit; if called a second time, quit at once."""
         await self.shutdown.interrupt()
 
     # -- views -------------------------------------------------------------------------------------
@@ -458,7 +462,7 @@ class ConsoleApp(App[int]):
                 widget.refresh()
 
     def action_acknowledge(self) -> None:
-        """Acknowledge all alarms that hold; they stay in the list."""
+        """Acknowledge all present alarms; they stay in the list."""
         self.alarms.acknowledge()
         self.refresh_fleet()
 
@@ -495,7 +499,10 @@ class ConsoleApp(App[int]):
 
 
 def _enlarged_panel(classes: frozenset[str]) -> str:
-    """Return the id of the panel that has all the room, by the screen's classes; empty for none."""
+    """Return the id of the panel that has all the room; empty if there is none.
+
+    The screen has the class "only-ID" then.
+    """
     for name in classes:
         if name.startswith("only-"):
             return name.removeprefix("only-")

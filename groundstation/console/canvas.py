@@ -1,6 +1,6 @@
 """A drawing surface of braille dots on numpy: 2 x 4 dots and one colour per terminal cell.
 
-Text stands on top of the dots. A cell has one colour only, that of what was drawn last in it.
+Text is drawn on top of the dots. A cell has only one colour: the colour that was drawn last in it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ _BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], np.ui
 _MAX_STEPS = 4000  # dots of one line or circle
 _SPACE = 0x20
 _BRAILLE = 0x2800
-_TAIL = 0x10FFFF  # second cell of a wide character: taken, and not written
+_TAIL = 0x10FFFF  # marks the second cell of a wide character, for which nothing is written
+_LARGEST_RADIUS = 1e4  # larger circles are not drawn
 
 
 class Canvas:
@@ -36,7 +37,7 @@ class Canvas:
         self.height = max(1, height)
         shape = (self.height, self.width)
         self.cells = np.zeros(shape, np.uint8)  # the dots of each cell, as bits
-        self.colours = np.zeros(shape, np.int32)  # of :func:`_index`
+        self.colours = np.zeros(shape, np.int32)  # numbers of :func:`_index`
         self._chars = np.zeros(shape, np.uint32)  # code of a character; 0: no text in this cell
 
     def copy(self) -> Canvas:
@@ -48,12 +49,12 @@ class Canvas:
         return twin
 
     def dots(self, x: Array, y: Array, colour: str) -> None:
-        """Set dots x, y (n,); the last colour of a cell wins.
+        """Set dots at x, y (n,); the last colour of a cell counts.
 
-        Dots outside and not finite ones are left out.
+        Dots outside the canvas and dots that are not finite are left out.
         """
         with np.errstate(invalid="ignore"):
-            # false for nan
+            # The comparisons are false for NaN.
             is_inside = (x >= 0) & (x < 2 * self.width) & (y >= 0) & (y < 4 * self.height)
         dot_columns = x[is_inside].astype(np.int64)
         dot_rows = y[is_inside].astype(np.int64)
@@ -76,7 +77,7 @@ class Canvas:
         self.dots(start[0] + shares * along_x, start[1] + shares * along_y, colour)
 
     def lines(self, starts: Array, ends: Array, colour: str, gap: int = 1) -> None:
-        """Draw straight lines of dots between points (n, 2) and (n, 2), all in one go."""
+        """Draw straight lines of dots from points (n, 2) to points (n, 2), all at once."""
         along = ends - starts
         lengths = np.abs(along).max(axis=1, initial=0.0)
         is_drawable = lengths < _MAX_STEPS
@@ -89,11 +90,11 @@ class Canvas:
         self.dots(points[..., 0].ravel(), points[..., 1].ravel(), colour)
 
     def circles(self, centres: Array, radius: float, colour: str, gap: int = 1) -> None:
-        """Draw circles of dots about centres (n, 2), radius in dots.
+        """Draw circles of dots around centres (n, 2); the radius is in dots.
 
         With ``gap`` n only every n-th dot is set.
         """
-        if not 0.0 < radius < 1e4 or not len(centres):
+        if not 0.0 < radius < _LARGEST_RADIUS or not len(centres):
             return
 
         dot_count = max(12, min(_MAX_STEPS, int(8 * radius)))
@@ -103,7 +104,10 @@ class Canvas:
         self.dots(x.ravel(), y.ravel(), colour)
 
     def text(self, column: int, row: int, text: str, colour: str, bold: bool = False) -> None:
-        """Write text from a cell on; wide characters take two cells; text outside is left out."""
+        """Write text from a cell on.
+
+        Wide characters take two cells. Characters outside the canvas are left out.
+        """
         if not 0 <= row < self.height:
             return
 
@@ -112,7 +116,7 @@ class Canvas:
         for char in text:
             width = get_character_cell_size(char)
             if width and column >= 0 and column + width <= self.width:
-                # Half of a wide character, before or behind this one, would be left.
+                # Blank the other half of a wide character that this one covers partly.
                 if line[column] == _TAIL:
                     line[column - 1] = _SPACE
                 if column + width < self.width and line[column + width] == _TAIL:
@@ -123,7 +127,7 @@ class Canvas:
             column += width
 
     def is_free(self, column: int, row: int, width: int) -> bool:
-        """Whether text of this width fits into the picture here without covering other text."""
+        """Whether text of this width fits here without covering other text."""
         is_inside = 0 <= row < self.height and column >= 0 and column + width <= self.width
         return is_inside and not self._chars[row, column : column + width].any()
 
@@ -133,12 +137,12 @@ class Canvas:
         chars = np.where(self._chars > 0, self._chars, chars)
         text = chars.astype("<u4").tobytes().decode("utf-32-le")
 
-        # A blank takes the colour of its left neighbour: fewer pieces to write.
+        # A blank gets the colour of its left neighbour, so that there are fewer segments.
         columns = np.where(chars == _SPACE, 0, np.arange(self.width))
         colours = np.take_along_axis(self.colours, np.maximum.accumulate(columns, axis=1), axis=1)
 
-        # The columns at which a new colour begins, of all rows in one go: row by row it costs most
-        # of a picture.
+        # The columns at which a new colour begins, for all rows at once. Row by row, this would
+        # take most of the time of a picture.
         rows, breaks = np.nonzero(colours[:, 1:] != colours[:, :-1])
         starts = (breaks + 1).tolist()
         kinds = colours[rows, breaks + 1].tolist()
@@ -157,20 +161,20 @@ class Canvas:
         return strips
 
     def _strip(self, segments: list[Segment], *, has_wide: bool) -> Strip:
-        """Return a line of these segments; the second cells of wide characters are left out."""
+        """Return a line of these segments without the marks of wide characters' second cells."""
         if not has_wide:
             return Strip(segments, self.width)
         whole = [Segment(part.text.replace(chr(_TAIL), ""), part.style) for part in segments]
         return Strip(whole).adjust_cell_length(self.width)
 
 
-# Index of each colour and weight; 0 also of cells in which nothing was drawn.
+# Number of each colour and weight; empty cells have 0.
 _KINDS: dict[tuple[str, bool], int] = {(TEXT, False): 0}
 _STYLES: list[Style] = [style(TEXT)]
 
 
 def _index(colour: str, bold: bool) -> int:
-    """Return a small number for a colour, the same in every picture."""
+    """Return the number of a colour and weight, which is the same in every picture."""
     key = (colour, bold)
     if key not in _KINDS:
         _KINDS[key] = len(_STYLES)

@@ -1,4 +1,4 @@
-"""The clients that a console works with: of a fleet, of a record, of a fleet to watch only."""
+"""The interfaces of clients that a console uses: of a fleet, of a record, or only to watch."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from groundstation.orders.result import OrderResult
 class ConsoleClient(Protocol):
     """The part of :class:`groundstation.client.client.FleetClient` that every console uses.
 
-    A record has it too.
+    A client for records has it, too.
     """
 
     @property
     def tick_stream(self) -> TickStream:
-        """The pipeline's values of the vehicle whose page is open."""
+        """The values of the pipeline of the vehicle whose page is open."""
 
     @property
     def state(self) -> FleetState:
         """The fleet as known now."""
 
     def now_ns(self) -> int:
-        """The clock that ages are counted on."""
+        """Return the clock on which ages are counted [ns]."""
 
     async def submit(self, order: Intent | str) -> OrderResult:
-        """Send an order; results fill in."""
+        """Send an order; its results are filled in later."""
 
 
 @runtime_checkable
 class OrderingClient(ConsoleClient, Protocol):
-    """A client of a fleet that takes orders; a record and a read-only client are none."""
+    """A client that can give orders; a record's client and a read-only client cannot."""
 
     control: Control
 
@@ -46,7 +46,7 @@ class OrderingClient(ConsoleClient, Protocol):
         """Check a planned order against the fleet as it is now."""
 
     def send(self, planned: PlannedOrder) -> OrderResult:
-        """Send a planned order from any thread; results fill in."""
+        """Send a planned order from any thread; its results are filled in later."""
 
     def submit_now(self, order: Intent | str) -> OrderResult:
-        """Send an order from any thread; results fill in."""
+        """Send an order from any thread; its results are filled in later."""

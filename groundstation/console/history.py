@@ -1,4 +1,8 @@
-"""Memory of a flight, bounded: trails, closest pairs, batteries, timing. Pure."""
+"""The console's memory of a flight: trails, closest pairs, batteries, timing. Pure.
+
+Its size is bounded. The app passes the fleet's state to :meth:`History.add` at every refresh, and
+the panels draw what the history holds.
+"""
 
 from __future__ import annotations
 
@@ -13,23 +17,24 @@ from numpy.typing import NDArray
 from groundstation.fleet.state import FleetState, VehicleView
 from onboard.config.pair_separation import separations_m
 
-# Points of one vehicle's trail at most, at least, and of all trails together.
+# Points of one vehicle's trail at most and at least, and points of all trails together.
 TRAIL_LENGTH = 600
 _LEAST_TRAIL = 80
 _ALL_TRAILS = 12_000
-_TRAIL_STEP_M = 0.03  # between two points of a trail
+_TRAIL_STEP_M = 0.03  # smallest distance between two points of a trail
 
-CHART_LENGTH = 3000  # distances
-_TIMING_LENGTH = 600  # periods, and ages
+CHART_LENGTH = 3000  # number of smallest distances that are kept
+_TIMING_LENGTH = 600  # number of periods and of ages that are kept
 PAIRS = 40
-FAR_M = 1e6  # a coordinate beyond this is no position
-_STILL_M2_S2 = 1e-4  # square of a relative speed below which two vehicles stay as they are
+FAR_M = 1e6  # a coordinate beyond this is not plausible
+_STILL_M2_S2 = 1e-4  # square of a relative speed below which two vehicles count as still
 
-_PACE_NS = 150_000_000  # between two comparisons of all pairs
-_SLOW_S = 1.0  # between samples of what changes slowly
+_PACE_NS = 150_000_000  # time between two comparisons of all pairs
+_SLOW_S = 1.0  # time between two samples of values that change slowly
 _BATTERY_SAMPLES = 180
-_TREND_S = 20.0  # a trend of less than this is a guess
-_REFILLED_FRAC = 0.03  # a charge that rises by more is another battery's
+_TREND_S = 20.0  # shortest time from which a trend is computed
+_REFILLED_FRAC = 0.03  # a charge that rises by more is the charge of another battery
+_FALLING_PER_MIN = -1e-4  # trend of a charge below which the battery counts as falling
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,36 +44,36 @@ class ClosePair:
     first: str
     second: str
     distance_m: float
-    approach_s: float  # until they are closest at their present velocities; inf when they part
-    approach_m: float  # their distance then
-    is_flying: bool  # at least one of them
+    approach_s: float  # time until they are closest at their velocities; inf if they move apart
+    approach_m: float  # their distance at that time
+    is_flying: bool  # whether at least one of them flies
 
 
 @dataclass(frozen=True, slots=True)
 class Drain:
     """Trend of a battery."""
 
-    per_min_frac: float  # of its charge; negative while it falls
+    per_min_frac: float  # change of its charge per minute; negative while it falls
     left_min: float  # minutes until the vehicle has to land
 
 
 class History:
-    """Takes in the fleet eight times a second; distances every other time.
+    """Takes in the fleet's state eight times a second, and compares distances every other time.
 
     Args:
         land_frac: charge of a battery at which its vehicle has to land.
     """
 
     def __init__(self, land_frac: float = 0.2) -> None:
-        # name -> (n, 2): last x, y [m] ENU, in no order, first nan
+        # name -> last positions x, y [m] ENU (n, 2), in no order; unused rows are NaN
         self.trails: dict[str, NDArray[np.float64]] = {}
-        self.pairs: list[ClosePair] = []  # the closest now, those with a vehicle in the air first
+        self.pairs: list[ClosePair] = []  # the closest pairs now; those in the air come first
         # time [s] and distance [m] of the closest flying pair
         self.distances: deque[tuple[float, float]] = deque(maxlen=CHART_LENGTH)
-        self.periods_ms: deque[float] = deque(maxlen=_TIMING_LENGTH)  # of the slowest control loop
-        self.ages_ms: deque[float] = deque(maxlen=_TIMING_LENGTH)  # of the oldest message
-        self.slowest = ""  # vehicle of the last period
-        self.oldest = ""  # vehicle of the last age
+        self.periods_ms: deque[float] = deque(maxlen=_TIMING_LENGTH)  # period of the slowest loop
+        self.ages_ms: deque[float] = deque(maxlen=_TIMING_LENGTH)  # age of the oldest message
+        self.slowest = ""  # vehicle with the last period
+        self.oldest = ""  # vehicle with the last age
         self.drains: dict[str, Drain] = {}
 
         # times [s] at which the present flight, or else the last one, began and ended
@@ -76,9 +81,9 @@ class History:
         self._flight_end_s: float | None = None
 
         self._land_frac = land_frac
-        # name -> points of its trail so far, and x, y [m] of the last one
+        # name -> number of points of its trail so far, and x, y [m] of the last point
         self._ends: dict[str, tuple[int, float, float]] = {}
-        # name -> boot of its agent, and its charges with their times [s]
+        # name -> boot id of its agent, and times [s] with charges
         self._charges: dict[str, tuple[int, deque[tuple[float, float]]]] = {}
         self._sampled_s = -math.inf
         self._added_ns = -1
@@ -90,15 +95,15 @@ class History:
         return self.pairs[0] if self.pairs else None
 
     def flight_s(self, now_ns: int) -> float | None:
-        """Return how long the fleet flies, or has flown last.
+        """Return the duration of the present flight, or of the last one.
 
-        A flight begins with the first vehicle in the air and ends with the last one down.
+        A flight begins when the first vehicle is in the air, and ends when the last one is down.
 
         Args:
             now_ns: time, as for :meth:`add`.
 
         Returns:
-            Seconds; None when nobody has flown.
+            Duration [s]; None if no vehicle has flown.
         """
         if self._flight_begin_s is None:
             return None
@@ -106,11 +111,11 @@ class History:
         return max(0.0, end_s - self._flight_begin_s)
 
     def clear(self) -> None:
-        """Forget everything: a replay was turned back."""
+        """Forget everything, because a replay has jumped back."""
         vars(self).update(vars(History(self._land_frac)))
 
     def add(self, state: FleetState, now_ns: int) -> None:
-        """Take in the fleet as it is now; the same moment again changes nothing."""
+        """Take in the present state of the fleet; a second call at the same time has no effect."""
         if now_ns == self._added_ns:
             return
         self._added_ns = now_ns
@@ -130,8 +135,8 @@ class History:
     def _lengthen_trails(
         self, state: FleetState, known: dict[str, tuple[float, float, float]]
     ) -> None:
-        for gone in self.trails.keys() - state.vehicles.keys():
-            del self.trails[gone], self._ends[gone]
+        for name in self.trails.keys() - state.vehicles.keys():
+            del self.trails[name], self._ends[name]
 
         fair_share = _ALL_TRAILS // max(1, len(state.vehicles))
         length = max(_LEAST_TRAIL, min(TRAIL_LENGTH, fair_share))
@@ -180,7 +185,7 @@ class History:
                 continue
 
             own_period_ms = last.loop_period_p99_ms
-            # "not less or equal" is also true beside nan, which stands for no value yet
+            # "not <=" is also true if the value so far is NaN, which means that there is none.
             if math.isfinite(own_period_ms) and not own_period_ms <= period_ms:
                 period_ms = own_period_ms
                 self.slowest = name
@@ -208,13 +213,13 @@ class History:
         if samples[-1][0] - samples[0][0] < _TREND_S:
             return
 
-        # the slope of a straight line through the samples (least squares)
+        # The slope of the straight line through the samples (least squares).
         times_s, charges = np.array(samples).T
         times_s = times_s - times_s.mean()
         per_min_frac = 60.0 * float(times_s @ (charges - charges.mean()) / (times_s @ times_s))
 
         left_min = math.inf
-        if per_min_frac < -1e-4:
+        if per_min_frac < _FALLING_PER_MIN:
             left_min = max(0.0, charge_frac - self._land_frac) / -per_min_frac
         self.drains[name] = Drain(per_min_frac, left_min)
 
@@ -225,10 +230,10 @@ def closest_pairs(
     *,
     height_share: float = 0.0,
 ) -> list[ClosePair]:
-    """Return the closest pairs of vehicles, pairs with one in the air before all others.
+    """Return the closest pairs of vehicles; pairs with a vehicle in the air come first.
 
     Args:
-        known: views and positions [m], ENU.
+        known: view and position [m], ENU, of each vehicle with a known position.
         most: number of pairs.
         height_share: weight of a metre of height in a separation.
     """
@@ -244,7 +249,7 @@ def closest_pairs(
     distances_m = separations_m(gaps_m, height_share)
     is_flying = is_airborne[first] | is_airborne[second]
 
-    # Pairs on the ground rank behind all others by a distance that no pair in the air has.
+    # A pair on the ground gets a distance that no pair in the air can have, so it comes last.
     ranks = np.where(is_flying, distances_m, distances_m + FAR_M * 4)
     closest = np.arange(len(ranks))
     if len(ranks) > most:
@@ -258,7 +263,7 @@ def closest_pairs(
         if approach_s > 0.0:
             closest_gap_m = closest_gap_m + approach_s * drift_m_s
         else:
-            approach_s = math.inf  # they part
+            approach_s = math.inf  # they move apart
 
         pair = ClosePair(
             first=known[first[index]][0].name,
@@ -284,7 +289,7 @@ def _approach_s(gap_m: NDArray[np.float64], drift_m_s: NDArray[np.float64]) -> f
     The square of the distance, |gap + t drift|^2, is smallest at t = -gap . drift / |drift|^2.
 
     Returns:
-        The time [s]; negative when they part, -1 where their relative speed is none or not
+        The time [s]; negative if they move apart, and -1 if their relative speed is 0 or not
         plausible.
     """
     speed_m2_s2 = float(drift_m_s[:2] @ drift_m_s[:2])

@@ -1,4 +1,8 @@
-"""The mission that flies beside the console: its worker, the line in the title and its verdict."""
+"""The mission that the console flies: its worker, its line in the title, and its verdict.
+
+The mission flies in a worker of Textual, so the screen stays alive. When it ends, the verdict
+appears in a box and in the event log.
+"""
 
 from __future__ import annotations
 
@@ -17,21 +21,23 @@ _FLIES = "mission flies"
 _PASSED = "✔ mission passed"
 _FAILED = "✖ mission failed"
 
-# Exit statuses of what broke before there was a verdict.
+# Exit statuses of failures before there was a verdict.
 _STATUS_BROKEN = 1
 _STATUS_NO_CONNECTION = 2
 
-_ALONE = "only-verdict"  # of the screen, while the verdict has all the room
+_ALONE = "only-verdict"  # class of the screen while the verdict has all the room
 
 
 class MissionWorker:
     """Connects and flies in workers, so that the screen waits for neither.
 
     Args:
-        mission: flies, and returns a verdict with ``sentences``, and ``exit_status`` or
-            ``is_passed`` if any.
-        connect: opens the bus.
-        progress: returns one line about the mission, called at each refresh.
+        app: app whose workers are used.
+        panels: panels that show the mission.
+        mission: function that flies a mission and returns its verdict. The verdict may have
+            ``sentences``, ``exit_status`` and ``is_passed``.
+        connect: function that opens the bus.
+        progress: function that returns one line about the mission; called at each refresh.
     """
 
     def __init__(
@@ -51,12 +57,12 @@ class MissionWorker:
         self._mission_worker: Worker[object] | None = None
         self._connect_worker: Worker[object] | None = None
         self._line = ""
-        self.status = 0  # the console's exit status so far
-        self.verdict: Sequence[str] = ()  # in sentences; empty before the end
+        self.status = 0  # exit status of the console so far
+        self.verdict: Sequence[str] = ()  # sentences of the verdict; empty before the end
 
     @property
     def has_mission(self) -> bool:
-        """Whether this console flies a mission: its end is the end of what was started for it."""
+        """Whether this console was started for a mission, or flies one now."""
         return self._mission is not None or self.is_running
 
     @property
@@ -76,11 +82,11 @@ class MissionWorker:
         """Fly a mission that the operator has started here, unless one flies already.
 
         Args:
-            mission: flies, and returns a verdict.
-            progress: returns one line about it.
+            mission: function that flies the mission and returns its verdict.
+            progress: function that returns one line about it.
 
         Returns:
-            Whether it was begun.
+            Whether the mission was begun.
         """
         if self.is_running:
             return False
@@ -105,7 +111,7 @@ class MissionWorker:
         return self._line
 
     def worker_changed(self, event: Worker.StateChanged) -> None:
-        """Turn a worker's error into a sentence; the vehicles still take the operator's orders."""
+        """Show a worker's error as a sentence; the operator can still give orders."""
         if event.state is not WorkerState.ERROR:
             return
 
@@ -138,7 +144,7 @@ class MissionWorker:
         verdict = await mission()
         sentences = getattr(verdict, "sentences", None) or str(verdict).splitlines()
         status = _exit_status(verdict)
-        # of several missions the first that has failed decides
+        # If several missions were flown, the first one that has failed decides.
         self.status = self.status or status
         self._show(
             [theme.clean(sentence) for sentence in sentences],
@@ -151,10 +157,10 @@ class MissionWorker:
         """Show a verdict.
 
         Args:
-            sentences: all of it.
+            sentences: all sentences of the verdict.
             is_passed: whether the mission has passed.
-            summary: the one of them that has the reason; it stands first in the box, which may
-                be too low for all.
+            summary: the sentence with the reason. It comes first in the box, which may be too low
+                for all sentences.
         """
         self.verdict = sentences
         self._line = _PASSED if is_passed else _FAILED
@@ -175,7 +181,7 @@ class MissionWorker:
             self._panels.events.add(sentence, sign)
 
     def _open(self, is_open: bool) -> None:
-        """Show it below plan and events, which go on."""
+        """Show or hide the verdict's box below plan and events."""
         self._panels.verdict.display = is_open
         self._panels.verdict.border_subtitle = "v enlarges · q quits"
 
@@ -186,7 +192,7 @@ class MissionWorker:
 
 
 def _exit_status(verdict: object) -> int:
-    """Return a verdict's own exit status, else 0 unless it says that the mission has failed."""
+    """Return a verdict's exit status; a verdict without one gives 0 if it has passed, else 1."""
     status = getattr(verdict, "exit_status", None)
     if isinstance(status, int):
         return status
@@ -197,4 +203,5 @@ def _exit_status(verdict: object) -> int:
 
 
 async def _awaited(function: MissionCall) -> object:
+    """Await the result of a call; a worker needs a coroutine, and not any awaitable."""
     return await function()

@@ -1,12 +1,13 @@
-"""Orders from the order line and the keys: parsed, previewed or sent, their answers shown.
+"""Orders from the order line and the keys: parsed, previewed or sent, and their results shown.
 
-Three kinds of order take three routes:
+There are three kinds of order:
 
-* What makes things safer (land, hold) is sent at once, from every screen. LAND ALL and HOLD ALL
-  even leave on the thread that reads the terminal; the screen shows them when the key's turn comes.
-* What could go wrong (arm, take-off, move, formation) opens a preview first, and what the preview
-  checked is what is sent.
-* A kill needs the same key twice within a second, and a killed vehicle takes no orders until it is
+* Orders that make a flight safer (land, hold) are sent at once, from every screen. LAND ALL and
+  HOLD ALL are even sent by the thread that reads the terminal; the screen shows them when the event
+  loop handles the key.
+* Orders that could go wrong (arm, take-off, move, formation) open a preview first. The order that
+  the preview has checked is the one that is sent.
+* A kill needs the same key twice within a second. A killed vehicle gets no orders until it is
   reset.
 """
 
@@ -47,12 +48,15 @@ _ENTER = "enter"
 
 
 class OrderEntry:
-    """Takes the operator's orders and shows what becomes of them.
+    """Takes the operator's orders and shows their results.
 
     Args:
-        app: runs workers and shows the preview.
-        forecaster: computes the previews; None sends every order at once.
-        refresh: draws the fleet now.
+        app: app that runs workers and shows the preview.
+        fleet: the fleet file.
+        client: client of the fleet, or a record.
+        panels: panels that show orders and results.
+        forecaster: computes the previews; None: every order is sent at once.
+        refresh: function that draws the fleet now.
     """
 
     def __init__(
@@ -78,29 +82,29 @@ class OrderEntry:
         self._is_warm = False  # whether the forecaster's process was started
         self._everybody = ",".join(fleet.enabled_names)
 
-        # Sent by the thread that reads the keys; shown when the turn of the key comes.
+        # Orders that the thread of the terminal has sent; shown when the loop handles their keys.
         self._sent_early: deque[OrderResult] = deque()
         self._latch = KillLatch()
-        self._written = ""  # the order that is being taken from the order line
-        self.missions: MissionOrders | None = None  # starts missions by written orders
+        self._written = ""  # the line that is being carried out, if it is from the order line
+        self.missions: MissionOrders | None = None  # takes written orders about missions
         self.newest: OrderResult | None = None  # the order whose results are shown
 
     @property
     def can_order(self) -> bool:
-        """Whether there is a fleet that takes orders from here."""
+        """Whether this console can give orders at all."""
         return self._ordering is not None
 
     @property
     def is_operator(self) -> bool:
         """Whether moves may be ordered from here.
 
-        Where they may not, leaving the console changes nothing for the vehicles.
+        If not, leaving the console has no effect on the vehicles.
         """
         return self._ordering is not None and self._ordering.control.refusal("move") is None
 
     @property
     def armed_kill(self) -> str | None:
-        """The vehicles that the next press of the kill key stops; None when it would only arm."""
+        """The vehicles that the next press of the kill key stops; None if it is a first press."""
         names = self._latch.armed(self._now_s)
         if not names:
             return None
@@ -108,9 +112,9 @@ class OrderEntry:
 
     @property
     def selected(self) -> tuple[str, ...]:
-        """The vehicles that keys mean: the marked ones, else the one under the cursor.
+        """The vehicles to which keys apply: the marked ones, or else the one under the cursor.
 
-        On the page of one vehicle it is always the one shown.
+        On the page of one vehicle it is always that vehicle.
         """
         table = self._panels.table
         if table.marked and not isinstance(self._app.screen, VehicleScreen):
@@ -124,14 +128,14 @@ class OrderEntry:
         return self._client.now_ns() * 1e-9
 
     def short(self, text: str) -> str:
-        """Return ``text`` with ``all`` for the list of all vehicles, as people write it."""
+        """Return ``text`` with ``all`` instead of the list of all vehicles."""
         is_list = "," in self._everybody
         if not is_list:
             return text
         return text.replace(self._everybody, "all")
 
     def update(self) -> None:
-        """Bring the notices up to date."""
+        """Update the notices and the control of the fleet."""
         control = None
         if self._ordering is not None:
             control = self._ordering.control
@@ -139,7 +143,7 @@ class OrderEntry:
         self._panels.notices.show(notices(self._latch.killed, control))
 
     async def stop(self) -> None:
-        """End the forecast's process."""
+        """End the processes of the forecaster."""
         if self._forecaster is not None:
             await self._forecaster.stop()
 
@@ -164,7 +168,7 @@ class OrderEntry:
             self.warm_up()
 
     async def take_line(self, text: str) -> None:
-        """Carry out a written line; the order line gets it back when it is refused."""
+        """Carry out a written line; if it is refused, it returns to the order line."""
         self._panels.order_line.action_leave()
         self._written = text
 
@@ -197,14 +201,14 @@ class OrderEntry:
     def warm_up(self) -> None:
         """Start the forecast's process before it is required."""
         if self._forecaster is not None and not self._is_warm:
-            # Once: a start that is cut short by the next key would leave a process behind.
+            # Only once: a second start would cancel the first, and leave its process behind.
             self._is_warm = True
             self._app.run_worker(self._forecaster.start(), group="warm")
 
     # -- orders ------------------------------------------------------------------------------------
 
     async def order(self, order: Intent | str, *, is_written: bool = False) -> None:
-        """Preview an order where something could go wrong; send it at once where it is safer."""
+        """Preview an order that could go wrong; send an order that makes a flight safer at once."""
         if isinstance(order, str):
             try:
                 intent = parse(order, self._fleet)
@@ -264,7 +268,7 @@ class OrderEntry:
             self._refuse(str(planned.intent), str(error))
 
     def _take_off_in_waves(self, intent: Intent) -> bool:
-        """Fly a take-off in waves as a mission; return whether the order is one."""
+        """Fly a take-off in waves as a mission; return whether the order is a take-off in waves."""
         if not isinstance(intent, Takeoff) or len(intent.waves) < 2 or self.missions is None:
             return False
 
@@ -274,7 +278,7 @@ class OrderEntry:
         return True
 
     async def send(self, order: Intent | str) -> None:
-        """Send an order at once and show each vehicle's answer; a misspelt one is a sentence."""
+        """Send an order at once and show each vehicle's result; a wrong order shows a sentence."""
         if isinstance(order, Intent) and self._take_off_in_waves(order):
             return
         try:
@@ -285,12 +289,12 @@ class OrderEntry:
             self._refuse(str(order), str(error))
 
     def _follow(self, sent: OrderResult) -> None:
-        """Show an order that has left, and its results as they come."""
+        """Show an order that was sent, and its results as they come."""
         self.newest = sent
         events = self._panels.events
         words = self.short(str(sent.intent))
 
-        # A kill that has left is latched, whatever its results.
+        # The vehicles of a kill that was sent are latched, whatever its results are.
         killed = sent.planned.orders if sent.intent.verb == "kill" else ()
         if killed:
             events.add(f"KILL {','.join(killed)}", ("✖", KILL))
@@ -317,7 +321,7 @@ class OrderEntry:
         if sent is self.newest and self._app.is_running:
             self._panels.results.show_order(sent, self.short(str(sent.intent)))
 
-        # The other ends come as the vehicle's own events.
+        # For other phases the vehicle itself publishes an event.
         if result.phase in ("refused", "no answer", "direct"):
             self._log_result(result)
 
@@ -330,19 +334,19 @@ class OrderEntry:
     def send_urgent(self, key: str) -> None:
         """Send the order of an emergency key, on the thread that reads the terminal.
 
-        The key's turn in the event loop comes later, and shows what was sent here.
+        Later the event loop handles the key, and shows the order that was sent here.
         """
         verb = _URGENT_KEYS.get(key)
         if verb is None or self._ordering is None or not self._fleet.enabled_names:
             return
 
-        # An order that fails here is sent again, and its error shown, when the key's turn comes.
+        # If this fails, the event loop sends the order again and shows the error.
         with contextlib.suppress(OrderError, RuntimeError):
             sent = self._ordering.submit_now(self._of_everybody(verb))
             self._sent_early.append(sent)
 
     async def order_all(self, verb: Verb) -> None:
-        """Land or hold all vehicles from every screen, without a question: it is only safer."""
+        """Land or hold all vehicles from every screen, without a question."""
         if self._sent_early:
             self._follow(self._sent_early.popleft())
         elif self._fleet.enabled_names:
@@ -351,7 +355,7 @@ class OrderEntry:
             reason = "This fleet has nobody to order: no vehicle is enabled in its file."
             self._refuse(f"{verb} all", reason)
 
-        # Only now: the order does not wait for the screen.
+        # The screen changes only after the order was sent.
         self._close_preview()
         if self.missions is not None:
             self.missions.stop_countdown()
@@ -363,9 +367,9 @@ class OrderEntry:
         return INTENTS[verb](vehicles=self._fleet.enabled_names)
 
     async def order_paths(self, verb: Verb) -> None:
-        """Order something for all who follow a path or a vehicle.
+        """Give an order to all vehicles that follow a path or another vehicle.
 
-        To bring home also means all others that fly.
+        The order to bring home also goes to all other vehicles that fly.
 
         Args:
             verb: pause, resume, skip or bring_home.
@@ -385,7 +389,7 @@ class OrderEntry:
         await self.order(INTENTS[verb](vehicles=names))
 
     async def order_selected(self, verb: Verb) -> None:
-        """Order something for the selected vehicles."""
+        """Give an order to the selected vehicles."""
         names = self.selected
         if not names:
             sentence = "No vehicle is selected: move the cursor to one, or mark some with space."
@@ -397,12 +401,13 @@ class OrderEntry:
         await self.order(INTENTS[verb](vehicles=names))
 
     async def kill(self, key: str) -> None:
-        """Arm the key for the vehicle under the cursor; the same key within a second kills it."""
+        """Kill the vehicle under the cursor at the second press of the same key within a second."""
         name = self._panels.table.selected
         if name is not None and self._is_kill_confirmed(key, (name,)):
             await self.send(Kill(vehicles=(name,)))
 
     def _is_kill_confirmed(self, key: str, names: tuple[str, ...]) -> bool:
+        """Note a press of a kill key; return whether it is the second one."""
         if self._latch.press(key, names, self._now_s):
             self._close_preview()
             return True
@@ -416,7 +421,7 @@ class OrderEntry:
         return False
 
     def _close_preview(self) -> None:
-        """End whatever was about to be sent: an order that makes things safer has come."""
+        """Close a preview or a question, because an order that makes the flight safer has come."""
         screen = self._app.screen
         if isinstance(screen, PreviewScreen | CountdownScreen):
             screen.action_drop()
@@ -430,17 +435,17 @@ class OrderEntry:
                 self._refuse(f"reset {names}", str(error))
                 return
 
-        freed = ", ".join(sorted(self._latch.reset(vehicles)))
+        released = ", ".join(sorted(self._latch.reset(vehicles)))
         sentence = "No vehicle was killed from here."
-        if freed:
-            sentence = f"{freed} may be ordered again."
+        if released:
+            sentence = f"{released} may be ordered again."
         self._panels.results.show_sentence(sentence, FAINT)
         self.update()
 
     # -- control of the fleet ----------------------------------------------------------------------
 
     def answer_request(self, answer: str) -> None:
-        """Hand control over to the ground that asks for it (``give``), or ``keep`` it."""
+        """Hand control over to the ground that requests it (``give``), or ``keep`` it."""
         if self._ordering is not None and self._ordering.control.requester is not None:
             self._change_control(answer)
 

@@ -1,4 +1,4 @@
-"""Share of the terminal that each panel gets. Pure."""
+"""Sizes of the console's panels for a size of the terminal. Pure."""
 
 from __future__ import annotations
 
@@ -6,18 +6,17 @@ import math
 
 from onboard.config.fleet import Geofence
 
-LOW = 12  # rows below which only the table and what is vital stay
-NARROW = 40  # columns below which alarm and keys have a line each
-# Rows below which a verdict takes the room of the separation, and that of the plan as well.
-TIGHT = 36
-SHORT = 22
-LINES_AROUND = 4  # title, result, order line, status
-_TABLE_SHARE = 0.45  # of the height, at most
-_PLAN_LEAST = 0.36  # of the width
-_PLAN_SHARE = 0.62  # of the width, at most
+LOW = 12  # height below which only the table and the vital lines are shown
+NARROW = 40  # width below which alarm and keys have a line each
+TIGHT = 36  # height below which a verdict replaces the separation
+SHORT = 22  # height below which a verdict replaces the plan as well
+LINES_AROUND = 4  # rows of title, result, order line and status
+_TABLE_SHARE = 0.45  # largest share of the height for the table
+_PLAN_LEAST = 0.36  # smallest share of the width for the plan
+_PLAN_SHARE = 0.62  # largest share of the width for the plan
 _EVENTS_LEAST = 3  # rows that a verdict leaves to the events, with their border
-_BESIDE_VERDICT = 6  # rows that it leaves to plan and events where there is room for both
-_VERDICT_LEAST = 4  # rows of a verdict, with its border
+_BESIDE_VERDICT = 6  # rows that a verdict leaves to plan and events if both have room
+_VERDICT_LEAST = 4  # smallest height of a verdict, with its border
 
 Size = int | str  # cells, or "1fr" for all that is left
 
@@ -27,15 +26,15 @@ def panel_sizes(
 ) -> tuple[Size, Size]:
     """Return the height of the fleet table and the width of the plan.
 
-    The table is as high as its rows while that leaves the plan more than half. The plan is as wide
-    as the fence is at its height, since a cell is two dots wide and four high, and not less than
-    what numbers and heights take. A low terminal is the table's.
+    The table is as high as its rows, up to its largest share. The plan is as wide as the fence is
+    at the plan's height (a cell is two dots wide and four dots high), but wide enough for numbers
+    and heights. In a low terminal only the table is shown.
 
     Args:
         width: width of the terminal, in cells.
         height: height of the terminal, in cells.
-        vehicles: rows of the table.
-        fence: gives the plan its proportions.
+        vehicles: number of rows of the table.
+        fence: fence of the fleet, which gives the plan its proportions.
         alone: id of the panel that has all the room; empty for none.
     """
     if height < LOW and not alone:
@@ -57,10 +56,9 @@ def panel_sizes(
 
 
 def verdict_most(height: int, table_height: int) -> int:
-    """Return how many rows a verdict takes at most, with its border.
+    """Return the largest height of a verdict in rows, with its border.
 
-    Events that come after it stay in sight; what has no room of the verdict is shown by enlarging
-    it.
+    It leaves room for later events. The operator can enlarge the verdict to see all of it.
 
     Args:
         height: height of the terminal, in cells.

@@ -1,4 +1,4 @@
-"""The widgets of the main screen, and where they stand."""
+"""The widgets of the main screen, and their arrangement."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from onboard.config.fleet import FleetConfig
 class Panels:
     """All widgets of the main screen.
 
-    They are made once and kept: a timer may still fire while the screen is taken apart, when a
-    query would find nothing.
+    They are created once and kept as attributes. A query of the screen would find nothing if a
+    timer fires while the screen is being closed.
     """
 
     def __init__(self, fleet: FleetConfig, history: History) -> None:
@@ -40,7 +40,7 @@ class Panels:
     def compose(self) -> ComposeResult:
         """Yield the widgets from the top to the bottom.
 
-        Beside the plan stand the separation and the events, below both the verdict.
+        The separation and the events are beside the plan; the verdict is below.
         """
         yield self.title
         yield self.table

@@ -1,6 +1,6 @@
-"""Values of one vehicle's pipeline: thrust before and after OIST, and attitude. Pure.
+"""Draws values of one vehicle's pipeline: thrust before and after OIST, and attitude. Pure.
 
-Each is drawn as numbers and as a chart over the last seconds.
+Each value is drawn as numbers and as a chart over the last seconds.
 """
 
 from __future__ import annotations
@@ -20,10 +20,15 @@ from onboard.bus.schema import TickSample
 from onboard.tuples import Wxyz, Xyz
 
 CHART_S = 20.0
-_SCALE_TOPS = (1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 90.0)
+_SCALE_TOPS = (1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 90.0)  # round largest values
+_HIGHEST_TOP = 180.0  # largest value of a scale if none of these is large enough
 _DIAL_WIDTH = 14  # cells
-_HELD_BACK_M_S2 = 0.01  # the least intervention that is one
-_SCALE_DOTS = 12  # left of a chart, for its scale
+_WIDTH_WITH_DIAL = 52  # cells from which the dial is drawn beside the chart
+_WIDTH_SIDE_BY_SIDE = 60  # cells from which roll and pitch are drawn side by side
+_HELD_BACK_M_S2 = 0.01  # smallest intervention that is shown
+_SCALE_DOTS = 12  # width of a chart's scale at its left
+_LEAST_COLUMNS = 8  # dots below which a chart is not drawn
+_NO_ROTATION = 1e-9  # norm of a quaternion below which it is no rotation
 
 
 def thrust_block(subject: VehicleSubject, width: int) -> list[Text | Strip]:
@@ -39,12 +44,12 @@ def thrust_block(subject: VehicleSubject, width: int) -> list[Text | Strip]:
     ]
 
     baseline_m_s2 = _horizontal_norms(
-        [each.thrust_baseline_enu_m_s2 for each in subject.tick_samples]
+        [sample.thrust_baseline_enu_m_s2 for sample in subject.tick_samples]
     )
-    safe_m_s2 = _horizontal_norms([each.thrust_safe_enu_m_s2 for each in subject.tick_samples])
+    safe_m_s2 = _horizontal_norms([sample.thrust_safe_enu_m_s2 for sample in subject.tick_samples])
     top_m_s2 = _top([baseline_m_s2, safe_m_s2], 1.0)
 
-    dial_width = _DIAL_WIDTH if width >= 52 else 0
+    dial_width = _DIAL_WIDTH if width >= _WIDTH_WITH_DIAL else 0
     rows = subject.chart_rows + 1
     chart = _chart(
         width - dial_width - 1,
@@ -66,6 +71,7 @@ def thrust_block(subject: VehicleSubject, width: int) -> list[Text | Strip]:
 
 
 def _held_back(tick: TickSample) -> Text:
+    """Return the line about the part of the thrust that the law takes away."""
     held_m_s2 = tick.intervention_m_s2
     is_held = math.isfinite(held_m_s2) and held_m_s2 > _HELD_BACK_M_S2
     if not is_held:
@@ -108,11 +114,15 @@ def attitude_block(subject: VehicleSubject, width: int) -> list[Text | Strip]:
     ]
 
     samples = subject.tick_samples
-    setpoints_deg = np.array([euler_deg(each.setpoint_quaternion_enu_flu_wxyz) for each in samples])
-    measured_deg = np.array([euler_deg(each.attitude_quaternion_enu_flu_wxyz) for each in samples])
+    setpoints_deg = np.array(
+        [euler_deg(sample.setpoint_quaternion_enu_flu_wxyz) for sample in samples]
+    )
+    measured_deg = np.array(
+        [euler_deg(sample.attitude_quaternion_enu_flu_wxyz) for sample in samples]
+    )
     top_deg = _top([setpoints_deg[:, :2], measured_deg[:, :2]], 5.0)
 
-    is_side_by_side = width >= 60
+    is_side_by_side = width >= _WIDTH_SIDE_BY_SIDE
     chart_width = width // 2 if is_side_by_side else width
     roll_chart, pitch_chart = (
         _chart(
@@ -138,11 +148,11 @@ def attitude_block(subject: VehicleSubject, width: int) -> list[Text | Strip]:
 def euler_deg(quaternion_wxyz: Wxyz) -> tuple[float, float, float]:
     """Return roll, pitch and yaw in degrees of a rotation from body FLU to ENU.
 
-    The rotation is yaw, then pitch, then roll. All three are nan where there is no rotation.
+    The rotation is yaw, then pitch, then roll. All three are NaN if the quaternion is no rotation.
     """
     w, x, y, z = quaternion_wxyz
     norm = math.sqrt(w * w + x * x + y * y + z * z)
-    if not math.isfinite(norm) or norm < 1e-9:
+    if not math.isfinite(norm) or norm < _NO_ROTATION:
         return (math.nan, math.nan, math.nan)
     w /= norm
     x /= norm
@@ -173,7 +183,7 @@ def _times(ticks: Sequence[TickSample]) -> Array:
 
 
 def _top(values: Sequence[Array], least: float) -> float:
-    """Return a round top of the scale for all of these."""
+    """Return a round largest value of a scale for all of these values; at least `least`."""
     most = least
     finite = [array for array in values if np.isfinite(array).any()]
     if finite:
@@ -182,7 +192,7 @@ def _top(values: Sequence[Array], least: float) -> float:
     for top in _SCALE_TOPS:
         if top >= max(least, most):
             return top
-    return 180.0
+    return _HIGHEST_TOP
 
 
 def _chart(
@@ -193,18 +203,19 @@ def _chart(
     *,
     rows: int,
 ) -> list[Strip]:
-    """Return lines over the last CHART_S seconds, with the scale at the left.
+    """Return a chart of the last CHART_S seconds, with its scale at the left.
 
     Args:
+        width: width in cells.
         limits: least and greatest value of the scale.
-        times: seconds (n,) since the newest value.
-        series: values (n,) and colours; the last is drawn on top.
+        times: times (n,) from the newest value, 0 or negative [s].
+        series: values (n,) and colour of each curve; the last one is drawn on top.
         rows: height in cells.
     """
     canvas = Canvas(width, rows)
     columns = 2 * width - _SCALE_DOTS - 1
     height = 4 * rows - 1
-    if columns < 8:
+    if columns < _LEAST_COLUMNS:
         return canvas.strips()
 
     low, high = limits
@@ -218,7 +229,7 @@ def _chart(
     if len(x) < 2:
         return canvas.strips()
 
-    # Between two samples the line is filled up, so that steep changes do not fall apart into dots.
+    # Values between the samples are interpolated, so that steep changes are lines and not dots.
     samples = np.arange(len(x))
     fine = np.linspace(0, max(0, len(x) - 1), max(2, 4 * columns))
     for values, colour in series:
@@ -228,7 +239,7 @@ def _chart(
 
 
 def _dial(tick: TickSample, width: int, rows: int, top_m_s2: float) -> list[Strip]:
-    """Return nominal and safe thrust from above: north is up, the ring is the top of the scale."""
+    """Return baseline and safe thrust from above; north is up, the ring is the scale's top."""
     canvas = Canvas(width, rows)
     middle = (width - 1.0, 2.0 * rows - 0.5)
     radius = min(middle) - 0.5

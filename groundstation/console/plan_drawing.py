@@ -1,9 +1,9 @@
-"""Drawing of the plan, layer by layer, in braille.
+"""Draws the plan layer by layer, in braille dots.
 
-The background (grid, fence, obstacles) is drawn once for each visible part of the world; everything
-that moves is drawn over it: trails, goals and setpoints, safety circles, lines of avoidance, and
-last the numbers, so that nothing covers them. Every kind of thing has its own shape: colour only
-helps.
+The background (grid, fence, obstacles) is drawn once for each visible part of the world. Everything
+that moves is drawn over it: trails, goals and setpoints, safety circles, and arrows of avoidance.
+The numbers come last, so that nothing covers them. Every kind of object has its own shape, so that
+the plan can be read without colours.
 """
 
 from __future__ import annotations
@@ -29,29 +29,32 @@ from onboard.config.obstacles import Obstacle
 PointEnu = tuple[float, float, float]  # metres
 Dot = tuple[float, float]  # x to the right, y down, from the upper left corner of the picture
 
-# Distances between two lines of the grid.
+# possible distances between two lines of the grid
 _STEPS_M = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
-_ARROWS = "→↗↑↖←↙↓↘"
-_NEAR_M = 0.12  # nearer goals are hidden by their vehicle
-_NAMES_WIDTH = 90  # cells from which on names stand beside few vehicles
-_FEW = 12
-_DENSE = 40  # cells a vehicle, below which only numbers are written
-_OUTSIDE = -1000  # column and row of what cannot be drawn
-_MOST_HATCHED = 200_000  # dots of an obstacle's box, above which it is not hatched
+_ARROWS = "→↗↑↖←↙↓↘"  # from east, counterclockwise
+_NEAR_M = 0.12  # distance below which a vehicle hides its goal
+_NAMES_WIDTH = 90  # width from which names are written beside the numbers
+_FEW = 12  # largest number of vehicles whose names are written
+_DENSE = 40  # cells per vehicle below which only numbers are written
+_OUTSIDE = -1000  # column and row of a point that cannot be drawn
+_MOST_HATCHED = 200_000  # dots of the box around an obstacle above which it is not hatched
+_MOST_LINES = 200  # lines of the grid in one direction
+_ARROW_SHARE = 0.36  # place of the arrow along the line to the avoided vehicle
+_SAME_COORDINATE = 1e-9  # a line whose ends differ by less is parallel to the axis
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
     """The visible part of the world."""
 
-    x_m: float  # its middle, ENU
+    x_m: float  # middle of the window, ENU
     y_m: float
     scale: float  # dots per metre
     width: int  # in cells
     height: int
 
     def dots(self, points_enu_m: Array) -> Array:
-        """Return points (n, 2) [m] ENU in dots."""
+        """Return points (n, 2) [m], ENU, in dots of the picture."""
         middle_enu_m = np.array([self.x_m, self.y_m])
         scales = np.array([self.scale, -self.scale])
         shift = np.array([self.width, 2 * self.height], float)
@@ -59,15 +62,15 @@ class Window:
         return dots
 
     def dot(self, x_m: float, y_m: float) -> Dot:
-        """Return one point in dots."""
+        """Return one point in dots of the picture."""
         x = self.width + (x_m - self.x_m) * self.scale
         y = 2 * self.height - (y_m - self.y_m) * self.scale
         return x, y
 
     def cell(self, x_m: float, y_m: float) -> tuple[int, int]:
-        """Return one point in cells (column, row); far outside where it is not finite."""
+        """Return the cell (column, row) of a point; one far outside if it is not plausible."""
         x, y = self.dot(x_m, y_m)
-        is_drawable = abs(x) < FAR_M and abs(y) < FAR_M  # false for nan
+        is_drawable = abs(x) < FAR_M and abs(y) < FAR_M  # false for NaN
         if not is_drawable:
             return _OUTSIDE, _OUTSIDE
         return math.floor(x / 2), math.floor(y / 4)
@@ -83,10 +86,9 @@ class Window:
 
 
 def drawn_position(view: VehicleView, now_ns: int) -> PointEnu | None:
-    """Return the point to draw a vehicle at: predicted to now while fresh, else its last position.
+    """Return the position at which a vehicle is drawn; None if no plausible one is known.
 
-    Returns:
-        None where nothing is known, or nothing plausible.
+    A fresh position is extrapolated to now; otherwise it is the last reported position.
     """
     position = view.position_enu_m(now_ns)
     if position is None and view.telemetry is not None and view.telemetry.is_position_valid:
@@ -105,7 +107,7 @@ def _is_plausible(point: Sequence[float]) -> bool:
 
 
 def draw_background(window: Window, fleet: FleetConfig) -> Canvas:
-    """Draw grid with metres, fence and obstacles."""
+    """Draw the grid with its metres, the fence and the obstacles."""
     canvas = Canvas(window.width, window.height)
     fence = fleet.fleet.geofence_m
 
@@ -146,7 +148,7 @@ def draw_background(window: Window, fleet: FleetConfig) -> Canvas:
         label = f"{x_m:g}"
         if 2 < column < canvas.width - len(label) - 2:
             if label.startswith("-"):
-                column -= 1  # the digits stand at the line, not the sign
+                column -= 1  # the digits are at the line, and not the sign
             canvas.text(column, max(0, min(canvas.height - 1, row)), label, FAINT)
 
     for y_m in grid_ys_m:
@@ -161,13 +163,14 @@ def draw_background(window: Window, fleet: FleetConfig) -> Canvas:
 
 
 def _grid_lines(low_m: float, high_m: float, step_m: float) -> list[float]:
+    """Return the coordinates of the grid's lines between two limits [m]."""
     first = math.ceil(low_m / step_m)
     count = math.floor(high_m / step_m) - first + 1
-    return [round(step * step_m, 6) for step in range(first, first + min(200, count))]
+    return [round(step * step_m, 6) for step in range(first, first + min(_MOST_LINES, count))]
 
 
 def _draw_obstacle(canvas: Canvas, window: Window, obstacle: Obstacle) -> None:
-    """Draw outline and hatching, and the name where there is room."""
+    """Draw an obstacle's outline and hatching, and its name if there is room."""
     for x1_m, y1_m, x2_m, y2_m, radius_m in obstacle.capsules_enu_m:
         if radius_m > 0.0:
             centre = window.dot(x1_m, y1_m)
@@ -175,7 +178,7 @@ def _draw_obstacle(canvas: Canvas, window: Window, obstacle: Obstacle) -> None:
         else:
             _draw_clipped_line(canvas, window.dot(x1_m, y1_m), window.dot(x2_m, y2_m), WARN)
 
-    # the box around it in dots, as far as it lies in the picture
+    # The part of the box around the obstacle that lies in the picture, in dots.
     ends = np.array([(x_m, y_m, radius_m) for x_m, y_m, _, _, radius_m in obstacle.capsules_enu_m])
     low = window.dots(ends[:, :2] - ends[:, 2:])
     high = window.dots(ends[:, :2] + ends[:, 2:])
@@ -207,9 +210,10 @@ def _draw_obstacle(canvas: Canvas, window: Window, obstacle: Obstacle) -> None:
 
 
 def _draw_clipped_line(canvas: Canvas, start: Dot, end: Dot, colour: str) -> None:
-    """Draw the part of a long line that lies in the picture: zoomed in far it has millions of dots.
+    """Draw the part of a line that lies in the picture.
 
-    The line is ``begin + share * along``; each axis narrows the shares that lie inside.
+    The whole line may have millions of dots if the plan is zoomed in. The line is
+    ``begin + share * along``; each axis narrows the range of shares that lie inside.
     """
     size = np.array([2.0 * canvas.width, 4.0 * canvas.height])
     begin = np.array(start)
@@ -218,7 +222,7 @@ def _draw_clipped_line(canvas: Canvas, start: Dot, end: Dot, colour: str) -> Non
     first_share = 0.0
     last_share = 1.0
     for axis in (0, 1):
-        if abs(along[axis]) < 1e-9:
+        if abs(along[axis]) < _SAME_COORDINATE:
             if not 0.0 <= begin[axis] <= size[axis]:
                 return
             continue
@@ -237,13 +241,13 @@ def _draw_clipped_line(canvas: Canvas, start: Dot, end: Dot, colour: str) -> Non
 
 @dataclass(frozen=True, slots=True)
 class PlanScene:
-    """Everything that the moving part of the plan is drawn from."""
+    """Everything that the moving part of the plan depends on."""
 
     window: Window
     fleet: FleetConfig
     history: History
     views: Sequence[VehicleView]
-    # of :func:`drawn_position`; a vehicle without one is not drawn
+    # results of :func:`drawn_position`; a vehicle without a position is not drawn
     positions_enu_m: Mapping[str, PointEnu]
     now_ns: int
     selected: str | None
@@ -259,11 +263,11 @@ class PlanScene:
         return not view.is_fresh(self.now_ns)
 
     def is_emphasised(self, name: str) -> bool:
-        """Whether a vehicle is drawn in full even in a dense crowd."""
+        """Whether a vehicle is drawn with all details, also in a dense fleet."""
         return not self.is_dense or name == self.selected or name in self.marked
 
     def too_close(self) -> set[str]:
-        """Return the vehicles below the safety distance."""
+        """Return the vehicles that are nearer to another one than the safety distance."""
         limit_m = self.fleet.fleet.safety_distance_m
         names: set[str] = set()
         for pair in self.history.pairs:
@@ -288,7 +292,7 @@ def draw_fleet(canvas: Canvas, scene: PlanScene) -> None:
 
 
 def _draw_trails(canvas: Canvas, scene: PlanScene) -> None:
-    """Draw the trails; those of one colour together."""
+    """Draw the trails; all trails of one colour are drawn together."""
     trails = scene.history.trails
     colour_count = len(theme.VEHICLE_COLOURS)
 
@@ -325,8 +329,8 @@ def _draw_goal(
 
 
 def _draw_circles(canvas: Canvas, scene: PlanScene, too_close: set[str]) -> None:
-    """Draw half the safety distance about each vehicle; dotted about a silent one."""
-    groups: dict[tuple[str, int], list[Dot]] = {}  # by colour, and gap between two dots
+    """Draw a circle of half the safety distance around each vehicle; dotted if it is silent."""
+    groups: dict[tuple[str, int], list[Dot]] = {}  # colour and gap between dots -> centres
     for index, view in enumerate(scene.views):
         position = scene.positions_enu_m.get(view.name)
         if position is None:
@@ -352,7 +356,7 @@ def _draw_circles(canvas: Canvas, scene: PlanScene, too_close: set[str]) -> None
 
 
 def _draw_avoidance(canvas: Canvas, scene: PlanScene) -> None:
-    """Draw an arrow from each vehicle that the law holds back to the one that it avoids."""
+    """Draw an arrow from each vehicle that the law holds back to the vehicle that it avoids."""
     window = scene.window
     bright: list[tuple[PointEnu, PointEnu]] = []
     faint: list[tuple[PointEnu, PointEnu]] = []
@@ -382,14 +386,16 @@ def _draw_avoidance(canvas: Canvas, scene: PlanScene) -> None:
         north_m = other[1] - position[1]
         arrow = _ARROWS[round(math.atan2(north_m, east_m) / (math.pi / 4.0)) % 8]
 
-        # At a third of the line: of two that avoid each other both arrows are visible.
-        column, row = window.cell(position[0] + 0.36 * east_m, position[1] + 0.36 * north_m)
+        # Not in the middle, so that both arrows of two vehicles that avoid each other are visible.
+        column, row = window.cell(
+            position[0] + _ARROW_SHARE * east_m, position[1] + _ARROW_SHARE * north_m
+        )
         canvas.text(column, row, arrow, TEXT, bold=True)
 
 
 @dataclass(frozen=True, slots=True)
 class _Number:
-    """The number of a vehicle, as written into the picture."""
+    """The place of a vehicle's number in the picture."""
 
     column: int
     row: int
@@ -416,7 +422,7 @@ def _write_number(
 ) -> _Number:
     """Write a vehicle's number: ``[1]`` is under the cursor, ``1!`` too close, ``1?`` silent.
 
-    In a crowd numbers have the colour of the height.
+    In a dense fleet, numbers have the colour of the height.
     """
     position = scene.positions_enu_m[view.name]
     if scene.is_stale(view):

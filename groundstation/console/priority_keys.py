@@ -1,6 +1,6 @@
-"""A terminal driver that passes each key on at once.
+"""A terminal driver of Textual that passes on each key at once, so that emergency keys do not wait.
 
-It writes nothing once the terminal is gone.
+It also drops all output after the terminal has been closed.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from textual.message import Message
 class TerminalHooks:
     """Hooks of the console in Textual's driver."""
 
-    # Called with each key, on the thread that reads the terminal.
+    # called with each key, on the thread that reads the terminal
     on_key: Callable[[str], None]
-    # The terminal is gone: what is written is dropped, so that nobody waits for it.
+    # whether the terminal is closed, so that all output is dropped
     is_closed: bool = False
 
 
@@ -28,19 +28,19 @@ class _HookedDriver(Driver):
     hooks: ClassVar[TerminalHooks]
 
     def process_message(self, message: Message) -> None:
-        """Pass a key on before it waits among all that the event loop has to do."""
+        """Pass on a key before it is queued for the event loop."""
         if isinstance(message, events.Key):
             self.hooks.on_key(message.key)
         super().process_message(message)
 
     def write(self, data: str) -> None:
-        """Write to the terminal while there is one.
+        """Write to the terminal, unless it is closed.
 
-        Textual's writing thread may have died of a closed terminal; its full queue would stop the
-        event loop.
+        Textual's writing thread may have ended because of a closed terminal. Then its queue would
+        fill up and stop the event loop.
         """
         if not self.hooks.is_closed:
-            # of the driver that this class is mixed into
+            # the method of the driver with which this class is combined
             super().write(data)  # type: ignore[safe-super]
 
 

@@ -1,4 +1,4 @@
-"""The console on a recorded flight: the same screens, and a bar to walk about in time."""
+"""The console for a recorded flight: the same screens, and a bar with the position in time."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ from groundstation.recording.replay import Replay
 KEYS = "space play  , . step  ← → 5 s  n N event  < > speed"
 _SKIP_S = 5.0
 _STEP_S = 0.1
-_LEAST_TRACK = 24  # cells of the track beside which the keys still stand
+_LEAST_TRACK = 24  # width of the track from which the keys are shown beside it
 _ACTIONS = ("play_or_pause", "step", "skip", "jump", "speed", "go")
-_MARKS = {"warning": ("┃", WARN), "critical": ("┃", BAD)}  # of events; others mark the line itself
+# signs of events on the track; events of other severities only mark the line
+_MARKS = {"warning": ("┃", WARN), "critical": ("┃", BAD)}
 
 
 class ReplayBar(Bar):
@@ -53,7 +54,7 @@ class ReplayBar(Bar):
         self.put(segments)
 
     def _sign(self) -> tuple[str, str]:
-        """Return sign and colour of what the replay does now."""
+        """Return the sign and the colour of the present activity of the replay."""
         replay = self.replay
         if replay.seeking is not None:
             return f"… {100.0 * replay.seeking:.0f} %", CALM
@@ -64,7 +65,7 @@ class ReplayBar(Bar):
         return "‖", WARN
 
     def _track(self, width: int) -> list[Segment]:
-        """Return the line through the flight: its events, and the position now."""
+        """Return the line through the flight, with its events and the present position."""
         if width < 5:
             return []
 
@@ -78,7 +79,7 @@ class ReplayBar(Bar):
         now_column = column_of(self.replay.now_ns())
         cells = [("━", CALM) if column < now_column else ("─", RULE) for column in range(width)]
 
-        for severity in ("info", "warning", "critical"):  # the worst of a cell stands there
+        for severity in ("info", "warning", "critical"):  # the worst event of a cell is drawn last
             for stamp_ns, event in timeline.events:
                 if event.severity != severity:
                     continue
@@ -94,7 +95,7 @@ class ReplayBar(Bar):
 
 
 class ReplayApp(ConsoleApp):
-    """The console with a record for a client."""
+    """The console with a record as its client."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "play_or_pause", "play", priority=True),
@@ -115,13 +116,13 @@ class ReplayApp(ConsoleApp):
         self.replay = replay
         self.bar = ReplayBar(replay)
         self._begin_s = at_s
-        self._played_s = time.monotonic()  # up to which it was played
+        self._played_s = time.monotonic()  # time of the last call that played on
 
         self.panels.order_line.disable("a recorded flight: there is nobody to order")
         replay.add_listener(self.history.add, self._forget)
 
     def compose(self) -> ComposeResult:
-        """The console, and the bar above its last line."""
+        """Yield the console's widgets, with the bar above the last line."""
         for widget in super().compose():
             if widget is self.panels.status:
                 yield self.bar
@@ -135,7 +136,7 @@ class ReplayApp(ConsoleApp):
             self._seek(self._begin_s)
 
     def refresh_fleet(self) -> None:
-        """Play on, then draw."""
+        """Play on to the present time, then draw."""
         now_s = time.monotonic()
         elapsed_s = now_s - self._played_s
         self._played_s = now_s
@@ -149,7 +150,7 @@ class ReplayApp(ConsoleApp):
         return f"{clock((stamp_ns - self.replay.timeline.begin_ns) * 1e-9):>8}"
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Let the keys of the replay be letters where words are written."""
+        """Let the keys of the replay be letters in texts."""
         if self.is_writing and action in _ACTIONS:
             return False
         return super().check_action(action, parameters)
@@ -159,34 +160,34 @@ class ReplayApp(ConsoleApp):
         self.push_screen(HelpScreen(REPLAY_HELP, self.panels.table))
 
     def action_play_or_pause(self) -> None:
-        """Play, or pause; from the end it begins again."""
+        """Play or pause; at the end of the record, begin again."""
         if self.replay.is_at_end and not self.replay.is_playing:
             self._seek(0.0)
         self.replay.is_playing = not self.replay.is_playing
 
     def action_step(self, direction: int) -> None:
-        """One picture on or back, and pause."""
+        """Move on or back by one picture, and pause."""
         self.replay.is_playing = False
         self._seek(self.replay.position_s + direction * _STEP_S)
 
     def action_skip(self, direction: int) -> None:
-        """Some seconds on or back."""
+        """Move on or back by some seconds."""
         self._seek(self.replay.position_s + direction * _SKIP_S)
 
     def action_jump(self, direction: int) -> None:
-        """To the next event, or the one before."""
+        """Go to the next event, or to the one before."""
         self.run_worker(self.replay.jump(direction), group="jump", exclusive=True)
 
     def action_speed(self, steps: int) -> None:
-        """Faster or slower."""
+        """Play faster or slower."""
         self.replay.change_speed(steps)
 
     def action_go(self, share: float) -> None:
-        """To a share of the record."""
+        """Go to a share of the record."""
         self._seek(share * self.replay.length_s)
 
     def action_leave(self) -> None:
-        """Quit without a question: nothing flies here."""
+        """Quit without a question, because no vehicle flies in a replay."""
         self.exit(0)
 
     async def action_interrupt(self) -> None:
@@ -197,13 +198,13 @@ class ReplayApp(ConsoleApp):
         self.run_worker(self.replay.seek(position_s), group="seek")
 
     def _forget(self) -> None:
-        """Drop what the console remembers: the record is turned back, and it lies in the future."""
+        """Forget history and events, because the replay has jumped back to a time before them."""
         self.history.clear()
         self.forget_events()
 
 
 def clock(seconds: float) -> str:
-    """Return minutes and seconds as on a player."""
+    """Return a time as hours, minutes, seconds and tenths, like the display of a player."""
     tenths = round(max(0.0, seconds) * 10)
     all_minutes, tenths = divmod(tenths, 600)
     hours, minutes = divmod(all_minutes, 60)

@@ -19,18 +19,23 @@ from groundstation.console.widgets.fleet_table import FleetTable
 from groundstation.fleet.descent import longest_descent_s
 from onboard.config.fleet import FleetConfig
 
-INTERRUPTED = 130
-LAND_WAIT_S = 90.0
-HANG_UP_S = 1.0  # for a landing to reach all vehicles, PX4 of silent agents included
+INTERRUPTED = 130  # exit status of a program that Ctrl-C has ended
+LAND_WAIT_S = 90.0  # longest wait for landings, beyond the time of the descent
+HANG_UP_S = 1.0  # time in which a landing reaches all vehicles, also PX4s of silent agents
 
 
 class Shutdown:
-    """Leaves no flying fleet behind without saying so.
+    """Ends the console, and lands a flying fleet before or asks the operator.
 
     Args:
-        warn: writes a sentence into the event log.
-        terminal: closed here when the terminal is gone.
+        app: app that is ended.
+        fleet: the fleet file.
+        client: client of the fleet, or a record.
+        orders: gives the order to land.
+        mission: mission that the console flies.
+        terminal: hooks that drop all output after the terminal is closed.
         table: table of the fleet, which the question before leaving keeps in sight.
+        warn: function that writes a sentence into the event log.
     """
 
     def __init__(
@@ -52,17 +57,17 @@ class Shutdown:
         self._terminal = terminal
         self._table = table
         self._warn = warn
-        self._status: int | None = None  # to leave with when all are down
-        self._deadline_ns = 0  # by which they are down, or are left
+        self._status: int | None = None  # exit status after the landing; None: no landing
+        self._deadline_ns = 0  # time at which the console ends even if vehicles still fly
 
     @property
     def is_hung_up(self) -> bool:
-        """Whether the terminal is gone: there is nothing to draw on."""
+        """Whether the terminal is closed, so that nothing can be drawn."""
         return self._terminal.is_closed
 
     @property
     def text(self) -> str:
-        """The landing that is waited for before leaving; empty when none is."""
+        """The landing before the end of the console, in words; empty if there is none."""
         if self._status is None:
             return ""
         count = len(self._airborne)
@@ -76,7 +81,7 @@ class Shutdown:
 
     @property
     def _may_leave(self) -> bool:
-        """Whether nothing flies, or what flies is another ground's."""
+        """Whether no vehicle flies, or another ground operates the fleet."""
         is_ours = self._orders.is_operator or self._mission.is_running
         return not self._airborne or not is_ours
 
@@ -87,7 +92,7 @@ class Shutdown:
         return self._mission.status
 
     def update(self) -> None:
-        """Leave as soon as all are down, or do not come down in time; called at each refresh."""
+        """End the console when all are down, or at the deadline; called at each refresh."""
         if self._status is None:
             return
         is_late = self._client.now_ns() >= self._deadline_ns
@@ -95,7 +100,7 @@ class Shutdown:
             self._app.exit(self._status)
 
     def quit(self) -> None:
-        """Leave; with a flying fleet after a question."""
+        """End the console; if the fleet flies, ask the operator first."""
         if self._may_leave:
             self._app.exit(self._quit_status)
         elif not isinstance(self._app.screen, QuitScreen):
@@ -105,7 +110,7 @@ class Shutdown:
             self._app.push_screen(screen, self._quit_as_answered)
 
     async def interrupt(self) -> None:
-        """Land, then leave, as ctrl+c and SIGTERM ask; a second time leave at once."""
+        """Land, then end the console, for ctrl+c and SIGTERM; the second call ends it at once."""
         if self._status is not None or self._may_leave:
             self._app.exit(INTERRUPTED)
             return
@@ -128,7 +133,7 @@ class Shutdown:
     # -- signals -----------------------------------------------------------------------------------
 
     def catch_signals(self) -> None:
-        """Land and restore the terminal on SIGTERM, as on ctrl+c, and when the terminal closes."""
+        """Land and end on SIGTERM, as for ctrl+c, and on SIGHUP, when the terminal closes."""
         loop = asyncio.get_running_loop()
 
         def land_and_leave() -> None:
@@ -143,20 +148,20 @@ class Shutdown:
             loop.add_signal_handler(signal.SIGHUP, hang_up)
 
     def release_signals(self) -> None:
-        """Leave the signals to the program that started the console."""
+        """Remove the signal handlers."""
         loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGHUP):
             with contextlib.suppress(RuntimeError, ValueError, NotImplementedError):
                 loop.remove_signal_handler(number)
 
     async def _hang_up(self) -> None:
-        """Land the vehicles that are ours, and end: the terminal is gone."""
+        """Land the vehicles that this ground operates, and end, because the terminal is closed."""
         self._terminal.is_closed = True
 
-        # What still writes to the terminal writes to nowhere, and does not fail.
-        nowhere = os.open(os.devnull, os.O_RDWR)
+        # Redirect standard output and error, so that no later write fails.
+        null_device = os.open(os.devnull, os.O_RDWR)
         for descriptor in (1, 2):
-            os.dup2(nowhere, descriptor)
+            os.dup2(null_device, descriptor)
 
         if not self._may_leave:
             await self._orders.order_all("land")

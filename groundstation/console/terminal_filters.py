@@ -1,8 +1,8 @@
-"""The console on every kind of terminal: light or dark, with colour or without, in ASCII.
+"""Adapts the console to every kind of terminal: light or dark, with or without colour, in ASCII.
 
-Widgets draw one way only: dark, in colour, in Unicode. What a terminal needs otherwise is changed
-on the way out, line by line, so that no widget can forget it. Every sign keeps its width in cells,
-so nothing moves.
+Widgets draw in one way only: dark, in colour, in Unicode. Filters adapt each line when it is
+written, so that no widget can forget it. Every sign keeps its width in cells, so the layout does
+not change.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ _SIGNS = {
 def is_ascii_wanted(
     environ: Mapping[str, str], *, is_utf8_forced: bool = bool(sys.flags.utf8_mode)
 ) -> bool:
-    """Whether the terminal is to get ASCII only: set by COVEY_ASCII, else by the locale.
+    """Whether the terminal gets ASCII only: COVEY_ASCII decides, or else the locale.
 
     Without any locale, as in many containers, Unicode is assumed.
 
     Args:
         environ: the process's environment.
-        is_utf8_forced: Python has taken the plain C locale for UTF-8, and wrote its own LC_CTYPE
-            into the environment, which nobody has set.
+        is_utf8_forced: whether Python runs in its UTF-8 mode. Then it may have written an LC_CTYPE
+            of its own into the environment, which the user has not set.
     """
     own_choice = environ.get("COVEY_ASCII", "").strip().lower()
     if own_choice:
@@ -56,7 +56,7 @@ def is_ascii_wanted(
 
 
 def _locale(environ: Mapping[str, str], *, is_utf8_forced: bool) -> str:
-    """Return the locale that decides about characters, by the rules of POSIX; empty for none."""
+    """Return the locale for characters, by the rules of POSIX; empty if there is none."""
     if environ.get("LC_ALL"):
         return environ["LC_ALL"]
 
@@ -69,7 +69,7 @@ def _locale(environ: Mapping[str, str], *, is_utf8_forced: bool) -> str:
 
 
 def is_light_wanted(environ: Mapping[str, str]) -> bool:
-    """Whether the terminal's ground is light: set by COVEY_THEME, else by COLORFGBG.
+    """Whether the terminal's background is light: COVEY_THEME decides, or else COLORFGBG.
 
     COLORFGBG is ``foreground;background``, in numbers of the ANSI colours.
     """
@@ -77,8 +77,8 @@ def is_light_wanted(environ: Mapping[str, str]) -> bool:
     if own_choice in ("light", "dark"):
         return own_choice == "light"
 
-    ground = environ.get("COLORFGBG", "").rpartition(";")[2]
-    return ground in ("7", "15")
+    background = environ.get("COLORFGBG", "").rpartition(";")[2]
+    return background in ("7", "15")  # the two whites of the ANSI colours
 
 
 def to_ascii(text: str) -> str:
@@ -89,7 +89,7 @@ def to_ascii(text: str) -> str:
 
 
 class Ascii(LineFilter):
-    """Signs, borders and braille become ASCII characters."""
+    """Replaces signs, borders and braille by ASCII characters."""
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
         """Return the same line in ASCII."""
@@ -102,22 +102,22 @@ class Ascii(LineFilter):
 
 
 class LightGround(LineFilter):
-    """Colours for a light ground.
+    """Replaces colours by colours for a light background.
 
-    The console's own are looked up in a table; others have their lightness turned around.
+    The console's own colours are in a table; the lightness of other colours is inverted.
     """
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
         """Return the same line in light colours."""
-        turned = []
+        light = []
         for segment in segments:
             style = None if segment.style is None else _light(segment.style)
-            turned.append(Segment(segment.text, style, segment.control))
-        return turned
+            light.append(Segment(segment.text, style, segment.control))
+        return light
 
 
 class TerminalFilters:
-    """The filters that this terminal requires, from its environment."""
+    """The filters that this terminal needs, by its environment."""
 
     def __init__(self, environ: Mapping[str, str] = os.environ) -> None:
         self.is_light = is_light_wanted(environ)
@@ -127,10 +127,10 @@ class TerminalFilters:
         self._no_colour = NoColor()
 
     def active(self, *, has_colour: bool) -> Sequence[LineFilter]:
-        """Return the filters that every line passes on its way out.
+        """Return the filters that every line passes before it is written.
 
-        Textual's own filters are not among them: they would cost a tenth of all drawing, and the
-        console names no colour by its ANSI number.
+        Textual's own filters are not used: they would take a tenth of all drawing, and the console
+        does not use colours by ANSI number.
         """
         filters: list[LineFilter] = []
         if not has_colour:
@@ -152,9 +152,9 @@ def _light_colour(colour: RichColor | None) -> RichColor | None:
     if colour is None or colour.is_default or colour.triplet is None:
         return None
 
-    own = LIGHT.get(colour.triplet.hex)
-    if own is not None:
-        return RichColor.parse(own)
+    counterpart = LIGHT.get(colour.triplet.hex)
+    if counterpart is not None:
+        return RichColor.parse(counterpart)
 
     hue, lightness, saturation = colorsys.rgb_to_hls(*colour.triplet.normalized)
     parts = colorsys.hls_to_rgb(hue, 1.0 - lightness, saturation)
@@ -169,15 +169,15 @@ _BOX_DRAWING = range(0x2500, 0x2580)
 _HORIZONTAL = "─━╌╍┄┅┈┉═╴╶╸╺"
 _VERTICAL = "│┃╎╏┆┇┊┋║╵╷╹╻"
 
-# Bits of a braille character, from the upper dot to the lower one (Unicode's own order).
+# Bits of a braille character in Unicode, from the upper dot to the lower one.
 _LEFT_BITS = (0x01, 0x02, 0x04, 0x40)
 _RIGHT_BITS = (0x08, 0x10, 0x20, 0x80)
 
 
 class _Table(dict[int, str]):
-    """The ASCII text for each character; grows with the characters that come.
+    """The ASCII text for each character; an entry is added when a new character occurs.
 
-    Accents are dropped, and a character without likeness becomes question marks.
+    Accents are dropped. A character without a similar one becomes question marks.
     """
 
     def __missing__(self, code: int) -> str:
@@ -211,7 +211,7 @@ def _without_accents(char: str) -> str:
 
 
 def _braille(bits: int) -> str:
-    """Return the ASCII character that is most like these dots."""
+    """Return the ASCII character that is most similar to these dots."""
     left = [bool(bits & bit) for bit in _LEFT_BITS]
     right = [bool(bits & bit) for bit in _RIGHT_BITS]
     upper_left = any(left[:2])

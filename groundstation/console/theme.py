@@ -1,8 +1,8 @@
 """Colours, signs and numbers of the console. Pure.
 
-The palette is Okabe and Ito's, lightened for a dark ground: safe for the common kinds of colour
-blindness. No meaning is carried by colour alone; a sign or a word always says it too.
-`terminal_filters` adapts both to the terminal.
+The palette is Okabe and Ito's, lightened for a dark background; it is safe for the common kinds of
+colour blindness. No colour alone has a meaning: a sign or a word always says the same.
+`terminal_filters` adapts colours and signs to the terminal.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ KILL = "#dd8fbc"
 CALM = "#63bdf0"
 
 VEHICLE_COLOURS = (CALM, WARN, GOOD, KILL, "#f0e442", BAD, "#8f9df5", "#c3c9d0")
-# Low to high: from blue to yellow, which every common kind of colour blindness tells apart, and
-# from dark to bright.
+# From low to high: from blue to yellow, which people with the common kinds of colour blindness can
+# distinguish, and from dark to bright.
 HEIGHT_COLOURS = ("#6c7fd8", "#7ba6c9", "#a9b7a0", "#d3c46a", "#f7e03c")
 
-# Every colour that is drawn, and its counterpart on a light ground.
+# Every colour that is drawn -> its counterpart on a light background.
 LIGHT = {
     GROUND: "#f8fafc", TEXT: "#17202a", FAINT: "#596673", RULE: "#c5ced7", GOOD: "#00734f",
     WARN: "#8f5a00", BAD: "#b93a06", KILL: "#9c2a73", CALM: "#0a5f9e", "#f0e442": "#6a6400",
@@ -70,16 +70,17 @@ PHASE_SIGNS: dict[str, tuple[str, str]] = {
     "unfinished": ("✖", WARN),
 }
 
-_DARK = 40  # the brightest part of a light that counts as off
+_DARK = 40  # a light whose red, green and blue are all below this counts as off
+_FADED_SHARE = 0.45  # share of a colour in its faded version; the rest is the background
 _SPARK_STEPS = "▁▂▃▄▅▆▇█"
 _UNPRINTABLE = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")  # categories of Unicode
 _STYLES: dict[tuple[str, bool, bool], Style] = {}
 
 
 def style(colour: str = TEXT, *, bold: bool = False, dim: bool = False) -> Style:
-    """Return a style, made once.
+    """Return a style, which is created only once.
 
-    ``dim`` swaps the colour for the faint one in italics, since terminals disagree about dim.
+    ``dim`` replaces the colour by the faint one in italics, since terminals show dim differently.
     """
     key = (colour, bold, dim)
     if key not in _STYLES:
@@ -89,17 +90,17 @@ def style(colour: str = TEXT, *, bold: bool = False, dim: bool = False) -> Style
 
 @lru_cache(256)
 def faded(colour: str) -> str:
-    """Return a colour half way to the ground, for the background."""
+    """Return a colour about half way to the background."""
     faded_parts = []
     for start in (1, 3, 5):
         own_part = int(colour[start : start + 2], 16)
         ground_part = int(GROUND[start : start + 2], 16)
-        faded_parts.append(round(0.45 * own_part + 0.55 * ground_part))
+        faded_parts.append(round(_FADED_SHARE * own_part + (1.0 - _FADED_SHARE) * ground_part))
     return "#" + "".join(f"{part:02x}" for part in faded_parts)
 
 
 def light_colour(light: tuple[int, int, int]) -> str:
-    """Return the colour of a light; one that is off is faint, and not invisible."""
+    """Return the colour of a light; a light that is off is faint, so that it stays visible."""
     if max(light) < _DARK:
         return FAINT
     red, green, blue = light
@@ -112,7 +113,7 @@ def vehicle_colour(index: int) -> str:
 
 
 def height_colour(height_m: float, span_m: tuple[float, float]) -> str:
-    """Return the colour of a height within the fence's heights (metres)."""
+    """Return the colour of a height within the heights of the fence [m]."""
     low_m, high_m = span_m
     share = 0.0
     if high_m > low_m and math.isfinite(height_m):
@@ -126,9 +127,9 @@ def height_colour(height_m: float, span_m: tuple[float, float]) -> str:
 
 
 def clean(text: object, limit: int = 400) -> str:
-    """Return text from outside as one printable line.
+    """Return a received text as one printable line.
 
-    Control characters and escape sequences are left out, and endless strings are cut.
+    Control characters and escape sequences are left out, and long texts are cut.
     """
     return _cleaned(str(text)[:limit])
 
@@ -148,15 +149,14 @@ def _cleaned(line: str) -> str:
 
     width_by_signs = sum(get_character_cell_size(char) for char in text)
     if cell_len(text) != width_by_signs:
-        # Flags and joined signs: terminals disagree about their width, so each part stands for
-        # itself.
+        # Terminals disagree about the width of flags and joined signs, so each part is shown alone.
         parts = [char for char in text if get_character_cell_size(char)]
         text = "".join("?" if _joins(char) else char for char in parts)
     return text
 
 
 def _joins(char: str) -> bool:
-    """Whether signs melt into one with it: regional indicators and shades of skin."""
+    """Whether a character joins others into one sign: regional indicators and skin tones."""
     is_regional = "\U0001f1e6" <= char <= "\U0001f1ff"
     is_shade = "\U0001f3fb" <= char <= "\U0001f3ff"
     return is_regional or is_shade
@@ -165,7 +165,7 @@ def _joins(char: str) -> bool:
 def number(
     value: object, digits: int = 1, *, sign: bool = False, unit: str = "", limit: float = 99_999.0
 ) -> str:
-    """Return a number as text, or ``-`` where it is not finite or not plausible; never ``-0.0``."""
+    """Return a number as text, or ``-`` if it is not finite or not plausible; never ``-0.0``."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return "-"
     if not math.isfinite(value) or abs(value) > limit:
@@ -178,7 +178,7 @@ def number(
 
 
 def fit(text: str, width: int, *, right: bool = False) -> str:
-    """Return ``text`` in exactly ``width`` cells, cut with an ellipsis where it is too long."""
+    """Return ``text`` in exactly ``width`` cells; if it is too long, it is cut with an ellipsis."""
     if width <= 0:
         return ""
     cells = cell_len(text)
@@ -192,9 +192,9 @@ def fit(text: str, width: int, *, right: bool = False) -> str:
 
 
 def fit_name(name: str, width: int) -> str:
-    """Return a name in exactly ``width`` cells, cut in its middle where it is too long.
+    """Return a name in exactly ``width`` cells; if it is too long, it is cut in its middle.
 
-    Names of a fleet differ at their ends.
+    The names of a fleet usually differ at their ends.
     """
     if cell_len(name) <= width or width < 4:
         return fit(name, width)
@@ -208,7 +208,7 @@ def fit_name(name: str, width: int) -> str:
 
 
 def spark(values: Sequence[float], width: int, top: float) -> str:
-    """Return the last ``width`` values as little columns, ``top`` filling a cell; nan is a gap."""
+    """Return the last ``width`` values as small columns; ``top`` fills a cell, NaN is a gap."""
     if width <= 0:
         return ""
 
@@ -225,9 +225,9 @@ def spark(values: Sequence[float], width: int, top: float) -> str:
 def wrap(text: str, width: int, most: int = 6) -> list[str]:
     """Return ``text`` broken at spaces into at most ``most`` lines of ``width`` cells.
 
-    Words that are longer than a line are cut, and so is the last line.
+    Words that are longer than a line are cut, and so is a last line that is too long.
     """
-    # of hundreds of events at once most are plain, and their cells are counted faster
+    # Most texts are ASCII, whose cells are counted faster; hundreds of events may come at once.
     cells = len if text.isascii() else cell_len
 
     lines: list[str] = []

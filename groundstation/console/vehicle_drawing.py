@@ -1,7 +1,7 @@
-"""Everything about one vehicle as blocks of lines. Pure.
+"""Draws everything about one vehicle as blocks of lines. Pure.
 
-A block is drawn for a width; :func:`blocks` returns them in the order of importance, the screen
-puts them into columns.
+Each block is drawn for a given width. :func:`blocks` returns them in the order of importance, and
+the screen arranges them in columns.
 """
 
 from __future__ import annotations
@@ -28,13 +28,16 @@ from onboard.safety.failsafe_table import WORDS, Action
 MAX_LOG = 40
 _MOST_NEIGHBOURS = 8
 _MOST_ORDERS = 8
-_SEVERITIES = (("…", CALM), ("▲", WARN), ("✖", BAD))
+_MOST_REASONS = 8
+_NEAR_FACTOR = 1.25  # distance over the safety distance below which a neighbour is marked
+_REMARK_WIDTH = 56  # width from which the avoided neighbour has a remark
+_SEVERITIES = (("…", CALM), ("▲", WARN), ("✖", BAD))  # sign and colour by AlarmSeverity
 
 Block = list[Text | Strip]  # lines, either as text or as a piece of a chart
 
 
 def heading(subject: VehicleSubject) -> Text:
-    """Return the vehicle in one line."""
+    """Return the vehicle's name and state in one line."""
     view = subject.view
     telemetry = subject.telemetry
     name = (clean(view.name, 40), theme.vehicle_colour(subject.index))
@@ -82,7 +85,7 @@ def _strip(line: Text | Strip, width: int) -> Strip:
 
 
 def _wrapped(head: Text, text: str, width: int, colour: str) -> Block:
-    """Return ``text`` beside ``head``, further lines below it."""
+    """Return ``text`` beside ``head``; further lines are indented by the width of the head."""
     indent = sum(len(piece) for piece, _ in head)
     first, *others = theme.wrap(clean(text), max(8, width - indent), most=4)
 
@@ -155,7 +158,7 @@ def _alarms(subject: VehicleSubject, width: int) -> Block:
 
 
 def _wind(last: Telemetry) -> str:
-    """Return the wind that the vehicle feels, where it comes from, gusts and limit."""
+    """Return the wind that the vehicle feels, its direction, the gusts and the limit."""
     east_m_s, north_m_s = last.wind_enu_m_s
     speed_m_s = math.hypot(east_m_s, north_m_s)
     if math.isnan(speed_m_s):
@@ -189,9 +192,9 @@ def _message_ages(last: Telemetry) -> str:
 
 
 def _counts(last: Telemetry, ground: FleetState, tint: str) -> Block:
-    """Return the messages that the vehicle and this ground did not use, since their start.
+    """Return the numbers of messages that the vehicle and this ground did not use.
 
-    A side that has used all of them has no line.
+    A side that has used all messages has no line.
     """
     refused = last.refused_messages + sum(last.refused_orders.values())
     theirs = in_words(last.malformed_messages, refused, last.dropped_messages, last.late_messages)
@@ -214,7 +217,7 @@ class _Check(NamedTuple):
     name: str
     is_ok: bool
     sentence: str
-    remedy: str  # advice where it is fine
+    remedy: str  # what to do; if the check is fine, advice or nothing
 
 
 def _checks(subject: VehicleSubject, width: int) -> Block:
@@ -226,7 +229,7 @@ def _checks(subject: VehicleSubject, width: int) -> Block:
         return [[(" not heard yet", FAINT)]]
 
     lines: Block = []
-    for reason in telemetry.not_ready[:8]:
+    for reason in telemetry.not_ready[:_MOST_REASONS]:
         lines += _wrapped([(" ✖ ", BAD)], reason, width, WARN)
     if lines:
         return lines
@@ -266,12 +269,13 @@ def _check_lines(check: _Check, sign: str, colour: str, width: int) -> Block:
 
 
 class _Neighbour(NamedTuple):
-    """A neighbour; sorted by the distance that is known best, then by name."""
+    """A neighbour; neighbours are sorted by distance, then by name."""
 
-    sorting_m: float  # inf where no distance is known
+    # distance by the ground's telemetry, or else by the vehicle itself; inf if neither is known
+    sorting_m: float
     name: str
-    own_view_m: float  # distance as the vehicle itself sees it; nan where it does not
-    age_s: float  # of the neighbour's state at the vehicle; nan where there is none
+    own_view_m: float  # distance that the vehicle itself knows; NaN if it knows none
+    age_s: float  # age of the neighbour's state at the vehicle; NaN if it has none
 
 
 def _neighbours(subject: VehicleSubject, width: int) -> Block:
@@ -319,7 +323,7 @@ def _neighbour_line(subject: VehicleSubject, neighbour: _Neighbour, width: int) 
     if subject.view.is_airborne:
         if neighbour.sorting_m < limit_m:
             colour = BAD
-        elif neighbour.sorting_m < 1.25 * limit_m:
+        elif neighbour.sorting_m < _NEAR_FACTOR * limit_m:
             colour = WARN
 
     tick = subject.tick
@@ -331,7 +335,7 @@ def _neighbour_line(subject: VehicleSubject, neighbour: _Neighbour, width: int) 
     remark = ""
     if is_avoided:
         sign = " ◆ "
-    if is_avoided and width >= 56:
+    if is_avoided and width >= _REMARK_WIDTH:
         remark = "  avoided now"
     return [
         (sign, CALM),

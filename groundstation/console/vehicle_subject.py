@@ -1,4 +1,4 @@
-"""The vehicle that a page shows, with everything that its blocks are drawn from."""
+"""The vehicle that a page shows, with all values that its blocks need."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from groundstation.fleet.state import FleetState, VehicleView
 from onboard.bus.schema import Telemetry, TickSample
 from onboard.config.fleet import FleetConfig
 
-Text = list[tuple[str, str]]  # pieces and their colours
-_FRESH_S = 2.0
+Text = list[tuple[str, str]]  # pieces of a line with their colours
+_FRESH_S = 2.0  # age of telemetry up to which ticks are shown
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleSubject:
-    """One vehicle now."""
+    """One vehicle in its present state."""
 
     view: VehicleView
-    index: int  # in the fleet file
+    index: int  # index in the fleet file
     state: FleetState
     fleet: FleetConfig
     now_ns: int
-    tick_samples: Sequence[TickSample]  # of its pipeline, oldest first
+    tick_samples: Sequence[TickSample]  # values of its pipeline, oldest first
     alarms: Sequence[AlarmLine] = ()
-    # Words for the time at which something was received, in nanoseconds.
+    # function that returns the words for a time of reception [ns]
     time_text: Callable[[int], str] = field(default=str)
     chart_rows: int = 5  # height of a chart
 
@@ -36,7 +36,7 @@ class VehicleSubject:
 
     @property
     def tick(self) -> TickSample | None:
-        """The newest tick; None once the vehicle has fallen silent."""
+        """The newest tick; None if the vehicle is silent."""
         is_silent = self.telemetry is None or self.view.age_s(self.now_ns) > _FRESH_S
         if is_silent or not self.tick_samples:
             return None

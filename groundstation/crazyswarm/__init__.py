@@ -1,6 +1,6 @@
-"""Crazyswarm's names for Covey's fleet: change a script's import line, and it flies.
+"""Crazyswarm's API for Covey's fleet: a script of Crazyswarm flies with another import line.
 
-docs/crazyswarm.md says how.
+docs/crazyswarm.md explains it.
 """
 
 from groundstation.crazyswarm.swarm import Crazyswarm as Crazyswarm

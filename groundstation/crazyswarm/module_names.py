@@ -1,8 +1,9 @@
-"""The modules that scripts of Crazyswarm import, under their own names.
+"""Covey's modules under the names that scripts of Crazyswarm import.
 
-`covey fly script` sets them while a script runs, so that it need not be changed. They come before
-files beside the script: a checkout of Crazyswarm has its own `pycrazyswarm` there, which flies
-Crazyflies. Its `uav_trajectory` beside a script stays, because it flies nothing.
+`covey fly script` provides them while a script runs, so the script needs no change. They take
+precedence over files beside the script, because a checkout of Crazyswarm has its own `pycrazyswarm`
+there, which flies Crazyflies. A `uav_trajectory` beside the script is kept, because it does not fly
+anything.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from groundstation import crazyswarm
 from groundstation.crazyswarm import uav_trajectory
 
 _TRAJECTORIES = "uav_trajectory"
-PROVIDED = ("pycrazyswarm", "crazyflie_py")  # whatever lies beside the script
+PROVIDED = ("pycrazyswarm", "crazyflie_py")  # provided even if such files are beside the script
 
 
 @contextlib.contextmanager

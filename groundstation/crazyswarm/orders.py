@@ -1,9 +1,9 @@
 """Orders of a Crazyswarm script: collected between two sleeps, sent together, then waited for.
 
-A Crazyswarm command returns at once, and the script says by its sleeps when it should have ended.
-So what is ordered between two sleeps is one batch. Each order of it has a time at which it is due,
-on the script's clock; a sleep that ends later than that waits for it. The script's clock stands
-meanwhile: it is the fleet's time without what vehicles were late.
+A command of Crazyswarm returns at once, and the script sleeps until it should have ended. So all
+commands between two sleeps are one batch. Each order of a batch has a due time on the script's
+clock. A sleep that ends later than the due time waits for the end of the order. The script's clock
+stands still during such a wait: it is the fleet's time without the lateness of vehicles.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from onboard.config.fleet import ConfigError
 from onboard.control.path import Path
 from onboard.tuples import Xyz
 
-_TIMESCALES = (1.25, 1.5, 2.0, 2.5, 3.0, 4.0)  # that a refused trajectory is tried with
-# longest waits; of a move, beyond its own duration
+_TIMESCALES = (1.25, 1.5, 2.0, 2.5, 3.0, 4.0)  # timescales that are tried for a refused trajectory
+# Longest waits for the end of orders; for a move, beyond its own duration.
 _TAKEOFF_S = 60.0
 _LAND_S = 60.0
 _MOVE_S = 40.0
-_SAME_TIME_S = 1e-6
-_SMALL_YAW_DEG = 1.0  # a heading that is taken for none
+_SAME_TIME_S = 1e-6  # allowance for rounding errors of times
+_SMALL_YAW_DEG = 1.0  # a smaller heading counts as 0
 _UNKNOWN: Xyz = (math.nan, math.nan, math.nan)
 
 Kind = Literal["arm", "takeoff", "land", "path", "goto"]
@@ -64,7 +64,7 @@ class _Open:
 
 @dataclass(slots=True)
 class _Batch:
-    """Orders since the last sleep; of one vehicle's the last counts."""
+    """Orders since the last sleep; of each vehicle only the last one."""
 
     takeoffs: dict[str, _Takeoff] = field(default_factory=dict)
     moves: dict[str, _Move] = field(default_factory=dict)
@@ -74,7 +74,7 @@ class _Batch:
     stops: list[str] = field(default_factory=list)
 
     def forget(self, name: str) -> None:
-        """Let a new order of a vehicle replace those of the same moment."""
+        """Drop the orders of a vehicle in this batch, because a new one replaces them."""
         self.takeoffs.pop(name, None)
         self.moves.pop(name, None)
         self.paths.pop(name, None)
@@ -85,7 +85,7 @@ class ScriptOrders:
     """The orders of one script.
 
     Args:
-        blocking: connected.
+        blocking: fleet that is connected.
     """
 
     def __init__(self, blocking: BlockingFleet) -> None:
@@ -96,11 +96,11 @@ class ScriptOrders:
         self._failure: BaseException | None = None
         self._has_failed = asyncio.Event()
         self._begin_ns = self.fleet.client.now_ns()
-        self._late_s = 0.0  # by which vehicles were late so far
+        self._late_s = 0.0  # total lateness of vehicles so far
 
     @property
     def time_s(self) -> float:
-        """Time since the begin, without what vehicles were late."""
+        """Time since the begin [s], without the lateness of vehicles."""
         return (self.fleet.client.now_ns() - self._begin_ns) * 1e-9 - self._late_s
 
     # -- the script orders -------------------------------------------------------------------------
@@ -144,7 +144,10 @@ class ScriptOrders:
     # -- the script reads --------------------------------------------------------------------------
 
     def spot(self, name: str) -> tuple[Xyz, float]:
-        """Return where a vehicle goes to, and its heading [deg]: relative goals begin there."""
+        """Return the point at which relative goals begin, and the heading there [deg].
+
+        It is the goal of a vehicle that moves, or else its position.
+        """
         if name in self._batch.moves:
             move = self._batch.moves[name]
             return move.goal_enu_m, move.yaw_deg
@@ -163,18 +166,18 @@ class ScriptOrders:
         return telemetry.position_enu_m, yaw_deg
 
     def position(self, name: str) -> Xyz:
-        """Return the reported position; not a number where it is not known."""
+        """Return the reported position [m], ENU; NaN if it is not known."""
         return self.fleet[name].position_enu_m or _UNKNOWN
 
     # -- time passes -------------------------------------------------------------------------------
 
     def pass_time(self, duration_s: float, *, waits_for_moves: bool) -> None:
-        """Send what was ordered since the last call, and let time pass.
+        """Send the orders since the last call, and let time pass.
 
         Args:
             duration_s: duration on the script's clock [s].
-            waits_for_moves: whether moves that should have ended by then are waited for; all else
-                always is.
+            waits_for_moves: whether to wait for moves that are due by then. Other orders are always
+                waited for.
 
         Raises:
             OrderFailed: a vehicle did not do what was ordered.
@@ -190,51 +193,39 @@ class ScriptOrders:
             raise failure
 
     async def _pass(self, batch: _Batch, duration_s: float, waits_for_moves: bool) -> None:
-        """Send a batch, let time pass unless an order fails, and wait for what is due."""
+        """Send a batch, let time pass unless an order fails, and wait for orders that are due."""
         await self._send(batch)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(duration_s):
                 await self._has_failed.wait()
 
-        late = []
+        due = []
         for order in self._open:
             is_waited_for = waits_for_moves or order.kind != "goto"
             if is_waited_for and order.due_s <= self.time_s + _SAME_TIME_S:
-                late.append(order.task)
-        await self._wait(late)
+                due.append(order.task)
+        await self._wait(due)
         self._open = [order for order in self._open if not order.task.done()]
 
     async def _wait(self, tasks: list[asyncio.Task[None]]) -> None:
-        """Wait for tasks while the script's clock stands."""
-        left = [task for task in tasks if not task.done()]
-        if not left:
+        """Wait for tasks while the script's clock stands still."""
+        running = [task for task in tasks if not task.done()]
+        if not running:
             return
 
         begin_s = self.time_s
-        await asyncio.wait(left)
+        await asyncio.wait(running)
         self._late_s += self.time_s - begin_s
 
     # -- orders leave ------------------------------------------------------------------------------
 
     async def _send(self, batch: _Batch) -> None:
-        """Send the orders of a batch: all take-offs of one height, all goals ... as one order."""
-        # What begins in the air waits until its vehicles are up.
+        """Send the orders of a batch, with all orders of the same kind as one order."""
+        # Orders that begin in the air wait until the take-offs of their vehicles have ended.
         in_air = {*batch.moves, *batch.paths, *batch.landings}
-        await self._wait(
-            [
-                order.task
-                for order in self._open
-                if order.kind == "takeoff" and in_air.intersection(order.names)
-            ]
-        )
-        # An arming that goes on would refuse a take-off.
-        await self._wait(
-            [
-                order.task
-                for order in self._open
-                if order.kind == "arm" and set(batch.takeoffs).intersection(order.names)
-            ]
-        )
+        await self._wait(self._open_tasks("takeoff", in_air))
+        # A vehicle refuses a take-off while it still arms.
+        await self._wait(self._open_tasks("arm", set(batch.takeoffs)))
 
         arms = [name for name in batch.arms if name not in batch.takeoffs]
         if arms:
@@ -250,7 +241,15 @@ class ScriptOrders:
             self._begin("land", batch.landings, landing)
         self._send_stops([name for name in batch.stops if name not in batch.landings])
 
-        await asyncio.sleep(0.0)  # lets the orders leave
+        await asyncio.sleep(0.0)  # lets the tasks begin, which send the orders
+
+    def _open_tasks(self, kind: Kind, names: set[str]) -> list[asyncio.Task[None]]:
+        """Return the tasks of orders of a kind that have been sent to some of these vehicles."""
+        return [
+            order.task
+            for order in self._open
+            if order.kind == kind and names.intersection(order.names)
+        ]
 
     def _send_takeoffs(self, takeoffs: dict[str, _Takeoff]) -> None:
         for height_m in sorted({takeoff.height_m for takeoff in takeoffs.values()}):
@@ -263,7 +262,7 @@ class ScriptOrders:
             self._begin("takeoff", durations_s, order)
 
     def _send_moves(self, moves: dict[str, _Move]) -> None:
-        """Send goals as one order, judged together; durations and headings are each vehicle's."""
+        """Send goals as one order; each vehicle has its own duration and heading."""
         intent = Goto(
             vehicles=tuple(moves),
             goals={name: move.goal_enu_m for name, move in moves.items()},
@@ -284,13 +283,13 @@ class ScriptOrders:
         self._begin("goto", durations_s, order)
 
     def _send_stops(self, names: list[str]) -> None:
-        """Disarm vehicles on the ground, where one of them is armed."""
-        stopped = [name for name in names if not self.fleet[name].is_flying]
-        if any(self.fleet[name].view.is_armed for name in stopped):
-            self._begin("land", dict.fromkeys(stopped, 0.0), self.fleet.disarm(stopped))
+        """Disarm vehicles on the ground, if one of them is armed."""
+        on_ground = [name for name in names if not self.fleet[name].is_flying]
+        if any(self.fleet[name].view.is_armed for name in on_ground):
+            self._begin("land", dict.fromkeys(on_ground, 0.0), self.fleet.disarm(on_ground))
 
     async def _follow(self, paths: dict[str, Path]) -> None:
-        """Follow paths; a refusal says which timescale would do."""
+        """Follow paths; a refusal names a timescale that would be accepted."""
         try:
             await self.fleet.follow_path(paths)
         except ConfigError as error:
@@ -305,14 +304,17 @@ class ScriptOrders:
     def _begin(
         self, kind: Kind, durations_s: dict[str, float], order: Coroutine[Any, Any, Any]
     ) -> None:
-        """Follow an order in a task of its own."""
+        """Begin an order in a task of its own."""
         due_s = self.time_s + max(durations_s.values())
         task = asyncio.create_task(self._until_its_end(order))
         task.add_done_callback(self._take_failure)
         self._open.append(_Open(task=task, kind=kind, names=tuple(durations_s), due_s=due_s))
 
     async def _until_its_end(self, order: Coroutine[Any, Any, Any]) -> None:
-        """Wait for an order; that the script itself has ordered something else is no failure."""
+        """Wait for the end of an order.
+
+        An order that a later order of the same script has superseded has not failed.
+        """
         try:
             await order
         except OrderFailed as error:
@@ -334,4 +336,5 @@ class ScriptOrders:
 
 
 async def _itself(fleet: Fleet) -> Fleet:
+    """Return the asynchronous fleet, when a blocking fleet runs this."""
     return fleet

@@ -1,12 +1,12 @@
-"""What a Crazyswarm script would find out in the air, found before it connects.
+"""Checks a Crazyswarm script before it connects, so that it does not fail in the air.
 
-Some of Crazyswarm's commands are not flown here. A script that calls one of them usually does so
-after its take-off; so the script that makes a ``Crazyswarm`` is read first, and refused with the
-line of the call. So is one that wants vehicles by ids that the fleet lacks.
+Covey refuses some of Crazyswarm's commands. A script usually calls them after its take-off. So the
+source of the script is read before, and the script is refused with the line of the call. A script
+that uses vehicles with ids that the fleet does not have is also refused.
 
-Only what is written as a number is known: in the place itself, or under a name to which the script
-gives a value once. What stands below an `if` or in a `try` may never be reached: a script asks so
-whether the fleet has a vehicle. Everything else is found where the script comes to it.
+Only numbers that stand in the source are known: in the call itself, or in a name that the script
+assigns once. Code below an `if` or in a `try` is not checked for ids, because a script may ask in
+this way whether the fleet has a vehicle. Other errors appear when the script reaches them.
 """
 
 from __future__ import annotations
@@ -45,16 +45,16 @@ _OWN_PACKAGE = "groundstation.crazyswarm"
 _MOST_CALLS_NAMED = 3
 _BY_ID = "crazyfliesById"
 _START = "startTrajectory"
-_MOST_NAMES = 20  # that stand for each other
-_TIMESCALE_PLACE = 1  # among the arguments of startTrajectory
+_DEEPEST = 20  # longest chain of names and lists that is followed to find a number
+_TIMESCALE_INDEX = 1  # index of the timescale among the arguments of startTrajectory
 _ID_LINE = re.compile(r"^\s*-?\s*id\s*:", re.MULTILINE)
 
 
 def is_of_crazyswarm(script: str) -> bool:
-    """Return whether a script imports Crazyswarm's names, from Covey or from where they were.
+    """Return whether a script imports Crazyswarm's names, from Covey or from Crazyswarm itself.
 
     Args:
-        script: path of the Python file; what is no file is not read.
+        script: path of the Python file; if there is no such file, the result is False.
     """
     if not Path(script).is_file():
         return False
@@ -62,7 +62,7 @@ def is_of_crazyswarm(script: str) -> bool:
     for node in ast.walk(python_tree(read_text(script, SCRIPT), script)):
         modules = []
         if isinstance(node, ast.Import):
-            modules = [one.name for one in node.names]
+            modules = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
             modules = [node.module or ""]
         for module in modules:
@@ -72,13 +72,13 @@ def is_of_crazyswarm(script: str) -> bool:
 
 
 def refuse_what_is_not_flown(script: str) -> None:
-    """Refuse a script that calls what is not flown, before it connects.
+    """Refuse a script that calls a command which Covey does not fly, before it connects.
 
     Args:
-        script: path of the Python file; what is no file is not read.
+        script: path of the Python file; if there is no such file, nothing is checked.
 
     Raises:
-        ConfigError: it calls such a command.
+        ConfigError: the script calls such a command.
     """
     tree = _tree_of(script)
     if tree is None:
@@ -96,28 +96,32 @@ def refuse_what_is_not_flown(script: str) -> None:
 
 
 def refuse_unknown_ids(script: str, fleet: FleetConfig) -> None:
-    """Refuse a script that wants vehicles by ids that the fleet lacks.
+    """Refuse a script that uses vehicles with ids that the fleet does not have.
 
     Args:
-        script: path of the Python file; what is no file is not read.
+        script: path of the Python file; if there is no such file, nothing is checked.
         fleet: fleet that is flown.
 
     Raises:
-        ConfigError: it names such an id.
+        ConfigError: the script names such an id.
     """
     tree = _tree_of(script)
     if tree is None:
         return
 
-    there_are = {fleet.vehicles[name].system_id for name in fleet.enabled_names}
-    missing = sorted({(line, one) for line, one in _wanted_ids(tree) if one not in there_are})
+    fleet_ids = {fleet.vehicles[name].system_id for name in fleet.enabled_names}
+    missing = sorted(
+        {(line, wanted_id) for line, wanted_id in _wanted_ids(tree) if wanted_id not in fleet_ids}
+    )
     if not missing:
         return
 
-    ids = ", ".join(str(one) for one in sorted({one for _, one in missing}))
-    known = ", ".join(map(str, sorted(there_are)))
+    first_line, _ = missing[0]
+    missing_ids = sorted({wanted_id for _, wanted_id in missing})
+    ids = ", ".join(map(str, missing_ids))
+    known = ", ".join(map(str, sorted(fleet_ids)))
     raise ConfigError(
-        f"{script} wants vehicles with id {ids} (line {missing[0][0]}), and fleet "
+        f"{script} wants vehicles with id {ids} (line {first_line}), and fleet "
         f"'{fleet.fleet.name}' has {known}. Write these in the script, or give them as system_id of"
         " vehicles in the fleet file."
     )
@@ -127,10 +131,11 @@ def longest_timescale(script: str) -> float | None:
     """Return the largest timescale with which a script starts trajectories.
 
     Args:
-        script: path of the Python file; what is no file is not read.
+        script: path of the Python file.
 
     Returns:
-        None where the script starts none, or says one in another way than as a number.
+        The timescale; None if there is no such file, if the script starts no trajectory, or if a
+        timescale is not a number in the source.
     """
     tree = _tree_of(script)
     if tree is None:
@@ -154,7 +159,7 @@ def refuse_too_small_a_fleet(crazyflies_yaml: str | None, fleet: FleetConfig) ->
     """Refuse a fleet with fewer vehicles than the script describes in its own text.
 
     Args:
-        crazyflies_yaml: as the script gives it; a text in YAML has an id for each vehicle.
+        crazyflies_yaml: argument of the script; a text in YAML has an id for each vehicle.
         fleet: fleet that is flown.
 
     Raises:
@@ -171,7 +176,7 @@ def refuse_too_small_a_fleet(crazyflies_yaml: str | None, fleet: FleetConfig) ->
 
 
 def _calls(tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """Yield line and name of each call of a method that is not flown."""
+    """Yield line and name of each call of a method that Covey does not fly."""
     for node in ast.walk(tree):
         if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
             continue
@@ -180,23 +185,24 @@ def _calls(tree: ast.Module) -> Iterator[tuple[int, str]]:
 
 
 def _tree_of(script: str) -> ast.Module | None:
+    """Return the syntax tree of a script; None if there is no such file."""
     if not Path(script).is_file():
         return None
     return python_tree(read_text(script, SCRIPT), script)
 
 
 def _known_values(tree: ast.Module) -> dict[str, ast.expr]:
-    """Return what names stand for that get a value once.
+    """Return the expressions of names to which the script assigns exactly once.
 
-    The variable of a loop stands for what the loop goes through.
+    The expression of a loop variable is the sequence of the loop.
     """
     values: dict[str, ast.expr] = {}
-    given: Counter[str] = Counter()
+    assignments: Counter[str] = Counter()  # name -> number of assignments
     for node in ast.walk(tree):
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-            given[node.id] += 1
+            assignments[node.id] += 1
         elif isinstance(node, ast.arg):
-            given[node.arg] += 1
+            assignments[node.arg] += 1
 
         if isinstance(node, ast.Assign):
             target = node.targets[0]
@@ -208,12 +214,12 @@ def _known_values(tree: ast.Module) -> dict[str, ast.expr]:
             continue
         if isinstance(target, ast.Name):
             values[target.id] = value
-    return {name: value for name, value in values.items() if given[name] == 1}
+    return {name: value for name, value in values.items() if assignments[name] == 1}
 
 
 def _numbers(node: ast.expr, known: dict[str, ast.expr], depth: int = 0) -> list[float]:
-    """Return the numbers that an expression may be; none where that is not known."""
-    if depth > _MOST_NAMES:
+    """Return the numbers that an expression may have as value; empty if they are not known."""
+    if depth > _DEEPEST:
         return []
     if isinstance(node, ast.Constant):
         if isinstance(node.value, int | float) and not isinstance(node.value, bool):
@@ -222,14 +228,14 @@ def _numbers(node: ast.expr, known: dict[str, ast.expr], depth: int = 0) -> list
     if isinstance(node, ast.Name) and node.id in known:
         return _numbers(known[node.id], known, depth + 1)
     if isinstance(node, ast.List | ast.Tuple):
-        each = [_numbers(one, known, depth + 1) for one in node.elts]
-        if all(each):
-            return [number for numbers in each for number in numbers]
+        element_numbers = [_numbers(element, known, depth + 1) for element in node.elts]
+        if all(element_numbers):  # every element is known
+            return [number for numbers in element_numbers for number in numbers]
     return []
 
 
 def _wanted_ids(tree: ast.Module) -> Iterator[tuple[int, int]]:
-    """Yield line and number of each id by which the script wants a vehicle."""
+    """Yield line and id of each vehicle that the script uses by its id."""
     known = _known_values(tree)
     for node in _reached(tree):
         if not isinstance(node, ast.Subscript) or not isinstance(node.value, ast.Attribute):
@@ -248,24 +254,25 @@ def _reached(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def _is_conditional(node: ast.AST) -> bool:
-    """Whether what is below a node may be left out, or may fail without harm."""
+    """Whether code below a node may not be run, or may fail without harm."""
     if isinstance(node, ast.If):
         return not _is_main(node.test)
     if isinstance(node, ast.comprehension | ast.GeneratorExp | ast.ListComp):
         generators = [node] if isinstance(node, ast.comprehension) else node.generators
-        return any(one.ifs for one in generators)
+        return any(generator.ifs for generator in generators)
     return isinstance(node, ast.IfExp | ast.Try | ast.BoolOp | ast.While)
 
 
 def _is_main(test: ast.expr) -> bool:
     """Whether a condition is that of ``if __name__ == "__main__"``."""
-    return any(isinstance(one, ast.Name) and one.id == "__name__" for one in ast.walk(test))
+    return any(isinstance(node, ast.Name) and node.id == "__name__" for node in ast.walk(test))
 
 
 def _timescale_of(call: ast.Call) -> ast.expr:
+    """Return the expression of the timescale in a call of startTrajectory; by default 1."""
     for keyword in call.keywords:
         if keyword.arg == "timescale":
             return keyword.value
-    if len(call.args) > _TIMESCALE_PLACE:
-        return call.args[_TIMESCALE_PLACE]
+    if len(call.args) > _TIMESCALE_INDEX:
+        return call.args[_TIMESCALE_INDEX]
     return ast.Constant(value=1.0)

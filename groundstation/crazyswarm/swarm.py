@@ -1,9 +1,8 @@
 """Crazyswarm's blocking script interface: commands return at once, ``timeHelper.sleep`` waits.
 
-What is ordered between two sleeps is one order: several ``goTo`` are judged together, so that
-vehicles may change places. The script's clock stands while a vehicle is late: a take-off or a
-landing takes as long as it takes, and a ``sleep`` ends when what should have ended by then has
-ended.
+All commands of a kind between two sleeps are one order: several ``goTo`` are checked together, so
+vehicles may change places. The script's clock stands still while a vehicle is late. A take-off or a
+landing may take longer than the script says; the ``sleep`` then ends later, after the order.
 """
 
 from __future__ import annotations
@@ -35,22 +34,22 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.control.path import Path, point_at
 
-_PRESSED_AFTER_S = 2.0  # where nobody can press a button
+_PRESSED_AFTER_S = 2.0  # time after which a button counts as pressed if there is no terminal
 
 
 class Crazyswarm:
     """The fleet under Crazyswarm's names.
 
     Args:
-        crazyflies_yaml: a fleet file (``.toml``); of Crazyswarm's own file or text only the number
-            of vehicles counts: ``covey fly script --fleet`` names a fleet file.
+        crazyflies_yaml: a fleet file (``.toml``). In a file or text of Crazyswarm only the number
+            of vehicles counts; ``covey fly script --fleet`` names the fleet file.
         parent_parser: not used.
         args: not used.
-        fleet: a fleet file or its path; None: that of ``covey fly script``.
+        fleet: a fleet file or its path; None: the fleet of ``covey fly script``.
 
     Raises:
-        ConfigError: no fleet file, a wrong or too small one, or the script calls what is not flown
-            or wants vehicles that the fleet lacks.
+        ConfigError: there is no valid fleet file, the fleet is too small, or the script calls a
+            command that is not flown or uses vehicles that the fleet does not have.
         NotReady: a vehicle is not ready in time.
     """
 
@@ -65,7 +64,7 @@ class Crazyswarm:
         if not fleet and crazyflies_yaml is not None and crazyflies_yaml.endswith(".toml"):
             fleet = crazyflies_yaml
 
-        # The script is whoever calls this.
+        # The script is the file that calls this.
         script = sys._getframe(1).f_code.co_filename
         refuse_what_is_not_flown(script)
         orders = ScriptOrders(BlockingFleet(fleet or None))
@@ -85,14 +84,14 @@ class TimeHelper:
         self.visualizer = Visualizer()
 
     def time(self) -> float:
-        """Return the script's time [s], of vehicle time without what vehicles were late."""
+        """Return the script's time [s]: vehicle time without the lateness of vehicles."""
         return self._orders.time_s
 
     def sleep(self, duration: float) -> None:
-        """Let time pass; what should have ended by then has ended.
+        """Let time pass, and wait for orders that should have ended by then.
 
         Args:
-            duration: [s].
+            duration: time on the script's clock [s].
 
         Raises:
             OrderFailed: a vehicle did not do what was ordered.
@@ -100,22 +99,23 @@ class TimeHelper:
         self._orders.pass_time(max(0.0, float(duration)), waits_for_moves=True)
 
     def sleepForRate(self, rateHz: float) -> None:
-        """Let one period of a rate pass; moves are not waited for.
+        """Let one period of a rate pass, without a wait for moves.
 
         Args:
-            rateHz: [Hz].
+            rateHz: the rate [Hz].
         """
         self._orders.pass_time(1.0 / rateHz, waits_for_moves=False)
 
     def isShutdown(self) -> bool:
-        """Whether the program ends; Ctrl-C ends it by an exception, and the vehicles land."""
+        """Return False: Ctrl-C ends the program by an exception, and the vehicles land."""
         return False
 
 
 class Visualizer:
-    """``timeHelper.visualizer``: takes every call and draws nothing; the console and the page draw.
+    """``timeHelper.visualizer``: accepts every call and draws nothing.
 
-    Crazyswarm's own has methods for graphs, ellipsoids and frames.
+    Crazyswarm's visualizer has methods for graphs, ellipsoids and frames. Covey draws in the
+    console and on the page.
     """
 
     def __getattr__(self, name: str) -> Any:
@@ -126,11 +126,11 @@ class Visualizer:
 
 
 class Buttons:
-    """``swarm.input``: Enter; without a terminal it counts as pressed after two seconds."""
+    """``swarm.input``: the Enter key; without a terminal it counts as pressed after two seconds."""
 
     def __init__(self, clock: TimeHelper) -> None:
         self._clock = clock
-        self._since_s = math.nan  # of the first question since the last press
+        self._since_s = math.nan  # time of the first question since the last press; NaN: none
         self._has_terminal = sys.stdin is not None and sys.stdin.isatty()
 
     def checkIfButtonIsPressed(self) -> bool:
@@ -166,8 +166,8 @@ class Crazyflie:
     Args:
         orders: orders of the script.
         vehicle: entry of the vehicle in the fleet file.
-        longest_timescale: longest timescale with which the script starts trajectories; None where
-            that is not known.
+        longest_timescale: largest timescale with which the script starts trajectories; None if it
+            is not known.
     """
 
     def __init__(
@@ -183,14 +183,14 @@ class Crazyflie:
         self._trajectories: dict[int, Path] = {}
 
     def setGroupMask(self, groupMask: int) -> None:
-        """Set the groups of this vehicle, a bit each."""
+        """Set the groups of this vehicle; each bit is a group."""
         self.groupMask = int(groupMask)
 
     def arm(self, arm: bool = True) -> None:
         """Arm on the ground, or disarm there; a take-off arms by itself.
 
         Raises:
-            OrderError: it is to be disarmed in the air, and would fall.
+            OrderError: the vehicle flies, and would fall if it were disarmed.
         """
         if arm:
             self._orders.arm(self._name)
@@ -203,7 +203,7 @@ class Crazyflie:
             self._orders.takeoff(self._name, float(targetHeight), float(duration))
 
     def land(self, targetHeight: float, duration: float, groupMask: int = 0) -> None:
-        """Land and disarm; the height is that of the ground."""
+        """Land on the ground and disarm; the given height is not used."""
         if self._is_meant(groupMask):
             self._orders.land(self._name, float(duration))
 
@@ -211,7 +211,7 @@ class Crazyflie:
         """Disarm on the ground.
 
         Raises:
-            OrderError: it flies, and would fall.
+            OrderError: the vehicle flies, and would fall.
         """
         if self._is_meant(groupMask):
             self._orders.stop(self._name)
@@ -224,7 +224,7 @@ class Crazyflie:
         relative: bool = False,
         groupMask: int = 0,
     ) -> None:
-        """Go to a goal; with the others' goals of the same moment it is judged together."""
+        """Go to a goal; all goals between two sleeps are checked together."""
         if not self._is_meant(groupMask):
             return
 
@@ -239,10 +239,11 @@ class Crazyflie:
         self._orders.go_to(self._name, (x, y, z), yaw_deg, float(duration))
 
     def uploadTrajectory(self, trajectoryId: int, pieceOffset: int, trajectory: Any) -> None:
-        """Keep a trajectory for :meth:`startTrajectory`, which brings it to the vehicle.
+        """Keep a trajectory for :meth:`startTrajectory`, which sends it to the vehicle.
 
         Raises:
-            OrderError: it is too fast for the vehicle with every timescale that the script has.
+            OrderError: the trajectory is too fast for the vehicle with every timescale in the
+                script.
         """
         path = path_of_trajectory(trajectory)
         if self._longest_timescale is not None:
@@ -257,7 +258,7 @@ class Crazyflie:
         relative: bool = True,
         groupMask: int = 0,
     ) -> None:
-        """Follow a trajectory; those of one moment begin at one instant.
+        """Follow a trajectory; all trajectories between two sleeps begin at one instant.
 
         Raises:
             OrderError: there is no such trajectory.
@@ -276,8 +277,11 @@ class Crazyflie:
         if relative:
             begin = point_at(path, 0.0).position_enu_m
             spot, _ = self._orders.spot(self._name)
-            offset_m = [to - at for to, at in zip(spot, begin, strict=True)]
-            path = moved(path, np.array([*offset_m, 0.0]))  # its yaw stays
+            offset_m = [
+                spot_value - begin_value
+                for spot_value, begin_value in zip(spot, begin, strict=True)
+            ]
+            path = moved(path, np.array([*offset_m, 0.0]))  # yaw is not relative
         self._orders.follow(self._name, path)
 
     def position(self) -> Array:
@@ -285,7 +289,7 @@ class Crazyflie:
         return np.array(self._orders.position(self._name))
 
     def setLEDColor(self, r: float, g: float, b: float) -> None:
-        """Show and record a colour, each share from 0 to 1; PX4 has no lamp that it would reach."""
+        """Show and record a colour, each share from 0 to 1; no lamp of a vehicle gets it."""
         client = self._orders.fleet.client
         message = Light(
             vehicle=self._name,
@@ -295,23 +299,26 @@ class Crazyflie:
         client.tell(Topic.LIGHT, self._name, message)
 
     def setParam(self, name: str, value: float) -> None:
-        """Do nothing: a Crazyflie's parameters mean nothing to PX4."""
+        """Do nothing, because a Crazyflie's parameters mean nothing to PX4."""
 
     setParams = setParam
 
     def enableCollisionAvoidance(
         self, others: object = None, ellipsoidRadii: object = None
     ) -> None:
-        """Do nothing: the law is on; its distance is ``safety_distance_m`` of the fleet file."""
+        """Do nothing: the law is always on, with ``safety_distance_m`` of the fleet file."""
 
     def disableCollisionAvoidance(self) -> None:
         """Do nothing: the law stays on; in simulation ``--law off`` flies without."""
 
     def notifySetpointsStop(self, remainValidMillisecs: float = 100, groupMask: int = 0) -> None:
-        """Do nothing: no setpoints are streamed."""
+        """Do nothing, because no setpoints are streamed."""
 
     def __getattr__(self, name: str) -> Callable[..., NoReturn]:
-        """Return a method that refuses, also where the script could not be read before."""
+        """Return a method that refuses a command which is not flown.
+
+        The check before the flight finds most of them, but not calls by a computed name.
+        """
         if name not in NOT_FLOWN:
             raise AttributeError(
                 f"A Crazyflie has no '{name}' here; docs/crazyswarm.md lists what there is."
@@ -332,11 +339,11 @@ def _colour_byte(share: float) -> int:
 
 
 class _Known(dict[Any, Crazyflie]):
-    """Vehicles by id or by name; of one that the fleet lacks it says which there are.
+    """Vehicles by id or by name; an unknown one raises an error that names the known ones.
 
     Args:
         noun: word for the kind of key, for the sentence.
-        key: key that says so in a fleet file.
+        key: key in the fleet file that defines it, for the sentence.
         vehicles: vehicle of each key.
     """
 
@@ -369,36 +376,36 @@ class CrazyflieServer:
             for name in config.enabled_names
         ]
         self.crazyfliesById = _Known(
-            "id", "system_id of a vehicle", {one.id: one for one in self.crazyflies}
+            "id", "system_id of a vehicle", {vehicle.id: vehicle for vehicle in self.crazyflies}
         )
         self.crazyfliesByName = _Known(
-            "name", "[vehicles.NAME]", {one.name: one for one in self.crazyflies}
+            "name", "[vehicles.NAME]", {vehicle.name: vehicle for vehicle in self.crazyflies}
         )
 
     def arm(self, arm: bool = True) -> None:
-        """Arm all on the ground, or disarm all there."""
-        for one in self.crazyflies:
-            one.arm(arm)
+        """Arm all vehicles on the ground, or disarm them there."""
+        for vehicle in self.crazyflies:
+            vehicle.arm(arm)
 
     def takeoff(self, targetHeight: float, duration: float, groupMask: int = 0) -> None:
-        """Take off, all of a group (0: all)."""
-        for one in self.crazyflies:
-            one.takeoff(targetHeight, duration, groupMask)
+        """Let all vehicles of a group take off (0: all)."""
+        for vehicle in self.crazyflies:
+            vehicle.takeoff(targetHeight, duration, groupMask)
 
     def land(self, targetHeight: float, duration: float, groupMask: int = 0) -> None:
-        """Land, all of a group (0: all)."""
-        for one in self.crazyflies:
-            one.land(targetHeight, duration, groupMask)
+        """Land all vehicles of a group (0: all)."""
+        for vehicle in self.crazyflies:
+            vehicle.land(targetHeight, duration, groupMask)
 
     def stop(self, groupMask: int = 0) -> None:
-        """Disarm on the ground, all of a group (0: all)."""
-        for one in self.crazyflies:
-            one.stop(groupMask)
+        """Disarm all vehicles of a group on the ground (0: all)."""
+        for vehicle in self.crazyflies:
+            vehicle.stop(groupMask)
 
     def goTo(self, goal: Sequence[float], yaw: float, duration: float, groupMask: int = 0) -> None:
-        """Go by an offset, all of a group (0: all)."""
-        for one in self.crazyflies:
-            one.goTo(goal, yaw, duration, relative=True, groupMask=groupMask)
+        """Move all vehicles of a group by an offset (0: all)."""
+        for vehicle in self.crazyflies:
+            vehicle.goTo(goal, yaw, duration, relative=True, groupMask=groupMask)
 
     def startTrajectory(
         self,
@@ -408,13 +415,13 @@ class CrazyflieServer:
         relative: bool = True,
         groupMask: int = 0,
     ) -> None:
-        """Follow trajectories from one instant on, all of a group (0: all)."""
-        for one in self.crazyflies:
-            one.startTrajectory(trajectoryId, timescale, reverse, relative, groupMask)
+        """Let all vehicles of a group follow their trajectories from one instant on (0: all)."""
+        for vehicle in self.crazyflies:
+            vehicle.startTrajectory(trajectoryId, timescale, reverse, relative, groupMask)
 
     def emergency(self) -> None:
         """Stop the motors of all at once, also in the air: they fall."""
         self._orders.kill_all()
 
     def setParam(self, name: str, value: float) -> None:
-        """Do nothing: a Crazyflie's parameters mean nothing to PX4."""
+        """Do nothing, because a Crazyflie's parameters mean nothing to PX4."""

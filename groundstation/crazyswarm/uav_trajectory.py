@@ -1,4 +1,4 @@
-"""Trajectories of Crazyswarm: CSVs of 33 columns, as polynomials of seventh order."""
+"""Trajectories of Crazyswarm: files (CSV) with 33 columns, read as polynomials of seventh order."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from onboard.config.fleet import FleetConfig
 from onboard.control.path import Path, path_of, point_at
 from onboard.types import GRAVITY_M_S2
 
-_SLOWING_SLACK = 1.01  # as the checks of paths allow
+_SLOWING_SLACK = 1.01  # necessary slowing up to which a trajectory is accepted, as for paths
 
 
 class TrajectoryOutput(NamedTuple):
@@ -27,11 +27,11 @@ class TrajectoryOutput(NamedTuple):
     vel: Array  # (3,) [m/s]
     acc: Array  # (3,) [m/s^2]
     yaw: float  # [rad]
-    omega: Array  # (3,) body rates that such a motion needs [rad/s]
+    omega: Array  # (3,) body rates that the motion needs [rad/s]
 
 
 class Polynomial(NamedTuple):
-    """Coefficients of one axis, the constant one first."""
+    """Coefficients of one axis, beginning with the constant one."""
 
     p: Array
 
@@ -64,7 +64,7 @@ class Trajectory:
             filename: name of the CSV.
 
         Raises:
-            ConfigError: it cannot be read.
+            ConfigError: the file cannot be read.
         """
         path = load_path(filename)
         self.polynomials = [_polynomials(np.array(piece)) for piece in path.pieces]
@@ -110,21 +110,24 @@ class Trajectory:
         )
 
     def _piece_at(self, t: float) -> tuple[Polynomial4D, float]:
-        """Return the piece at a time, and the time in it; before and after, its first and last."""
+        """Return the piece at a time, and the time since the begin of this piece [s].
+
+        A time before the begin or after the end is moved to the begin or the end.
+        """
         pieces = self.polynomials or []
-        left_s = max(0.0, t)
+        time_s = max(0.0, t)
         for piece in pieces[:-1]:
-            if left_s <= piece.duration:
-                return piece, left_s
-            left_s -= piece.duration
-        return pieces[-1], min(left_s, pieces[-1].duration)
+            if time_s <= piece.duration:
+                return piece, time_s
+            time_s -= piece.duration
+        return pieces[-1], min(time_s, pieces[-1].duration)
 
 
 def path_of_trajectory(trajectory: Any) -> Path:
-    """Return the path of a trajectory, of this class or of Crazyswarm's own.
+    """Return the path of a trajectory, which may be of this class or of Crazyswarm's own.
 
     Raises:
-        ValueError: it has no pieces.
+        ValueError: the trajectory has no pieces.
     """
     pieces = trajectory.polynomials or ()
     if not pieces:
@@ -151,7 +154,7 @@ def _derivative(coefficients: Array, time_s: float, order: int) -> float:
 
 
 def _eight(coefficients: Any) -> list[float]:
-    """Return the coefficients of a seventh order; those that are left out are 0."""
+    """Return eight coefficients; missing ones are 0."""
     values = [float(value) for value in coefficients]
     return values + [0.0] * (8 - len(values))
 
@@ -166,7 +169,7 @@ def refuse_too_fast(path: Path, timescale: float, name: str, fleet: FleetConfig)
         fleet: the fleet file.
 
     Raises:
-        OrderError: it takes more speed, acceleration or tilt.
+        OrderError: the trajectory needs more speed, acceleration or tilt than the vehicle has.
     """
     flown = sample({name: slowed(path, timescale)})
     slowing, worst_words = needed_slowing(flown, limits_of(fleet, [name]))

@@ -1,4 +1,8 @@
-"""Python missions: read as text without being run, and later loaded with their arguments."""
+"""Python missions: they are first read as text without being run, and loaded only for a flight.
+
+A check must not run a stranger's code, so it reads ``FLEET``, ``EXPECT`` and ``FORMATIONS`` as
+literals. For the flight, :func:`load_function` runs the module and returns its mission function.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +16,8 @@ from groundstation.mission_files.mission import Mission
 from onboard.config.file_reading import MISSION_FILE, check_values, python_tree, read_text
 from onboard.config.fleet import ConfigError
 
-MissionFunction = Callable[
-    [Any], Awaitable[None]
-]  # called with the fleet of groundstation.missions
+# a coroutine function that is called with the Fleet of groundstation.missions
+MissionFunction = Callable[[Any], Awaitable[None]]
 
 _CONSTANTS = ("FLEET", "EXPECT", "FORMATIONS")
 _TRUTH_WORDS = {
@@ -37,7 +40,8 @@ def read_python(name: str) -> tuple[str, dict[str, Any]]:
         Its text and its literals by name.
 
     Raises:
-        ConfigError: it cannot be read, is not Python, or has no ``async def mission(fleet)``.
+        ConfigError: the file cannot be read, is not Python, or has no
+            ``async def mission(fleet)``.
     """
     text = read_text(name, MISSION_FILE)
     tree = python_tree(text, name)
@@ -74,7 +78,7 @@ def load_function(mission: Mission) -> MissionFunction:
         The function, with the mission's arguments.
 
     Raises:
-        ConfigError: its module cannot be run, or it does not take these arguments.
+        ConfigError: the module cannot be run, or the function does not take these arguments.
     """
     spec = importlib.util.spec_from_file_location(f"covey_mission_{mission.name}", mission.path)
     if spec is None or spec.loader is None:
@@ -100,19 +104,19 @@ def load_function(mission: Mission) -> MissionFunction:
 def arguments_of(
     function: Callable[..., Any], given: Mapping[str, str], where: str
 ) -> dict[str, Any]:
-    """Return the arguments of a mission's function, each of the kind of its default.
+    """Return the arguments of a mission's function, each converted to the type of its default.
 
     Args:
-        function: ``mission(fleet, height_m=1.0, ...)``.
+        function: a function such as ``mission(fleet, height_m=1.0, ...)``.
         given: arguments as they were written.
         where: the file, for the sentences.
 
     Returns:
-        Their values by name.
+        name -> value.
 
     Raises:
-        ConfigError: it has no such argument, a value is of another kind, or one that has no default
-            is missing.
+        ConfigError: the function has no such argument, a value has the wrong type, or an argument
+            without a default is missing.
     """
     parameters = list(inspect.signature(function).parameters.items())
     known = dict(parameters[1:])  # the first one is the fleet
@@ -138,9 +142,9 @@ def _is_mission(node: ast.stmt) -> bool:
 
 
 def _value(text: str, default: Any, where: str) -> Any:
-    """Return a written value as the kind of its default.
+    """Return a written value converted to the type of its default.
 
-    Without a default it is a number, or else a text.
+    Without a default, it becomes a Python literal if it is one, and a text otherwise.
     """
     if isinstance(default, str):
         return text

@@ -1,7 +1,8 @@
-"""Checks of a mission's steps with its fleet, so that no mission starts that must fail later.
+"""Checks the steps of a mission with its fleet, so that no mission starts that must fail later.
 
 Every order is checked as if it were given at its place in the expected course. After a fault or a
-reaction it is not known which vehicles fly; then only the fleet file refuses something.
+reaction it is not known which vehicles fly, so the later steps are checked against the fleet file
+only.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ def check_steps(mission: Mission) -> None:
     """Refuse a mission with a step that its fleet cannot do.
 
     Raises:
-        ConfigError: unknown vehicle or formation, goal outside the fence, order out of turn ...
+        ConfigError: a step is not possible, for instance because of an unknown vehicle, a goal
+            outside the fence, or a take-off of a vehicle that flies.
     """
     for course_step in mission.course():
         _check_course_step(course_step, mission)
@@ -51,7 +53,7 @@ def _check_course_step(course_step: CourseStep, mission: Mission) -> None:
     elif isinstance(step, WaitStep):
         _check_until(step.until, fleet, f"{where}.until'")
     elif isinstance(step, FollowPathStep):
-        mission.lights_of(step)  # files that cannot be read are refused before take-off
+        mission.lights_of(step)  # raises ConfigError for a file that cannot be read
         _check_paths((*step.paths, *step.lights), fleet, may_fly, f"{where}.paths'")
     elif isinstance(step, FlyFormationStep):
         _check_paths(tuple(course_step.paths), fleet, may_fly, f"{where}.name'")
@@ -66,7 +68,7 @@ def _check_course_step(course_step: CourseStep, mission: Mission) -> None:
 
 
 def _out_of_order(step: MissionStep, names: Sequence[str], flying: Collection[str]) -> str:
-    """Return a sentence on a step that comes too early or too late; empty for all others."""
+    """Return a sentence if vehicles are in the air or on the ground when they must not be."""
     if not isinstance(step, Intent):
         return ""
 
@@ -88,7 +90,7 @@ def _out_of_order(step: MissionStep, names: Sequence[str], flying: Collection[st
 def _check_paths(
     names: Sequence[str], fleet: FleetConfig, flying: Collection[str], where: str
 ) -> None:
-    """Refuse paths of vehicles that do not fly; the findings of a mission check the paths."""
+    """Refuse paths of vehicles that do not fly; mission_findings.py checks the paths themselves."""
     wrong = [name for name in names if name not in fleet.enabled_names or name not in flying]
     if wrong or not names:
         raise ConfigError(
@@ -110,9 +112,9 @@ def _check_until(until: Until | None, fleet: FleetConfig, where: str) -> None:
 
 
 def _check_fault(step: FaultStep, fleet: FleetConfig, where: str) -> None:
-    """Refuse a fault that is written wrongly.
+    """Refuse a fault with misplaced keys or unknown vehicles.
 
-    The emulator checks the rest before the mission's first step.
+    The emulator checks its name and parameters before the mission's first step.
     """
     misplaced = set(step.parameters) & set(FaultStep.__struct_fields__)
     if misplaced:

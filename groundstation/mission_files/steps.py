@@ -1,8 +1,8 @@
 """The steps of a mission file and its reaction to a failure: keys, defaults and meanings.
 
-A step that gives an order is an intent of `groundstation/orders/intents.py`: a new verb is a step
-without a line here. This module adds the steps that no operator types: those that follow paths,
-wait, hold other steps, judge, and break something.
+A step that gives an order is an intent of `groundstation/orders/intents.py`, so a new verb is a
+step without a line in this module. This module adds the steps that no operator types: they follow
+paths, wait, contain other steps, check expectations, or inject faults.
 
 docs/mission-file.md is printed from these classes and from the comments beside their fields.
 """
@@ -23,59 +23,66 @@ from onboard.tuples import Xyz
 class FormationStep(Formation, frozen=True, kw_only=True):
     """Take up a formation at a position."""
 
-    position_enu_m: Xyz  # of the formation: its offsets come on top
+    position_enu_m: Xyz  # position of the formation, to which each vehicle's offset is added
 
 
 class _Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A step that is not an order; `do` is its kind."""
+
     do: str
 
 
 class FlyFormationStep(_Step, frozen=True, kw_only=True):
     """A formation flies through points without a stop; it turns, stretches, changes on the way."""
 
-    name: str  # of the formation at the begin, which all go to first
-    position_enu_m: Xyz  # of the formation there, or of its leader
+    name: str  # formation at the begin, which the vehicles take up first
+    position_enu_m: Xyz  # position of this formation, or of its leader
     to: tuple[FramePoint, ...]  # the points, see below
-    rotation_deg: float = 0.0  # of the formation at the begin, counterclockwise
-    spacing_m: float | None = None  # of its two nearest slots
-    leader: str | None = None  # positions are this vehicle's, and the formation turns about it
+    rotation_deg: float = 0.0  # rotation of the formation at the begin, counterclockwise
+    spacing_m: float | None = None  # distance of its two nearest slots
+    # vehicle whose position is the formation's, and about which it turns
+    leader: str | None = None
     assign: Literal["ids", "nearest"] = "ids"  # as for formation
-    at: str = ""  # start at this time of the world's clock: "21:30:00"; by default at once
-    on_lag: OnLag = "land"  # what a vehicle does that falls behind for too long
-    timeout_s: float | None = None  # by default as long as the way takes, and a minute
+    at: str = ""  # time of the world's clock at which it starts: "21:30:00"; by default at once
+    on_lag: OnLag = "land"  # reaction of a vehicle that falls behind for too long
+    timeout_s: float | None = None  # by default the duration of the way plus a minute
 
 
 class FollowPathStep(_Step, frozen=True, kw_only=True):
-    """Each vehicle goes to the begin of its path; then all follow theirs from one instant on."""
+    """Each vehicle flies to the begin of its path; then all follow their paths from one instant on.
 
-    paths: dict[str, str]  # vehicle -> file of its path, relative to the mission's
-    lights: dict[str, str] = {}  # vehicle -> file of its colours, shown and recorded
-    at: str = ""  # start at this time of the world's clock: "21:30:00"; by default at once
-    on_lag: OnLag = "land"  # what a vehicle does that falls behind for too long
-    timeout_s: float | None = None  # by default as long as the paths take, and a minute
+    A mission names one file of a path for each vehicle.
+    """
+
+    paths: dict[str, str]  # vehicle -> file of its path, relative to the mission file
+    lights: dict[str, str] = {}  # vehicle -> file of its colours, which are shown and recorded
+    at: str = ""  # time of the world's clock at which they start: "21:30:00"; by default at once
+    on_lag: OnLag = "land"  # reaction of a vehicle that falls behind for too long
+    timeout_s: float | None = None  # by default the duration of the paths plus a minute
 
 
 class FaultStep(_Step, frozen=True, kw_only=True):
     """Inject a fault into the emulator, in simulated flights (`covey sitl --faults` lists them)."""
 
     vehicles: Names  # as above
-    name: str  # of the fault: covey sitl --faults lists them
-    parameters: dict[str, float | str] = {}  # of the fault
-    after_s: float = 0.0  # until it begins
-    duration_s: float = 0.0  # until it ends; 0: never
+    name: str  # name of the fault: covey sitl --faults lists them
+    parameters: dict[str, float | str] = {}  # parameters of the fault
+    after_s: float = 0.0  # time until it begins
+    duration_s: float = 0.0  # duration of the fault; 0: it does not end
 
 
 class Until(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A condition: all that is given must hold at once."""
+    """A condition; all keys that are given must hold at once."""
 
-    vehicles: Names | None = None  # that battery, failure and event are about; by default any
+    # vehicles that battery_below_pct, fails and event are about; by default any
+    vehicles: Names | None = None
     reached: dict[str, Xyz] = {}  # these vehicles are at these positions
-    within_m: float = 0.15  # so near
-    separation_above_m: float | None = None  # no two that fly are nearer
-    separation_below_m: float | None = None  # two are nearer
-    battery_below_pct: float | None = None  # one of the vehicles has less
-    landed: Names | None = None  # these are down and disarmed
-    flying: Names | None = None  # these are in the air
+    within_m: float = 0.15  # distance from the positions that counts as reached
+    separation_above_m: float | None = None  # no two flying vehicles are nearer than this
+    separation_below_m: float | None = None  # two vehicles are nearer than this
+    battery_below_pct: float | None = None  # one of the vehicles has less charge than this
+    landed: Names | None = None  # these vehicles are down and disarmed
+    flying: Names | None = None  # these vehicles are in the air
     fails: bool = False  # one of the vehicles has failed, lands unordered, or is silent in flight
     event: str | None = None  # an event with this code has come; "*": any warning or worse
 
@@ -83,35 +90,35 @@ class Until(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 class WaitStep(_Step, frozen=True, kw_only=True):
     """Let time pass, or wait until a condition holds or for a time of the world's clock."""
 
-    at: str = ""  # wait first until this time of the world's clock: "21:30:00"
-    duration_s: float = 0.0  # of vehicle time
-    until: Until | None = None  # the keys below
-    timeout_s: float = 60.0  # the step fails when the condition does not hold within
+    at: str = ""  # time of the world's clock until which it waits first: "21:30:00"
+    duration_s: float = 0.0  # vehicle time to wait
+    until: Until | None = None  # condition, with the keys below
+    timeout_s: float = 60.0  # the step fails if the condition does not hold in this time
 
 
 class RepeatStep(_Step, frozen=True, kw_only=True):
     """Do steps several times."""
 
-    times: int  # how often
+    times: int  # number of times
     steps: tuple[Any, ...]  # [[step.steps]]
 
 
 class ParallelStep(_Step, frozen=True, kw_only=True):
-    """Do lists of steps side by side; it is done when all are, and fails when one does."""
+    """Do lists of steps side by side; the step is done when all are, and fails when one fails."""
 
     branches: tuple[Any, ...]  # lists of steps: [[{do = "move", ...}, {...}], [{do = "hold", ...}]]
 
 
 class ReactStep(_Step, frozen=True, kw_only=True):
-    """Do steps; once a condition holds, do others instead of the rest; then the mission goes on."""
+    """Do steps; when a condition holds, do others instead of the rest; then the mission goes on."""
 
-    when: Until  # the condition, the keys below
+    when: Until  # condition, with the keys below
     steps: tuple[Any, ...]  # [[step.steps]]
-    then: tuple[Any, ...]  # steps once it holds: [[step.then]]
+    then: tuple[Any, ...]  # steps when the condition holds: [[step.then]]
 
 
 class ExpectStep(Expect, frozen=True, kw_only=True):
-    """Judge now; the mission goes on only if all expectations are met."""
+    """Check expectations about the flight so far; the mission goes on only if all are met."""
 
     do: str
 
@@ -119,12 +126,12 @@ class ExpectStep(Expect, frozen=True, kw_only=True):
 class OnFailure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Reaction to a step that fails."""
 
-    # what all vehicles do when a step fails: land, hold, or go home. "go_on": only those that
-    # failed land, by themselves or with the mission's end; the others go on as long as there is one
+    # what all vehicles do when a step fails: land, hold, or go home. "go_on": only the failed ones
+    # land, by themselves or at the mission's end; the others go on while at least one is left
     do: Literal["land", "hold", "home", "go_on"] = "land"
 
 
-BLOCK_KEYS = ("steps", "then", "branches")  # of steps that hold others
+BLOCK_KEYS = ("steps", "then", "branches")  # keys that contain other steps
 BlockStep = RepeatStep | ParallelStep | ReactStep
 MissionStep = (
     Intent | FollowPathStep | FlyFormationStep | WaitStep | ExpectStep | FaultStep | BlockStep
@@ -162,7 +169,7 @@ STEP_BOUNDS = {
 
 
 def file_keys(kind: type[MissionStep]) -> tuple[str, ...]:
-    """Return the keys that a step of a file may have, besides `do`."""
+    """Return the keys that a step in a file may have, besides `do`."""
     planned_fields = getattr(kind, "planned_fields", ())
     return tuple(
         name for name in kind.__struct_fields__ if name != "do" and name not in planned_fields

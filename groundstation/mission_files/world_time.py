@@ -1,7 +1,7 @@
-"""Times of the world's clock at which something starts, as people write them. Pure: now is given.
+"""Reads times of the world's clock (times of day) as people write them. Pure: `now` is an argument.
 
-A time of day without a date is the nearest one to come: at 23:50, ``00:10`` is twenty minutes
-ahead. A time is taken as that of this computer's time zone, unless it names another::
+A time without a date is the nearest one in the future: at 23:50, ``00:10`` is twenty minutes ahead.
+A time is in this computer's time zone, unless it names another one::
 
     21:30    21:30:00    2026-11-26 21:30:00    20:30:00Z    21:30:00+01:00
 """
@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from onboard.config.fleet import ConfigError
 
-LONGEST_S = 6.0 * 3600.0  # from now to a start; batteries and people do not wait for longer
+LONGEST_S = 6.0 * 3600.0  # longest time to a start; batteries and people do not wait for longer
 
 _FORM = re.compile(
     r"((?P<date>\d{4}-\d{2}-\d{2})[T ])?"
@@ -30,18 +30,18 @@ _YEAR_S = 365.25 * _DAY_S
 class WorldTime(NamedTuple):
     """An instant of the world's clock."""
 
-    words: str  # as people read it, with its time zone
-    world_ns: int  # since 1970
+    words: str  # the time for people, with its time zone
+    world_ns: int  # time since 1970 [ns]
 
 
 def check_world_time(written: str) -> None:
-    """Refuse what is no time.
+    """Refuse a text that is not a time.
 
     Args:
         written: time as a person has written it.
 
     Raises:
-        ConfigError: it is none.
+        ConfigError: the text is not a time.
     """
     _parsed(written)
 
@@ -54,7 +54,7 @@ def world_time(written: str, now: datetime.datetime) -> WorldTime:
         now: the world's clock, with its time zone.
 
     Raises:
-        ConfigError: it is no time, in the past, or too far ahead.
+        ConfigError: the text is not a time, or the time is in the past or too far ahead.
     """
     date, time = _parsed(written)
 
@@ -81,10 +81,10 @@ def world_time(written: str, now: datetime.datetime) -> WorldTime:
 
 
 def local_now(world_ns: int) -> datetime.datetime:
-    """Return the world's clock with this computer's time zone.
+    """Return a time of the world's clock in this computer's time zone.
 
     Args:
-        world_ns: since 1970.
+        world_ns: time since 1970 [ns].
     """
     utc = datetime.datetime.fromtimestamp(world_ns * 1e-9, datetime.UTC)
     return utc.astimezone()
@@ -94,7 +94,7 @@ def time_words(time_s: float) -> str:
     """Return a length of time in words: "0.31 s", "45 s", "12 min 34 s", "3 h 20 min", "4 days".
 
     Args:
-        time_s: not negative.
+        time_s: length of time, not negative [s].
     """
     if time_s < 1.0:
         return f"{time_s:.2g} s"
@@ -114,38 +114,38 @@ def time_words(time_s: float) -> str:
 
 
 def _parsed(written: str) -> tuple[datetime.date | None, datetime.time]:
-    """Return date and time of day of what was written."""
-    found = _FORM.fullmatch(written.strip())
+    """Return the date and the time of day in a text; the date is None if the text has none."""
+    match = _FORM.fullmatch(written.strip())
     problem = ConfigError(
         f"'{written[:40]}' is no time of day. Write 21:30, 21:30:00, or with a date and a zone "
         "2026-11-26 21:30:00+01:00."
     )
-    if found is None:
+    if match is None:
         raise problem
 
     try:
-        hours, minutes = found["time"].split(":", 1)
-        time = datetime.time.fromisoformat(f"{hours.zfill(2)}:{minutes}{found['zone'] or ''}")
-        if found["date"] is None:
+        hours, minutes = match["time"].split(":", 1)
+        time = datetime.time.fromisoformat(f"{hours.zfill(2)}:{minutes}{match['zone'] or ''}")
+        if match["date"] is None:
             return None, time
-        return datetime.date.fromisoformat(found["date"]), time
+        return datetime.date.fromisoformat(match["date"]), time
     except ValueError:
         raise problem from None
 
 
 def _instant(date: datetime.date, time: datetime.time, now: datetime.datetime) -> datetime.datetime:
-    """Return an instant, in this computer's time zone unless the time names another."""
+    """Return an instant in this computer's time zone; the time itself may name another zone."""
     instant = datetime.datetime.combine(date, time)
     if instant.tzinfo is None:
         return instant.replace(tzinfo=now.tzinfo)
     try:
         return instant.astimezone(now.tzinfo)
-    except OverflowError:  # the first or the last day that there is
+    except OverflowError:  # the first or the last day that Python can represent
         return instant.replace(tzinfo=now.tzinfo)
 
 
 def _nearest(instants: list[datetime.datetime], now: datetime.datetime) -> datetime.datetime:
-    """Return the first instant that may be waited for, else the one that is nearest to now."""
+    """Return the first instant that a start may wait for; if there is none, the nearest to now."""
     for instant in instants:
         if 0.0 < (instant - now).total_seconds() <= LONGEST_S:
             return instant

@@ -1,6 +1,6 @@
-"""What a mission declares about its flight, and the comparison with what was observed. Pure.
+"""The expectations of a mission about its flight, and their comparison with the flight. Pure.
 
-Expectations stand in ``[expect]`` of a mission file, in a step ``do = "expect"``, and in ``EXPECT``
+A mission declares them in ``[expect]`` of its file, in a step ``do = "expect"``, or in ``EXPECT``
 of a Python mission.
 """
 
@@ -15,20 +15,17 @@ from groundstation.fleet.state import Separation
 from groundstation.verdict.observations import Arrival
 from onboard.config.fleet import FleetConfig
 
-# An expectation above these bounds is a mistake, of the unit for instance.
+# An expectation above these bounds is a mistake, for instance in its unit.
 EXPECT_MOST_M = {"min_separation_m": 100.0, "arrived_within_m": 10.0}
 
 
 class Expect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Expectations.
+    """Expectations: a step checks the flight so far, ``[expect]`` the whole mission."""
 
-    As a step: about the flight so far. As ``[expect]``: about the whole mission.
-    """
-
-    min_separation_m: float | None = None  # no two centres came nearer
-    # each vehicle was so near to its goal when its order was done
+    min_separation_m: float | None = None  # no two centres came nearer than this
+    # each vehicle was at most this far from its goal when its order was done
     arrived_within_m: float | None = None
-    # everybody is down and disarmed; false: it is right that they are not
+    # true: all vehicles are down and disarmed; false: at least one is not
     all_landed: bool | None = None
 
 
@@ -53,7 +50,7 @@ def check(
     Args:
         expect: the expectations.
         fleet: the fleet file.
-        closest: smallest separation; None when none was measured.
+        closest: smallest separation; None if none was measured.
         arrivals: distances from goals at the end of orders.
         landed: whether each vehicle is landed and disarmed.
         collided: vehicles that touched another one.
@@ -91,7 +88,7 @@ def _check_separation(
 
 
 def _check_arrivals(limit_m: float, arrivals: Sequence[Arrival]) -> ExpectationResult:
-    """Compare distances from goals; a mission that flew to none has not met this expectation."""
+    """Compare distances from goals; a mission without any goal has not met this expectation."""
     within_count = sum(1 for arrival in arrivals if arrival.distance_m <= limit_m)
     is_met = 0 < within_count == len(arrivals)
 

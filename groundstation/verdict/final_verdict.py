@@ -1,6 +1,6 @@
 """The verdict at the end of a recorded flight.
 
-The record is judged too, and the verdict is written beside it.
+It is made of the live observations and of the record, and is written into the record's folder.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ def final_verdict(
 ) -> Verdict:
     """Judge a mission with the flight's record and write ``verdict.json``.
 
-    Where several missions were flown in one flight the file has the verdict on the first that has
-    failed, or else on the last one, and below ``missions`` those on all.
+    If several missions were flown in one flight, the file has the verdict on the first mission that
+    has failed, or on the last one if none has; below ``missions`` it has the verdicts on all.
 
     Args:
         flown: observations of the runner.
@@ -40,8 +40,8 @@ def final_verdict(
         earlier: verdicts on the missions before this one in the same flight.
 
     Returns:
-        The verdict. It has not passed when the record or the verdict could not be written, or when
-        the record cannot be read as it was written.
+        The verdict. It has not passed if the record or the verdict could not be written, or if the
+        record cannot be read back completely.
     """
     record: FlightReport | None = None
     record_name = ""
@@ -54,7 +54,7 @@ def final_verdict(
     except ConfigError as error:
         failures.append(f"The record cannot be read. {error}")
 
-    def verdict() -> Verdict:
+    def judged_so_far() -> Verdict:
         sentences = [failure for failure in failures if failure]
         return judge(
             flown,
@@ -65,16 +65,16 @@ def final_verdict(
             record_failure=" ".join(sentences),
         )
 
-    judged = verdict()
-    write_failure = write_json(folder / "verdict.json", _content([*earlier, judged]))
+    verdict = judged_so_far()
+    write_failure = write_json(folder / "verdict.json", _content([*earlier, verdict]))
     if write_failure is None:
-        return judged
+        return verdict
     failures.append(write_failure)
-    return verdict()
+    return judged_so_far()
 
 
 def _content(verdicts: Sequence[Verdict]) -> dict[str, Any]:
-    """Return what ``verdict.json`` has on the missions of one flight."""
+    """Return the content of ``verdict.json`` for the missions of one flight."""
     decisive = next((verdict for verdict in verdicts if not verdict.passed), verdicts[-1])
     content: dict[str, Any] = msgspec.to_builtins(decisive)
     if len(verdicts) > 1:
@@ -83,11 +83,11 @@ def _content(verdicts: Sequence[Verdict]) -> dict[str, Any]:
 
 
 def _missing_sentence(folder: Path, written: int) -> str | None:
-    """Return a sentence about a record that has fewer messages than were written into it."""
-    found = count_messages(folder)
-    if found >= written:
+    """Return a sentence if a record has fewer messages than were written into it; else None."""
+    count = count_messages(folder)
+    if count >= written:
         return None
     return (
-        f"The record holds {found} of the {written} messages that were written: something has "
+        f"The record holds {count} of the {written} messages that were written: something has "
         f"changed {folder} during the flight."
     )

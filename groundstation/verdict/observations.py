@@ -1,7 +1,7 @@
-"""What was observed of a flight: the results of its steps, arrivals, and the fleet at its end.
+"""Observations of a flight: the results of its steps, arrivals, and the fleet at its end. Pure.
 
 The mission's runner, or the host of a script, writes these values while the vehicles fly. The
-verdict is made of them and of the record. Pure.
+verdict is made of them and of the record.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Arrival(msgspec.Struct, frozen=True):
     step: str
     vehicle: str
     distance_m: float
-    is_truth: bool  # by ground truth, otherwise by telemetry
+    is_truth: bool  # whether it is by ground truth, and not by telemetry
 
 
 class StepResult(msgspec.Struct, frozen=True):
@@ -36,7 +36,7 @@ class StepResult(msgspec.Struct, frozen=True):
 
     @property
     def is_done(self) -> bool:
-        """Whether every vehicle did it."""
+        """Whether every vehicle has done the step."""
         return all(phase == "done" for phase in self.vehicles.values())
 
 
@@ -46,26 +46,27 @@ class FlightObservations:
 
     mission: str
     fleet: FleetConfig
-    state: FleetState  # at the end
+    state: FleetState  # the fleet at the end
     steps: list[StepResult]
     arrivals: list[Arrival]
-    begin_ns: int  # of the first step, on the ground's monotonic clock
+    begin_ns: int  # begin of the first step, on the ground's monotonic clock
     end_ns: int
     left_out: Collection[str] = ()  # vehicles that the mission went on without
-    left_out_orders: Sequence[str] = ()  # that the operator has left out, in words
-    # vehicles that went down though their last order left them flying, each with a sentence
+    left_out_orders: Sequence[str] = ()  # orders that the operator has left out, in words
+    # vehicles that came down although their last order left them flying, each with a sentence
     other_ends: Mapping[str, str] = field(default_factory=dict)
-    failure: str = ""  # sentence that ended the mission
-    nobody: bool = False  # no vehicle answered
+    failure: str = ""  # reason for the mission's early end, as a sentence
+    nobody: bool = False  # whether no vehicle answered
     is_wrong_input: bool = False
     is_interrupted: bool = False
-    is_taken: bool = False  # somebody's order has ended the mission, and stays
-    is_left_flying: bool = False  # rightly: the fleet was taken, or the mission was not begun
+    is_taken: bool = False  # whether somebody else has taken the fleet, which ended the mission
+    # whether vehicles may fly at the end: the fleet was taken, or the mission was not begun
+    is_left_flying: bool = False
     pilots: Collection[str] = ()  # vehicles that were flown by hand at the end
 
 
 def arrival_of(step: str, view: VehicleView, goal: Xyz, now_ns: int) -> Arrival:
-    """Return the distance of a vehicle from its goal now, by ground truth where there is one.
+    """Return the distance of a vehicle from its goal now, by ground truth if there is one.
 
     Args:
         step: name of the order.
@@ -85,7 +86,7 @@ def arrival_of(step: str, view: VehicleView, goal: Xyz, now_ns: int) -> Arrival:
 
 
 def flown_law(state: FleetState, fleet: FleetConfig) -> str:
-    """Return the law that the agents report; the fleet file's as long as none has reported."""
+    """Return the law that the agents report, or the fleet file's law if none has reported one."""
     vehicles_by_law: dict[str, list[str]] = {}
     for name, view in state.vehicles.items():
         if view.telemetry is not None:

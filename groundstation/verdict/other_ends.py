@@ -1,8 +1,8 @@
-"""Vehicles whose flight did not end as their last order says. Pure.
+"""Finds vehicles that are down although their last order leaves them flying. Pure.
 
-A vehicle that was told to fly somewhere is expected to be there when the mission has nothing more
-to say to it. One that stands on the ground instead was landed by a failsafe, by a pilot or by
-somebody else's order, or has fallen.
+A vehicle that was ordered to fly to a goal is expected to fly there until its next order. If it
+stands on the ground instead, a failsafe, a pilot or somebody else's order has landed it, or it has
+fallen.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from onboard.bus.schema import Order
 
 _LEAVES_FLYING = frozenset(("takeoff", "move", "hold", "follow_path"))
 _LEAVES_DOWN = frozenset(("land", "kill", "disarm"))
-_TELLING = ("warning", "critical")
+_CAUSES = ("warning", "critical")  # severities of events that may be the cause
 
 
 class LastOrder(Struct, frozen=True):
-    """The last order that a vehicle has done, and what it leaves."""
+    """The last order that a vehicle has done."""
 
     words: str
-    leaves_flying: bool
-    done_ns: int  # on the ground's clock
+    leaves_flying: bool  # whether the vehicle flies after the order
+    done_ns: int  # time at which it was done, on the ground's clock
 
 
 def last_order(words: str, message: Order, done_ns: int) -> LastOrder | None:
-    """Return what an order leaves behind; None for one after which nothing is expected.
+    """Return the order as the last one of a vehicle; None if it says nothing about the flight.
 
     Args:
         words: the order in words.
@@ -50,7 +50,7 @@ def other_ends(orders: Mapping[str, LastOrder], state: FleetState) -> dict[str, 
         state: state of the fleet now.
 
     Returns:
-        For each such vehicle a sentence with the cause, as far as it was told.
+        vehicle -> sentence with the cause, if the vehicle has reported one.
     """
     sentences = {}
     for name, order in orders.items():
@@ -63,12 +63,12 @@ def other_ends(orders: Mapping[str, LastOrder], state: FleetState) -> dict[str, 
 
 
 def _cause(name: str, order: LastOrder, state: FleetState) -> str:
-    """Return the last warning of a vehicle since its order was done, or why it is as it is."""
+    """Return the last warning about a vehicle since its order, or the reason in its telemetry."""
     for logged in reversed(state.events):
         event = logged.event
         if logged.received_ns < order.done_ns:
             break
-        if event.vehicle == name and event.severity in _TELLING:
+        if event.vehicle == name and event.severity in _CAUSES:
             return event.sentence
 
     telemetry = state.vehicles[name].telemetry

@@ -1,8 +1,8 @@
 """The verdict on a flight: each expectation and its outcome, in numbers and in words. Pure.
 
-A mission has passed when everything that it declares came true, every step was done by every
-vehicle that took part, and nothing was left in the air without being declared. The exit status
-follows from the same facts; where several hold, the first one of `_exit_status` counts.
+A mission has passed if everything that it declares came true, every vehicle that took part has done
+every step, and no vehicle was left in the air without a declaration. The exit status follows from
+the same facts. If several of them hold, the first one in `_exit_status` counts.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from onboard.exit_status import (
     EXIT_WRONG_INPUT,
 )
 
-_LAW_REFUSED = "own-law-refused"  # code of the agents' event
+_LAW_REFUSED = "own-law-refused"  # code of the event of an agent that flies Covey's law instead
 
 
 class SmallestSeparation(msgspec.Struct, frozen=True):
@@ -50,8 +50,8 @@ class LandingSpeed(msgspec.Struct, frozen=True):
     vehicle: str
     time_s: float  # since the flight's begin
     speed_m_s: float  # downwards
-    limit_m_s: float  # for how it flew: by poses, by satellites, without either
-    had_thrust: bool  # False: its motors were off, weak or dead; then no limit counts
+    limit_m_s: float  # limit for its kind of flight: by poses, by satellites, or without either
+    had_thrust: bool  # False: its motors were off, weak or dead; then the limit does not count
 
 
 class Verdict(msgspec.Struct, frozen=True):
@@ -75,11 +75,11 @@ class Verdict(msgspec.Struct, frozen=True):
     is_interrupted: bool = False
     record: str = ""
     schema: int = 1
-    # counts as much as the safety distance, where it is set
+    # height that counts as much as the safety distance; None: heights do not count
     vertical_separation_m: float | None = None
-    # times in which two vehicles may have come nearer than they have to be, unseen
+    # times in which two vehicles were not seen, and may have come nearer than permitted
     unknown_times: list[UnknownTime] = []
-    touchdowns: list[LandingSpeed] = []  # of simulated vehicles, oldest first
+    touchdowns: list[LandingSpeed] = []  # contacts of simulated vehicles, oldest first
     collided: list[str] = []  # simulated vehicles that have touched another one
 
     @property
@@ -97,16 +97,16 @@ def judge(
     begin_ns: int | None = None,
     record_failure: str | None = None,
 ) -> Verdict:
-    """Judge a flight. Of the live state and the record, the smaller distance counts.
+    """Judge a flight by its live state and its record; the smaller of both distances counts.
 
     Args:
         flown: observations of the runner.
         expect: expectations at the end of the mission.
         report: evaluation of the record.
         record: folder of the record.
-        begin_ns: zero of the flight's seconds, the begin of the record [ns]; None: the mission's
+        begin_ns: time that counts as second 0, the begin of the record [ns]; None: the mission's
             first step.
-        record_failure: sentence about a record that ended early.
+        record_failure: sentence about a record that ended early or is not complete.
 
     Returns:
         The verdict with its exit status.
@@ -123,8 +123,8 @@ def judge(
 
     is_collision = bool(collided)
     if closest is not None and fleet.fleet.vertical_separation_m is None:
-        # With a vertical separation a small distance may be one above the other: then only the
-        # emulator knows who has touched whom.
+        # With a vertical separation, a small distance may be between vehicles above each other.
+        # Then only the emulator knows which vehicles have touched.
         is_collision = is_collision or closest.distance_m < fleet.fleet.body_diameter_m
 
     unknown_times = _unknown_times(flown, expect)
@@ -224,7 +224,7 @@ def _closest_sentence(closest: SmallestSeparation, verdict: Verdict) -> str:
 
 
 def _has_closest_collided(verdict: Verdict) -> bool:
-    """Return whether those that came closest are those that collided."""
+    """Return whether the pair that came closest has collided."""
     closest = verdict.closest
     if closest is None or not verdict.is_collision:
         return False
@@ -237,8 +237,8 @@ def _has_closest_collided(verdict: Verdict) -> bool:
 def _smallest_of_all(state: FleetState, report: FlightReport | None) -> Separation | None:
     """Return the smallest separation by the live state or by the record.
 
-    The record has every sample of truth; so it counts where the live state has none of truth, or a
-    larger one.
+    The record has every sample of ground truth. So it counts if the live separation is not by
+    ground truth, or is larger.
     """
     live = state.smallest_known
     if report is None or report.smallest is None:
@@ -262,7 +262,7 @@ def _collided(state: FleetState, report: FlightReport | None) -> list[str]:
 
 
 def _still_up(flown: FlightObservations, expect: Expect) -> str:
-    """Return a sentence about vehicles that a mission has left in the air, or armed, undeclared."""
+    """Return a sentence if a mission has left vehicles armed or flying without declaring it."""
     if expect.all_landed is not None or flown.is_left_flying:
         return ""
 
@@ -284,21 +284,21 @@ def _still_up(flown: FlightObservations, expect: Expect) -> str:
 
 
 def _other_ends(flown: FlightObservations) -> str:
-    """Return the sentences about vehicles that went down otherwise than ordered."""
+    """Return the sentences about vehicles that are down although they were ordered to fly."""
     return " ".join(
         sentence for name, sentence in flown.other_ends.items() if name not in flown.left_out
     )
 
 
 def _unknown_times(flown: FlightObservations, expect: Expect) -> list[UnknownTime]:
-    """Return the times in which a pair may have come nearer than it has to be, unseen."""
-    promise_m = flown.fleet.fleet.safety_distance_m
+    """Return the times in which a pair was not seen, and may have come nearer than permitted."""
+    permitted_m = flown.fleet.fleet.safety_distance_m
     if expect.min_separation_m is not None:
-        promise_m = expect.min_separation_m
+        permitted_m = expect.min_separation_m
     return [
         time
         for time in unknown_until(flown.state, flown.end_ns)
-        if time.end_ns > flown.begin_ns and time.possible_m < promise_m
+        if time.end_ns > flown.begin_ns and time.possible_m < permitted_m
     ]
 
 
@@ -320,15 +320,16 @@ def _unknown_sentence(times: Sequence[UnknownTime], begin_ns: int) -> str:
 
 
 def _hard_landings(flown: FlightObservations) -> str:
-    """Return a sentence about simulated vehicles that came down harder than they may, or fell."""
+    """Return a sentence about simulated vehicles that came down too hard, or fell."""
     hard = []
     for touchdown in flown.state.touchdowns:
         name = touchdown.vehicle
         vehicle = flown.fleet.vehicles[name]
 
-        # a fall that the mission has gone on without, or that its last order explains, is told
-        is_told = name in flown.left_out or name in flown.other_ends
-        has_fallen = touchdown.has_fallen(vehicle) and not is_told
+        # Another sentence reports the fall if the mission has gone on without the vehicle, or if
+        # its last order left it flying.
+        is_reported = name in flown.left_out or name in flown.other_ends
+        has_fallen = touchdown.has_fallen(vehicle) and not is_reported
         if touchdown.is_hard(vehicle) or has_fallen:
             hard.append(touchdown.sentence(vehicle))
     if not hard:
@@ -355,7 +356,7 @@ def _exit_status(
 ) -> int:
     """Return the exit status of a mission.
 
-    Vehicles that the mission went on without fail nothing.
+    The results of vehicles that the mission went on without do not count.
     """
     failed_steps: list[Mapping[str, str]] = []
     for step in flown.steps:
@@ -408,8 +409,8 @@ def _summary(
             f"PASSED: mission '{flown.mission}' with law {law}: everything it declares came true."
             f"{left_out}"
         )
-    broken = [result.sentence for result in checks if not result.has_come_true]
-    reasons = " ".join([*broken, failure])
+    not_met = [result.sentence for result in checks if not result.has_come_true]
+    reasons = " ".join([*not_met, failure])
     return f"FAILED: mission '{flown.mission}' with law {law}. {reasons}".strip() + left_out
 
 

@@ -1,1 +1,1 @@
-"""Screens that lie over the console: help, alarms, preview of an order, page of a vehicle."""
+"""Screens in front of the console: help, alarms, preview of an order, page of a vehicle."""

@@ -1,4 +1,4 @@
-"""All alarms with duration and advice: open, acknowledged and past ones."""
+"""The list of all alarms with duration and advice: open, acknowledged and past ones."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from groundstation.console.theme import FAINT, GOOD, TEXT, clean
 from groundstation.console.widgets.bars import SEVERITY
 from groundstation.fleet.state import FleetState
 
-_SINCE_WIDTH = 12
-_NO_ALARM = -1
+_SINCE_WIDTH = 12  # cells of the duration
+_NO_ALARM = -1  # index of a line that is not part of an alarm
 _Row = tuple[int, list[Segment]]  # index of the alarm, and one line of the screen
 
 
 class AlarmsScreen(LiveScreen):
-    """``a`` acknowledges the alarm under the cursor, ``shift+a`` or escape goes back."""
+    """The screen of alarms: ``a`` acknowledges one, ``shift+a`` or escape goes back."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,A,q", "dismiss", "back", show=False),
@@ -40,11 +40,11 @@ class AlarmsScreen(LiveScreen):
         return self._list
 
     def on_mount(self) -> None:
-        """Keys go to the list."""
+        """Give the keys to the list."""
         self._list.focus()
 
     def show_fleet(self, state: FleetState, now_ns: int) -> None:
-        """Draw the alarms as they are now."""
+        """Draw the present alarms."""
         self._list.show(now_ns)
 
     def action_acknowledge(self) -> None:
@@ -53,7 +53,7 @@ class AlarmsScreen(LiveScreen):
 
 
 class AlarmList(ScrollView, can_focus=True):
-    """Each alarm as a sentence with its advice below; past alarms at the end, faint."""
+    """Draws each alarm as a sentence with its advice below; past alarms are faint, at the end."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up,k", "cursor(-1)", "up", show=False),
@@ -71,7 +71,7 @@ class AlarmList(ScrollView, can_focus=True):
         self.border_subtitle = "a acknowledges · esc back"
 
     def show(self, now_ns: int) -> None:
-        """Draw the alarms as they are now."""
+        """Draw the present alarms."""
         self._now_ns = now_ns
         self._holding = self.alarms.lines
         self.cursor = max(0, min(self.cursor, len(self._holding) - 1))
@@ -82,7 +82,7 @@ class AlarmList(ScrollView, can_focus=True):
 
         width = self.size.width
         if not width:
-            return  # it has no place in the terminal yet: :meth:`on_resize` draws it
+            return  # the list has no size yet: :meth:`on_resize` draws it
 
         self._rows = self._holding_rows(now_ns, width) + self._past_rows(now_ns, width)
         self.virtual_size = Size(width, len(self._rows))
@@ -123,7 +123,7 @@ class AlarmList(ScrollView, can_focus=True):
             self.alarms.acknowledge(self._holding[self.cursor])
 
     def action_cursor(self, step: int) -> None:
-        """Move by ``step`` alarms; the list scrolls."""
+        """Move the cursor by ``step`` alarms, and scroll the list to it."""
         self.cursor = max(0, min(len(self._holding) - 1, self.cursor + step))
         lines = [y for y, (index, _) in enumerate(self._rows) if index == self.cursor]
         if lines:
@@ -161,7 +161,7 @@ class AlarmList(ScrollView, can_focus=True):
 def _wrapped(
     head: str, text: str, width: int, colour: str, *, bold: bool = False
 ) -> list[list[Segment]]:
-    """Return ``text`` beside ``head``, further lines below it."""
+    """Return ``text`` beside ``head``; further lines are indented by the width of the head."""
     style = theme.style(colour, bold=bold)
     start = head
     rows = []

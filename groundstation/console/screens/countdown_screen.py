@@ -1,7 +1,7 @@
 """The question before a mission that starts at a time of the world's clock.
 
-It says in how long that is, whose clocks agree, how long the mission takes, and whose battery is
-weakest. Enter begins the countdown, escape drops it.
+It shows the time until the start, which clocks agree, the duration of the mission, and the weakest
+battery. Enter begins the countdown, escape drops it.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from groundstation.missions.mission_orders import CountdownQuestion
 
 
 class CountdownScreen(Dialog[bool]):
-    """Closes with whether the countdown begins.
+    """Dialog whose result is whether the countdown begins.
 
     Args:
-        question: returns what is shown, several times a second.
+        question: function that returns the content of the question; called several times a second.
         table: table of the fleet, which stays in sight.
     """
 
@@ -43,17 +43,17 @@ class CountdownScreen(Dialog[bool]):
         self._answer = Static(id="answer", markup=False)
 
     def boxes(self) -> ComposeResult:
-        """Words, and the answer below."""
+        """Yield the box with the words, and the answer below."""
         with self._box:
             yield self._words
             yield self._answer
 
     def on_mount(self) -> None:
-        """Show the question as it is now."""
+        """Show the question."""
         self.show_fleet()
 
     def show_fleet(self) -> None:
-        """Draw fleet and question as they are now."""
+        """Draw the fleet and the question with their present content."""
         super().show_fleet()
         question = self._question()
 
@@ -67,10 +67,10 @@ class CountdownScreen(Dialog[bool]):
             self._answer.update("✔ enter begins the countdown    esc drops it")
 
     def action_begin(self) -> None:
-        """Begin, unless something speaks against it."""
+        """Begin, unless there is a reason against it."""
         if not self._question().reasons:
             self.dismiss(True)
 
     def action_drop(self) -> None:
-        """Begin nothing."""
+        """Close without beginning the countdown."""
         self.dismiss(False)

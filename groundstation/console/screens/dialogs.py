@@ -1,4 +1,4 @@
-"""Help, and the question before leaving a flying fleet."""
+"""Two dialogs: the help, and the question before the console leaves a flying fleet."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MOST_NAMED = 6
 
 
 class HelpScreen(Dialog[None]):
-    """Keys and orders.
+    """Shows keys and orders.
 
     Args:
         text: text in Textual's markup; by default all keys and orders of the console.
@@ -35,7 +35,7 @@ class HelpScreen(Dialog[None]):
         self._text = text
 
     def boxes(self) -> ComposeResult:
-        """One box."""
+        """Yield the box of the help."""
         with VerticalScroll(id="help") as box:
             box.border_title = "help"
             box.border_subtitle = "↑ ↓ scroll · esc back"
@@ -43,10 +43,15 @@ class HelpScreen(Dialog[None]):
 
 
 class QuitScreen(Dialog[str]):
-    """Asks before leaving while vehicles fly: ``land`` and leave, ``leave`` them flying, or stay.
+    """Asks before the console ends while vehicles fly.
+
+    The result is ``land`` to land and end, ``leave`` to end and leave them flying, or empty to
+    stay.
 
     Args:
-        can_stay_up: they fly on without this console, which has not started their agents.
+        names: names of the vehicles that fly.
+        can_stay_up: whether they can fly on without this console, which has not started their
+            agents.
         table: table of the fleet, which stays in sight.
     """
 
@@ -68,7 +73,7 @@ class QuitScreen(Dialog[str]):
         self._can_stay_up = can_stay_up
 
     def boxes(self) -> ComposeResult:
-        """One box."""
+        """Yield the box of the question."""
         with VerticalScroll(id="question") as box:
             box.border_title = "leave the fleet?"
             yield Static("\n".join(self._lines()))

@@ -1,6 +1,6 @@
-"""Bases of the screens and dialogs over the console.
+"""Base classes of the screens and dialogs in front of the console.
 
-The worst alarm is on the last line of each.
+Each of them shows the worst alarm on its last line.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ AnswerT = TypeVar("AnswerT")
 
 
 class Dialog(ModalScreen[AnswerT]):
-    """A box below the fleet, which goes on being drawn.
+    """A box with the rows of the fleet above it, which are still updated.
 
-    The console behind is not drawn: shading it costs as much as drawing it, and an emergency key
-    would wait for that. The rows of its table stand above the box instead.
+    The console behind the box is not drawn. To shade it would take as long as to draw it, and an
+    emergency key would have to wait for that.
 
     Args:
-        table: table of the fleet; None leaves it out.
+        table: table of the fleet; None: no fleet is shown.
     """
 
     def __init__(self, table: FleetTable | None = None) -> None:
@@ -40,11 +40,11 @@ class Dialog(ModalScreen[AnswerT]):
             self.glance = FleetGlance(table)
 
     def boxes(self) -> ComposeResult:
-        """Yield what the dialog itself shows."""
+        """Yield the widgets of the dialog itself."""
         raise NotImplementedError
 
     def compose(self) -> ComposeResult:
-        """The fleet above, the box, and the last line."""
+        """Yield the fleet, the box, and the last line."""
         if self.glance is not None:
             yield self.glance
         with Container(id="room"):
@@ -57,18 +57,18 @@ class Dialog(ModalScreen[AnswerT]):
             self.glance.fit(event.size.height)
 
     def room_height(self, height: int) -> int:
-        """Return the rows that the box has in a terminal of this height."""
+        """Return the rows that are left for the box in a terminal of this height."""
         glance_rows = 0 if self.glance is None else self.glance.height_in(height)
         return height - glance_rows - 1
 
     def show_fleet(self) -> None:
-        """Draw the fleet as its table has it now."""
+        """Draw the present rows of the fleet's table."""
         if self.glance is not None:
             self.glance.show()
 
 
 class LiveScreen(Screen[None]):
-    """The console calls :meth:`show_fleet` eight times a second on the screen in front."""
+    """A screen that replaces the console; :meth:`show_fleet` is called eight times a second."""
 
     def __init__(self, alarms: Alarms) -> None:
         super().__init__()
@@ -80,10 +80,10 @@ class LiveScreen(Screen[None]):
         raise NotImplementedError
 
     def compose(self) -> ComposeResult:
-        """The body, and below it the same last line as everywhere."""
+        """Yield the body and the last line."""
         yield self.body()
         yield self.status
 
     def show_fleet(self, state: FleetState, now_ns: int) -> None:
-        """Draw the fleet as it is now."""
+        """Draw the present state of the fleet."""
         raise NotImplementedError

@@ -1,8 +1,8 @@
-"""The question before arm, take-off, move and formation: paths, least distance and time.
+"""The preview of arm, take-off, move and formation: paths, smallest distance and duration.
 
-Enter sends, escape drops. The order is planned when the question opens, and computed again as soon
-as the fleet has moved. At Enter it is checked against the fleet as it is then, and what passed that
-check leaves: only what was shown is sent.
+Enter sends the order, escape drops it. The order is planned when the preview opens, and its paths
+are computed again when the fleet has moved. At Enter the shown order is checked against the present
+fleet, and only an order that passes this check is sent.
 """
 
 from __future__ import annotations
@@ -29,21 +29,24 @@ from groundstation.orders.prepared_order import PreparedOrder
 from groundstation.orders.preview import OrderPreview
 from onboard.config.fleet import FleetConfig
 
-CHECK_S = 0.2
-# A key that was meant for the order line must not answer the question that opened under it.
+CHECK_S = 0.2  # period at which the shown order is checked
+# Time for which keys are ignored after the preview has opened: they were meant for the order line.
 SETTLE_S = 0.3
 _MOST_NAMED = 8
-_MOST_BODY = 16  # rows of paths and words
+_MOST_BODY = 16  # largest height of paths and words, in rows
 _LEAST_BODY = 3
-_ANSWER_ROWS = 5  # of the answer, with the border around all
+_ANSWER_ROWS = 5  # rows of the answer and of the border around everything
 
 
 class PreviewScreen(Dialog[PlannedOrder | None]):
-    """Closes with the planned order that passed the check at Enter, or with nothing.
+    """Dialog whose result is the planned order that passed the check at Enter, or None.
 
     Args:
+        fleet: the fleet file.
+        client: client that plans and checks the order.
+        intent: order that is previewed.
         forecaster: computes the paths.
-        short: shortens lists of names for the title.
+        short: function that shortens lists of names for the title.
         table: table of the fleet, which stays in sight.
     """
 
@@ -80,7 +83,7 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
         self._answer = Static(id="answer", markup=False)
 
     def boxes(self) -> ComposeResult:
-        """Paths beside words, the answer below."""
+        """Yield the box with paths and words side by side, and the answer below."""
         with Vertical(id="preview") as box:
             box.border_title = self._short(str(self.prepared.intent)).replace("[", "\\[")
             with self._body:
@@ -89,12 +92,12 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
             yield self._answer
 
     def on_mount(self) -> None:
-        """Compute the preview, and go on checking whether it still holds."""
+        """Compute the preview, and check several times a second whether it is still right."""
         self.prepared.begin()
         self.set_interval(CHECK_S, self._check)
 
     def on_resize(self, event: events.Resize) -> None:
-        """Leave the answer its lines; Textual also calls the dialog's own ``on_resize``."""
+        """Leave room for the answer; Textual also calls the dialog's own ``on_resize``."""
         most_rows = max(_LEAST_BODY, self.room_height(event.size.height) - _ANSWER_ROWS)
         self._body.styles.max_height = min(most_rows, _MOST_BODY)
         self._paths.styles.max_height = most_rows
@@ -103,14 +106,14 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
         self.run_worker(self.prepared.compute(preview), group="forecast", exclusive=True)
 
     def _check(self) -> PlannedOrder | None:
-        """Return what may be sent of the shown order; None when it is computed again."""
+        """Return the shown order if it passes the check now; None if it is computed again."""
         checked = self.prepared.check()
         if checked is not None and self.prepared.is_computing:
-            self._show()  # counts the seconds
+            self._show()  # updates the shown seconds of the computation
         return checked
 
     def action_send(self) -> None:
-        """Send the order that is shown, if it still holds and nothing speaks against it."""
+        """Send the shown order, if it is still right and there is no reason against it."""
         if self.client.now_ns() - self._opened_ns < SETTLE_S * 1e9:
             return
 
@@ -119,10 +122,10 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
             self.dismiss(checked)
 
     def action_drop(self) -> None:
-        """Send nothing."""
+        """Close without sending the order."""
         self.dismiss(None)
 
-    # -- what is shown -----------------------------------------------------------------------------
+    # -- content -----------------------------------------------------------------------------------
 
     def _show(self) -> None:
         prepared = self.prepared

@@ -1,6 +1,7 @@
 """The page of one vehicle.
 
-It shows the one under the fleet table's cursor, so that the kill key means the vehicle shown.
+It always shows the vehicle under the cursor of the fleet table, so that the kill key applies to the
+shown vehicle.
 """
 
 from __future__ import annotations
@@ -27,8 +28,10 @@ from onboard.config.fleet import FleetConfig
 
 _COLUMN_WIDTH = 58
 _GAP = 2  # cells between two columns
-_LOW_PAGE = 45  # rows of the page below which charts are low
-# By the number of columns: the blocks of each column, as :func:`blocks` counts them.
+_LOW_PAGE = 45  # height of the page below which charts are low
+_LOW_CHART = 5  # rows of a low chart
+_HIGH_CHART = 9
+# number of columns -> for each column the indices of its blocks in the result of :func:`blocks`
 _ORDERS = {
     1: ((0, 1, 2, 3, 4, 5, 6),),
     2: ((0, 1, 5, 6), (2, 3, 4)),
@@ -39,7 +42,7 @@ _ORDERS = {
 class VehicleScreen(LiveScreen):
     """Everything about one vehicle.
 
-    Escape or enter goes back; ``]`` and ``[`` show the next one and the one before.
+    Escape or enter goes back; ``]`` and ``[`` show the next vehicle and the one before.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -66,7 +69,7 @@ class VehicleScreen(LiveScreen):
         return self._page
 
     def on_mount(self) -> None:
-        """Keys go to the page."""
+        """Give the keys to the page."""
         self._page.focus()
 
     def on_unmount(self) -> None:
@@ -74,23 +77,23 @@ class VehicleScreen(LiveScreen):
         self._stream.follow(None)
 
     def show_fleet(self, state: FleetState, now_ns: int) -> None:
-        """Draw the vehicle as it is now."""
+        """Draw the present state of the vehicle."""
         name = self._table.selected
         self._stream.follow(name)
         self._page.show(name, state, now_ns)
 
     def action_back(self) -> None:
-        """Back to the fleet."""
+        """Go back to the fleet."""
         self.dismiss()
 
     def action_other(self, step: int) -> None:
-        """Another vehicle."""
+        """Show another vehicle."""
         self._table.action_cursor(step)
         self._page.scroll_to(y=0, animate=False, force=True)
 
 
 class VehicleBlocks(Lines, ScrollView, can_focus=True):
-    """Blocks in one, two or three columns that scroll."""
+    """Draws the blocks in one, two or three columns that scroll together."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("down,j", "scroll_page(1, False)", "down", show=False),
@@ -130,7 +133,7 @@ class VehicleBlocks(Lines, ScrollView, can_focus=True):
                 tick_samples=list(self._stream.values),
                 alarms=self._alarms.of(view.name),
                 time_text=self._time_text,
-                chart_rows=5 if is_low else 9,
+                chart_rows=_LOW_CHART if is_low else _HIGH_CHART,
             )
             title = "".join(text for text, _ in heading(self._subject))
             self.border_title = title.replace("[", "(")
@@ -150,7 +153,7 @@ class VehicleBlocks(Lines, ScrollView, can_focus=True):
         return rows[top : top + height]
 
     def _all_rows(self, subject: VehicleSubject, width: int) -> list[Strip]:
-        """Return the whole page: the blocks in as many columns as there is room for."""
+        """Return the whole page; its number of columns depends on the width."""
         count = max(1, min(3, width // _COLUMN_WIDTH))
         column_width = (width - _GAP * (count - 1)) // count
         parts = blocks(subject, column_width)
@@ -170,7 +173,10 @@ class VehicleBlocks(Lines, ScrollView, can_focus=True):
         return rows
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Leave escape to the screen, which goes back: the page has all the room already."""
+        """Disable the keys that enlarge a panel: the page has all the room already.
+
+        Escape then reaches the screen, which goes back.
+        """
         return action not in ("alone", "together")
 
     def action_scroll_page(self, step: int, is_page: bool) -> None:

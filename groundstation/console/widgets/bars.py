@@ -1,4 +1,4 @@
-"""The single lines: title, and worst alarm with the keys."""
+"""The single lines of the console: the title, and the worst alarm with the keys."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from groundstation.console import theme
 from groundstation.console.panel_sizes import NARROW
 from groundstation.console.theme import BAD, CALM, FAINT, GOOD, KILL, TEXT, WARN, clean
 
-# The keys on the last line, from a wide terminal to a narrow one.
+# The keys on the last line: for a wide, a narrow and a very narrow terminal.
 KEYS = (
     "ctrl+l LAND ALL   ctrl+o HOLD ALL   : order   ? help   q quit",
     "^l LAND ALL  ? help",
     "^l LAND ALL",
 )
-URGENT_KEYS = ("ctrl+l LAND ALL   ctrl+o HOLD ALL", "^l LAND ALL", "^l LAND ALL")  # of a question
-VIEW_KEYS = ("? help   q quit", "? help", "? help")  # where nothing can be ordered
+URGENT_KEYS = ("ctrl+l LAND ALL   ctrl+o HOLD ALL", "^l LAND ALL", "^l LAND ALL")  # in dialogs
+VIEW_KEYS = ("? help   q quit", "? help", "? help")  # in a console that cannot give orders
 SEVERITY = {
     AlarmSeverity.CRITICAL: ("✖", BAD),
     AlarmSeverity.WARNING: ("▲", WARN),
@@ -37,7 +37,7 @@ class Bar(Widget):
         self._lines: tuple[list[Segment], ...] = ()
 
     def put(self, *lines: list[Segment]) -> None:
-        """Show these; nothing is drawn when nothing changed."""
+        """Show these lines; they are drawn only if they have changed."""
         if lines != self._lines:
             self._lines = lines
             self.refresh()
@@ -68,9 +68,9 @@ class TitleBar(Bar):
 
         Args:
             title: title of the fleet.
-            fresh: vehicles whose telemetry is not silent.
-            vehicles: all that the fleet has.
-            flying: vehicles in the air.
+            fresh: number of vehicles that are heard.
+            vehicles: number of all vehicles of the fleet.
+            flying: number of vehicles in the air.
             flight_s: duration of the present flight or of the last one [s]; None before the first.
             right: text at the right end.
         """
@@ -101,7 +101,7 @@ class TitleBar(Bar):
 
 
 class StatusBar(Bar):
-    """The worst alarm, on every screen; the keys where there is room."""
+    """The worst alarm, on every screen, and the keys if there is room."""
 
     def __init__(self, name: str, keys: tuple[str, str, str] = KEYS) -> None:
         super().__init__(name)
@@ -111,8 +111,10 @@ class StatusBar(Bar):
         """Update the line.
 
         Args:
-            kill: the vehicle that the next press of the kill key means; comes before everything.
-            can_order: whether there is a fleet that takes orders.
+            alarms: the present alarms.
+            now_ns: the clock of the alarms [ns].
+            kill: vehicle that the next press of the kill key stops; it is shown instead of alarms.
+            can_order: whether this console can give orders.
         """
         width = self.size.width
         if kill is not None:
@@ -131,7 +133,7 @@ class StatusBar(Bar):
         if len(lines) > 1:
             more = f" (+{len(lines) - 1}: A)"
 
-        has_two_lines = self.size.height > 1  # a narrow terminal: the keys below the alarm
+        has_two_lines = self.size.height > 1  # in a narrow terminal the keys are below the alarm
         keys = self._fitting_keys(
             cell_len(text) + cell_len(more), can_order=can_order, has_two_lines=has_two_lines
         )
@@ -139,7 +141,7 @@ class StatusBar(Bar):
         if not has_two_lines:
             room = max(0, width - len(keys) - 2)
 
-        # How many more there are must stay in sight when the sentence is cut.
+        # Only the sentence is cut, so that the number of further alarms stays visible.
         text = theme.fit(text, min(cell_len(text), max(0, room - cell_len(more)))) + more
         alarm = Segment(theme.fit(text, room), _alarm_style(worst))
         hint = Segment(f" {keys} ", theme.style(FAINT))

@@ -1,8 +1,8 @@
-"""The events, newest at the bottom: Textual's RichLog with sign, time and a hanging indent.
+"""The event log: Textual's RichLog with sign, time and a hanging indent; the newest is at the end.
 
-Lines are broken here and written as segments, all those of a refresh at once. That takes 30 us an
-event, where RichLog takes 140 us to break and measure a rich text: 500 events at once hold up a key
-by 15 ms.
+Lines are broken here and written as segments, all lines of a refresh at once. This takes 30 us per
+event; RichLog would take 140 us to break and measure a rich text. So 500 events at once delay a key
+by 15 ms only.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from groundstation.console.theme import FAINT, SEVERITY_SIGNS, clean
 
 MAX_ENTRIES = 500
 MAX_LINES = 2000
-_TIME_WIDTH = 46  # cells from which on there is room for the time
+_TIME_WIDTH = 46  # width from which the time is shown
 
 # Cells before the sentence, with the time and without it.
 _WIDE_INDENT = 12
@@ -33,14 +33,14 @@ class EventEntry:
     """One event."""
 
     sentence: str
-    sign: tuple[str, str] = SEVERITY_SIGNS["info"]  # and its colour
+    sign: tuple[str, str] = SEVERITY_SIGNS["info"]  # sign and its colour
     stamp: str = ""  # time of day, by default now
 
     @classmethod
     def of(
         cls, sentence: str, sign: tuple[str, str], *, vehicle: str = "", stamp: str = ""
     ) -> EventEntry:
-        """Return an entry that names its vehicle, if it does not do so already."""
+        """Return an entry whose sentence begins with the vehicle's name."""
         text = clean(sentence)
         if vehicle and not text.startswith(vehicle):
             text = f"{clean(vehicle, 40)}: {text}"
@@ -48,7 +48,7 @@ class EventEntry:
 
 
 class EventLog(RichLog, can_focus=False):
-    """Bounded, so that a flood of events costs no memory; page up and page down look back."""
+    """The log of the newest MAX_ENTRIES events; page up and page down scroll it."""
 
     def __init__(self) -> None:
         super().__init__(id="events", max_lines=MAX_LINES, min_width=0)
@@ -58,24 +58,24 @@ class EventLog(RichLog, can_focus=False):
 
     @property
     def sentences(self) -> list[str]:
-        """All that is kept, oldest first."""
+        """The sentences of all kept events, oldest first."""
         return [entry.sentence for entry in self._entries]
 
     def add(
         self, sentence: str, sign: tuple[str, str] = SEVERITY_SIGNS["info"], *, vehicle: str = ""
     ) -> None:
-        """Add one sentence that happened now."""
+        """Add one sentence with the present time."""
         self.extend([EventEntry.of(sentence, sign, vehicle=vehicle)])
 
     def extend(self, entries: Iterable[EventEntry]) -> None:
-        """Add entries; a log that is scrolled back stays there."""
+        """Add entries; if the operator has scrolled back, the log does not move."""
         new = list(entries)
         self._entries.extend(new)
         if self._width and new:
             self._write(new, is_end=self.is_vertical_scroll_end)
 
     def forget(self) -> None:
-        """Forget all."""
+        """Remove all entries."""
         self._entries.clear()
         self.clear()
 
@@ -92,7 +92,7 @@ class EventLog(RichLog, can_focus=False):
             self._write(self._entries, is_end=True)
 
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
-        """Say how much lies below."""
+        """Show the number of lines below the visible part."""
         super().watch_scroll_y(old_value, new_value)
         below = self.max_scroll_y - round(new_value)
         self.border_subtitle = ""
@@ -100,7 +100,7 @@ class EventLog(RichLog, can_focus=False):
             self.border_subtitle = f"{below} lines below"
 
     def _write(self, entries: Iterable[EventEntry], *, is_end: bool) -> None:
-        """Write entries; with ``is_end`` the log goes on showing its end."""
+        """Write entries; with ``is_end`` the log scrolls to its end."""
         has_time = self._width >= _TIME_WIDTH
         indent = _NARROW_INDENT
         if has_time:

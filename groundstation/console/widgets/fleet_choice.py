@@ -11,10 +11,11 @@ _LAST_CHARACTER = 0x10FFFF
 
 
 def is_match(row: VehicleRow | None, name: str, index: int, filter_text: str) -> bool:
-    """Whether every word of a filter fits a vehicle.
+    """Whether every word of a filter matches a vehicle.
 
-    A word is a part of its name, a range of indices, a state, a mode, or a condition: ``silent``,
-    ``waiting``, ``armed``, ``airborne``, ``unready`` or ``low``. ``!`` negates a word.
+    A word of a filter is a part of the vehicle's name, a range of indices, a state, a mode, or a
+    condition: ``silent``, ``waiting``, ``armed``, ``airborne``, ``unready`` or ``low``. ``!``
+    negates a word.
     """
     words = [name.lower()]
     if row is None:
@@ -27,20 +28,21 @@ def is_match(row: VehicleRow | None, name: str, index: int, filter_text: str) ->
 
 
 def _conditions(row: VehicleRow) -> list[str]:
+    """Return the words of all conditions that are true for a vehicle."""
     telemetry = row.telemetry
     charge_pct = telemetry.battery_frac * 100.0
-    holds = {
+    conditions = {
         "silent": row.is_stale,
         "armed": row.view.is_armed,
         "airborne": row.view.is_airborne,
         "unready": bool(telemetry.not_ready) and not telemetry.is_airborne,
         "low": charge_pct <= row.fleet.fleet.battery_warning_pct,
     }
-    return [word for word, is_true in holds.items() if is_true]
+    return [word for word, is_true in conditions.items() if is_true]
 
 
 def _fits(term: str, words: list[str], index: int) -> bool:
-    """Whether one word of a filter fits; the name comes first among the vehicle's words."""
+    """Whether one word of a filter matches; the first of the vehicle's words is its name."""
     if term.startswith("!") and len(term) > 1:
         return not _fits(term[1:], words, index)
 
@@ -57,13 +59,13 @@ def sort_key(
 ) -> tuple[bool, float, str, int]:
     """Return the key that sorts the table by a column, by ``name`` or by ``place`` in the file.
 
-    Vehicles without a value stand last, in either direction.
+    Vehicles without a value come last, in both directions.
     """
     direction = -1.0 if is_reversed else 1.0
     if sort == "place":
         return False, direction * index, "", index
     if sort == "name":
-        text = _turned(name) if is_reversed else name
+        text = _reversed_order(name) if is_reversed else name
         return False, 0.0, text, index
 
     column = next(column for column in COLUMNS if column.title == sort)
@@ -76,6 +78,6 @@ def sort_key(
     return False, direction * value, "", index
 
 
-def _turned(name: str) -> str:
-    """Return a text that sorts the other way round."""
+def _reversed_order(name: str) -> str:
+    """Return a text that sorts in the opposite order."""
     return "".join(chr(_LAST_CHARACTER - ord(char)) for char in name)

@@ -1,4 +1,4 @@
-"""The columns of the fleet table: their cells, and which of them a narrow terminal keeps. Pure."""
+"""The columns of the fleet table: their cells, and those that a narrow terminal shows. Pure."""
 
 from __future__ import annotations
 
@@ -18,21 +18,23 @@ from onboard.safety.failsafe_table import Condition
 Cell = tuple[str, str]  # text and colour
 _FIX_CONDITIONS = {Condition.FIX_FELL_BACK.value, Condition.FIX_COARSE.value}
 _GRAVITY_M_S2 = 9.81
-# Age of PX4's last message to the agent.
+# Ages of PX4's last message to the agent, from which the link is marked as slow or lost.
 _SLOW_LINK_S = 0.3
 _LOST_LINK_S = 1.0
-_SHORT_MIN = 2.0  # flight time left that is marked
-_LIVE_S = 0.3  # the exact age of younger telemetry would only flicker
-_STEADY_PER_MIN_PCT = 0.05  # a charge that changes by less is called steady
-_BAR_CELLS = 4  # of the law's intervention
+_SHORT_MIN = 2.0  # remaining flight time below which it is marked
+_LIVE_S = 0.3  # age below which the exact age is not shown, because it would only flicker
+_STEADY_PER_MIN_PCT = 0.05  # change of a charge below which it counts as steady
+_BAR_CELLS = 4  # width of the bar of the law's intervention
+_NEAR_FACTOR = 1.1  # distance over the safety distance below which a neighbour is marked
+_FULL_RATE_FRAC = 0.99  # rate of a path's clock below which it is shown
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleRow:
-    """Everything that the cells of a row are made of."""
+    """All values that the cells of a row need."""
 
     view: VehicleView
-    telemetry: Telemetry  # the last one received, however old
+    telemetry: Telemetry  # the last telemetry, however old
     fleet: FleetConfig
     drain: Drain | None
     age_s: float
@@ -45,12 +47,13 @@ class Column:
 
     title: str
     width: int
-    rank: int  # columns of a low rank stay when the terminal is narrow; 0 always
+    rank: int  # a narrow terminal shows the columns with the lowest ranks; 0 is always shown
     cell: Callable[[VehicleRow], Cell]
     right: bool = False
-    sort: Callable[[VehicleRow], float] | None = None  # smaller first, nan last
-    of_corrections: bool = False  # only where the fleet takes corrections of RTK
-    # On the ground a reason not to fly may cover it: 2 always, 1 where the reason has little room.
+    sort: Callable[[VehicleRow], float] | None = None  # sort key; smaller first, NaN last
+    of_corrections: bool = False  # whether it is shown only if the fleet uses RTK corrections
+    # Whether a reason not to fly may cover the column on the ground: 0 never, 1 if the reason has
+    # little room, 2 always.
     cover: int = 0
 
 
@@ -98,7 +101,7 @@ def _wind_m_s(row: VehicleRow) -> float:
 
 
 def _wind(row: VehicleRow) -> Cell:
-    """Return the wind that the vehicle feels; a dash where it is not known."""
+    """Return the wind that the vehicle feels; a dash if it is not known."""
     wind_m_s = _wind_m_s(row)
     if math.isnan(wind_m_s):
         return "-", FAINT
@@ -107,7 +110,7 @@ def _wind(row: VehicleRow) -> Cell:
 
 
 def _fix(row: VehicleRow) -> Cell:
-    """Return the fix and the number of satellites; marked where the fleet demands a better one."""
+    """Return the fix and the number of satellites; marked if the fleet requires a better fix."""
     telemetry = row.telemetry
     if not telemetry.fix:
         return "-", FAINT
@@ -119,7 +122,7 @@ def _fix(row: VehicleRow) -> Cell:
 
 
 def _corrections(row: VehicleRow) -> Cell:
-    """Return the age of the newest corrections that PX4 was given."""
+    """Return the age of the newest corrections that PX4 has received."""
     age_s = row.telemetry.corrections_age_s
     if not math.isfinite(age_s):
         return "none", FAINT
@@ -131,7 +134,7 @@ def _corrections(row: VehicleRow) -> Cell:
 
 
 def _base(row: VehicleRow) -> Cell:
-    """Return the station of the corrections and how far away it is."""
+    """Return the station of the corrections and its distance."""
     telemetry = row.telemetry
     if telemetry.base_id < 0:
         return "-", FAINT
@@ -217,7 +220,7 @@ def _near(row: VehicleRow) -> Cell:
         if distance_m < limit_m:
             sign = "✖"
             colour = BAD
-        elif distance_m < 1.1 * limit_m:
+        elif distance_m < _NEAR_FACTOR * limit_m:
             sign = "▲"
             colour = WARN
     return f"{sign}{distance:>5} {clean(telemetry.nearest_vehicle, 40)}", colour
@@ -231,7 +234,7 @@ def _oist(row: VehicleRow) -> Cell:
     if status in ("", "inactive"):
         return "·", FAINT
 
-    # the intervention as a share of the horizontal thrust that the largest tilt gives
+    # The intervention as a share of the horizontal thrust at the largest tilt.
     share = 1.0
     if math.isfinite(telemetry.intervention_m_s2):
         share = telemetry.intervention_m_s2 / _most_horizontal_m_s2(row)
@@ -265,7 +268,7 @@ def _order(row: VehicleRow) -> Cell:
 
 
 def reason(row: VehicleRow) -> Cell:
-    """Return the first reason why it is not ready, else the reason for its state."""
+    """Return why a vehicle is not ready, or what it follows, or the reason for its state."""
     telemetry = row.telemetry
     if telemetry.not_ready and not telemetry.is_airborne:
         text = clean(telemetry.not_ready[0], 160)
@@ -280,7 +283,7 @@ def reason(row: VehicleRow) -> Cell:
         text = f"{lag} m behind its path at {time} s"
         if telemetry.is_path_paused:
             return f"{text}, paused", WARN
-        if telemetry.path_rate_frac < 0.99:
+        if telemetry.path_rate_frac < _FULL_RATE_FRAC:
             text += f", clock at {telemetry.path_rate_frac:.0%}"
         if telemetry.is_behind:
             return text, WARN
@@ -298,7 +301,7 @@ def reason(row: VehicleRow) -> Cell:
     return text, FAINT
 
 
-# -- what a column is sorted by --------------------------------------------------------------------
+# -- sort keys of columns --------------------------------------------------------------------------
 
 _BY_URGENCY = (
     "failed",
@@ -402,7 +405,7 @@ WIDE_REASON_WIDTH = 48  # most reasons fit into it
 def fit_columns(width: int, *, has_corrections: bool = False) -> tuple[tuple[Column, ...], int]:
     """Return the columns that fit into ``width`` cells, and the cells left for the reason.
 
-    A blank stands after each column. A reason that would have too little room gets 0.
+    There is a blank after each column. If the reason would have too little room, it gets 0 cells.
     """
     left = width
     kept = set()

@@ -1,4 +1,4 @@
-"""The fleet above a dialog: the rows of the fleet table, drawn once more and without its keys."""
+"""The fleet above a dialog: the rows of the fleet table, without its keys."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from textual.strip import Strip
 from groundstation.console.widgets.fleet_table import FleetTable
 from groundstation.console.widgets.lines import Lines
 
-_LEAST_ROWS = 3  # with the heading
-_SHARE = 0.4  # of the terminal's height, at most
+_LEAST_ROWS = 3  # smallest height, with the heading
+_SHARE = 0.4  # largest share of the terminal's height
 
 
 class FleetGlance(Lines):
-    """Rows of a fleet table, for screens that stand before it.
+    """Rows of a fleet table, for dialogs in front of it.
 
     Args:
         table: table whose rows, cursor and marks are shown.
@@ -23,11 +23,11 @@ class FleetGlance(Lines):
         self._table = table
 
     def fit(self, height: int) -> None:
-        """Take the rows that it has in a terminal of this height."""
+        """Set the height for a terminal of this height."""
         self.styles.height = self.height_in(height)
 
     def height_in(self, height: int) -> int:
-        """Return its rows: those of the fleet, but less than half of the terminal.
+        """Return the number of rows: those of the fleet, but less than half of the terminal.
 
         Args:
             height: height of the terminal, in cells.
@@ -36,7 +36,7 @@ class FleetGlance(Lines):
         return min(self._table.row_count + 1, most_rows)
 
     def show(self) -> None:
-        """Draw the fleet as it is now."""
+        """Draw the present rows of the table."""
         self.redraw()
 
     def draw(self, width: int, height: int) -> list[Strip]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable
 
-ALL_MARKED_S = 5.0  # a mark on all vehicles ends by itself
+ALL_MARKED_S = 5.0  # time after which marks on all vehicles end by themselves
 
 
 class FleetMarks:
@@ -13,10 +13,10 @@ class FleetMarks:
 
     def __init__(self) -> None:
         self.names: frozenset[str] = frozenset()
-        self._until_s = math.inf  # when the marks end by themselves
+        self._until_s = math.inf  # time at which the marks end by themselves
 
     def set(self, names: Iterable[str], known: Collection[str], now_s: float) -> None:
-        """Mark these of the ``known`` vehicles and no others."""
+        """Mark these vehicles and no others; unknown names are left out."""
         self.names = frozenset(names).intersection(known)
         is_all = len(self.names) > 1 and len(self.names) == len(known)
         self._until_s = math.inf
@@ -31,12 +31,12 @@ class FleetMarks:
         self.names = self.names.intersection(known)
 
     def keep(self, now_s: float) -> None:
-        """Count the five seconds from now: the operator is still using the marks."""
+        """Let the five seconds begin again, because the operator uses the marks."""
         if math.isfinite(self._until_s):
             self._until_s = now_s + ALL_MARKED_S
 
     def text(self, count: int, shown: Collection[str], now_s: float) -> str:
-        """Return a few words for the border; ``count``: vehicles of the fleet."""
+        """Return a few words for the border; ``count`` is the number of vehicles in the fleet."""
         if not self.names:
             return ""
 

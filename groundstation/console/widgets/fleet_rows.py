@@ -1,4 +1,4 @@
-"""Drawing of one row of the fleet table: its columns, or the words that stand in place of them."""
+"""Draws one row of the fleet table: its columns, or words instead of them."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from groundstation.console.widgets.fleet_columns import (
 from groundstation.fleet.state import VehicleView
 
 _SILENCE_WIDTH = 18
-_NO_SIGNS = str.maketrans("✖▲", "  ")
-_WIDE = 150  # cells of a terminal that has room for long names
+_NO_SIGNS = str.maketrans("✖▲", "  ")  # replaces warning signs by blanks
+_WIDE = 150  # width from which there is room for long names
 _LONG_NAME = 24
 _SHORT_NAME = 16
 _FEW_COLUMNS = 10
 
-# Values of Column.cover: when a column gives its room to the reason not to fly.
+# Values of Column.cover from which the reason not to fly covers a column.
 _COVERED_ALWAYS = 2
-_COVERED_AMONG_FEW = 1  # where there are few columns
+_COVERED_AMONG_FEW = 1  # if there are few columns
 _NEVER_COVERED = 3  # above the ``cover`` of every column
 
 
@@ -38,10 +38,10 @@ _NEVER_COVERED = 3  # above the ``cover`` of every column
 class RowLayout:
     """The parts of a row that have room."""
 
-    digits: int  # of the index
+    digits: int  # digits of the index
     name_width: int
     columns: tuple[Column, ...]
-    left: int  # cells for the reason
+    left: int  # cells that are left for the reason
 
     @classmethod
     def of(cls, names: Iterable[str], width: int, *, has_corrections: bool = False) -> RowLayout:
@@ -75,13 +75,13 @@ class RowMarks:
     is_marked: bool
     is_blinking: bool
     has_focus: bool
-    has_nodes: bool  # the bus says which agents are on it
+    has_nodes: bool  # whether the agents on the bus are known
 
 
 def draw_row(
     layout: RowLayout, view: VehicleView, row: VehicleRow | None, index: int, marks: RowMarks
 ) -> list[Segment]:
-    """Return one row; ``row`` is None where no telemetry was ever received."""
+    """Return one row; ``row`` is None if no telemetry was received yet."""
     tint = theme.style(theme.vehicle_colour(index), bold=True)
     if marks.is_blinking:
         tint += Style(reverse=True)
@@ -105,7 +105,10 @@ def draw_row(
 
 
 def _fresh(layout: RowLayout, row: VehicleRow) -> list[Segment]:
-    """Current values; on the ground the reason not to fly may cover the columns about flying."""
+    """Return the present values.
+
+    On the ground, the reason not to fly may cover the columns about flying.
+    """
     segments: list[Segment] = []
     least_cover = _least_cover(layout, row)
     reason_width = layout.left
@@ -123,7 +126,7 @@ def _fresh(layout: RowLayout, row: VehicleRow) -> list[Segment]:
 
 
 def _least_cover(layout: RowLayout, row: VehicleRow) -> int:
-    """Return the ``cover`` from which on columns give their room to the reason."""
+    """Return the ``cover`` from which columns give their room to the reason."""
     telemetry = row.telemetry
     is_refusing = telemetry.not_ready or telemetry.state == "failed"
     if telemetry.is_airborne or not is_refusing:
@@ -136,10 +139,10 @@ def _least_cover(layout: RowLayout, row: VehicleRow) -> int:
 
 
 def _silent(layout: RowLayout, row: VehicleRow, has_nodes: bool) -> list[Segment]:
-    """The silence in place of the first columns, and the last values of the others, faint.
+    """Return the silence instead of the first columns, and the last values of the others, faint.
 
-    Old values show neither a warning nor an all clear. Once PX4 itself says that it is disarmed,
-    only the last position remains.
+    Old values show neither a warning nor an "ok". After PX4 itself has reported that it is
+    disarmed, only the last position is shown.
     """
     silence = theme.fit(f"NO TELEM {number(row.age_s, 1, limit=99_999)} s", _SILENCE_WIDTH)
     segments = [Segment(f"{silence} ", theme.style(BAD, bold=True))]
@@ -163,7 +166,7 @@ def _silent(layout: RowLayout, row: VehicleRow, has_nodes: bool) -> list[Segment
                 text = "?"
             segments.append(_cell((text, colour), column, dim=True))
         elif end > _SILENCE_WIDTH + 1:
-            # begins below the silence: what is left of its width stays empty
+            # The silence covers the begin of this column, so the rest of it stays empty.
             segments.append(Segment(" " * (end - _SILENCE_WIDTH - 1)))
 
     if layout.left:

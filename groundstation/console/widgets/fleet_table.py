@@ -1,8 +1,8 @@
 """The fleet table: a row per vehicle, sorted, filtered and marked.
 
 It is a ScrollView with its own ``render_line``, because Textual's DataTable took 57 % of a core for
-100 rows at 10 Hz. Cursor and marks belong to vehicles and not to rows: a row that moves takes them
-along, so that an order never reaches the vehicle that has come to stand under the cursor.
+100 rows at 10 Hz. Cursor and marks belong to vehicles and not to rows: when rows are sorted, they
+move with their vehicles. So an order never reaches a vehicle that has just moved under the cursor.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from groundstation.console.widgets.lines import Lines
 from groundstation.fleet.state import FleetState, VehicleView
 from onboard.config.fleet import ConfigError, FleetConfig
 
-SORT_S = 1.0  # between two sortings: rows that change places faster than this cannot be read
+SORT_S = 1.0  # time between two sortings; rows that change places faster cannot be read
 BLINK_S = 4.0
 BLINK_PERIOD_S = 0.6
 
@@ -37,7 +37,7 @@ BLINK_PERIOD_S = 0.6
 class FleetTable(Lines, ScrollView, can_focus=True):
     """One line for each vehicle.
 
-    The kill key means the vehicle under the cursor, order keys mean the marked ones.
+    The kill key applies to the vehicle under the cursor; order keys apply to the marked vehicles.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -63,18 +63,18 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self.sort = "place"
         self.is_reversed = False
 
-        self._cursor = ""  # name of the vehicle
+        self._cursor = ""  # name of the vehicle under the cursor
         self._marks = FleetMarks()
 
-        self._typing = ""  # what is being written: "filter", "mark", or nothing
-        self._typed = ""  # its text so far
-        self._refusal = ""  # why the text was refused
+        self._typing = ""  # purpose of the text that is typed now: "filter", "mark", or empty
+        self._typed = ""  # the text so far
+        self._refusal = ""  # reason why the text was refused
 
         self._views: list[VehicleView] = [VehicleView(name) for name in fleet.enabled_names]
         self._rows: list[VehicleView] = list(self._views)  # filtered and sorted
         self._indices = {name: index for index, name in enumerate(fleet.enabled_names)}
         self._sorted_s = -math.inf  # time of the last sorting
-        self._has_nodes = False  # whether the bus says which agents are on it
+        self._has_nodes = False  # whether the agents on the bus are known
         self._now_ns = 0
 
         self._titles = ("", "")  # in the upper and in the lower border
@@ -87,7 +87,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
 
     @property
     def selected(self) -> str | None:
-        """Name of the vehicle under the cursor; None when no row is shown."""
+        """Name of the vehicle under the cursor; None if no row is shown."""
         names = [view.name for view in self._rows]
         if self._cursor in names:
             return self._cursor
@@ -97,7 +97,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
 
     @property
     def cursor(self) -> int:
-        """Row of the cursor, as shown."""
+        """Index of the cursor's row among the shown rows."""
         return next((row for row, view in enumerate(self._rows) if view.name == self.selected), 0)
 
     @property
@@ -107,7 +107,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
 
     @property
     def is_writing(self) -> bool:
-        """Whether a filter or a list of vehicles is being written: every key belongs to it."""
+        """Whether a filter or a list of vehicles is typed, so that every key belongs to it."""
         return bool(self._typing)
 
     def mark(self, names: Iterable[str]) -> None:
@@ -117,7 +117,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self.redraw()
 
     def blink(self, name: str) -> None:
-        """Let a row blink for a while: this vehicle shows itself."""
+        """Let the row of a vehicle blink for some seconds, because it was ordered to locate."""
         self._blink_until_s[name] = self._now_s + BLINK_S
 
     def keep_marks(self) -> None:
@@ -125,7 +125,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self._marks.keep(self._now_s)
 
     def show(self, state: FleetState, now_ns: int) -> None:
-        """Draw this state."""
+        """Draw this state of the fleet."""
         self._views = list(state.vehicles.values())
         self._now_ns = now_ns
         self._has_nodes = bool(state.nodes)
@@ -146,7 +146,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self._move_to(self.cursor + step)
 
     def action_mark(self) -> None:
-        """Mark or unmark the vehicle under the cursor, and go to the next."""
+        """Mark or unmark the vehicle under the cursor, and go to the next row."""
         name = self.selected
         if name is not None:
             self.mark(self._marks.names ^ {name})
@@ -164,7 +164,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self.mark(self._marks.names | {names[this_row], names[next_row]})
 
     def action_mark_all(self) -> None:
-        """Mark all that are shown; when they are marked already, mark none."""
+        """Mark all shown vehicles; if they are marked already, remove all marks."""
         shown = {view.name for view in self._rows}
         marked = self._marks.names
         if shown <= marked:
@@ -183,9 +183,9 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self._resort()
 
     def action_type(self, purpose: str) -> None:
-        """Write a ``filter``, or vehicles to ``mark``, into the table's own title.
+        """Begin to type a ``filter``, or vehicles to ``mark``, in the table's title.
 
-        Enter takes what was written, escape leaves.
+        Enter accepts the text, escape drops it.
         """
         self._typing = purpose
         self._typed = self.filter if purpose == "filter" else ""
@@ -193,7 +193,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self._update_titles()
 
     def on_key(self, event: events.Key) -> None:
-        """Add a key to what is being written; a digit begins a list of vehicles to mark."""
+        """Add a key to the text that is typed; a digit begins a list of vehicles to mark."""
         if not self._typing:
             is_digit = event.character is not None and event.character.isdigit()
             if not is_digit:
@@ -216,7 +216,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self._resort()
 
     def _write_key(self, event: events.Key) -> None:
-        """Change what is being written by one key."""
+        """Change the text that is typed by one key."""
         if event.key == "escape":
             if self._typing == "filter":
                 self.filter = ""
@@ -231,23 +231,23 @@ class FleetTable(Lines, ScrollView, can_focus=True):
             self._typed = clean(self._typed + event.character, 60)
 
     def on_click(self, event: events.Click) -> None:
-        """Move the cursor to the vehicle."""
+        """Move the cursor to the clicked row."""
         offset = event.get_content_offset(self)
         if offset is not None and offset.y > 0:
             self._move_to(offset.y - 1 + self.scroll_offset.y)
 
     def on_blur(self) -> None:
-        """Drop what is half written."""
+        """Drop a text that was not accepted."""
         self._typing = ""
         self._update_titles()
         self.redraw()
 
     def on_focus(self) -> None:
-        """Show by the cursor that keys go here."""
+        """Draw the cursor brightly, because keys go here now."""
         self.redraw()
 
     def _accept(self) -> None:
-        """Keep the filter, or mark the vehicles that were written; a sentence says why not."""
+        """Keep the filter, or mark the typed vehicles; if that fails, show the reason."""
         if self._typing == "mark" and self._typed.strip():
             try:
                 names = self.fleet.select(self._typed.strip())
@@ -261,7 +261,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self._typing = ""
 
     def _first_marked_row(self) -> int:
-        """Return the first marked row; the cursor's where no marked vehicle is shown."""
+        """Return the first marked row, or the cursor's row if no marked vehicle is shown."""
         for row, view in enumerate(self._rows):
             if view.name in self._marks.names:
                 return row
@@ -288,7 +288,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self.redraw()
 
     def _arrange(self) -> None:
-        """Filter and sort the rows; sorted once a second at most."""
+        """Filter the rows, and sort them at most once a second, or if the rows have changed."""
         by_name = {
             view.name: view for view in self._views if not self.filter or self._is_match(view)
         }
@@ -336,7 +336,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         )
 
     def _update_titles(self) -> None:
-        """Show in the border what is written, filtered, sorted and marked."""
+        """Show the typed text, the filter, the sorting and the marks in the border."""
         titles = (self._upper_title(), self._lower_title())
         if self._titles != titles:
             self._titles = titles
@@ -374,7 +374,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         return hidden_words + title
 
     def _hidden_words(self) -> str:
-        """Return how many vehicles lie above and below the window."""
+        """Return the numbers of vehicles above and below the visible part, in words."""
         rows_of_window = self.size.height - 1
         if rows_of_window < 1 or len(self._rows) <= rows_of_window:
             return ""
@@ -385,11 +385,11 @@ class FleetTable(Lines, ScrollView, can_focus=True):
 
     @property
     def row_count(self) -> int:
-        """How many vehicles are shown, by the filter."""
+        """The number of vehicles that the filter shows."""
         return len(self._rows)
 
     def first_row(self, height: int) -> int:
-        """Return the first row of a window of this height that has the cursor in it."""
+        """Return the first row of a window of this height that contains the cursor."""
         rows_of_window = max(1, height - 1)
         if len(self._rows) > rows_of_window:
             rows_of_window = max(1, rows_of_window - 1)  # the last line counts the others
@@ -405,13 +405,13 @@ class FleetTable(Lines, ScrollView, can_focus=True):
     def draw_from(
         self, top: int, width: int, height: int, *, counts_hidden: bool = True
     ) -> list[Strip]:
-        """Return the heading and the rows from one on.
+        """Return the heading and the rows from a given one.
 
         Args:
-            top: the first row.
+            top: index of the first row.
             width: width of the picture, in cells.
             height: height of the picture, in cells.
-            counts_hidden: say in the last line how many vehicles have no room.
+            counts_hidden: whether the last line shows the number of vehicles without room.
         """
         names = [view.name for view in self._views]
         has_corrections = self.fleet.corrections is not None
@@ -448,7 +448,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         return lines
 
     def _heading(self, layout: RowLayout, width: int) -> Strip:
-        # A low terminal has no border to show what is written or marked.
+        # A low terminal has no border for these titles, so the heading shows them.
         is_bare = self.size == self.outer_size and (self._typing or self._marks.names)
         text = " ".join(reversed(self._titles)) if is_bare else layout.heading()
         return Strip([Segment(theme.fit(text, width), theme.style(FAINT))], width)
@@ -461,18 +461,18 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         return Strip([Segment(theme.fit(f"    {text}", width), theme.style(WARN))], width)
 
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
-        """Draw the rows that have come into the window."""
+        """Draw the rows that are visible now."""
         super().watch_scroll_y(old_value, new_value)
         self._update_titles()
         self.redraw()
 
     def on_resize(self) -> None:
-        """Count the vehicles that have no room."""
+        """Update the number of vehicles without room in the title."""
         self._update_titles()
 
 
 def _hidden_words(above: int, below: int) -> str:
-    """Return how many vehicles are not shown, in words; nothing when all are."""
+    """Return the numbers of hidden vehicles in words; empty if none is hidden."""
     words = []
     if above > 0:
         words.append(f"↑ +{above}")
@@ -482,7 +482,7 @@ def _hidden_words(above: int, below: int) -> str:
 
 
 def _urgent_values(view: VehicleView, now_ns: int) -> tuple[object, ...]:
-    """Return the values whose change is drawn at once; numbers can wait a little."""
+    """Return the values whose change is drawn at once; other values can wait a little."""
     on_bus = (view.is_alive, view.is_fresh(now_ns))
     last = view.telemetry
     if last is None:

@@ -1,4 +1,4 @@
-"""A widget that is a list of lines: only the lines that changed are drawn again."""
+"""A widget that is a list of lines; only lines that have changed are drawn again."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
-_PACE_NS = 150_000_000  # of pictures, in which nothing is read that moves faster
+_PACE_NS = 150_000_000  # shortest time between two pictures; nobody can read faster changes
 
 
 class Lines(Widget):
-    """Draws the lines that :meth:`draw` returns; only changed lines go to the terminal."""
+    """Draws the lines that :meth:`draw` returns; only changed lines are sent to the terminal."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("z", "alone", "this alone", show=False),
@@ -26,18 +26,18 @@ class Lines(Widget):
     _lines: list[Strip]  # as drawn, without the widget's background
     _drawn_size: Size | None = None
     _shown: tuple[int, object] = (0, None)  # time of the last picture, and the urgent values in it
-    _styles: dict[Style | None, Style]  # on the widget's background
-    _background: Style | None = None  # costs too much to look up for every line
+    _styles: dict[Style | None, Style]  # style -> the same on the widget's background
+    _background: Style | None = None  # kept, because it takes too long to look up for every line
 
     def draw(self, width: int, height: int) -> list[Strip]:
-        """Return the lines of a picture of this size, each ``width`` cells long.
+        """Return the lines of a picture of this size, each ``width`` cells wide.
 
         Missing lines stay empty.
         """
         raise NotImplementedError
 
     def is_due(self, now_ns: int, urgent: object) -> bool:
-        """Whether to draw again: five times a second, and at once for changed ``urgent`` values."""
+        """Whether to draw again: at most every _PACE_NS, but at once if ``urgent`` has changed."""
         last_ns, last_urgent = self._shown
         is_early = 0 < now_ns - last_ns < _PACE_NS
         if is_early and urgent == last_urgent:
@@ -46,31 +46,31 @@ class Lines(Widget):
         return True
 
     class Alone(Message):
-        """A panel (its id, or "" for none) is to have all the room."""
+        """Request that a panel gets all the room; `name` is its id, or "" for none."""
 
         def __init__(self, name: str) -> None:
             super().__init__()
             self.name = name
 
     def action_alone(self) -> None:
-        """Give this panel all the room, or give it back."""
-        own = f"only-{self.id}"
-        is_alone = self.screen.has_class(own)
+        """Give this panel all the room, or share the room again."""
+        own_class = f"only-{self.id}"
+        is_alone = self.screen.has_class(own_class)
 
         enlarged = [name for name in self.screen.classes if name.startswith("only-")]
         self.screen.remove_class(*enlarged)
-        self.screen.set_class(not is_alone, own)
+        self.screen.set_class(not is_alone, own_class)
         self.post_message(self.Alone("" if is_alone else str(self.id)))
 
     async def action_together(self) -> None:
-        """Show all panels again, or go back to the fleet when they are."""
+        """Show all panels again; if they are all shown, go back to the fleet."""
         if self.screen.has_class(f"only-{self.id}"):
             self.action_alone()
         else:
             await self.app.run_action("back")
 
     def redraw(self) -> None:
-        """Draw now; a line that is as before costs the terminal nothing."""
+        """Draw now; unchanged lines are not sent to the terminal."""
         size = self.size
         if not size.width or not size.height or not self.is_mounted:
             return
@@ -90,10 +90,10 @@ class Lines(Widget):
             self.refresh(*regions)
 
     def _whole_lines(self, rows: list[int]) -> list[Region]:
-        """Return the regions of these rows; rows that follow each other share one.
+        """Return the regions of these rows; adjacent rows share one region.
 
-        A region is as wide as the widget with its border: a part would be cut out line by line,
-        which costs more.
+        A region is as wide as the widget with its border. A narrower region would be cut out line
+        by line, which takes longer.
         """
         left = -self.gutter.left
         width = self.size.width + self.gutter.width
@@ -108,7 +108,7 @@ class Lines(Widget):
         return regions
 
     def render_line(self, y: int) -> Strip:
-        """Return one line, ``y`` counted from the top of the window."""
+        """Return one line; ``y`` is counted from the top of the window."""
         if self._drawn_size != self.size:
             self._lines = self.draw(*self.size)
             self._drawn_size = self.size
@@ -123,21 +123,21 @@ class Lines(Widget):
         return Strip(segments, line.cell_length)
 
     def forget_picture(self) -> None:
-        """Draw all lines anew at the next chance."""
+        """Draw all lines again at the next refresh."""
         self._drawn_size = None
         self.refresh()
 
     def _on_background(self, style: Style | None) -> Style:
         """Return a style on this widget's background.
 
-        It is kept, since adding styles costs most of a line.
+        The result is kept, because adding styles takes most of the time of a line.
         """
         if style not in self._styles:
             self._styles[style] = (self._background or Style.null()) + style
         return self._styles[style]
 
     def notify_style_update(self) -> None:
-        """Look the background up again."""
+        """Forget the background, so that it is looked up again."""
         self._background = None
         super().notify_style_update()
 

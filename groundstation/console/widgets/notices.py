@@ -1,4 +1,4 @@
-"""Lines that stay until they are dealt with: killed vehicles, and the control of the fleet."""
+"""Lines that stay until the operator acts: killed vehicles, and the control of the fleet."""
 
 from __future__ import annotations
 
@@ -50,14 +50,14 @@ def _control(control: Control) -> list[Notice]:
 
 
 class NoticeLines(Static):
-    """As many lines as there are notices; usually none."""
+    """Shows the notices, one line each; usually there are none."""
 
     def __init__(self) -> None:
         super().__init__(id="notices")
         self._notices: list[Notice] = []
 
     def show(self, lines: list[Notice]) -> None:
-        """Show these; nothing is drawn when nothing changed."""
+        """Show these notices; they are drawn only if they have changed."""
         if lines == self._notices:
             return
 

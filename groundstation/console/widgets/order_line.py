@@ -1,6 +1,6 @@
-"""The line for written orders: history on the arrows, completion on tab.
+"""The line for written orders: the arrow keys show earlier orders, tab completes a word.
 
-Pasted text becomes one line and waits for Enter.
+A pasted text becomes one line and is not sent before Enter.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from onboard.config.fleet import ConfigError, FleetConfig
 
 CONTROL_ORDERS = ("take control", f"take control {FORCE_WORD}", "give control", "keep control")
 MAX_LENGTH = 200
-_KEPT = 200  # orders of the history
+_KEPT = 200  # orders that the history keeps
 _HISTORY_FILE = FileKind("file of orders", 1_000_000)
 _RESTING = "press :  and write an order, e.g. takeoff all 1.0"
 _WRITING = "now write: every key goes here, enter gives the order"
@@ -34,29 +34,32 @@ _WRITING = "now write: every key goes here, enter gives the order"
 def completions(text: str, fleet: FleetConfig) -> list[str]:
     """Return whole lines that begin with ``text`` and complete its last word.
 
-    In a list of names it is the last name that is completed.
+    In a list of names, the last name is completed.
     """
-    *done, last = text.split(" ")
-    if not last:
+    *earlier_words, last_word = text.split(" ")
+    if not last_word:
         return []
-    if not done:
-        return _verbs(last)
-    if done[0] == "mission" and len(done) == 1:
-        return [f"mission {name}" for name in mission_names(last) if _continues(name, last)]
-    if done[0] in ("take", "give", "keep"):
+    if not earlier_words:
+        return _verbs(last_word)
+
+    verb = earlier_words[0]
+    if verb == "mission" and len(earlier_words) == 1:
+        names = [name for name in mission_names(last_word) if _continues(name, last_word)]
+        return [f"mission {name}" for name in names]
+    if verb in ("take", "give", "keep"):
         return [order for order in CONTROL_ORDERS if _continues(order, text)]
 
-    is_formation = done[0] == "formation"
-    if is_formation and len(done) == 1:
-        names = formation_names(fleet)
-        return [f"formation {name}" for name in names if _continues(name, last)]
+    is_formation = verb == "formation"
+    if is_formation and len(earlier_words) == 1:
+        names = [name for name in formation_names(fleet) if _continues(name, last_word)]
+        return [f"formation {name}" for name in names]
 
     words_before_vehicles = 1
     if is_formation:
         words_before_vehicles = 2  # with the formation's name
-    if len(done) != words_before_vehicles:
+    if len(earlier_words) != words_before_vehicles:
         return []
-    return [" ".join([*done, names]) for names in _vehicles(last, fleet)]
+    return [" ".join([*earlier_words, vehicles]) for vehicles in _vehicles(last_word, fleet)]
 
 
 def _continues(word: str, start: str) -> bool:
@@ -64,7 +67,7 @@ def _continues(word: str, start: str) -> bool:
 
 
 def _verbs(start: str) -> list[str]:
-    """Return the verbs with this start; the rare ones only when no other verb has it."""
+    """Return the verbs that begin with a text; rare ones only if no other verb does."""
     verbs: list[str] = [verb for verb in INTENTS if _continues(verb, start)]
     if verbs:
         return verbs
@@ -81,11 +84,11 @@ def _vehicles(text: str, fleet: FleetConfig) -> list[str]:
     """Return lists of vehicles that complete the last name of such a list."""
     before, comma, start = text.rpartition(",")
     names = fleet.enabled_names if comma else ("all", *fleet.enabled_names)
-    already = before.split(",")
+    already_named = before.split(",")
     return [
         f"{before}{comma}{name}"
         for name in names
-        if _continues(name, start) and name not in already
+        if _continues(name, start) and name not in already_named
     ]
 
 
@@ -96,9 +99,9 @@ def history_file() -> Path:
 
 
 class OrderHistory:
-    """Orders that were written, oldest first, without repetitions in a row.
+    """Earlier orders, oldest first, without immediate repetitions.
 
-    They are kept in a file where one can be written.
+    They are kept in a file, if it can be written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -108,7 +111,7 @@ class OrderHistory:
         except (ConfigError, RuntimeError):
             text = ""
 
-        # whatever else stands in the file was not written here
+        # Other lines were not written by this class, so they are left out.
         lines = [
             line
             for line in text.splitlines()
@@ -117,7 +120,7 @@ class OrderHistory:
         self.lines = lines[-_KEPT:]
 
     def add(self, line: str) -> None:
-        """Remember a line; on a disk that is full or read-only for this run only."""
+        """Keep a line; if the file cannot be written, only for this run."""
         if self.lines[-1:] == [line]:
             return
 
@@ -139,7 +142,7 @@ class _OrderSuggester(Suggester):
 
 
 class OrderLine(Input):
-    """An Input with history and completion; escape leaves it without an order."""
+    """An input with history and completion; escape leaves it without an order."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", "history(-1)", "earlier order", show=False),
@@ -149,7 +152,7 @@ class OrderLine(Input):
     ]
 
     class Completions(Message):
-        """Tab has several words to go on with."""
+        """Message: tab has found several words that complete the line."""
 
         def __init__(self, words: list[str]) -> None:
             super().__init__()
@@ -161,20 +164,20 @@ class OrderLine(Input):
             suggester=_OrderSuggester(fleet),
             id="order",
             compact=True,
-            select_on_focus=False,  # the next key goes on with the line and does not replace it
+            select_on_focus=False,  # so that the next key does not replace the line
             max_length=MAX_LENGTH,
         )
         self._fleet = fleet
-        # in the empty line: while keys go elsewhere, and while they go here
+        # Hints in the empty line: without and with the focus.
         self._resting_hint = _RESTING
         self._writing_hint = _WRITING
 
-        self._history: OrderHistory | None = None  # loaded with the first focus
-        self._position = 0  # in the history; its length stands for the line being written
-        self._draft = ""  # the line being written, while an earlier one is shown
+        self._history: OrderHistory | None = None  # loaded at the first focus
+        self._position = 0  # index in the history; its length stands for the new line
+        self._draft = ""  # the new line, while an earlier one is shown
 
     def disable(self, hint: str) -> None:
-        """Say in the empty line that nothing can be ordered."""
+        """Show a hint that nothing can be ordered."""
         self._resting_hint = hint
         self._writing_hint = hint
         self.placeholder = hint
@@ -200,7 +203,7 @@ class OrderLine(Input):
         return self._history
 
     def write(self, text: str) -> None:
-        """Begin a line, for the operator to go on with."""
+        """Begin a line, which the operator completes."""
         self.screen.set_focus(self)  # at once: the next key is meant for it
         self.value = text
         self.cursor_position = len(text)
@@ -211,8 +214,8 @@ class OrderLine(Input):
             self.write(text)
 
     async def action_submit(self) -> None:
-        """Post the line and clear it, so that a second Enter sends it no second time."""
-        # ":" opens the line; typed once more it means nothing
+        """Post the line and clear it, so that a second Enter does not send it again."""
+        # ":" opens the line; another one at its begin is ignored.
         text = self.value.strip().removeprefix(":").strip()
         self.value = ""
         self._draft = ""
@@ -225,7 +228,7 @@ class OrderLine(Input):
         self.post_message(self.Submitted(self, text))
 
     def action_history(self, step: int) -> None:
-        """Show an earlier or later order; the line being written comes after the newest."""
+        """Show an earlier or later order; the new line comes after the newest order."""
         lines = (self._history or self._load()).lines
         if self._position >= len(lines):
             self._draft = self.value
@@ -256,7 +259,7 @@ class OrderLine(Input):
         self.screen.set_focus(self.screen.query_one("#fleet"))
 
     def on_paste(self, event: events.Paste) -> None:
-        """Insert pasted text as one line: line breaks become spaces, and only Enter sends it."""
+        """Insert a pasted text as one line; line breaks become spaces, and Enter is needed."""
         event.stop()
         event.prevent_default()
         text = " ".join(event.text.split())

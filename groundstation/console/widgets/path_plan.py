@@ -17,7 +17,7 @@ from groundstation.orders.preview import OrderPreview
 from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig
 
-_MARGIN_M = 0.7  # around the outermost points
+_MARGIN_M = 0.7  # margin around the outermost points
 
 
 class PathPlan(Lines):
@@ -30,7 +30,7 @@ class PathPlan(Lines):
         self._forecast: Forecast | None = None
 
     def show(self, preview: OrderPreview | None, forecast: Forecast | None) -> None:
-        """Draw these."""
+        """Draw a preview and its forecast."""
         self._preview = preview
         self._forecast = forecast
         self.redraw()
@@ -72,7 +72,7 @@ class PathPlan(Lines):
         return canvas.strips()
 
     def _paths(self, preview: OrderPreview) -> dict[str, Array]:
-        """Return the predicted paths (n, 2) [m]; straight lines while there are none."""
+        """Return the predicted path (n, 2) [m] of each vehicle; without a forecast, its leg."""
         if self._forecast is not None and self._forecast.paths_enu_m:
             forecast = self._forecast.paths_enu_m
             return {name: np.array(points)[:, :2] for name, points in forecast.items()}

@@ -1,4 +1,4 @@
-"""The fleet from above: the visible part, and the keys that change it."""
+"""The plan: the fleet from above, with the keys that change the visible part."""
 
 from __future__ import annotations
 
@@ -26,17 +26,21 @@ from onboard.config.fleet import FleetConfig
 
 _Span = tuple[float, float]  # least and greatest coordinate in metres
 _Middle = tuple[float, float]  # x and y in metres, ENU
-_MARGIN_M = 1.0  # shown around the outermost vehicle
+_MARGIN_M = 1.0  # margin around the outermost vehicle
 _LEAST_SPAN_M = 2.0
-_PAN = 0.15  # of the picture, a key press
-_WHOLE_FLEET = "*"
+_PAN = 0.15  # share of the picture by which a key moves it
+_WHOLE_FLEET = "*"  # value of `follows` for the middle of the fleet
+_LEAST_ZOOM = 0.25
+_LARGEST_ZOOM = 64.0
+_LEAST_SCALE = 1e-3  # dots per metre, in a picture that is too small for its border
+_WIDTH_OF_WORDS = 44  # width from which the circles are explained in words
 
 
 class PlanView(Lines, can_focus=True):
-    """East to the right, north up.
+    """The plan, with east to the right and north up.
 
-    Circles have half the safety distance: where two touch, the limit is reached. Without keys the
-    plan shows the part of the fence that the fleet uses.
+    The radius of the circles is half the safety distance, so two circles that touch show the limit.
+    At first the plan shows the part of the fence that the fleet uses.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -54,13 +58,13 @@ class PlanView(Lines, can_focus=True):
         self.history = history
         self.zoom = 1.0
         self.is_whole_fence = False
-        self.follows = ""  # "*" the middle of the fleet, else the vehicle of this name
+        self.follows = ""  # name of the followed vehicle, "*" for the fleet's middle, or empty
 
         self._middle: _Middle | None = None  # chosen by panning or dragging
         starts_enu_m = [fleet.vehicles[name].start_enu_m for name in fleet.enabled_names]
         if not starts_enu_m:
             starts_enu_m = [(0.0, 0.0, 0.0)]
-        # the part that the fleet uses, east and north
+        # the part that the fleet uses: spans to the east and to the north
         self._spans = (
             _around([start[0] for start in starts_enu_m]),
             _around([start[1] for start in starts_enu_m]),
@@ -81,7 +85,7 @@ class PlanView(Lines, can_focus=True):
         selected: str | None = None,
         marked: tuple[str, ...] = (),
     ) -> None:
-        """Draw this state; ``selected`` and ``marked`` are shown as such."""
+        """Draw this state of the fleet, with the selected vehicle and the marked ones."""
         views = list(state.vehicles.values())
         freshness = [view.is_fresh(now_ns) for view in views]
         if not self.is_due(now_ns, (selected, marked, state.airborne_names, freshness)):
@@ -102,14 +106,14 @@ class PlanView(Lines, can_focus=True):
         self.redraw()
 
     def redraw(self) -> None:
-        """Draw now, and name the visible part."""
+        """Draw now, and update the titles for the visible part."""
         self._update_titles(self._window(*self.size))
         super().redraw()
 
     # -- keys and mouse ----------------------------------------------------------------------------
 
     def change_zoom(self, factor: float) -> None:
-        """Zoom; 0 goes back to the fleet's part of the fence, and from there to all of it."""
+        """Zoom by a factor; 0 shows the fleet's part of the fence, and then the whole fence."""
         if factor == 0.0:
             is_fleets_part = self.zoom == 1.0 and self._middle is None
             self.is_whole_fence = is_fleets_part and not self.is_whole_fence
@@ -117,11 +121,11 @@ class PlanView(Lines, can_focus=True):
             self.follows = ""
             self.zoom = 1.0
         else:
-            self.zoom = min(64.0, max(0.25, self.zoom * factor))
+            self.zoom = min(_LARGEST_ZOOM, max(_LEAST_ZOOM, self.zoom * factor))
         self.redraw()
 
     def action_whole(self) -> None:
-        """Back to the fleet's part of the fence, or all of it."""
+        """Show the fleet's part of the fence, or the whole fence."""
         self.change_zoom(0.0)
 
     def action_pan(self, east: int, north: int) -> None:
@@ -137,7 +141,7 @@ class PlanView(Lines, can_focus=True):
         self.redraw()
 
     def action_follow(self) -> None:
-        """Follow the vehicle under the fleet's cursor; then the middle of the fleet; then none."""
+        """Follow the vehicle under the table's cursor; then the fleet's middle; then nothing."""
         selected = self._selected or _WHOLE_FLEET
         if self.follows == _WHOLE_FLEET:
             self.follows = ""
@@ -206,7 +210,7 @@ class PlanView(Lines, can_focus=True):
 
         limit_m = self.fleet.fleet.safety_distance_m
         touching = f"○○ {limit_m:.2f} m"
-        if window.width >= 44:
+        if window.width >= _WIDTH_OF_WORDS:
             touching = f"circles touch at {limit_m:.2f} m"
         lower = f"grid {window.step_m:g} m · {touching}"
 
@@ -227,7 +231,7 @@ class PlanView(Lines, can_focus=True):
 
         scale_x = (2 * width - 3) / (span_x[1] - span_x[0])
         scale_y = (4 * height - 3) / (span_y[1] - span_y[0])
-        scale = max(1e-3, min(scale_x, scale_y))
+        scale = max(_LEAST_SCALE, min(scale_x, scale_y))
 
         middle = self._middle or self._followed_point()
         if middle is None:
@@ -239,7 +243,8 @@ class PlanView(Lines, can_focus=True):
     def _widen(self) -> None:
         """Widen the visible part to all vehicles and goals.
 
-        It only grows: a picture whose scale changes with every move cannot be read.
+        It never becomes smaller, because a picture whose scale changes with every move is hard to
+        read.
         """
         points_enu_m: list[tuple[float, ...]] = list(self._positions_enu_m.values())
         for view in self._views:
@@ -253,7 +258,10 @@ class PlanView(Lines, can_focus=True):
         )
 
     def _followed_point(self) -> _Middle | None:
-        """Return the followed point; zoomed in without a choice it is the middle of the fleet."""
+        """Return the followed point; None if there is none.
+
+        If the plan is zoomed and follows nothing, it is the middle of the fleet.
+        """
         is_following = self.follows or self.zoom != 1.0
         if not is_following or not self._positions_enu_m:
             return None
@@ -276,7 +284,7 @@ def _widened(span: _Span, fence: _Span, coordinates_m: list[float]) -> _Span:
     low_m = min(*values, span[0] + _MARGIN_M)
     high_m = max(*values, span[1] - _MARGIN_M)
 
-    # Beyond the fence only what has strayed there widens the picture.
+    # The margin does not widen the picture beyond the fence; a vehicle outside does.
     low_m = max(low_m - _MARGIN_M, min(fence[0], low_m))
     high_m = min(high_m + _MARGIN_M, max(fence[1], high_m))
     return low_m, max(high_m, low_m + _LEAST_SPAN_M)
