@@ -1,7 +1,7 @@
-"""What the agent's core has its shell do: frozen values, executed in the order of their list.
+"""Commands that the agent's core returns and its shell executes, in the order of their list.
 
-Some go to PX4, some to the bus, one ends the process. A command that was executed is a request that
-was sent; what it led to shows in later inputs.
+Some commands go to PX4, some go to the bus, and one ends the process. An executed command is only
+a request that was sent. The core learns its effect from later inputs (``agent_inputs.py``).
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Kill(Struct, frozen=True):
 
 
 class RequestHeartbeat(Struct, frozen=True):
-    """Ask PX4 for a heartbeat now: a doubted one waits for another, or the mode has to be known."""
+    """Ask PX4 for a heartbeat now: to confirm a doubtful report, or to learn the mode."""
 
 
 class RebootPx4(Struct, frozen=True):
@@ -67,7 +67,7 @@ class SendOdometry(Struct, frozen=True):
     position_enu_m: Xyz
     quaternion_enu_flu_wxyz: Wxyz
     std_m: float
-    reset_count: int = 0  # another one tells the estimator to begin anew at this pose
+    reset_count: int = 0  # a changed count tells the estimator to begin anew at this pose
 
 
 # -- to the bus ------------------------------------------------------------------------------------
@@ -102,7 +102,7 @@ class Reply(Struct, frozen=True):
 
 
 class Exit(Struct, frozen=True):
-    """End the process: it was asked to, and the vehicle is on the ground."""
+    """End the process. The shutdown was requested, and the vehicle is on the ground."""
 
 
 Command = (

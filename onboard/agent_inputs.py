@@ -3,7 +3,8 @@
 Poses, messages of the neighbours, orders, PX4's newest snapshot, and what the process notices about
 itself. The shell hands them to the core, one after the other, before each tick.
 
-Some twenty of them are made at every tick; a frozen Struct costs a tenth of a frozen dataclass.
+Some twenty inputs are made at every tick. They are frozen Structs, because creating one costs a
+tenth of what a frozen dataclass costs.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ class OrderReceived(Struct, frozen=True):
 
 
 class OrderUntrusted(Struct, frozen=True):
-    """An order that the bus does not believe: its signature or its sender is wrong."""
+    """An order that the bus rejected because its signature or its sender is wrong."""
 
     order: UntrustedOrder
 
@@ -85,10 +86,10 @@ class ClocksCompared(Struct, frozen=True):
 
 
 class CertificateChecked(Struct, frozen=True):
-    """The process looked how long the certificates of this computer last."""
+    """The process checked how long the certificates of this computer are still valid."""
 
-    node: str  # whose certificate ends first
-    left_s: float  # until then, by this computer's clock of the wall; negative after it
+    node: str  # the node whose certificate ends first
+    left_s: float  # time until that end, by this computer's wall clock; negative after it
 
 
 class LoopTimed(Struct, frozen=True):
@@ -103,7 +104,7 @@ class LoopTimed(Struct, frozen=True):
 
 
 class MessagesCounted(Struct, frozen=True):
-    """Messages that the shell has not passed on, since the last such input.
+    """Numbers of messages that the shell has not passed on, since the last such input.
 
     ``message_counts.py`` says what each reason means.
     """
@@ -120,15 +121,15 @@ class TickFailed(Struct, frozen=True):
 
 
 class DiskChecked(Struct, frozen=True):
-    """The process looked whether this computer's disk has room left for logs and records."""
+    """The process checked whether this computer's disk has room left for logs and records."""
 
     is_full: bool
 
 
 class MocapProblemChanged(Struct, frozen=True):
-    """The source that reads the mocap delivers nothing, or delivers again."""
+    """The source that reads the mocap stopped delivering poses, or delivers them again."""
 
-    sentence: str  # the reason; empty when it delivers again
+    sentence: str  # why it delivers nothing; empty when it delivers again
 
 
 class ShutdownRequested(Struct, frozen=True):

@@ -1,6 +1,7 @@
 """The autopilot as the agent uses it: a snapshot of its newest messages, and a few commands.
 
-A command that returns is sent, not executed; later snapshots show the result.
+When a command's method returns, the command is sent but not yet executed. Later snapshots show the
+result. ``onboard/px4/mavsdk_link.py`` implements the interface for PX4.
 """
 
 from __future__ import annotations
@@ -25,19 +26,21 @@ class Landed(Enum):
 
 
 class LinkError(RuntimeError):
-    """The link cannot be opened: a sentence that says what failed, where, and what to do."""
+    """The link cannot be opened. The message says what failed, where, and what to do."""
 
 
-Version = tuple[int, int]  # of PX4, as it reports it: major and minor number
-# oldest and newest that Covey was measured with
+Version = tuple[int, int]  # major and minor number of PX4, as PX4 reports them
+# oldest and newest version with which Covey was measured
 MEASURED_VERSIONS: tuple[Version, Version] = ((1, 16), (1, 18))
 SIGNING_SINCE: Version = (1, 18)  # PX4 takes a key for MAVLink from this version on
 AUTOPILOT_COMPONENT = 1  # MAVLink's id of the autopilot in a vehicle
 _LARGEST_MAJOR = 9
-BATTERY_KNOWN_NS = 5_000_000_000  # PX4 sends it twice a second
+
+# A report of PX4 that is older than this is not used.
+BATTERY_KNOWN_NS = 5_000_000_000  # PX4 reports the battery twice a second
 ACCURACY_KNOWN_NS = 5_000_000_000
-FIX_KNOWN_NS = 1_500_000_000  # PX4 tells of it five times a second, as long as a receiver does
-STICKS_KNOWN_NS = 1_000_000_000  # PX4 tells of them five times a second, as long as it hears them
+FIX_KNOWN_NS = 1_500_000_000  # PX4 reports the fix five times a second while a receiver works
+STICKS_KNOWN_NS = 1_000_000_000  # PX4 reports the sticks five times a second while it hears them
 
 # Modes of PX4 in which a pilot's sticks fly. The names are those of onboard/px4/modes.py.
 PILOT_MODES = frozenset(
@@ -53,22 +56,24 @@ def plausible_version(version: Version | None) -> Version | None:
 
 
 class Refused(Struct, frozen=True):
-    """Packets at the autopilot's endpoint that were not let in, by reason."""
+    """Numbers of the packets at the autopilot's endpoint that were refused, by reason."""
 
     malformed: int = 0  # no MAVLink, or a wrong checksum
-    # of other systems and components, for instance a ground station's that PX4 forwards
+    # from other systems and components, for instance a ground station's packets that PX4 forwards
     others: int = 0
-    other_address: int = 0  # under the autopilot's ids, but not from its address
-    unsigned: int = 0  # not signed, where this vehicle signs
+    other_address: int = 0  # with the autopilot's ids, but not from its address
+    unsigned: int = 0  # not signed, although this vehicle signs
     forged: int = 0  # signed with another key
-    old: int = 0  # signed, but replayed, or by a clock that went back
-    newest: str = ""  # reason of the newest one, of others excepted
-    source: str = ""  # where it came from, if the transport tells
-    newest_ns: int = 0
+    old: int = 0  # signed, but replayed, or stamped by a clock that went back
+
+    # of the newest refused packet that is not counted as ``others``
+    newest: str = ""  # its reason
+    source: str = ""  # its sender's address, if the transport tells it
+    newest_ns: int = 0  # time of its arrival
 
     @property
     def count(self) -> int:
-        """Number of all packets but those of others, which are no trouble."""
+        """Number of all refused packets but those from other systems, which are harmless."""
         return self.malformed + self.other_address + self.unsigned + self.forged + self.old
 
 
@@ -86,26 +91,27 @@ class Snapshot(Struct, frozen=True):
     position_local_ned_m: Xyz = (0.0, 0.0, 0.0)  # in PX4's own local frame
     velocity_local_ned_m_s: Xyz = (0.0, 0.0, 0.0)
     local_position_ns: int = 0
-    # std of PX4's horizontal position; 0 before it tells, inf for nonsense
+    # std of PX4's horizontal position; 0 before the first report, inf if PX4 reports nonsense
     position_accuracy_m: float = 0.0
-    height_accuracy_m: float = 0.0  # std of PX4's height; 0 before it tells, inf for nonsense
-    position_accuracy_ns: int = 0  # of both
-    has_fix: bool = False  # of satellites, three-dimensional
+    # std of PX4's height; 0 before the first report, inf if PX4 reports nonsense
+    height_accuracy_m: float = 0.0
+    position_accuracy_ns: int = 0  # time of both accuracies
+    has_fix: bool = False  # whether the satellite receiver has a three-dimensional fix
     fix_ns: int = 0
-    fix_type: int = 0  # of the receiver: MAVLink's GPS_FIX_TYPE
-    satellites: int = -1  # that the receiver uses; -1: not told
-    fix_accuracy_m: float = 0.0  # std of the receiver's horizontal position; 0: not told
-    # of PX4's local frame: latitude [deg], longitude [deg], altitude [m]
+    fix_type: int = 0  # MAVLink's GPS_FIX_TYPE of the receiver
+    satellites: int = -1  # number of satellites that the receiver uses; -1: not reported
+    fix_accuracy_m: float = 0.0  # std of the receiver's horizontal position; 0: not reported
+    # origin of PX4's local frame: latitude [deg], longitude [deg], altitude [m]
     global_origin: Xyz | None = None
     px4_version: Version | None = None
-    is_simulated: bool = False  # by PX4's own identity
+    is_simulated: bool = False  # whether PX4's own identity says that it is a simulation
     px4_boot_ms: int = 0  # PX4's clock, which shows whether it stands still
     heartbeat_ns: int = 0
     is_armed: bool = False
     mode: str = ""
     is_failsafe: bool = False
     sticks_ns: int = 0  # PX4 repeats the positions of a pilot's sticks while it hears them
-    sticks_before_ns: int = 0  # the message of that kind before the newest one
+    sticks_before_ns: int = 0  # arrival of the message of that kind before the newest one
     landed: Landed = Landed.UNKNOWN
     landed_ns: int = 0
     battery_frac: float = float("nan")
@@ -118,7 +124,8 @@ class Snapshot(Struct, frozen=True):
     sensors_ns: int = 0
     refused: Refused = NOTHING_REFUSED
     is_signed: bool = False  # PX4 signs what it sends: it has a key
-    has_wrong_clock: bool = False  # this computer's is a minute behind another one that signs
+    # whether this computer's clock is a minute behind that of another sender of signed packets
+    has_wrong_clock: bool = False
 
     def battery(self, now_ns: int) -> tuple[float, float]:
         """Return charge [0 to 1] and voltage [V]; NaN once PX4's report is 5 s old."""
@@ -127,26 +134,26 @@ class Snapshot(Struct, frozen=True):
         return self.battery_frac, self.battery_voltage_v
 
     def accuracy_m(self, now_ns: int) -> float:
-        """Return PX4's accuracy; 0 before the first report, and once that is 5 s old."""
+        """Return the accuracy of PX4's position; 0 if PX4 has not reported it for 5 s."""
         if now_ns - self.position_accuracy_ns > ACCURACY_KNOWN_NS:
             return 0.0
         return self.position_accuracy_m
 
     def sees_satellites(self, now_ns: int) -> bool:
-        """Return whether PX4 has reported a fix lately."""
+        """Return whether PX4 has reported a fix within the last 1.5 s."""
         return self.has_fix and now_ns - self.fix_ns <= FIX_KNOWN_NS
 
     def hears_sticks(self, now_ns: int) -> bool:
-        """Return whether PX4 hears a pilot's sticks, of a radio control or of a joystick.
+        """Return whether PX4 hears a pilot's sticks, from a radio control or from a joystick.
 
-        One message alone is none: PX4 sends one when the stream begins, also without sticks.
+        It takes two messages in a row: PX4 sends one when the stream begins, also without sticks.
         """
         is_recent = now_ns - self.sticks_ns < STICKS_KNOWN_NS
         is_repeated = self.sticks_ns - self.sticks_before_ns < STICKS_KNOWN_NS
         return self.sticks_before_ns > 0 and is_recent and is_repeated
 
     def is_flown_by_hand(self, now_ns: int) -> bool:
-        """Return whether a pilot flies: an armed PX4 in a pilot's mode that hears his sticks."""
+        """Return whether a pilot flies: PX4 is armed, in a pilot's mode, and hears the sticks."""
         return self.is_armed and self.mode in PILOT_MODES and self.hears_sticks(now_ns)
 
     @property
@@ -165,19 +172,19 @@ class Autopilot(Protocol):
         """Return the newest values; safe from any thread."""
 
     def send_attitude(self, setpoint: AttitudeSetpoint) -> None:
-        """Send one setpoint, in PX4's heading; it is not repeated by itself."""
+        """Send one setpoint, in PX4's heading. The link does not repeat it."""
 
     def set_offboard(self) -> None:
-        """Command OFFBOARD."""
+        """Command PX4 to switch to OFFBOARD."""
 
     def land(self) -> None:
-        """Command PX4's own landing."""
+        """Command PX4 to land by itself."""
 
     def arm(self) -> None:
-        """Command to arm."""
+        """Command PX4 to arm."""
 
     def disarm(self) -> None:
-        """Command to disarm; PX4 refuses in the air."""
+        """Command PX4 to disarm; it refuses in the air."""
 
     def kill(self) -> None:
         """Stop the motors now, wherever the vehicle is."""
@@ -186,7 +193,7 @@ class Autopilot(Protocol):
         """Ask for a heartbeat now; one comes every second by itself."""
 
     def reboot(self) -> None:
-        """Command to start anew; PX4 refuses while it is armed."""
+        """Command PX4 to reboot; it refuses while it is armed."""
 
     def play_tune(self) -> None:
         """Play a tune; PX4 does not acknowledge it."""
@@ -203,5 +210,5 @@ class Autopilot(Protocol):
     ) -> None:
         """Send a mocap pose to PX4's estimator, for its own hold and land.
 
-        A new count lets the estimator begin anew at this pose.
+        A changed count makes the estimator begin anew at this pose.
         """

@@ -59,7 +59,8 @@ def wrap_rad(angle_rad: float) -> float:
 
 
 def turned_about_up(quaternion: Quaternion, yaw_rad: float) -> Quaternion:
-    """Return the attitude after a turn about the outer z axis: a turn about z, times it."""
+    """Return the attitude after a turn by ``yaw_rad`` about the outer z axis."""
+    # the quaternion of the turn, (cosine, 0, 0, sine), times the attitude's
     w, x, y, z = quaternion
     cosine = math.cos(0.5 * yaw_rad)
     sine = math.sin(0.5 * yaw_rad)

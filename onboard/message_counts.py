@@ -1,6 +1,6 @@
 """Counts of the messages that were not used.
 
-A count each, and no line in a log: a flood must fill nothing.
+Such messages are counted and never logged one by one, so that a flood of them cannot fill a disk.
 """
 
 from __future__ import annotations
@@ -11,29 +11,29 @@ from dataclasses import dataclass
 
 @dataclass(slots=True)
 class MessageCounts:
-    """Messages that were not used, by the reason."""
+    """Numbers of messages that were not used, by reason."""
 
-    malformed: int = 0  # no message of its kind, or numbers that are not finite
-    # in another's name, of a node that the fleet file lacks, or not believable; orders are counted
-    # apart
+    malformed: int = 0  # bytes that are no message of their topic, or numbers that are not finite
+    # sent in another node's name, sent by a node that is not in the fleet file, or not plausible;
+    # refused orders are counted elsewhere
     refused: int = 0
-    # lost on the way, by the numbers that are missing, or pushed out of a full queue
+    # lost on the way (sequence numbers are missing), or pushed out of a full queue
     dropped: int = 0
-    late: int = 0  # repeated, overtaken, or older than what is known
+    late: int = 0  # repeated, overtaken by a newer message, or older than what is known
 
 
 def total(counts: Iterable[MessageCounts]) -> MessageCounts:
     """Return the sum of several counts."""
     sums = MessageCounts()
-    for one in counts:
-        sums.malformed += one.malformed
-        sums.refused += one.refused
-        sums.dropped += one.dropped
-        sums.late += one.late
+    for summand in counts:
+        sums.malformed += summand.malformed
+        sums.refused += summand.refused
+        sums.dropped += summand.dropped
+        sums.late += summand.late
     return sums
 
 
 def in_words(malformed: int, refused: int, dropped: int, late: int) -> str:
-    """Return counts of messages, without those that are 0; empty when all are."""
+    """Return the counts that are not 0, as "3 malformed, 1 late"; empty if all of them are 0."""
     counts = {"malformed": malformed, "refused": refused, "dropped": dropped, "late": late}
     return ", ".join(f"{count} {word}" for word, count in counts.items() if count)

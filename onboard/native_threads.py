@@ -13,11 +13,11 @@ def keep_thread_state() -> None:
 
     Every callback calls this first. Otherwise each callback of a foreign thread creates that state
     and deletes it again: 16 KiB are mapped and unmapped each time, which interrupts all processors.
-    A call of ``PyGILState_Ensure`` without its counterpart keeps the state, about a kilobyte per
-    thread.
+    ``PyGILState_Ensure`` is called here without ``PyGILState_Release``, which keeps the state. It
+    takes about a kilobyte per thread.
 
-    The owner of the thread must end it, or its callbacks, before the interpreter ends; the links
-    and the bus do so when they stop.
+    The owner of the thread must end the thread, or its callbacks, before the interpreter ends. The
+    links and the bus do so when they stop.
     """
     if not hasattr(_known, "is_kept"):
         _known.is_kept = True

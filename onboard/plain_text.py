@@ -1,7 +1,7 @@
 """Text from outside, for terminals and text files.
 
-An escape sequence in it would command the terminal. So every character that cannot be printed
-becomes a space.
+An escape sequence in such a text would command the terminal. Therefore every character that cannot
+be printed becomes a space.
 """
 
 from __future__ import annotations
@@ -14,20 +14,21 @@ def plain_line(text: str) -> str:
     """Return text from outside as one line without control characters.
 
     Args:
-        text: of an event, a reply or a name.
+        text: Text of an event, a reply or a name.
 
     Returns:
-        The text, a space for each run of white space or of characters that cannot be printed.
+        The text, with one space in place of each run of white space or of characters that cannot
+        be printed.
     """
     return " ".join(plain_lines(text).split())
 
 
 def listed(names: Sequence[str], most: int) -> str:
-    """Return names in one line, with the number of those that find no room.
+    """Return names in one line: the first ones, and how many more there are.
 
     Args:
-        names: one or more.
-        most: so many are written out.
+        names: One or more names.
+        most: The largest number of names that are written out.
     """
     shown = ", ".join(names[:most])
     hidden = len(names) - most
@@ -40,10 +41,10 @@ def plain_lines(text: str) -> str:
     """Return text from outside without control characters; its lines and indentation stay.
 
     Args:
-        text: of several lines, as a trace.
+        text: Text of several lines, for instance a traceback.
 
     Returns:
-        The text, a space for each character that cannot be printed.
+        The text, with a space in place of each character that cannot be printed.
     """
     lines = text.split("\n")
     if all(map(str.isprintable, lines)):
@@ -58,10 +59,10 @@ def _printable(line: str) -> str:
 class PlainStream:
     """Output of a process whose lines may contain text from outside.
 
-    It cleans every text, so that no caller can forget to.
+    It cleans every text, so that no caller has to remember it.
 
     Args:
-        stream: where the lines go, as ``sys.stdout``.
+        stream: The stream that gets the lines, for instance ``sys.stdout``.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -71,18 +72,18 @@ class PlainStream:
         """Write a text, without its control characters.
 
         Returns:
-            the number of characters taken.
+            The number of characters of ``text``, as a stream's ``write`` does.
         """
         self.stream.write(plain_lines(text))
         return len(text)
 
     def __getattr__(self, name: str) -> Any:
-        """Return everything else as the stream has it."""
+        """Return any other attribute of the stream."""
         return getattr(self.stream, name)
 
 
 def drawing(stream: TextIO) -> TextIO:
-    """Return the stream below a :class:`PlainStream`, for what draws with escape sequences.
+    """Return the stream below a :class:`PlainStream`, for output that needs escape sequences.
 
     Args:
         stream: ``sys.stdout`` or ``sys.stderr``.

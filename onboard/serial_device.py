@@ -13,15 +13,15 @@ def open_serial(endpoint: str) -> int:
     """Open the device of an endpoint.
 
     Args:
-        endpoint: as in the fleet file, ``serial://DEVICE:BAUD``.
+        endpoint: The endpoint as the fleet file has it, ``serial://DEVICE:BAUD``.
     Returns:
-        its file descriptor.
+        The file descriptor of the device.
     Raises:
-        ValueError: it is written wrongly.
-        OSError: there is no such file, or it is no serial device, or it may not be used.
+        ValueError: The endpoint is written wrongly.
+        OSError: The device does not exist, is no serial device, or must not be used.
     """
     device, _, baud = endpoint.removeprefix(_PREFIX).rpartition(":")
-    speed = getattr(termios, f"B{baud}", None)  # a constant for each speed that the system knows
+    speed = getattr(termios, f"B{baud}", None)  # termios has a constant for each possible speed
     if not endpoint.startswith(_PREFIX) or not device or speed is None:
         raise ValueError(
             f"'{endpoint}' is no serial endpoint; write it as serial:///dev/ttyAMA0:921600"
@@ -31,7 +31,7 @@ def open_serial(endpoint: str) -> int:
     try:
         tty.setraw(descriptor)
         attributes = termios.tcgetattr(descriptor)
-        # control flags, input speed, output speed: termios(3)
+        # termios(3): item 2 holds the control flags, 4 the input speed and 5 the output speed
         attributes[2] = attributes[2] & ~termios.CRTSCTS | termios.CLOCAL | termios.CREAD
         attributes[4] = speed
         attributes[5] = speed

@@ -1,7 +1,7 @@
 """Values that pass between two stages of the pipeline: frozen, of plain floats, in fleet ENU.
 
-One value belongs to one vehicle. A batch of flights holds the same values in arrays, and knows how
-to read and write them (:mod:`onboard.rollout.batch`).
+Each value belongs to one vehicle. :mod:`onboard.rollout.batch` packs the same values of many
+flights into arrays.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ TICK_S = 0.02  # period of the control loop
 
 
 class LawStatus(IntEnum):
-    """Result of the avoidance law for the thrust of one tick; never dropped."""
+    """What the avoidance law did to the thrust at one tick; every tick has a status."""
 
     INACTIVE = 0  # the baseline thrust already satisfies every row
     SATURATED = 1  # changed, all hard rows satisfied
     RELAXED = 2  # no thrust satisfies all hard rows: the smallest common slack was granted
-    INFEASIBLE = 3  # inputs not usable (for instance coincident vehicles): bounded fallback
+    # the inputs cannot be used (for instance coincident vehicles): the thrust is a bounded fallback
+    INFEASIBLE = 3
 
 
 class State(NamedTuple):
@@ -41,16 +42,17 @@ class Goal(NamedTuple):
     """Input of the trajectory: a position to fly to, or the present point of a followed path."""
 
     position_enu_m: Vec3
-    duration_s: float  # time for the leg; 0: as fast as the limits allow
-    sequence: int  # changes when a new leg begins, so that the trajectory is planned anew
+    duration_s: float  # time for the flight to the position; 0: as fast as the limits allow
+    sequence: int  # changes with each new goal, so that the trajectory is planned anew
 
     is_on_path: bool = False
     # motion of the path at a clock rate of 1; zero for a position to fly to
     velocity_enu_m_s: Vec3 = ZERO_3
     acceleration_enu_m_s2: Vec3 = ZERO_3
 
-    yaw_rad: float = math.nan  # heading to turn to, counterclockwise from east; NaN: as it is
-    clock_rate_frac: float = 1.0  # of the path's clock
+    # heading to turn to, counterclockwise from east; NaN: keep the present one
+    yaw_rad: float = math.nan
+    clock_rate_frac: float = 1.0  # rate of the path's clock, as a share of real time
 
 
 class TrajectorySetpoint(NamedTuple):
@@ -68,7 +70,7 @@ class Thrust(NamedTuple):
 
 
 class AttitudeSetpoint(NamedTuple):
-    """Setpoint for PX4, still in ENU/FLU."""
+    """Setpoint for PX4, in ENU/FLU; the link converts it to PX4's NED/FRD."""
 
     quaternion_wxyz: tuple[float, float, float, float]  # rotates FLU to ENU
     thrust_frac: float  # in [0, 1]
@@ -92,13 +94,13 @@ class Neighbour(NamedTuple):
     velocity_std_m_s: float
 
     crowd_count: float  # number of its own near neighbours
-    is_cooperative: bool  # False: the whole responsibility is ours
+    is_cooperative: bool  # False: it avoids nobody, so that this vehicle does all the avoiding
     is_paper_obstacle: bool  # the ring's successor, the only neighbour of the paper's law
     table_index: int  # among all neighbours that this vehicle knows, for the record
 
 
 class LawOutput(NamedTuple):
-    """Result of the avoidance law: a thrust, and the facts that are published and recorded."""
+    """Result of the avoidance law: a thrust, and values that are published and recorded."""
 
     thrust: Thrust
     predicted_position_enu_m: Vec3  # own state predicted over the own lag; published
@@ -106,7 +108,7 @@ class LawOutput(NamedTuple):
     commanded_acceleration_enu_m_s2: Vec3  # published
 
     status: int  # a LawStatus
-    intervention_m_s2: float  # |u - u0|
+    intervention_m_s2: float  # |u - u_0|: change of the baseline's thrust
     slack_m_s2: float  # 0 unless relaxed
     crowd_count: float  # published
     # index of the neighbour whose row binds most; -1: none; -2: an obstacle or the fence
@@ -117,7 +119,7 @@ class LawOutput(NamedTuple):
 
 
 class Tick(NamedTuple):
-    """Every intermediate value of one pass of the pipeline: logged, replayed, shown, asserted."""
+    """Every intermediate value of one pass of the pipeline, for logs, replay and tests."""
 
     state: State
     setpoint: TrajectorySetpoint
@@ -125,4 +127,4 @@ class Tick(NamedTuple):
     law: LawOutput
     attitude: AttitudeSetpoint
     hover_thrust_frac: float
-    is_finite: bool  # False: the input could not be used and the vehicle was levelled
+    is_finite: bool  # False: the input could not be used, and the attitude setpoint is level

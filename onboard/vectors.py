@@ -1,7 +1,7 @@
 """Vectors of plain floats, and the few operations on them that the control code needs.
 
 Python interprets these functions on a drone, and numba compiles the same functions for batches of
-flights. So they take their arguments by position and keep to floats and tuples.
+flights. Therefore they take their arguments by position and use only floats and tuples.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def horizontal(a: Vec3) -> Vec2:
 
 
 def bounded(a: Vec3, bound: float) -> Vec3:
-    """Return the vector with each component within plus and minus a bound."""
+    """Return the vector with each component clipped to [-bound, bound]."""
     x = min(max(a.x, -bound), bound)
     y = min(max(a.y, -bound), bound)
     z = min(max(a.z, -bound), bound)
@@ -63,21 +63,21 @@ def bounded(a: Vec3, bound: float) -> Vec3:
 
 
 def within(value: float, bound: float) -> float:
-    """Return the value within plus and minus a bound; 0 for NaN."""
+    """Return the value clipped to [-bound, bound]; 0 for NaN."""
     if math.isnan(value):
         return 0.0
     return min(max(value, -bound), bound)
 
 
 def horizontal_within(a: Vec3, bound: float) -> Vec2:
-    """Return the horizontal part with both components within plus and minus a bound; 0 for NaN."""
-    if abs(a.x) + abs(a.y) < bound:
+    """Return the horizontal part with both components clipped to [-bound, bound]; 0 for NaN."""
+    if abs(a.x) + abs(a.y) < bound:  # the usual case, quickly; never true for NaN
         return Vec2(a.x, a.y)
     return Vec2(within(a.x, bound), within(a.y, bound))
 
 
 def finite_or(a: Vec3, other: Vec3) -> Vec3:
-    """Return the vector; another one's components stand in for those that are not finite."""
+    """Return vector ``a``, with components of ``other`` in place of those that are not finite."""
     if is_finite(a):
         return a
     return Vec3(
@@ -93,7 +93,7 @@ def length(a: Vec3) -> float:
 
 
 def is_finite(a: Vec3) -> bool:
-    """Whether all three components are numbers and none is infinite."""
+    """Whether all three components are finite."""
     return math.isfinite(a.x) and math.isfinite(a.y) and math.isfinite(a.z)
 
 

@@ -1,13 +1,13 @@
-"""Constraints of the law: half-planes ``n . u >= b`` of the horizontal thrust, the rows, one for
-each constrained output.
+"""Constraints of the law, as half-planes ``n . u >= b`` of the horizontal thrust u ("rows").
 
 The paper constrains two outputs of a pair: the squared distance d_o,2 of (5), and the orthoradial
-velocity phi_perp of (6). It derives each until the input appears, (10), and bounds the input such
-that the output decays to its limit no faster than the kappas say, (17) and (18). The bounds are
-:func:`separating_bound` and :func:`h_2`. With e and w for position and velocity relative to the
-other one, ``u_1
-= 2 e . u`` and ``u_2 = e x u``, (15): so (17) and (18) are half-planes, with the normals e and e
-turned by 90 degrees. A row is divided by the distance to keep, so that its bound is in m/s^2.
+velocity phi_perp of (6). It differentiates each of them until the input appears, (10). Then it
+bounds the input so that the output decays to its limit no faster than the kappas say, (17) and
+(18). The bounds are :func:`separating_bound` and :func:`h_2`.
+
+Let e and w be position and velocity relative to the other vehicle. The inputs are ``u_1 = 2 e . u``
+and ``u_2 = e x u``, (15). So (17) and (18) are half-planes whose normals are e, and e turned by 90
+degrees. A row is divided by the distance to keep, so that its bound is in m/s^2.
 """
 
 from __future__ import annotations
@@ -34,9 +34,20 @@ from onboard.vectors import ZERO_2, Vec2, cross_2, dot_2, length_2
 
 SPEED_GAIN_1_S = 4.0
 VIOLATED_M_S2 = 1e-10  # a row that is missed by more changes the thrust; less is rounding
-_CONFLICT_FADE = 0.2  # times the distance to keep: over which a conflict grows to its full strength
-_CONFLICT_WIDTH = 0.9  # times the distance to keep: ways that pass nearer than this conflict
-_CONFLICT_M_S = 0.3  # relative intent from which a conflict counts in full
+
+# Two intended straight paths conflict if they pass each other nearer than _CONFLICT_WIDTH times the
+# distance to keep. The conflict has its full strength where they pass nearer by _CONFLICT_FADE
+# times that distance, and from this relative intent on.
+_CONFLICT_WIDTH = 0.9
+_CONFLICT_FADE = 0.2
+_CONFLICT_M_S = 0.3
+_NO_INTENT_M_S = 1e-6  # relative intent below which two vehicles intend the same
+
+# A pair turns clockwise only if its relative velocity clearly says so: if the passing distance is
+# at least this share of the distance to keep. A slower velocity than the floor counts as the floor.
+_CLOCKWISE_WIDTH = 0.25
+_CLOCKWISE_FLOOR_M_S = 0.1
+
 _NO_ROW = HalfPlane(ZERO_2, -math.inf)
 
 
@@ -44,10 +55,10 @@ class Constraint(NamedTuple):
     """The rows of one neighbour, obstacle or wall."""
 
     row: HalfPlane  # hard: keeps the distance
-    turn: HalfPlane  # soft: turns about it
+    turn: HalfPlane  # soft: turns the vehicle about the neighbour or obstacle
     is_turning: bool  # whether there is a soft row
-    violation_m_s2: float  # of the hard row by the baseline; negative where it holds
-    table_index: int  # of the neighbour, or NOT_A_VEHICLE
+    violation_m_s2: float  # by how much the baseline violates the hard row; negative: it holds
+    table_index: int  # index of the neighbour, or NOT_A_VEHICLE
 
 
 def constraints_around(
@@ -68,7 +79,7 @@ def constraints_around(
     constraints = [neighbour_constraint(own, pair, crowd_count, params) for pair in pairs]
     constraints.extend([obstacle_constraint(own, surface, params) for surface in surfaces])
 
-    # walls are not turned about
+    # walls have no rotation rows
     walls = fence_rows(own.position_m, own.velocity_m_s, params.fence, params.gains)
     constraints.extend([hard_constraint(own, wall, NOT_A_VEHICLE) for wall in walls])
     return constraints
@@ -104,11 +115,12 @@ def neighbour_constraint(
 def turning_strength(violation_m_s2: float, pair: NeighbourPair, params: LawParams) -> float:
     """Return how much of a neighbour's rotation row counts, from 0 to 1, by policy.
 
-    ahead: with the violation, and before it as far as the ways that both intend come too near;
-    violated: with the violation alone. DEVIATION D4, D15.
+    Under the policy "violated" the share grows with the violation of the distance row. Under
+    "ahead" the paths that both vehicles intend may raise it before there is a violation, by how
+    much they come too near. DEVIATION D4, D15.
 
     Args:
-        violation_m_s2: of the distance row by the baseline.
+        violation_m_s2: by how much the baseline violates the distance row.
         pair: this vehicle and the neighbour at t + L.
     """
     rotation = params.policies.rotation
@@ -124,7 +136,9 @@ def turning_strength(violation_m_s2: float, pair: NeighbourPair, params: LawPara
 
 
 def obstacle_constraint(own: Own, surface: Surface, params: LawParams) -> Constraint:
-    """Return the rows of one static obstacle: its distance, and turning while that is violated.
+    """Return the rows of one static obstacle.
+
+    They are its distance row and, while the baseline violates that one, a rotation row.
 
     Args:
         own: this vehicle at t + L.
@@ -152,8 +166,8 @@ def hard_constraint(own: Own, net_row: HalfPlane, table_index: int) -> Constrain
 
     Args:
         own: this vehicle at t + L.
-        net_row: keeps the distance; of the net motion, without the compensation.
-        table_index: of the neighbour, or NOT_A_VEHICLE.
+        net_row: the row that keeps the distance, for the net motion without the compensation.
+        table_index: index of the neighbour, or NOT_A_VEHICLE.
     """
     row = compensated(net_row, own.compensation_m_s2)
     return Constraint(
@@ -168,8 +182,8 @@ def hard_constraint(own: Own, net_row: HalfPlane, table_index: int) -> Constrain
 def separating_bound(e: Vec2, w: Vec2, d_m: float, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
     """Return the bound [m^2/s^2] of ``e . (a_i - a_j)`` that keeps a pair apart.
 
-    It keeps the squared distance, (5), above d^2, (7). This is half of h_1 of (20) without the
-    acceleration of the other one, which the paper has in D_1.
+    It keeps the squared distance, (5), above d^2, (7). The bound is half of h_1 of (20), without
+    the other vehicle's acceleration, which the paper includes in D_1.
 
     Args:
         e, w: relative position and velocity [m, m/s].
@@ -188,16 +202,16 @@ def separating_bound(e: Vec2, w: Vec2, d_m: float, kappa_1_1_s: float, kappa_2_1
 def h_2(
     e: Vec2, w: Vec2, v: Vec2, d_m: float, v_perp_m_s: float, sign: float, gains: Gains
 ) -> float:
-    """Return the bound (21) [m^2/s^2] for turning about the other one.
+    """Return the bound (21) [m^2/s^2] for turning about the other vehicle.
 
-    ``sign (e x a) >= h_2`` keeps the orthoradial velocity, (6), above (8), or for the sign -1 below
-    (9).
+    ``sign (e x a) >= h_2`` keeps the orthoradial velocity, (6), above (8). With the sign -1 it
+    keeps that velocity below (9).
 
     Args:
         e, w: relative position and velocity [m, m/s].
         v: velocity whose orthoradial part is constrained [m/s].
         d_m: distance to keep.
-        v_perp_m_s: v_perp^#.
+        v_perp_m_s: the paper's v_perp^#, the orthoradial velocity to reach [m/s].
         sign: +1 counter-clockwise, -1 clockwise.
         gains: kappa_3 and kappa_4.
     """
@@ -238,10 +252,11 @@ def orthoradial(e: Vec2, sign: float, bound_m2_s2: float, d_m: float) -> HalfPla
 def distance_row(pair: NeighbourPair, d_m: float, params: LawParams) -> HalfPlane:
     """Return the half-plane that keeps one neighbour outside a distance (line D).
 
-    Implements: (17), (20). DEVIATION D2: the policy says how much of the bound this vehicle takes
-    on itself. full: all of it, and the other's acceleration (the paper). half: half. shortfall:
-    half, and ``shortfall_gain`` times the part of the other half that the neighbour's command does
-    not deliver. All of it for one that does not cooperate.
+    Implements: (17), (20). DEVIATION D2: a policy says how much of the bound this vehicle takes.
+    Under "full" it takes all of the bound and the other's acceleration, as in the paper. Under
+    "half" it takes half. Under "shortfall" it takes half, and ``shortfall_gain`` times the part of
+    the other half that the neighbour's command does not deliver. A neighbour that does not
+    cooperate always leaves it all of the bound.
 
     Args:
         pair: this vehicle and the neighbour at t + L.
@@ -251,25 +266,26 @@ def distance_row(pair: NeighbourPair, d_m: float, params: LawParams) -> HalfPlan
     Properties: rotation-equivariant; homogeneous.
     """
     gains = params.gains
-    needed = separating_bound(pair.e, pair.w, d_m, gains.kappa_1_1_s, gains.kappa_2_1_s)
-    pulled = dot_2(pair.e, pair.command_m_s2)  # by the neighbour's command, towards it
+    whole_bound = separating_bound(pair.e, pair.w, d_m, gains.kappa_1_1_s, gains.kappa_2_1_s)
+    # what the neighbour's command adds to it: positive where the neighbour accelerates towards us
+    closing = dot_2(pair.e, pair.command_m_s2)
 
     responsibility = params.policies.responsibility
     if responsibility == RESPONSIBILITY_FULL or not pair.is_cooperative:
-        bound = needed + pulled
+        bound = whole_bound + closing
     elif responsibility == RESPONSIBILITY_HALF:
-        bound = 0.5 * needed
+        bound = 0.5 * whole_bound
     else:
-        shortfall = max(0.0, 0.5 * needed + pulled)
-        bound = 0.5 * needed + gains.shortfall_gain * shortfall
+        shortfall = max(0.0, 0.5 * whole_bound + closing)
+        bound = 0.5 * whole_bound + gains.shortfall_gain * shortfall
 
     return radial(pair.e, bound, d_m)
 
 
 def promised_row(pair: NeighbourPair, params: LawParams) -> HalfPlane:
-    """Return the half-plane of the promised distance alone, without any margin (line Q).
+    """Return the half-plane of the promised safety distance, without any margin (line Q).
 
-    It is given up last.
+    Where rows contradict, this row gives way last.
 
     Args:
         pair: this vehicle and the neighbour at t + L.
@@ -283,9 +299,10 @@ def rotation_row(
 ) -> HalfPlane:
     """Return the soft half-plane that turns the pair about each other (line R).
 
-    Implements: (18), (21). DEVIATION D4: in relative form with half a share for each, where both
-    see the same numbers. A vehicle that has to do everything turns alone, relative to the other;
-    under the paper's full responsibility by its absolute velocity, as (6) has it.
+    Implements: (18), (21). DEVIATION D4: the row is of the relative velocity, and each of the two
+    vehicles takes half of its bound, because both see the same numbers. If the neighbour does not
+    cooperate, this vehicle takes all of the bound. Under the paper's full responsibility the row is
+    of the absolute velocity, as (6) has it.
 
     Args:
         pair: this vehicle and the neighbour at t + L.
@@ -319,20 +336,22 @@ def rotation_row(
 
 
 def conflict(e: Vec2, intent_m_s: Vec2, d_m: float) -> float:
-    """Return how far the straight ways that both intend come too near, from 0 to 1. DEVIATION D4.
+    """Return how much the intended straight paths of a pair conflict, from 0 to 1. DEVIATION D4.
+
+    They conflict where they would pass each other too near.
 
     Args:
         e: relative position [m].
-        intent_m_s: relative velocity that both intend.
+        intent_m_s: difference of the velocities that the two intend.
         d_m: distance to keep.
     Properties: rotation-equivariant; the same for both vehicles.
     """
     speed_m_s = length_2(intent_m_s)
-    if speed_m_s < 1e-6 or dot_2(e, intent_m_s) >= 0.0:
+    if speed_m_s < _NO_INTENT_M_S or dot_2(e, intent_m_s) >= 0.0:
         return 0.0  # they part
 
-    miss_m = abs(cross_2(e, intent_m_s)) / speed_m_s
-    nearness = (_CONFLICT_WIDTH * d_m - miss_m) / (_CONFLICT_FADE * d_m)
+    passing_m = abs(cross_2(e, intent_m_s)) / speed_m_s  # smallest distance on straight paths
+    nearness = (_CONFLICT_WIDTH * d_m - passing_m) / (_CONFLICT_FADE * d_m)
     share = min(max(nearness, 0.0), 1.0)
     return share * min(speed_m_s / _CONFLICT_M_S, 1.0)
 
@@ -340,14 +359,19 @@ def conflict(e: Vec2, intent_m_s: Vec2, d_m: float) -> float:
 def turn_sign(e: Vec2, intent_m_s: Vec2, d_m: float, is_crowded: bool, direction: int) -> float:
     """Return the side of a turn by policy: +1 counter-clockwise, (8), or -1 clockwise, (9).
 
-    fixed: always +1. pair: as the relative velocity already turns the pair, which both see alike;
-    +1 if undecided. crowd: a crowded pair always +1, so that all of a crowd go round the same way.
-    intent: as crowd, but by the relative velocity that both intend, which does not keep a circling
-    pair circling. DEVIATION D4, D14.
+    * "fixed": always +1.
+    * "pair": the side to which the relative velocity already turns the pair. Both vehicles see the
+      same side. It is +1 while that is undecided.
+    * "crowd": always +1 for a crowded pair, so that a whole crowd turns the same way; otherwise
+      like "pair".
+    * "intent": like "crowd", but by the relative velocity that the two intend. So a pair that
+      circles does not go on circling.
+
+    DEVIATION D4, D14.
 
     Args:
         e: relative position [m].
-        intent_m_s: relative velocity that decides.
+        intent_m_s: relative velocity that decides: intended or flown, by policy.
         d_m: distance to keep.
         is_crowded: whether the pair is part of a crowd.
         direction: the policy.
@@ -355,7 +379,8 @@ def turn_sign(e: Vec2, intent_m_s: Vec2, d_m: float, is_crowded: bool, direction
     if direction == DIRECTION_FIXED or (is_crowded and direction >= DIRECTION_CROWD):
         return 1.0
 
-    clearly_clockwise = -0.25 * d_m * max(length_2(intent_m_s), 0.1)
+    speed_m_s = max(length_2(intent_m_s), _CLOCKWISE_FLOOR_M_S)
+    clearly_clockwise = -_CLOCKWISE_WIDTH * d_m * speed_m_s
     return -1.0 if cross_2(e, intent_m_s) < clearly_clockwise else 1.0
 
 
@@ -363,8 +388,8 @@ def obstacle_row(surface: Surface, gains: Gains) -> HalfPlane:
     """Return the half-plane that keeps a static obstacle at its distance: (17). DEVIATION D13.
 
     Args:
-        surface: the obstacle's nearest point; this vehicle takes all of the bound.
-        gains: ``static_kappa_1_1_s`` in place of kappa_1.
+        surface: the obstacle's nearest point. This vehicle takes all of the bound.
+        gains: holds the kappas; ``static_kappa_1_1_s`` is used in place of kappa_1.
     """
     bound = separating_bound(
         surface.e, surface.w, surface.d_m, gains.static_kappa_1_1_s, gains.kappa_2_1_s
@@ -392,8 +417,8 @@ def obstacle_rotation_row(
 def fence_rows(position_m: Vec2, velocity_m_s: Vec2, fence: Walls, gains: Gains) -> list[HalfPlane]:
     """Return the half-planes of the four walls: (17) for the distance from a line. DEVIATION D13.
 
-    With the distance h and the inward normal n: ``n . u >= -(k_1 + k_2) n . v - k_1 k_2 h``. The
-    bound of an open side is -inf.
+    With the distance h from the wall and its inward normal n, the row is
+    ``n . u >= -(k_1 + k_2) n . v - k_1 k_2 h``. Where there is no wall, its bound is -inf.
 
     Args:
         position_m, velocity_m_s: own, horizontal, at t + L.
@@ -425,13 +450,14 @@ def speed_row(velocity_m_s: Vec2, top_speed_m_s: float) -> HalfPlane:
 
 
 def compensated(row: HalfPlane, compensation_m_s2: Vec2) -> HalfPlane:
-    """Return the row for the thrust with its compensation.
+    """Return the row for the thrust that includes the compensation.
 
-    Rows constrain the net motion, which is without it.
+    The law's rows constrain the net motion, but the thrust that is projected also compensates drag
+    and disturbance.
 
     Args:
-        row: of the net motion.
-        compensation_m_s2: horizontal.
+        row: row for the net motion.
+        compensation_m_s2: horizontal part of the thrust against drag and disturbance.
     """
     return HalfPlane(row.normal, row.bound_m_s2 + dot_2(row.normal, compensation_m_s2))
 
@@ -447,15 +473,16 @@ def can_bind(row: HalfPlane, radius_m_s2: float) -> bool:
 
 
 def faded(row: HalfPlane, thrust_m_s2: Vec2, strength: float) -> HalfPlane:
-    """Return the row between what the thrust gives already and its own bound. DEVIATION D15.
+    """Return the row with its bound moved towards the value that the baseline has. DEVIATION D15.
 
     Args:
         row: half-plane.
-        thrust_m_s2: of the baseline.
-        strength: 0 asks for no more than the thrust gives, 1 for the whole row.
+        thrust_m_s2: thrust of the baseline.
+        strength: 0: the baseline satisfies the row exactly; 1: the row is unchanged.
     """
     if strength >= 1.0:
         return row
 
-    given = dot_2(row.normal, thrust_m_s2)
-    return HalfPlane(row.normal, given + strength * (row.bound_m_s2 - given))
+    baseline_m_s2 = dot_2(row.normal, thrust_m_s2)
+    bound_m_s2 = baseline_m_s2 + strength * (row.bound_m_s2 - baseline_m_s2)
+    return HalfPlane(row.normal, bound_m_s2)

@@ -5,20 +5,21 @@ vector n from its nearest point into what is allowed,
 
     n . u >= -(k_1 + k_2) n . v - k_1 k_2 h.
 
-Of a concave area each edge that is near has its row; an edge ends at its corners, so that a
-corner that points into the area is kept off all around. The distance from a corner grows faster
-than n . u says while the vehicle turns about it, which the row leaves out. The distance from a
-circle that is flown inside of shrinks by v_t^2 / r, which the row adds. DEVIATION D13.
+Each near edge of an area has its own row, also in a concave area. An edge ends at its corners. So
+a vehicle keeps its distance from a corner that points into the allowed space, all around it. While
+the vehicle turns about a corner, its distance grows faster than n . u says; the row leaves this
+out. Inside a circle of radius r the vehicle's tangential velocity v_t lets the distance shrink with
+v_t^2 / r; the row adds this. DEVIATION D13.
 
-Outside of what is allowed only the nearest edge has a row, and it leads back. Which side a vehicle
-is on follows from the nearest edge alone: from its line beside the edge, and beyond its end from
-the corner there. The nearest point of a vehicle that is where it may be is no corner that points
-away from it.
+If the vehicle is on the forbidden side of an area, only the nearest edge has a row, and it leads
+the vehicle back. The nearest edge alone tells the side. Beside the edge, the side of its line
+decides. Beyond an end of the edge, the corner there decides: a vehicle on the allowed side is never
+nearest to a corner that points away from it.
 
 A goal may lie behind an area to stay out of, or behind a corner that points inwards. Their edges
 have rotation rows, as obstacles have.
 
-Edges too far away to bind are left out by a comparison with the box about each.
+Edges too far away to bind are left out quickly, by a comparison with the box around each edge.
 """
 
 from __future__ import annotations
@@ -39,21 +40,23 @@ from onboard.avoidance.pairs import Own, Surface, ascending, separated
 from onboard.avoidance.params import ROTATION_NEVER, Capsule, Gains, LawParams
 from onboard.vectors import Vec2, cross_2, dot_2, length_2
 
-MAX_EDGES = 8  # the nearest ones count
-PIVOT_M = 0.5  # least distance of the point that a vehicle turns about
+MAX_EDGES = 8  # only so many of the nearest edges count
+PIVOT_M = 0.5  # least distance of the vehicle from the point about which it turns
+_ON_EDGE_M = 1e-6  # a vehicle nearer to an edge than this is on it; avoids a division by zero
 
 
 class Edge(NamedTuple):
     """This vehicle and the nearest point of one edge."""
 
-    area: int
-    e: Vec2  # from that point to the vehicle [m], never zero
-    distance_m: float  # its length
-    is_allowed: bool  # whether the vehicle is where it may be, if this edge is the area's nearest
+    area: int  # number of the area that the edge belongs to
+    e: Vec2  # from the nearest point to the vehicle [m], never zero
+    distance_m: float  # length of e
+    # whether the vehicle is on the allowed side; valid if this is the area's nearest edge
+    is_allowed: bool
     keep_m: float  # distance to keep from the edge
-    curvature_1_m: float  # by which an edge that is flown inside of bends towards the vehicle
-    is_turned_about: bool
-    # whether the nearest point lies beside the edge, and so moves along with the vehicle
+    curvature_1_m: float  # 1 / radius of a circle that the vehicle flies inside; otherwise 0
+    is_turned_about: bool  # whether the edge may have a rotation row
+    # whether the nearest point is between the edge's ends; it then moves along with the vehicle
     is_flat: bool
 
 
@@ -62,7 +65,7 @@ def edge_constraints(own: Own, still: Sequence[Capsule], params: LawParams) -> l
 
     Args:
         own: this vehicle at t + L.
-        still: what stands still; obstacles among it are passed over.
+        still: static things: edges, and obstacles, which are ignored here.
         params: numbers of this vehicle's law.
     """
     reach = reach_m(own, params.gains)
@@ -99,11 +102,11 @@ def edge_constraints(own: Own, still: Sequence[Capsule], params: LawParams) -> l
 
 
 def reach_m(own: Own, gains: Gains) -> float:
-    """Return how far from an edge's distance to keep a row binds at most.
+    """Return the largest distance [m], beyond the one to keep, from which an edge's row can bind.
 
     Args:
         own: this vehicle at t + L.
-        gains: kappas for what stands still.
+        gains: holds the kappas for static things.
     """
     rate = gains.static_kappa_1_1_s + gains.kappa_2_1_s
     stiffness = gains.static_kappa_1_1_s * gains.kappa_2_1_s
@@ -115,9 +118,9 @@ def nearest_of_area(edges: list[Edge], order: list[int], rank: int) -> int:
     """Return the rank of the nearest edge of the same area.
 
     Args:
-        edges: that are near.
+        edges: edges that are near.
         order: their indexes, nearest first.
-        rank: of an edge in that order.
+        rank: place of one edge in that order; the result is a place in it, too.
     """
     area = edges[order[rank]].area
     for nearer in range(rank):
@@ -152,14 +155,14 @@ def edge_of(capsule: Capsule, own: Own) -> Edge:
         is_allowed = capsule.is_end_inwards
 
     distance_m = length_2(e)
-    if distance_m < 1e-6:  # on the edge: its normal
+    if distance_m < _ON_EDGE_M:  # e is then along the edge's normal
         length = length_2(segment)
-        e = Vec2(-1e-6 * segment.y / length, 1e-6 * segment.x / length)
+        e = Vec2(-_ON_EDGE_M * segment.y / length, _ON_EDGE_M * segment.x / length)
         is_allowed = True
     return Edge(
         area=capsule.area,
         e=e,
-        distance_m=max(distance_m, 1e-6),
+        distance_m=max(distance_m, _ON_EDGE_M),
         is_allowed=is_allowed,
         keep_m=capsule.keep_m,
         curvature_1_m=0.0,
@@ -181,13 +184,14 @@ def round_edge(capsule: Capsule, offset: Vec2, velocity_m_s: Vec2) -> Edge:
     beyond_m = radius_m - capsule.radius_m
     is_outside = beyond_m > 0.0
 
-    distance_m = max(abs(beyond_m), 1e-6)
-    outwards = distance_m if is_outside else -distance_m
-    e = Vec2(outwards * from_centre.x / radius_m, outwards * from_centre.y / radius_m)
+    distance_m = max(abs(beyond_m), _ON_EDGE_M)
+    outwards_m = distance_m if is_outside else -distance_m
+    e = Vec2(outwards_m * from_centre.x / radius_m, outwards_m * from_centre.y / radius_m)
     return Edge(
         area=capsule.area,
         e=e,
         distance_m=distance_m,
+        # a circle with a rotation row is one to stay out of
         is_allowed=is_outside == capsule.is_turned_about,
         keep_m=capsule.keep_m,
         curvature_1_m=0.0 if capsule.is_turned_about else 1.0 / radius_m,
@@ -197,12 +201,12 @@ def round_edge(capsule: Capsule, offset: Vec2, velocity_m_s: Vec2) -> Edge:
 
 
 def edge_constraint(own: Own, edge: Edge, is_allowed: bool, params: LawParams) -> Constraint:
-    """Return the rows of one edge: its distance, and turning where a goal may lie behind it.
+    """Return the rows of one edge: its distance row and, if a goal may lie behind it, a rotation.
 
     Args:
         own: this vehicle at t + L.
-        edge: that is near.
-        is_allowed: whether the vehicle is where the edge's area allows it to be.
+        edge: an edge that is near.
+        is_allowed: whether the vehicle is on the allowed side of the edge's area.
         params: numbers of this vehicle's law.
     """
     hard = hard_constraint(own, edge_row(own, edge, is_allowed, params.gains), NOT_A_VEHICLE)
@@ -222,14 +226,14 @@ def edge_constraint(own: Own, edge: Edge, is_allowed: bool, params: LawParams) -
 
 
 def pivot_of(own: Own, edge: Edge) -> Surface:
-    """Return the point that a vehicle turns about, as the surface of an obstacle.
+    """Return the point about which a vehicle turns, as the surface of an obstacle.
 
-    It lies behind the edge, so that a vehicle at the distance to keep is PIVOT_M from it: about a
-    point a hand's breadth away nobody turns at a speed that gets anywhere.
+    The point lies behind the edge, so that a vehicle at the distance to keep is at least PIVOT_M
+    from it. About a nearer point the vehicle would turn too slowly to get on.
 
     Args:
         own: this vehicle at t + L.
-        edge: that is near.
+        edge: an edge that is near.
     """
     behind_m = max(PIVOT_M - edge.keep_m, 0.0)
     stretch = (edge.distance_m + behind_m) / edge.distance_m
@@ -247,9 +251,9 @@ def edge_row(own: Own, edge: Edge, is_allowed: bool, gains: Gains) -> HalfPlane:
 
     Args:
         own: this vehicle at t + L.
-        edge: that is near.
-        is_allowed: whether it is on that side.
-        gains: kappas for what stands still.
+        edge: an edge that is near.
+        is_allowed: whether the vehicle is on that side.
+        gains: holds the kappas for static things.
     """
     inwards = 1.0 if is_allowed else -1.0
     normal = Vec2(inwards * edge.e.x / edge.distance_m, inwards * edge.e.y / edge.distance_m)

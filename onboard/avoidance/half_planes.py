@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from onboard.vectors import Vec2, length_2
 
-EXACT = 1e-13  # rounding
+EXACT = 1e-13  # rounding error of one expression, relative to its terms
 
 
 class HalfPlane(NamedTuple):
@@ -55,7 +55,7 @@ def into_disc(u: Vec2, radius: float) -> Vec2:
 
 
 def largest_violation(u: Vec2, rows: list[HalfPlane]) -> float:
-    """Return by how much a point misses the row that it misses most; negative inside all rows.
+    """Return by how much a point violates its most violated row; negative if none is violated.
 
     Args:
         u: point.
@@ -80,14 +80,15 @@ def foot(u: Vec2, row: HalfPlane) -> Vec2:
 
 
 def on_circle(row: HalfPlane, radius: float, side: float) -> Vec2:
-    """Return the point where the edge of a half-plane of unit length meets the circle.
+    """Return one of the two points where the edge of a half-plane meets the circle.
 
-    Where they do not meet it is the edge's nearest point to the origin, outside the disc.
+    If they do not meet, the result is the edge's nearest point to the origin; it lies outside the
+    disc.
 
     Args:
-        row: of unit length.
-        radius: of the circle about the origin.
-        side: +1 or -1, for one of the two points.
+        row: half-plane with a normal of unit length.
+        radius: radius of the circle about the origin.
+        side: +1 or -1, to choose one of the two points.
     """
     normal, bound = row
     half = side * math.sqrt(max(0.0, radius * radius - bound * bound))
@@ -110,7 +111,7 @@ def corner(one: HalfPlane, two: HalfPlane) -> Vec2:
 
 
 def difference(one: HalfPlane, two: HalfPlane) -> HalfPlane:
-    """Return the half-plane whose edge holds the points that miss both bounds by the same amount.
+    """Return the half-plane whose edge holds the points that violate both rows by the same amount.
 
     Args:
         one, two: of any length.

@@ -1,9 +1,10 @@
-"""How much of the distance to a neighbour counts, by the heights of the two: all, a part, or none.
+"""How much of the distance to keep counts for a pair, by the heights of the two vehicles.
 
-Unset, vehicles are endless vertical cylinders. With ``vertical_separation_m`` a pair that is
-farther apart in height, now and in what both are about to do, does not constrain each other at all.
-Before the heights come that near the distance to keep grows from 0 to its whole, so that a vehicle
-that climbs or sinks towards another is pushed aside in time. DEVIATION D16.
+Without ``vertical_separation_m`` every vehicle is an endless vertical cylinder. With it, two
+vehicles do not constrain each other while their heights differ by more, now and in the motion that
+both intend. As their heights approach that difference, the distance to keep grows from 0 to its
+full value. So a vehicle that climbs or sinks towards another is pushed aside in time. DEVIATION
+D16.
 """
 
 from __future__ import annotations
@@ -19,22 +20,23 @@ from onboard.types import Neighbour
 # product of both is that height, or what the vehicle climbs in this time.
 INTENT_S = 2.0
 
-# A climb goes on for so long, whatever is intended: longer than it takes to brake.
+# A climb is expected to go on for this time, whatever is intended: longer than braking takes.
 _MOTION_S = 0.4
 
-# Beyond the vertical separation, the height over which the distance grows where nobody moves.
+# For a pair without vertical motion: height, on top of the vertical separation, over which the
+# distance to keep grows from 0 to its full value.
 TRANSITION_M = 0.2
 
-# The share of the height that both are about to lose over which the distance grows. The rest of it
-# is flown at the whole distance.
+# For a pair that closes in height: the distance grows over this share of the height that the two
+# are about to lose. They fly the rest of that height at the full distance.
 _GROWTH_SHARE = 0.5
 
-# With which every vehicle that sinks above others can stop: a part of what it has.
+# Deceleration with which a vehicle that sinks above others can stop: a part of what it has.
 _SINK_BRAKE_M_S2 = 1.0
 
-HEIGHT_SIGMAS = 4.5  # of both positions
+HEIGHT_SIGMAS = 4.5  # standard deviations of the height difference that count as uncertain
 _LARGEST_STD_M = 1e3
-_STALE_S = 0.25  # a message of this age says nothing about heights any more
+_STALE_S = 0.25  # the heights in a message older than this do not count
 
 
 class Climb(NamedTuple):
@@ -43,7 +45,7 @@ class Climb(NamedTuple):
     height_m: float  # now
     ahead_m: float  # height at the own t + L
     velocity_m_s: float
-    intended_climb_m: float  # from there on, within INTENT_S; negative: it descends
+    intended_climb_m: float  # after t + L, within INTENT_S; negative: it descends
     position_std_m: float
 
 
@@ -54,9 +56,9 @@ def share_of(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
 
     Args:
         own: this vehicle.
-        neighbour: as received. One that does not cooperate lands, falls or is silent: it claims all
-            below itself, and also all above while it is silent or its intent is not known and it
-            moves.
+        neighbour: as received. A neighbour that does not cooperate lands, falls or is silent. The
+            whole column below it counts. The column above it counts while it is silent, or while it
+            moves and its intent is not known.
         own_lead_s: from now to the own t + L.
         spacing: holds the vertical separation; infinite: always 1.
     Properties: the same for both vehicles of a pair that know the same; translation-invariant.
@@ -79,9 +81,9 @@ def share_of(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
     if message_age(neighbour) > _STALE_S:
         return 1.0
     if not neighbour.is_cooperative and side < 0.0:
-        return 1.0  # it claims the column below itself
+        return 1.0  # the whole column below it counts
 
-    # the distance begins to grow at this gap, the earlier the more of it the two are about to close
+    # The distance begins to grow the earlier, the more height the two are about to lose.
     sigma_m = HEIGHT_SIGMAS * math.hypot(_known(own.position_std_m), _known(other.position_std_m))
     near_m = spacing.vertical_separation_m + sigma_m
     towards_m = max(0.0, _MOTION_S * closing_m_s, intended_closing_m)
@@ -93,9 +95,9 @@ def share_of(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
 
 
 def is_ahead(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spacing) -> bool:
-    """Whether this vehicle climbs or sinks towards a neighbour that it is still well apart from.
+    """Whether this vehicle intends to climb or sink towards a neighbour that is still well apart.
 
-    That is, by at least the vertical separation.
+    Well apart means: in height by at least the vertical separation.
 
     Args:
         own: this vehicle.
@@ -109,9 +111,10 @@ def is_ahead(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
 
 
 def sink_limit_m_s(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spacing) -> float:
-    """Return the speed with which this vehicle may sink above a neighbour.
+    """Return the speed [m/s] with which this vehicle may sink above a neighbour.
 
-    So fast it can still stop at the vertical separation above it; infinite above nobody.
+    At this speed it can still stop at the vertical separation above the neighbour. The speed is
+    infinite if this vehicle is not above the neighbour.
 
     Args:
         own: this vehicle.
@@ -124,15 +127,15 @@ def sink_limit_m_s(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing:
     if not gap_m >= 0.0:
         return math.inf
 
-    left_m = max(0.0, gap_m - spacing.vertical_separation_m)
-    return max(0.0, -other.velocity_m_s) + math.sqrt(2.0 * _SINK_BRAKE_M_S2 * left_m)
+    braking_m = max(0.0, gap_m - spacing.vertical_separation_m)
+    return max(0.0, -other.velocity_m_s) + math.sqrt(2.0 * _SINK_BRAKE_M_S2 * braking_m)
 
 
 def climb_of(neighbour: Neighbour, own_lead_s: float) -> Climb:
-    """Return a neighbour's vertical motion at the own time.
+    """Return a neighbour's vertical motion, now and at the own t + L.
 
-    One that does not cooperate is carried straight on from its plain estimate, because what it
-    announces does not count.
+    A neighbour that does not cooperate is extrapolated at constant velocity from its plain
+    estimate, because its predictions do not count.
 
     Args:
         neighbour: as received.

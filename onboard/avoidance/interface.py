@@ -1,6 +1,6 @@
-"""From the pipeline's values to those of the law, and back.
+"""Converts the pipeline's values to those of the law, and the law's answer back.
 
-Every number that enters the law is finite.
+Every number that enters the law is made finite here, so that the law itself has no such checks.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from onboard.vectors import (
 )
 
 # in place of the index of a neighbour
-NOBODY = -1
-NOT_A_VEHICLE = -2
+NOBODY = -1  # no row changes the thrust
+NOT_A_VEHICLE = -2  # an obstacle, or the fence
 
 INFEASIBLE = int(LawStatus.INFEASIBLE)
 _LEVEL = Vec3(0.0, 0.0, GRAVITY_M_S2)
@@ -60,7 +60,7 @@ def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParam
     Args:
         baseline: thrust, compensation and intent.
         predicted: own motion from :func:`predict`.
-        state: its standard deviations count.
+        state: own estimate; its height and its standard deviations count.
     """
     f = baseline.thrust.thrust_enu_m_s2
     has_motion = (
@@ -102,12 +102,12 @@ def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParam
 def output_of(
     answer: Answer, own: Own, baseline: Baseline, predicted: Motion, params: LawParams
 ) -> LawOutput:
-    """Return the output for an answer; one that rests on input that cannot be used is INFEASIBLE.
+    """Return the output for an answer; its status is INFEASIBLE if the input could not be used.
 
     Args:
-        answer: of the law.
-        own: of this tick.
-        baseline, predicted: as they came in.
+        answer: answer of the law.
+        own: this vehicle at this tick.
+        baseline, predicted: input of this tick, not yet made finite.
     """
     u = answer.thrust_m_s2
     s = own.compensation_m_s2
@@ -137,12 +137,12 @@ def output_of(
 def unchanged(
     thrust: Thrust, predicted: Motion, intent_enu_m_s: Vec3, params: LawParams
 ) -> LawOutput:
-    """Return the output of a law that does nothing, not even limit the tilt.
+    """Return the output of a law that does nothing; it does not even limit the tilt.
 
     Args:
-        thrust: passes as it is.
-        predicted: published as it is.
-        intent_enu_m_s: published as it is.
+        thrust: thrust of the baseline, which is not changed.
+        predicted: own motion at t + L, which is published.
+        intent_enu_m_s: velocity straight to the goal, which is published.
     """
     f = thrust.thrust_enu_m_s2
     return LawOutput(
@@ -161,7 +161,7 @@ def unchanged(
 
 
 def horizontal_limit(thrust_z_m_s2: float, params: LawParams) -> float:
-    """Return the largest horizontal thrust [m/s^2] that leaves the vertical one as it is.
+    """Return the largest horizontal thrust [m/s^2] that leaves the vertical thrust unchanged.
 
     Tilt and full throttle limit it. DEVIATION D8.
 

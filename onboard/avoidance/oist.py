@@ -1,5 +1,4 @@
-"""Output-to-input saturation (OIST) for N neighbours: the baseline thrust in, a safe thrust out,
-equal types.
+"""Output-to-input saturation (OIST) for N neighbours: turns the baseline thrust into a safe thrust.
 
 The paper's section 3 in its order. The outputs to constrain are the distance of a pair (5) and its
 orthoradial velocity (6). Their derivatives (10) turn the limits (7), (8) into bounds h_1, h_2 of
@@ -67,19 +66,25 @@ from onboard.avoidance.projection import INACTIVE, RELAXED, Projection, project,
 from onboard.types import LawOutput, Neighbour, State
 from onboard.vectors import dot_2, length_2
 
-HELD_S = 3.0  # for which the law holds a vehicle back before it calls for a roundabout
-ROUNDABOUT_S = 5.0  # for which it calls for one
+# A vehicle that the law holds back for HELD_S calls for a roundabout, for ROUNDABOUT_S: it
+# publishes the crowd count of a crowd, so that all around it turn the same way.
+HELD_S = 3.0
+ROUNDABOUT_S = 5.0
 
 # A vehicle is held back when it intends to go faster than 0.2 m/s, and gets on with less than this
 # share of the intended speed.
 _HELD_INTENT_2_M2_S2 = 0.04
 _HELD_FRAC = 0.2
 
-_STANDING_M_S = 1e-6
+_STANDING_M_S = 1e-6  # a slower vehicle has no direction of motion
 
-# the share of relaxed ticks is averaged: each tick of 20 ms counts for 0.07 of it
+# The share of relaxed ticks is low-passed: a tick of 20 ms keeps 0.93 of the last value.
 _RELAXED_KEPT = 0.93
 _RELAXED_TICK_S = 0.02
+
+# In a jam the speed limit shrinks by _JAM_FACTOR times the share of relaxed ticks.
+_JAM_FACTOR = 1.5
+_JAM_LEAST_SHARE = 0.1
 
 
 class LawMemory(NamedTuple):
@@ -87,8 +92,8 @@ class LawMemory(NamedTuple):
 
     commands: list[PastCommand]  # own past commands, newest first
     relaxed_share: float  # low-passed share of ticks whose hard rows had to be relaxed
-    # Time for which the law has held the vehicle back. While the vehicle calls for a roundabout it
-    # is negative: minus the time for which it goes on calling.
+    # Time for which the law has held the vehicle back. Negative while the vehicle calls for a
+    # roundabout: minus the time that is left of the call.
     held_s: float
     climb_share: float  # how fast a climb or descent may go on, from 0 to 1
     sink_limit_m_s: float  # how fast it may sink without poses; infinite without a bound
@@ -106,9 +111,9 @@ def initial() -> LawMemory:
 
 
 def predict(memory: LawMemory, state: State, params: LawParams) -> Motion:
-    """Return the own motion when a command of now takes effect, at t + L (line P1).
+    """Return the own motion at t + L, when a command of now takes effect (line P1).
 
-    With the paper's law, or where the policy says so, there is no prediction.
+    Under the paper's law, or by policy, it is the present motion: nothing is predicted.
 
     Args:
         memory: holds the past commands.
@@ -126,9 +131,9 @@ def predict(memory: LawMemory, state: State, params: LawParams) -> Motion:
 
 
 def speed_share(memory: LawMemory, params: LawParams) -> float:
-    """Return the share of the speed limit that is left in a jam (line G).
+    """Return the share of the speed limit that is left to a vehicle in a jam (line G).
 
-    Relaxed rows slow the pursuit, by policy.
+    By policy, a vehicle flies slower towards its goal while the law often relaxes rows.
 
     Args:
         memory: holds the share of relaxed ticks.
@@ -136,7 +141,7 @@ def speed_share(memory: LawMemory, params: LawParams) -> float:
     """
     if params.policies.jam == JAM_IGNORE:
         return 1.0
-    return max(0.1, 1.0 - 1.5 * memory.relaxed_share)
+    return max(_JAM_LEAST_SHARE, 1.0 - _JAM_FACTOR * memory.relaxed_share)
 
 
 def step(
@@ -158,15 +163,15 @@ def step(
         memory: of the last tick.
         baseline: thrust of the backstepping [m/s^2], compensation and intent.
         predicted: own motion from :func:`predict`.
-        state: own estimate; the paper's law uses it as it is.
-        neighbours: as received, in any order.
-        obstacles: static ones.
+        state: own estimate; the paper's law uses it without prediction.
+        neighbours: neighbours as received, in any order.
+        obstacles: static obstacles, and edges of the fence's areas.
         params: numbers of this vehicle's law.
         dt_s: time since the last tick.
     Returns:
         Memory and output. Input that cannot be used gives a bounded thrust with the status
-        INFEASIBLE. Where the own motion is not finite the thrust is level and the published
-        prediction NaN.
+        INFEASIBLE. If the own motion is not finite, the thrust is vertical and the published
+        prediction is NaN.
     Properties: rotation- and translation-equivariant about the vertical; independent of the
     neighbours' order.
     """
@@ -204,15 +209,15 @@ def saturate(
     is_roundabout: bool,
     params: LawParams,
 ) -> Answer:
-    """Return the thrust nearest to the baseline's that satisfies the rows of everything around.
+    """Return the thrust nearest to the baseline's that satisfies all rows.
 
     Implements: (22) for N neighbours, obstacles and walls; lines P3, D, R and Q. DEVIATION D8, D13.
 
     Args:
         own: this vehicle at t + L.
-        neighbours: as received.
-        obstacles: static ones.
-        is_roundabout: whether this vehicle has been held for long and calls for a roundabout.
+        neighbours: neighbours as received.
+        obstacles: static obstacles, and edges of the fence's areas.
+        is_roundabout: whether this vehicle has been held back for long and calls for a roundabout.
     """
     pairs, crowd_count, are_sound = nearest_pairs(own, neighbours, params)
     if is_roundabout:
@@ -224,13 +229,14 @@ def saturate(
         constraints.extend(edge_constraints(own, obstacles, params))
 
     active = most_violating(constraints)
-    turns = [c.turn for c in constraints if c.is_turning]  # the last one is dropped first
+    turns = [constraint.turn for constraint in constraints if constraint.is_turning]
 
     if active == NOBODY and len(turns) == 0:
         status = INACTIVE if are_sound else INFEASIBLE
         return unchanged_thrust(own, status, crowd_count)
 
-    safe = nearest_thrust(own, pairs, [c.row for c in constraints], turns, params)
+    rows = [constraint.row for constraint in constraints]
+    safe = nearest_thrust(own, pairs, rows, turns, params)
     return Answer(
         thrust_m_s2=safe.point,
         status=safe.status if are_sound else INFEASIBLE,
@@ -279,9 +285,10 @@ def nearest_thrust(
     soft: list[HalfPlane],
     params: LawParams,
 ) -> Projection:
-    """Return the nearest thrust for all rows (line Q).
+    """Return the thrust nearest to the baseline's that satisfies all rows (line Q).
 
-    Where none fits, margins and speed give way before promised distances, obstacles and walls.
+    If no thrust does, margins and the speed row give way before the promised distances, obstacles
+    and walls.
 
     Args:
         own: this vehicle at t + L.
@@ -307,14 +314,14 @@ def nearest_thrust(
 
 
 def is_fleeing(own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane]) -> bool:
-    """Whether a neighbour that does not cooperate is near enough to matter.
+    """Whether the row of a neighbour that does not cooperate can bind.
 
-    Then the top speed does not count: the vehicle gets away as fast as it can.
+    If so, the top speed does not count: the vehicle gets away as fast as it can.
 
     Args:
         own: this vehicle at t + L.
-        pairs: with the neighbours that count.
-        rows: that keep their distance, in the same order.
+        pairs: pairs with the neighbours that count.
+        rows: distance rows of these pairs, in the same order.
     """
     for k in range(len(pairs)):  # a loop: numba compiles no generators
         if not pairs[k].is_cooperative and can_bind(rows[k], own.radius_m_s2):
@@ -325,14 +332,14 @@ def is_fleeing(own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane]) -> b
 def next_held_s(held_s: float, own: Own, is_active: bool, dt_s: float) -> float:
     """Return the next ``LawMemory.held_s``.
 
-    It counts the time for which a vehicle intends to go and the law keeps it from getting on. Two
-    parked neighbours with a gap too narrow between them would hold a vehicle for ever: each row
-    asks for a turn that the other forbids. So after HELD_S the vehicle calls for a roundabout,
-    which leads around both, for ROUNDABOUT_S. DEVIATION D4.
+    It counts the time for which a vehicle intends to move and the law keeps it from doing so. Two
+    parked neighbours with too narrow a gap between them would hold a vehicle for ever, because each
+    of their rows requires a turn that the other row forbids. So after HELD_S the vehicle calls for
+    a roundabout for ROUNDABOUT_S, which leads it around both neighbours. DEVIATION D4.
 
     Args:
-        held_s: of the last tick.
-        own: velocity and intent count.
+        held_s: value at the last tick.
+        own: this vehicle at t + L; its velocity and its intent count.
         is_active: whether the row of a neighbour changes the baseline.
         dt_s: length of the tick.
     """

@@ -1,9 +1,8 @@
 """The paper's law for one moving obstacle: equations (5) to (22), turning as (8) or (9) says.
 
-Everything is per unit of mass: F / m instead of F, so that M_o of (11) is twice a scaled rotation
-and m cancels. Planar: only x and y are used. Positions, velocities and accelerations are in fleet
-ENU; the orthoradial velocity of (6) is positive when the vehicle turns counter-clockwise about the
-obstacle as seen from above.
+All forces are per unit of mass, F / m, so that the mass cancels in M_o of (11). Only the horizontal
+x and y are used. Positions, velocities and accelerations are in fleet ENU. The orthoradial velocity
+of (6) is positive when the vehicle turns counter-clockwise about the obstacle as seen from above.
 """
 
 from __future__ import annotations
@@ -21,6 +20,8 @@ from onboard.avoidance.projection import INACTIVE, SATURATED
 from onboard.types import Neighbour, State
 from onboard.vectors import ZERO_2, Vec2, cross_2, dot_2, horizontal_within
 
+_COINCIDENT_2_M2 = 1e-12  # square of the distance below which two vehicles coincide
+
 
 class PlanarState(NamedTuple):
     """Horizontal motion of one vehicle."""
@@ -35,7 +36,7 @@ class PaperResult(NamedTuple):
 
     thrust_m_s2: Vec2  # F_d^sat / m
     is_changed: bool  # whether one of the two saturations acts
-    is_usable: bool  # False: M_o has no inverse, and the thrust is unchanged
+    is_usable: bool  # False: M_o of (11) has no inverse, and the thrust is unchanged
 
 
 def saturate_thrust(
@@ -60,7 +61,7 @@ def saturate_thrust(
     e = Vec2(own.position_m.x - obstacle.position_m.x, own.position_m.y - obstacle.position_m.y)
     w = Vec2(v.x - obstacle.velocity_m_s.x, v.y - obstacle.velocity_m_s.y)
 
-    # the outputs and what their derivatives hold beside the input
+    # the outputs, and the terms of their derivatives without the input
     d_o2 = dot_2(e, e)  # (5)
     d_o2_rate = 2.0 * dot_2(e, w)
     phi_perp = p.turn_sign * cross_2(e, v)  # (6)
@@ -78,24 +79,24 @@ def saturate_thrust(
         - p.kappa_4_1_s * (phi_perp - p.d_inf_m * p.v_perp_m_s)
         - p.kappa_3_1_s * p.kappa_4_1_s * outside
     )
-    if not (d_o2 > 1e-12 and math.isfinite(h_1) and math.isfinite(h_2)):
+    if not (d_o2 > _COINCIDENT_2_M2 and math.isfinite(h_1) and math.isfinite(h_2)):
         return PaperResult(thrust_m_s2, is_changed=False, is_usable=False)
 
     # the input (15), and by how much Sat, (4), raises it in (19)
     u_1 = 2.0 * dot_2(e, thrust_m_s2)
     u_2 = p.turn_sign * cross_2(e, thrust_m_s2)
-    more_1 = max(0.0, h_1 - u_1)
-    more_2 = max(0.0, h_2 - u_2)
+    raised_1 = max(0.0, h_1 - u_1)
+    raised_2 = max(0.0, h_2 - u_2)
 
-    # (22) with M_o^-1 = M_o^T / (4 d_o2). Only what the saturations add is transformed back, so
-    # that inactive ones change no bit.
-    along = 0.5 * more_1 / d_o2
-    across = p.turn_sign * more_2 / d_o2
+    # (22) with M_o^-1 = M_o^T / (4 d_o2). Only the increments are transformed back, so that a
+    # saturation that does not act changes no bit of the thrust.
+    along = 0.5 * raised_1 / d_o2
+    across = p.turn_sign * raised_2 / d_o2
     added_x = along * e.x - across * e.y
     added_y = along * e.y + across * e.x
     return PaperResult(
         thrust_m_s2=Vec2(thrust_m_s2.x + added_x, thrust_m_s2.y + added_y),
-        is_changed=more_1 > 0.0 or more_2 > 0.0,
+        is_changed=raised_1 > 0.0 or raised_2 > 0.0,
         is_usable=True,
     )
 
@@ -105,12 +106,14 @@ def saturate_pair(
 ) -> Answer:
     """Return the paper's thrust (22) against the ring's successor.
 
-    The law takes plain estimates, and its thrust is cut to what tilt and motors can deliver.
+    The law uses the estimates without prediction. Its thrust is shortened to what tilt and motors
+    can deliver.
 
     Args:
-        own: this vehicle; the thrust counts.
+        own: this vehicle; its thrust and its limits count.
         state: own estimate, not predicted.
-        neighbours: the ring's successor is among them, or nobody is avoided.
+        neighbours: neighbours as received. If the ring's successor is not among them, the thrust
+            stays as it is.
     """
     for neighbour in neighbours:
         if neighbour.is_paper_obstacle:
@@ -123,7 +126,7 @@ def _saturate_against(neighbour: Neighbour, own: Own, state: State, params: LawP
     if not _is_known(neighbour):
         return _answer(own.thrust_m_s2, INFEASIBLE, NOBODY)
 
-    # the paper's thrust knows no compensation (line O)
+    # the paper's law has no compensation (line O): it is subtracted before, and added again after
     s = own.compensation_m_s2
     thrust = Vec2(own.thrust_m_s2.x - s.x, own.thrust_m_s2.y - s.y)
 

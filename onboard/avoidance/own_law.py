@@ -1,6 +1,7 @@
-"""A law of somebody's own in the place of Covey's: its inputs, and what of its answer can be flown.
+"""A user's own law in the place of Covey's: its inputs, and the check of its answer.
 
-The page for its authors is docs/own-law.md. Such a law is interpreted; nothing here is compiled.
+docs/own-law.md is the page for authors of such laws. :mod:`own_law_runner` calls a law at each
+tick. Python interprets it; nothing here is compiled.
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ from onboard.avoidance.prediction import Motion, remembered
 from onboard.types import GRAVITY_M_S2, LawOutput, LawStatus, Neighbour, State, Thrust
 from onboard.vectors import Vec2, Vec3
 
-LEAST_THRUST_G = 0.5  # vertical, of the weight: below it a vehicle falls
-_TILT_SLACK_RAD = math.radians(1.0)
-_CHANGED_M_S2 = 1e-9
+LEAST_THRUST_G = 0.5  # least vertical thrust, as a share of the weight: with less a vehicle falls
+_TILT_SLACK_RAD = math.radians(1.0)  # a tilt beyond the limit by less than this is not refused
+_CHANGED_M_S2 = 1e-9  # a smaller change of the baseline's thrust is rounding
 
 
 class LawNeighbour(NamedTuple):
@@ -33,11 +34,11 @@ class LawNeighbour(NamedTuple):
     w_m_s: Vec2  # own velocity minus the neighbour's
     d_m: float  # distance of the centres to keep, with all margins
     is_cooperative: bool  # False: it avoids nobody
-    table_index: int  # the same as of its entry in ``received``
+    table_index: int  # equal to that of its entry in ``LawInputs.received``
 
 
 class LawInputs(NamedTuple):
-    """All that a law may know at one tick; SI units, fleet ENU."""
+    """Everything that a law gets at one tick, in SI units and fleet ENU."""
 
     state: State  # own estimate, now
     predicted: Motion  # own position and velocity at t + L
@@ -47,11 +48,11 @@ class LawInputs(NamedTuple):
     intent_enu_m_s: Vec3  # velocity straight to the goal
 
     neighbours: tuple[LawNeighbour, ...]  # the nearest within range, nearest first
-    received: tuple[Neighbour, ...]  # all neighbours as they were heard
-    obstacles: tuple[Capsule, ...]  # what stands still
-    fence: Walls  # walls
+    received: tuple[Neighbour, ...]  # all neighbours as received
+    obstacles: tuple[Capsule, ...]  # static obstacles, and edges of the fence's areas
+    fence: Walls  # walls of the box
 
-    # horizontal thrust, with its compensation, at the baseline's vertical thrust
+    # largest horizontal thrust, compensation included, at the baseline's vertical thrust
     largest_m_s2: float
     vehicle: LawParams  # numbers of the vehicle and of the file's [law]; lead_time_s is L
     dt_s: float  # since the last tick
@@ -121,34 +122,39 @@ def law_inputs(
 
 
 def judged(answer: Any, inputs: LawInputs) -> tuple[Any, Vec3, str]:
-    """Return memory and thrust of a law's answer, and why it cannot be flown; empty where it can.
+    """Return memory and thrust of a law's answer, and the reason if it cannot be flown.
 
     Args:
         answer: whatever the law returned.
-        inputs: of the same tick.
+        inputs: inputs of the same tick.
     Returns:
-        memory, thrust per mass [m/s^2] in ENU, and the end of the sentence "the law ...".
+        The law's memory; its thrust per mass [m/s^2] in ENU; and the reason, as the end of a
+        sentence that begins with "the law". The reason is empty if the thrust can be flown. A
+        refused thrust that is no thrust at all is replaced by the baseline's.
     """
     baseline = inputs.baseline.thrust_enu_m_s2
     if not isinstance(answer, tuple) or len(answer) != 2:
         refusal = f"returned {_named(answer)} instead of the pair (memory, thrust)"
         return None, baseline, refusal
 
-    memory, given = answer
-    numbers = given.thrust_enu_m_s2 if isinstance(given, Thrust) else given
+    memory, answered_thrust = answer
+    numbers = answered_thrust
+    if isinstance(answered_thrust, Thrust):
+        numbers = answered_thrust.thrust_enu_m_s2
+
     try:
         thrust = _three_numbers(numbers)
-    except Exception:  # noqa: BLE001 - of whatever type the law returned
-        refusal = f"returned {_named(given)} instead of a thrust of three numbers"
+    except Exception:  # noqa: BLE001 - the law may return a value of any type
+        refusal = f"returned {_named(answered_thrust)} instead of a thrust of three numbers"
         return None, baseline, refusal
 
-    return memory, thrust, _excess(thrust, inputs)
+    return memory, thrust, _exceeded_limit(thrust, inputs)
 
 
 def _three_numbers(numbers: Any) -> Vec3:
-    """Return a vector of whatever a law returned; raises where that is no three numbers."""
+    """Return the vector of three numbers; raises an exception for anything else."""
     if isinstance(numbers, str | bytes | dict):
-        raise TypeError  # their characters or keys might pass for numbers
+        raise TypeError  # their characters or keys could be taken for numbers
     return Vec3(*(float(number) for number in numbers))
 
 
@@ -156,8 +162,8 @@ def _named(value: Any) -> str:
     return "nothing" if value is None else f"a {type(value).__name__}"
 
 
-def _excess(thrust: Vec3, inputs: LawInputs) -> str:
-    """Return which limit a thrust does not keep; empty if it keeps all."""
+def _exceeded_limit(thrust: Vec3, inputs: LawInputs) -> str:
+    """Return in words which limit a thrust exceeds; empty if it keeps all limits."""
     if not all(math.isfinite(number) for number in thrust):
         return f"returned a thrust that is not finite: ({thrust.x:g}, {thrust.y:g}, {thrust.z:g})"
 
@@ -169,7 +175,7 @@ def _excess(thrust: Vec3, inputs: LawInputs) -> str:
             f"{least_m_s2:.1f} to {limits.max_thrust_m_s2:.1f} m/s^2"
         )
 
-    # the compensation is flown as well
+    # the compensation is added to the thrust before it is flown
     s = inputs.compensation_enu_m_s2
     across = math.hypot(thrust.x + s.x, thrust.y + s.y)
     tilt_rad = math.atan2(across, thrust.z)
@@ -190,14 +196,14 @@ def _excess(thrust: Vec3, inputs: LawInputs) -> str:
 def flown_instead(
     thrust: Vec3, covey: LawOutput, memory: LawMemory, before: LawMemory, inputs: LawInputs
 ) -> tuple[LawMemory, LawOutput]:
-    """Return Covey's memory and output with a law's thrust in the place of Covey's.
+    """Return Covey's memory and output with another law's thrust in the place of Covey's.
 
     Args:
-        thrust: that is flown.
+        thrust: thrust of the other law, which is flown.
         covey: output of Covey's law at the same tick.
-        memory: of Covey's law after that tick.
-        before: memory of Covey's law after the last tick.
-        inputs: of the tick.
+        memory: memory of Covey's law after that tick.
+        before: memory of Covey's law before that tick.
+        inputs: inputs of the tick.
     """
     command = Vec3(thrust.x, thrust.y, thrust.z - GRAVITY_M_S2)
     x, y, z = inputs.baseline.thrust_enu_m_s2

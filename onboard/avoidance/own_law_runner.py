@@ -1,9 +1,9 @@
-"""Flies a law of somebody's own in the place of Covey's, and Covey's when that one fails.
+"""Flies a user's own law in the place of Covey's, and Covey's law when that one fails.
 
-The runner's step takes and returns what :func:`onboard.avoidance.oist.step` does, so that the
-pipeline calls it in that function's place. Covey's law is computed beside the other one at every
-tick. It takes over for the rest of the flight when the other one raises, returns what cannot be
-flown, or is slow.
+:meth:`OwnLawRunner.step` takes and returns the same values as :func:`onboard.avoidance.oist.step`,
+so that the pipeline can call either. Covey's law is computed at every tick, too. It takes over for
+the rest of the flight when the user's law raises, returns a thrust that cannot be flown, or is
+slow.
 """
 
 from __future__ import annotations
@@ -21,19 +21,21 @@ from onboard.config.fleet import OwnLaw
 from onboard.types import LawOutput, Neighbour, State
 from onboard.vectors import Vec3
 
-SLOW_S = 0.005  # so long in so many ticks in a row is slow
+# A law is refused as slow if it takes longer than SLOW_S in SLOW_TICKS ticks in a row, or longer
+# than STOPPED_S in one tick.
+SLOW_S = 0.005
 SLOW_TICKS = 3
-STOPPED_S = 0.1  # so long in one tick is slow, too
-_LONGEST_WORDS = 120  # of an exception, in a sentence
+STOPPED_S = 0.1
+_MAX_MESSAGE_CHARS = 120  # of an exception's message, in a sentence
 
 
 class OwnLawRunner:
-    """One vehicle's law, its memory, and why Covey's has taken over.
+    """One vehicle's own law, its memory, and the reason why Covey's law has taken over.
 
     Args:
-        law: that the fleet file names.
-        clock: seconds, by which the law's time is measured; None where time is simulated, and no
-            law is slow.
+        law: the law that the fleet file names.
+        clock: returns the time [s] by which the law's duration is measured. None where time is
+            simulated: no law is slow there.
     Raises:
         ConfigError: the law cannot be imported.
     """
@@ -41,11 +43,12 @@ class OwnLawRunner:
     def __init__(self, law: OwnLaw, clock: Callable[[], float] | None = None) -> None:
         self.law = law
         self._function = law.load()
-        self.refusal = ""  # why Covey's law flies the rest of this flight; empty: it does not
+        # why Covey's law flies the rest of this flight; empty while the user's law flies
+        self.refusal = ""
         self._clock = clock
         self._memory: Any = None
         self._slow_ticks = 0
-        self._relaxed_share = 0.0  # of Covey's law, which is computed beside
+        self._relaxed_share = 0.0  # of Covey's law, which is computed as well
 
     def begin_anew(self) -> None:
         """Forget the flight: called on the ground."""
@@ -87,7 +90,7 @@ class OwnLawRunner:
             before, baseline, predicted, state, neighbours, obstacles, params, dt_s
         )
 
-        # INFEASIBLE: nobody knows enough, and Covey's law is cautious
+        # INFEASIBLE: the inputs cannot be used, so Covey's bounded fallback flies
         if output.status != INFEASIBLE:
             inputs = law_inputs(baseline, predicted, state, neighbours, obstacles, params, dt_s)
             self._memory, thrust, self.refusal = self._answer(inputs)
@@ -95,26 +98,27 @@ class OwnLawRunner:
                 return after, output
             after, output = flown_instead(thrust, output, after, before, inputs)
 
-        # that Covey's law would be in a jam does not slow down a vehicle that flies by another one
+        # Covey's law keeps its share of relaxed ticks here. In the returned memory it is 0, because
+        # a jam of Covey's law must not slow down a vehicle that the user's law flies.
         self._relaxed_share = after.relaxed_share
         return after._replace(relaxed_share=0.0), output
 
     def _answer(self, inputs: LawInputs) -> tuple[Any, Vec3, str]:
-        """Return the law's memory and thrust, and why it cannot be flown."""
+        """Return the law's memory and thrust, and the reason if the thrust cannot be flown."""
         began_s = 0.0 if self._clock is None else self._clock()
         try:
             memory, thrust, refusal = judged(self._function(self._memory, inputs), inputs)
         except KeyboardInterrupt:
             raise
-        except BaseException as error:  # noqa: BLE001 - whatever somebody's law does
-            return None, inputs.baseline.thrust_enu_m_s2, f"raised {_words(error)}"
+        except BaseException as error:  # noqa: BLE001 - a user's law may raise anything
+            return None, inputs.baseline.thrust_enu_m_s2, f"raised {_in_words(error)}"
 
         if self._clock is not None and not refusal:
             refusal = self._slowness(self._clock() - began_s)
         return memory, thrust, refusal
 
     def _slowness(self, duration_s: float) -> str:
-        """Return why a law that takes so long is refused; empty if it is not."""
+        """Return why a law that took this time is refused as slow; empty if it is not."""
         if duration_s > SLOW_S:
             self._slow_ticks += 1
         else:
@@ -129,11 +133,11 @@ class OwnLawRunner:
         return ""
 
 
-def _words(error: BaseException) -> str:
-    """Return type and words of an exception, which may have none or raise when they are read."""
+def _in_words(error: BaseException) -> str:
+    """Return type and message of an exception; its message may be empty, or raise when read."""
     name = type(error).__name__
     try:
-        words = " ".join(str(error).split())[:_LONGEST_WORDS]
-    except Exception:  # noqa: BLE001 - its author's code
-        words = ""
-    return f"{name}: {words}" if words else name
+        message = " ".join(str(error).split())[:_MAX_MESSAGE_CHARS]
+    except Exception:  # noqa: BLE001 - str() runs code of the law's author
+        message = ""
+    return f"{name}: {message}" if message else name

@@ -1,8 +1,7 @@
-"""Pairs of this vehicle with a neighbour or with an obstacle: geometry, distance to keep, and how
-crowded it is.
+"""Pairs of this vehicle with a neighbour or an obstacle: geometry, distance to keep, and crowd.
 
-Everything is horizontal and at the time t + L, when a command of now takes effect. Heights count
-only in how much of a distance is to be kept (:mod:`onboard.avoidance.heights`).
+Everything is horizontal and at the time t + L, when a command of now takes effect. Heights only
+decide how much of a distance counts (:mod:`onboard.avoidance.heights`).
 """
 
 from __future__ import annotations
@@ -19,32 +18,38 @@ from onboard.vectors import Vec2, dot_2, length_2
 
 MAX_OBSTACLES = 6  # the nearest ones count
 LARGEST_MARGIN_M = 5.0
-COINCIDENT_M = 1e-6
-SETTLED_M_S = 0.1  # a vehicle that intends to go no faster than this is no part of a crowd
+COINCIDENT_M = 1e-6  # two vehicles nearer than this are at one point: rows would divide by zero
+_STANDING_M_S = 1e-6  # a slower relative velocity has no direction
+SETTLED_M_S = 0.1  # a vehicle that intends to move no faster than this is not part of a crowd
 _LARGEST_STD = 1e3
-_WAITS_FRAC = 0.5  # of the distance to keep: nearer than this, a climb waits
-_GOES_FRAC = 0.9  # of the distance to keep: from here on a climb goes on at full speed
-# The same of a descent without poses, whose distances are less certain. Between the two it may sink
-# by up to 1 m/s faster than above the other.
+
+# Horizontal distances from a neighbour above or below, as shares of the distance to keep. A climb
+# or descent stops nearer than the first, and has its full speed from the second on.
+_WAITS_FRAC = 0.5
+_GOES_FRAC = 0.9
+
+# The same for a descent without poses, whose distances are less certain: nearer than the first the
+# vehicle is above the neighbour, from the second on it is beside it. Between the two its limit
+# grows by up to 1 m/s.
 _ABOVE_FRAC = 0.7
 _BESIDE_FRAC = 1.0
 _LEAST_DISTANCE_M = 0.01  # rows are divided by the distance to keep
 
 
 class Own(NamedTuple):
-    """This vehicle at t + L; all but its climb is horizontal."""
+    """This vehicle at t + L; all of it is horizontal, except for the climb and thrust_z_m_s2."""
 
     position_m: Vec2
     velocity_m_s: Vec2
     intent_m_s: Vec2  # velocity that it would fly if it were alone
     margin_2_m2: float  # its own part of the square of the accuracy margin
     thrust_m_s2: Vec2  # F_d / m of the baseline with the compensation, within the radius
-    thrust_z_m_s2: float  # vertical thrust, which passes as it is
+    thrust_z_m_s2: float  # vertical thrust, which the law does not change
     compensation_m_s2: Vec2  # added to the command against drag and disturbance
     radius_m_s2: float  # largest horizontal thrust
     climb: Climb  # its vertical motion
-    has_motion: bool  # the baseline's thrust and the own motion can be used
-    is_usable: bool  # these, and the compensation
+    has_motion: bool  # whether the baseline's thrust and the own motion are finite
+    is_usable: bool  # whether these and the compensation are finite
 
 
 class NeighbourPair(NamedTuple):
@@ -55,19 +60,19 @@ class NeighbourPair(NamedTuple):
     command_m_s2: Vec2  # u_j, the neighbour's commanded acceleration
     intent_m_s: Vec2  # relative velocity by which the side of a turn is decided
     d_m: float  # distance to keep
-    distance_2_m2: float
+    distance_2_m2: float  # square of the distance
     crowd_count: float  # as the neighbour publishes it; 0 if unknown
-    is_near: bool  # counts for the own crowd
+    is_near: bool  # whether it counts for this vehicle's crowd
     is_cooperative: bool
     table_index: int  # of the neighbour, for the record
 
 
 class Pairs(NamedTuple):
-    """The nearest neighbours, and facts about all of them."""
+    """Pairs with the nearest neighbours, and two facts about all neighbours."""
 
     pairs: list[NeighbourPair]  # nearest first
     crowd_count: float  # number of near neighbours
-    # False: a neighbour without finite motion, or one that coincides with this vehicle
+    # False: a neighbour's motion is not finite, or a neighbour coincides with this vehicle
     is_sound: bool
 
 
@@ -103,7 +108,7 @@ def nearest_pairs(own: Own, neighbours: Sequence[Neighbour], params: LawParams) 
         elif dot_2(e, e) <= range_2_m2:
             in_range.append(k)
 
-    # a share of 0: one passes above the other
+    # the share is 0 where one vehicle is far enough above the other
     shares = [share_of(own.climb, neighbours[k], lead_s, spacing) for k in in_range]
 
     pairs: list[NeighbourPair] = []
@@ -161,9 +166,9 @@ def _pair(
 
 
 def climb_share(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> float:
-    """Return how fast a climb or descent may go on, from 0 to 1. DEVIATION D16.
+    """Return the speed share, from 0 to 1, with which a climb or descent goes on. DEVIATION D16.
 
-    It waits until those whom the vehicle will meet are aside.
+    The climb waits until the neighbours above or below are out of the way.
 
     Args:
         own: this vehicle at t + L.
@@ -174,24 +179,25 @@ def climb_share(own: Own, neighbours: Sequence[Neighbour], params: LawParams) ->
     if math.isinf(spacing.vertical_separation_m):
         return 1.0
 
-    least = 1.0
+    least_share = 1.0
     for neighbour in neighbours:
-        share = share_of(own.climb, neighbour, lead_s, spacing)
-        if share <= 0.0 or not is_ahead(own.climb, neighbour, lead_s, spacing):
+        distance_share = share_of(own.climb, neighbour, lead_s, spacing)
+        if distance_share <= 0.0 or not is_ahead(own.climb, neighbour, lead_s, spacing):
             continue
 
-        other = receive(neighbour, lead_s).position_m
-        away_m = length_2(Vec2(own.position_m.x - other.x, own.position_m.y - other.y))
-        d_m = share * design_distance(own.margin_2_m2, neighbour, spacing)
-        goes = max(away_m / d_m - _WAITS_FRAC, 0.0) / (_GOES_FRAC - _WAITS_FRAC)
-        least = min(least, goes)
-    return least
+        other_m = receive(neighbour, lead_s).position_m
+        away_m = length_2(Vec2(own.position_m.x - other_m.x, own.position_m.y - other_m.y))
+        d_m = distance_share * design_distance(own.margin_2_m2, neighbour, spacing)
+        speed_share = max(away_m / d_m - _WAITS_FRAC, 0.0) / (_GOES_FRAC - _WAITS_FRAC)
+        least_share = min(least_share, speed_share)
+    return least_share
 
 
 def sink_limit(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> float:
-    """Return how fast this vehicle may sink without poses [m/s]; infinite without a bound.
+    """Return how fast this vehicle may sink without poses [m/s]; infinite if nothing limits it.
 
-    Beside a neighbour it may sink freely, above one only as far as it can stop above it.
+    Beside a neighbour it may sink freely. Above a neighbour it may sink only as fast as it can
+    still stop above it.
 
     Args:
         own: this vehicle at t + L.
@@ -204,22 +210,22 @@ def sink_limit(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> 
 
     least_m_s = math.inf
     for neighbour in neighbours:
-        other = receive(neighbour, lead_s).position_m
-        away_m = length_2(Vec2(own.position_m.x - other.x, own.position_m.y - other.y))
+        other_m = receive(neighbour, lead_s).position_m
+        away_m = length_2(Vec2(own.position_m.x - other_m.x, own.position_m.y - other_m.y))
         d_m = design_distance(own.margin_2_m2, neighbour, spacing)
-        beside = (away_m / d_m - _ABOVE_FRAC) / (_BESIDE_FRAC - _ABOVE_FRAC)
-        if not beside < 1.0:
+        beside_share = (away_m / d_m - _ABOVE_FRAC) / (_BESIDE_FRAC - _ABOVE_FRAC)
+        if not beside_share < 1.0:
             continue
 
         above_m_s = sink_limit_m_s(own.climb, neighbour, lead_s, spacing)
-        least_m_s = min(least_m_s, above_m_s + max(beside, 0.0))
+        least_m_s = min(least_m_s, above_m_s + max(beside_share, 0.0))  # 1 m/s times the share
     return least_m_s
 
 
 def design_distance(own_margin_2_m2: float, neighbour: Neighbour, spacing: Spacing) -> float:
     """Return the distance d [m] to keep from a neighbour. DEVIATION D5, D12.
 
-    It is larger where the estimates are worse than a mocap's.
+    The distance grows where the estimates of the two are worse than those of a mocap.
 
     Args:
         own_margin_2_m2: :func:`margin_2` of this vehicle.
@@ -254,7 +260,7 @@ def margin_2(position_std_m: float, velocity_std_m_s: float, spacing: Spacing) -
 
 
 def known(std: float) -> float:
-    """Return a standard deviation, bounded; 0 if it is not known.
+    """Return a standard deviation, clipped to _LARGEST_STD; 0 if it is not known.
 
     Args:
         std: as published.
@@ -270,7 +276,7 @@ def nearest_surfaces(own: Own, obstacles: Sequence[Capsule], clearance_m: float)
     Args:
         own: this vehicle at t + L.
         obstacles: capsules in fleet ENU.
-        clearance_m: kept from an outline by the vehicle's centre.
+        clearance_m: distance that the vehicle's centre keeps from an outline.
     """
     surfaces = [
         surface_of(capsule, own.position_m, own.velocity_m_s, clearance_m)
@@ -318,7 +324,7 @@ def surface_of(
 
 
 def separated(e: Vec2, w: Vec2) -> Vec2:
-    """Return e, or where there is no separation a tiny one, onwards along the relative velocity.
+    """Return e; for coincident vehicles, a tiny vector along the relative velocity instead.
 
     Args:
         e, w: relative position and velocity [m, m/s].
@@ -327,15 +333,15 @@ def separated(e: Vec2, w: Vec2) -> Vec2:
         return e
 
     speed_m_s = length_2(w)
-    if speed_m_s > 1e-6:
+    if speed_m_s > _STANDING_M_S:
         return Vec2(COINCIDENT_M * (w.x / speed_m_s), COINCIDENT_M * (w.y / speed_m_s))
     return Vec2(COINCIDENT_M, 0.0)
 
 
 def ascending(keys: list[float]) -> list[int]:
-    """Return the indexes of numbers in ascending order, equal ones as they come.
+    """Return the indexes that sort numbers in ascending order; equal numbers keep their order.
 
-    Insertion, because numba takes seconds to compile ``sorted``.
+    It sorts by insertion, because numba takes seconds to compile ``sorted``.
 
     Args:
         keys: numbers, none of them NaN.

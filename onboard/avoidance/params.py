@@ -1,7 +1,8 @@
 """Numbers of the avoidance law for one vehicle, as they follow from the fleet file.
 
-Policies are names in the configuration and whole numbers here, so that Python and compiled code
-read the same thing. The meaning of each value stands in ``README.md`` beside this file.
+:func:`law_params` computes them once for each flight. Policies are names in the configuration and
+whole numbers here, because compiled code compares numbers. ``README.md`` beside this file explains
+each value.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ from onboard.types import GRAVITY_M_S2
 from onboard.vectors import Vec2, cross_2
 
 OPEN_FENCE = (-math.inf, math.inf, -math.inf, math.inf)
-_BRAKE_SHARE = 0.6  # of the horizontal acceleration, for stopping before what stands still
+_BRAKE_SHARE = 0.6  # share of the largest horizontal acceleration for braking before static things
+_MAX_THRUST_FRAC = 0.97  # full throttle, of which a little stays for the attitude
+
 # both fitted over simulated flights; the floor covers lag errors and gusts
 _MARGIN_FLOOR_M = 0.05
 _MARGIN_SIGMAS = 4.5
@@ -58,25 +61,25 @@ JAM_SLOW = 1
 
 
 class Capsule(NamedTuple):
-    """What stands still, in fleet ENU: an obstacle, or an edge of an area to stay in or out of.
+    """A static thing in fleet ENU: an obstacle, or an edge of an area to stay in or out of.
 
-    An obstacle is all points nearer than a radius to a segment. An edge is a segment with the
-    allowed side on its left, or a circle: a segment without length and its radius.
+    An obstacle is the set of all points nearer to a segment than a radius. An edge is either a
+    segment with the allowed side on its left, or a circle. The segment of a circle has no length.
     """
 
     begin_enu_m: Vec2
     end_enu_m: Vec2
     radius_m: float
 
-    # of an edge only
-    area: int = 0  # number of its area, from 1 on; 0: an obstacle
-    keep_m: float = 0.0  # distance that the vehicle's centre keeps
-    # whether a goal may lie behind it: of an area to stay out of, or beside a corner that points
-    # inwards
+    # the rest is used for edges only
+    area: int = 0  # number of the edge's area, from 1 on; 0: this is an obstacle
+    keep_m: float = 0.0  # distance from the edge that the vehicle's centre keeps
+    # Whether the edge may have a rotation row, because a goal may lie behind it. That is so for an
+    # area to stay out of, and beside a corner that points inwards.
     is_turned_about: bool = False
-    is_begin_inwards: bool = False  # whether the corner there points into what is allowed
+    is_begin_inwards: bool = False  # whether the corner there points into the allowed space
     is_end_inwards: bool = False
-    # it counts for a vehicle within these; all of them are infinite for a circle to stay in
+    # the edge counts for a vehicle inside this box; the box is infinite for a circle to stay in
     west_m: float = -math.inf
     east_m: float = math.inf
     south_m: float = -math.inf
@@ -111,11 +114,11 @@ class Spacing(NamedTuple):
     """Distances to keep, and from whom."""
 
     safety_distance_m: float  # d_inf
-    # farther apart in height a pair does not count; infinite: it always does
+    # a pair whose heights differ by more does not count; infinite: every pair counts
     vertical_separation_m: float
 
     margin_m: float  # design margin while estimates are good
-    uncooperative_margin_m: float  # more for a neighbour that does not cooperate
+    uncooperative_margin_m: float  # added for a neighbour that does not cooperate
 
     # the margin under the accuracy policy; all three are 0 under the fixed policy
     margin_floor_m: float  # the part that does not depend on the accuracy
@@ -123,8 +126,8 @@ class Spacing(NamedTuple):
     sigma_velocity_s: float  # per m/s of its standard deviation of velocity
 
     clearance_m: float  # kept from an obstacle's outline by the vehicle's centre
-    max_neighbours: int  # only so many of the nearest count
-    range_m: float  # and only within this range
+    max_neighbours: int  # only so many of the nearest neighbours count
+    range_m: float  # only neighbours within this distance count
 
 
 class Gains(NamedTuple):
@@ -134,7 +137,7 @@ class Gains(NamedTuple):
     kappa_2_1_s: float
     kappa_3_1_s: float
     kappa_4_1_s: float
-    static_kappa_1_1_s: float  # kappa_1 for what stands still
+    static_kappa_1_1_s: float  # kappa_1 for static things
     shortfall_gain: float  # gamma
     v_perp_m_s: float
     v_perp_crowd_m_s: float  # in place of v_perp_m_s in a crowd
@@ -143,7 +146,7 @@ class Gains(NamedTuple):
 
 
 class Walls(NamedTuple):
-    """Walls in fleet ENU, moved inwards by the margin; infinite where there is none."""
+    """Walls of the box in fleet ENU, moved inwards by the margin; infinite: there is no wall."""
 
     low_x_m: float
     high_x_m: float
@@ -152,12 +155,12 @@ class Walls(NamedTuple):
 
 
 class LawParams(NamedTuple):
-    """Everything that the law of one vehicle computes with."""
+    """All parameters of one vehicle's law."""
 
     law: int  # OFF, PAPER or COVEY
     policies: Policies
     lag_s: float  # L: from a command to its acceleration
-    vertical_lag_s: float  # the motors' part of it
+    vertical_lag_s: float  # the part of L that comes from the motors
     lead_time_s: float  # how far ahead of now the rows are evaluated: L, or 0 without prediction
     spacing: Spacing
     gains: Gains
@@ -176,7 +179,7 @@ class VehicleLimits(NamedTuple):
     vertical_lag_s: float = 0.09
     safety_distance_m: float = 0.8
     vertical_separation_m: float = math.inf
-    body_radius_m: float = 0.25  # keeps the hull off obstacles
+    body_radius_m: float = 0.25  # from the vehicle's centre to its hull
     max_speed_m_s: float = 1.0
     max_tilt_rad: float = math.radians(25.0)
     max_thrust_m_s2: float = 2.0 * GRAVITY_M_S2
@@ -212,7 +215,7 @@ def law_params(fleet: FleetConfig, vehicle_name: str, law: str | None = None) ->
         body_radius_m=0.5 * fleet.fleet.body_diameter_m,
         max_speed_m_s=vehicle.max_speed_m_s,
         max_tilt_rad=math.radians(vehicle.max_tilt_deg),
-        max_thrust_m_s2=0.97 / vehicle.hover_thrust_frac * GRAVITY_M_S2,
+        max_thrust_m_s2=_MAX_THRUST_FRAC / vehicle.hover_thrust_frac * GRAVITY_M_S2,
         fence_enu_m=(*fleet.fleet.geofence_m.x, *fleet.fleet.geofence_m.y),
     )
     return params_of(config, limits)
@@ -243,7 +246,7 @@ def obstacles(fleet: FleetConfig) -> tuple[Capsule, ...]:
 
 
 def still(fleet: FleetConfig) -> tuple[Capsule, ...]:
-    """Return what stands still for a fleet: its obstacles, and the edges of its areas.
+    """Return the static things of a fleet: its obstacles, and the edges of its areas.
 
     Args:
         fleet: checked configuration.
@@ -303,7 +306,7 @@ def _edges(area: Area, number: int, margin_m: float) -> Iterator[Capsule]:
 
 
 def _points_inwards(corners: Sequence[Vec2], index: int) -> bool:
-    """Return whether a corner points into what is allowed: the way around turns right there."""
+    """Return whether a corner points into the allowed space: the outline turns right there."""
     before = corners[index - 1]
     here = corners[index]
     after = corners[(index + 1) % len(corners)]
@@ -315,8 +318,8 @@ def _points_inwards(corners: Sequence[Vec2], index: int) -> bool:
 def params_of(config: LawConfig, limits: VehicleLimits = QUICK_VEHICLE) -> LawParams:
     """Return the law's numbers for values of ``[law]`` and a vehicle.
 
-    A fleet file may say 1 for 1.0, but code is compiled for types of numbers: all are converted
-    here.
+    All numbers are converted to float or int here. A fleet file may say 1 for 1.0, but compiled
+    code accepts only one type for each number.
 
     Args:
         config: values and policies of ``[law]``.
@@ -380,7 +383,7 @@ def _paper(config: LawConfig, limits: VehicleLimits) -> PaperParams:
 
 
 def _spacing(config: LawConfig, limits: VehicleLimits) -> Spacing:
-    """Return the distances to keep; the margin by the policy of ``margin``."""
+    """Return the distances to keep; the policy ``margin`` decides about the accuracy margin."""
     margin_floor_m = 0.0
     sigma_position = 0.0
     sigma_velocity_s = 0.0
@@ -404,8 +407,8 @@ def _spacing(config: LawConfig, limits: VehicleLimits) -> Spacing:
 
 def _gains(config: LawConfig, limits: VehicleLimits) -> Gains:
     """Return the tuning of the rows."""
-    # The row of an obstacle lets a vehicle close at kappa_1 times its distance. That must not ask
-    # for more braking than there is.
+    # The row of an obstacle lets a vehicle approach with kappa_1 times its distance. Stopping from
+    # that speed must not need more braking than the vehicle has.
     brake_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(limits.max_tilt_rad)
     top_speed_m_s = config.avoid_speed_frac * limits.max_speed_m_s
     static_kappa_1_1_s = min(config.kappa_1_1_s, brake_m_s2 / top_speed_m_s)

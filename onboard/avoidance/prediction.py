@@ -1,10 +1,9 @@
-"""Prediction over the own attitude lag, and of a neighbour over the age of its message: lines P1
-and P3 of README.md.
+"""Predicts the own motion over the own lag, and a neighbour's over the age of its message.
 
-Between a command and the acceleration it causes lies the lag L (dead time plus 2 zeta / wn). The
-motion of the vehicle until t + L is therefore known: it follows from the commands of the last L
-seconds. The law evaluates its rows there, and the neighbours publish the same about themselves.
-DEVIATION D3.
+These are lines P1 and P3 of README.md. A command causes its acceleration after the lag L (dead time
+plus 2 zeta / wn). The motion of the vehicle until t + L is therefore known: it follows from the
+commands of the last L seconds. The law evaluates its rows at t + L. Each vehicle publishes the
+prediction of its own motion, and its neighbours extrapolate it to their own t + L. DEVIATION D3.
 """
 
 from __future__ import annotations
@@ -16,18 +15,18 @@ from onboard.avoidance.half_planes import into_disc
 from onboard.types import GRAVITY_M_S2, Neighbour
 from onboard.vectors import ZERO_3, Vec2, Vec3, horizontal_within, is_finite
 
-SLOTS = 40  # past commands that are kept
+SLOTS = 40  # number of past commands that are kept
 MAX_MESSAGE_AGE_S = 0.30  # extrapolating a silent neighbour further than this gains nothing
-# one that cooperates says where it will be; the table counts it as silent when that is older than
-# the radio explains
+# A neighbour that cooperates publishes its prediction, which is extrapolated for longer. The
+# neighbour table counts it as silent before, if its messages are older than the radio explains.
 MAX_PREDICTION_AGE_S = 0.80
 MAX_COMMAND_AGE_S = 0.25  # a neighbour's last command says little about what it does later
 LONGEST_LEAD_S = 1.0
-# error with which the lag L must be known; twice that costs violations in every third flight
+# largest error of the configured lag L; twice this error causes violations in every third flight
 LAG_ERROR_S = 0.04
 # positions, velocities and accelerations beyond this are clipped: squares must stay finite
 LARGEST = 1e5
-_LEAST_LEAD_S = 1e-3
+_LEAST_LEAD_S = 1e-3  # a shorter lead time of a neighbour counts as 0; avoids a division by zero
 
 
 class PastCommand(NamedTuple):
@@ -38,27 +37,27 @@ class PastCommand(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Position and velocity of one moment."""
+    """Position and velocity at one time."""
 
     position_enu_m: Vec3
     velocity_enu_m_s: Vec3
 
 
 class Received(NamedTuple):
-    """Horizontal motion of a neighbour, carried to the own time t + L."""
+    """Horizontal motion of a neighbour, extrapolated to the own time t + L."""
 
     is_usable: bool  # False: the message holds no finite motion
     position_m: Vec2
     velocity_m_s: Vec2
-    command_m_s2: Vec2
-    intent_m_s: Vec2  # velocity that it intends; of one that does not cooperate, the one it flies
+    command_m_s2: Vec2  # its commanded acceleration; zero if it does not cooperate
+    intent_m_s: Vec2  # velocity that it intends; its present one if it does not cooperate
     has_intent: bool  # False: it cooperates, and its message holds no finite intent
 
 
 def no_commands() -> list[PastCommand]:
-    """Return a history without commands: prediction is then at constant velocity.
+    """Return a history without commands; the prediction from it has a constant velocity.
 
-    A list, because compiled code copies long tuples slowly; it is never changed in place.
+    It is a list because compiled code copies long tuples slowly. It is never changed in place.
     """
     return [PastCommand(ZERO_3, 0.0)] * SLOTS
 
@@ -66,9 +65,9 @@ def no_commands() -> list[PastCommand]:
 def remembered(
     commands: list[PastCommand], acceleration_enu_m_s2: Vec3, duration_s: float
 ) -> list[PastCommand]:
-    """Return the history, newest first, after one more command.
+    """Return the history of commands with one more command in front.
 
-    A component of a command that is not finite counts as zero.
+    A component of the command that is not finite counts as zero.
 
     Args:
         commands: the last SLOTS commands, newest first.
@@ -90,18 +89,18 @@ def predict_own(
 ) -> Motion:
     """Return the own motion after ``window_s``, under the commands of the last ``window_s`` (P1).
 
-    ``P = p + W v + sum u_k l_k (r_k + l_k / 2)`` and ``V = v + sum u_k l_k``: l_k is the part of
-    command k inside the window W and r_k the time left after it. The vertical axis obeys the motors
-    and not the attitude: it has its own, shorter window, and the rest of W is flown at constant
-    velocity.
+    ``P = p + W v + sum u_k l_k (r_k + l_k / 2)`` and ``V = v + sum u_k l_k``. Here l_k is the time
+    for which command k was held inside the window W, and r_k is the time from its end to now. The
+    vertical thrust obeys the motors and not the attitude. It has its own, shorter window; the rest
+    of W is flown at constant vertical velocity.
 
     Args:
         commands: past commands, newest first.
-        now: position and velocity [m, m/s], ENU, valid at the age of the estimate.
-        window_s: lag plus age of the estimate.
-        window_z_s: the same of the vertical axis, at most ``window_s``.
-    Properties: translation- and rotation-equivariant; linear in the commands; a window cut in two
-    gives the same.
+        now: position and velocity [m, m/s] of the newest estimate, ENU.
+        window_s: lag plus age of the estimate [s].
+        window_z_s: the same for the vertical axis [s], at most ``window_s``.
+    Properties: translation- and rotation-equivariant; linear in the commands; predicting in two
+    steps over two parts of a window gives the same result.
     """
     (p_x, p_y, p_z), (v_x, v_y, v_z) = now
     p_x = p_x + window_s * v_x
@@ -134,18 +133,18 @@ def predict_own(
 def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
     """Return a neighbour's horizontal motion at the own time t + L (line P3). DEVIATION D3, D11.
 
-    A neighbour that cooperates says where it will be at the end of its own lag. From there it flies
-    its command on. One that leads by more than we do is taken back along the way that it predicts
-    from its plain velocity.
+    A neighbour that cooperates publishes its predicted motion at the end of its own lag. From there
+    it is extrapolated with its command. If its prediction is for a later time than the own t + L,
+    the motion is taken back, along the path from its plain velocity to the predicted one.
 
-    For any other the plain estimate is carried on with its acceleration, of which at most 1 g is
-    believed.
+    For any other neighbour, the plain estimate is extrapolated with its acceleration, of which at
+    most 1 g counts.
 
-    An acceleration counts for as long as it says something, MAX_COMMAND_AGE_S; then the neighbour
-    flies straight on.
+    An acceleration counts for at most MAX_COMMAND_AGE_S. After that time the neighbour is
+    extrapolated at constant velocity.
 
     Args:
-        neighbour: as received.
+        neighbour: the neighbour as received.
         own_lead_s: how far ahead of now the own rows are evaluated.
     """
     age_s = message_age(neighbour)
@@ -175,7 +174,7 @@ def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
     position_m = Vec2(p.x + ahead_s * v.x + weight_s2 * a.x, p.y + ahead_s * v.y + weight_s2 * a.y)
     velocity_m_s = Vec2(v.x + held_s * a.x, v.y + held_s * a.y)
 
-    # whoever does not cooperate goes on as it flies
+    # a neighbour that does not cooperate is expected to keep its velocity
     intent_m_s = velocity_m_s
     has_intent = True
     if neighbour.is_cooperative:
@@ -207,10 +206,10 @@ def has_prediction(neighbour: Neighbour) -> bool:
 
 
 def message_age(neighbour: Neighbour) -> float:
-    """Return the age that counts: from 0 to the largest one, which also stands for an unknown one.
+    """Return the age of a message [s], clipped to a largest age; an unknown age counts as that.
 
     Args:
-        neighbour: as received. One that cooperates is believed for longer.
+        neighbour: the neighbour as received. Its largest age is greater if it cooperates.
     """
     age_s = neighbour.age_s
     most_s = MAX_PREDICTION_AGE_S if neighbour.is_cooperative else MAX_MESSAGE_AGE_S
@@ -223,7 +222,7 @@ def message_age(neighbour: Neighbour) -> float:
 
 
 def lead_time(lead_s: float, own_lead_s: float) -> float:
-    """Return a neighbour's lead time, bounded; one that is not known is taken to be the own.
+    """Return a neighbour's lead time [s], bounded; the own lead time if it is not known.
 
     Args:
         lead_s: of the neighbour, as received.

@@ -2,13 +2,13 @@
 
 The paper's (22) is such a projection for two orthogonal half-planes; any number of neighbours gives
 any number of half-planes. In the plane the nearest feasible point is one of few: the point itself,
-its foot on one edge, the corner of two edges, or a point of the circle. All of them are tried, for
-the rows that matter: rows are taken in one by one, the most violated first, until none is violated.
-The optimum of some of the rows that satisfies all is the optimum of all. So there are no iterations
-to converge and no solver status to interpret.
+its foot on one edge, the corner of two edges, or a point of the circle. All of these candidates are
+tried. Only the rows that matter take part: the most violated row is added, one at a time, until
+none is violated. The optimum for a part of the rows is the optimum for all rows if it satisfies
+all. So there is no iteration that has to converge, and no solver status to interpret.
 
-Two functions fly. :func:`project` finds the nearest point of all rows. Where there is none,
-:func:`relaxed_in_order` says which rows give way, and by how much.
+The law calls two functions. :func:`project` returns the nearest point that satisfies all rows. If
+there is none, :func:`relaxed_in_order` decides which rows give way, and by how much.
 """
 
 from __future__ import annotations
@@ -30,20 +30,21 @@ from onboard.avoidance.relaxation import least_slack
 from onboard.types import LawStatus
 from onboard.vectors import Vec2, dot_2, length_2
 
-# a LawStatus each, as plain numbers for compiled code
+# values of LawStatus, as plain numbers for compiled code
 INACTIVE = int(LawStatus.INACTIVE)
 SATURATED = int(LawStatus.SATURATED)
 RELAXED = int(LawStatus.RELAXED)
 
-_TOLERANCE = 1e-10
+_TOLERANCE = 1e-10  # by which a point may violate a row, relative to 1 plus the bound
 
-# two solutions nearer than this (times the bounds) are one, seen through rounding
+# two solutions nearer than this, times the scale of the bounds, differ by rounding only
 _ONE_POINT = 1e-4
 
-# rows that others yield to miss their bounds by this part of the others' slack
+# a firm row violates its bound by the slack of the yielding rows, divided by this
 _FIRMNESS = 1000.0
 
-# added to the slack, relative to the bounds: rounding must not hide the one point that is left
+# The smallest slack leaves only one point, which rounding may exclude. So the slack is widened by
+# the first of these, times the scale of the bounds, that leaves a point.
 _WIDENINGS = (1e-12, 1e-10, 1e-8, 1e-6)
 
 
@@ -64,7 +65,9 @@ class Candidate(NamedTuple):
 
 
 def project(u: Vec2, hard: list[HalfPlane], soft: list[HalfPlane], radius: float) -> Projection:
-    """Return the nearest point of all hard rows, the disc and as many leading soft rows as fit.
+    """Return the nearest point that satisfies all hard rows, the disc, and the soft rows that fit.
+
+    The soft rows that do not fit are dropped from the end.
 
     Args:
         u: point to project, finite.
@@ -72,9 +75,9 @@ def project(u: Vec2, hard: list[HalfPlane], soft: list[HalfPlane], radius: float
         soft: rows in order of importance; the last is dropped first.
         radius: of the disc about the origin, at least 0.
     Returns:
-        The projection; where no point satisfies the hard rows, the point itself as RELAXED.
+        The projection; if no point satisfies the hard rows, the given point with status RELAXED.
     Properties: rotation-equivariant; homogeneous; independent of the order of the hard rows; a
-        point that satisfies everything comes back bit for bit.
+        point that satisfies everything is returned without a changed bit.
     """
     is_inside = dot_2(u, u) <= radius * radius * (1.0 + 1e-12)
     if is_inside and largest_violation(u, hard + soft) <= _TOLERANCE:
@@ -100,23 +103,23 @@ def project(u: Vec2, hard: list[HalfPlane], soft: list[HalfPlane], radius: float
 def relaxed_in_order(
     u: Vec2, yielding: list[HalfPlane], firm: list[HalfPlane], radius: float
 ) -> Projection:
-    """Return the nearest point of the disc where rows contradict: the yielding rows give way first.
+    """Return the nearest point of the disc for rows that contradict each other.
 
-    They get their smallest common slack while a point satisfies the firm ones. Where none does, the
-    yielding rows are left out and the firm ones get theirs. The point moves continuously from one
-    case to the other.
+    If a point satisfies the firm rows, the yielding rows get their smallest common slack. If no
+    point does, the yielding rows are left out, and the firm rows get their smallest common slack.
+    The point moves continuously from one case to the other.
 
     Args:
         u: point to project.
-        yielding: rows that are given up first.
-        firm: rows that are implied by the yielding ones, or of another kind.
-        radius: of the disc.
+        yielding: rows that give way first.
+        firm: rows that give way last: weaker forms of the yielding rows, or rows of another kind.
+        radius: radius of the disc.
     """
     is_firm_possible = nearest(u, [unit_row(row) for row in firm], radius).is_feasible
     if not is_firm_possible:
         return relaxed(u, firm, radius, largest_bound(firm))
 
-    # the same half-planes, written so that they miss their bounds by a thousandth of the slack
+    # the same half-planes, scaled so that a common slack moves their bounds by a thousandth of it
     stiff = [
         HalfPlane(
             Vec2(_FIRMNESS * row.normal.x, _FIRMNESS * row.normal.y), _FIRMNESS * row.bound_m_s2
@@ -128,7 +131,7 @@ def relaxed_in_order(
 
 
 def largest_bound(rows: list[HalfPlane]) -> float:
-    """Return the size of the largest bound, plus one: the scale of rounding.
+    """Return 1 plus the largest absolute bound. Rounding errors are relative to it.
 
     Args:
         rows: of any length.

@@ -1,9 +1,10 @@
 """Smallest common slack of half-planes that no point of a disc satisfies together.
 
-``max(b - n . u)`` over the rows is convex and piecewise linear in u. Its minimum over the disc lies
-in the middle, on the circle in the direction of one row, on the circle where two rows are equal, or
-where three rows are equal. All of these points are tried, for the rows that matter: rows are taken
-in one by one, the most violated first.
+The slack of a point u is its largest violation, ``max(b - n . u)`` over the rows. It is convex and
+piecewise linear in u. Its minimum over the disc lies at the origin, on the circle in the direction
+of one row, on the circle where two rows are violated equally, or where three rows are violated
+equally. All of these points are tried. Only the rows that matter take part: the most violated row
+is added, one at a time, until no other row is violated by more.
 """
 
 from __future__ import annotations
@@ -21,17 +22,17 @@ from onboard.avoidance.half_planes import (
 )
 from onboard.vectors import Vec2, length_2
 
-_PARALLEL = 1e-12
+_PARALLEL = 1e-12  # two normals whose difference is shorter than this are the same
 
 
 def least_slack(rows: list[HalfPlane], radius: float) -> tuple[float, Vec2]:
-    """Return the smallest common slack with which a point of the disc satisfies all rows; and it.
+    """Return the smallest common slack of all rows over the disc, and the point that needs it.
 
-    That is ``min t >= 0`` such that a point u of the disc has ``n . u >= b - t`` for all rows.
+    The slack is ``min t >= 0`` such that a point u of the disc has ``n . u >= b - t`` for all rows.
 
     Args:
-        rows: at least one, of any length: the slack is in the units of their bounds.
-        radius: of the disc about the origin.
+        rows: at least one row, of any length. The slack is in the units of their bounds.
+        radius: radius of the disc about the origin.
     """
     scale = 0.0
     first = 0

@@ -1,8 +1,8 @@
-"""From the thrust vector to the setpoint that PX4 takes: an attitude quaternion and a throttle.
+"""Converts the thrust vector to PX4's setpoint: an attitude quaternion and a throttle.
 
-The quaternion is built exactly from thrust direction and yaw.
-DEVIATION D1: the paper's (2) gives the angles of R = Rx(roll) Ry(pitch), whereas PX4 composes Euler
-angles as ZYX; read that way (2) errs by 0.4 m/s^2 at 30 deg of combined tilt (a test shows it).
+The quaternion follows exactly from the thrust's direction and the yaw. DEVIATION D1: the paper's
+(2) gives the angles of R = Rx(roll) Ry(pitch), but PX4 composes Euler angles as ZYX. Used as ZYX
+angles, (2) errs by 0.4 m/s^2 at 30 deg of combined tilt (a test shows it).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import NamedTuple
 from onboard.types import GRAVITY_M_S2, AttitudeSetpoint, Thrust
 from onboard.vectors import Vec3, is_finite, length
 
-MAX_THRUST_FRAC = 0.98
+MAX_THRUST_FRAC = 0.98  # largest throttle that is sent
 
 
 class AllocationParams(NamedTuple):
@@ -38,10 +38,10 @@ def is_usable(thrust: Thrust, yaw_rad: float, hover_thrust_frac: float) -> bool:
 
 
 def limit(thrust: Thrust, hover_thrust_frac: float, params: AllocationParams) -> Thrust:
-    """Return the nearest thrust within the limits, height first.
+    """Return the thrust within the limits; the vertical component has priority.
 
-    The vertical component is kept as far as the throttle reaches. Then the horizontal one is
-    shortened, in its direction, to what the tilt limit and the remaining throttle allow:
+    The vertical component is kept as far as the throttle reaches. Then the horizontal component is
+    shortened, without turning it, to what the tilt limit and the remaining throttle allow:
     F_h <= min(F_z tan(max_tilt), sqrt(F_max^2 - F_z^2)).
 
     Args:
@@ -51,15 +51,16 @@ def limit(thrust: Thrust, hover_thrust_frac: float, params: AllocationParams) ->
     Properties: idempotent; yaw-rotation-equivariant; keeps height before tracking.
     """
     x, y, z = thrust.thrust_enu_m_s2
-    unit_m_s2 = GRAVITY_M_S2 / hover_thrust_frac  # thrust at full throttle
-    largest_m_s2 = params.max_thrust_frac * unit_m_s2
+    full_m_s2 = GRAVITY_M_S2 / hover_thrust_frac  # thrust at full throttle
+    largest_m_s2 = params.max_thrust_frac * full_m_s2
 
-    up = min(max(z, params.min_thrust_frac * unit_m_s2), largest_m_s2)
+    up = min(max(z, params.min_thrust_frac * full_m_s2), largest_m_s2)
     by_tilt = up * math.tan(params.max_tilt_rad)
     by_throttle = math.sqrt(largest_m_s2 * largest_m_s2 - up * up)
 
-    room = min(by_tilt, by_throttle)
-    scale = min(1.0, room / max(math.sqrt(x * x + y * y), 1e-12))
+    horizontal_limit = min(by_tilt, by_throttle)
+    # 1e-12: no division by zero
+    scale = min(1.0, horizontal_limit / max(math.sqrt(x * x + y * y), 1e-12))
     return Thrust(Vec3(scale * x, scale * y, up))
 
 
@@ -69,7 +70,7 @@ def allocate(
     """Return the attitude and throttle whose thrust is exactly the given vector, within limits.
 
     With b = F/|F| turned into the yaw frame, the attitude is Rz(yaw) Ry(pitch) Rx(roll) with pitch
-    = atan2(b_x, b_z) and roll = asin(-b_y): its third column is b and its heading is yaw. The
+    = atan2(b_x, b_z) and roll = asin(-b_y). Its third column is b, and its heading is yaw. The
     throttle is |F|/g * hover_thrust_frac. Unusable input (see ``is_usable``) gives a level attitude
     at the hover throttle.
 
@@ -122,9 +123,9 @@ def allocate(
 
 
 def _half(cosine: float, sine: float) -> tuple[float, float]:
-    """Return cosine and sine of half of an angle in (-pi/2, pi/2), from those of the angle.
+    """Return cosine and sine of half an angle in (-pi/2, pi/2), from those of the angle.
 
-    They come from a square root, which is exact at small angles too.
+    The half-angle formula with a square root is exact at small angles too.
     """
     half_cosine = math.sqrt(0.5 * (1.0 + cosine))
     half_sine = sine / (2.0 * half_cosine)

@@ -1,9 +1,9 @@
-"""Baseline: backstepping along the trajectory, as if the vehicle were alone.
+"""Baseline: the thrust that tracks the trajectory by backstepping, as if the vehicle were alone.
 
-The paper leaves the baseline's gains to a source that is not public ([18]); this is our own
-derivation. For one vehicle p'' = a with the setpoint (p_s, v_s, a_s), the tracking error e = p_s -
-p and its radial clamp s(e) (s(e) = e inside the radius r, r e/|e| outside; s is the gradient of the
-convex Huber function H(e)):
+The paper takes the baseline's gains from a source that is not public ([18]), so this is our own
+derivation. The vehicle obeys p'' = a, and the setpoint is (p_s, v_s, a_s). The tracking error is
+e = p_s - p. Its radial clamp is s(e) = e inside the radius r, and s(e) = r e/|e| outside. It is the
+gradient of the convex Huber function H(e). Then:
 
     v_ref = v_s + k1 s(e)                       first step: the velocity that brings e to rest
     z     = v - v_ref                           so e' = v_s - v = -k1 s(e) - z
@@ -12,16 +12,16 @@ convex Huber function H(e)):
     a     = a_s + k1 s'(e) (v_s - v) + c s(e) - k2 z        second step
     W'    = -c k1 |s(e)|^2 - k2 |z|^2           negative definite for k1, k2, c > 0
 
-The term k1 s'(v_s - v) is the derivative of the first step's reference and c s(e) is the cross term
-that cancels -c s.z; dropping either leaves W' indefinite. Inside the clamp this is a linear loop
-s^2 + (k1 + k2) s + (k1 k2 + c). The clamp makes the answer to a far setpoint a bounded velocity k1
-r instead of full tilt towards and away.
+The term k1 s'(v_s - v) is the derivative of the first step's reference, and c s(e) is the cross
+term that cancels -c s.z. Without either of them W' is indefinite. Inside the clamp this is a linear
+loop with the polynomial s^2 + (k1 + k2) s + (k1 k2 + c). For a far setpoint the clamp bounds the
+velocity to k1 r. Without it the vehicle would tilt fully, first towards the setpoint and then away.
 
-Integral action: none here. A free integrator winds up whenever the avoidance law holds the vehicle
-back. Static errors (tilt bias, weak attitude gain, wind) are the disturbance observer's
-(estimation/disturbance_observer.py), which knows the command really sent, so that holding back does
-not charge it. The state given here is the one predicted over the attitude lag, which is why gains
-of 1.5 and 4 1/s are stable with 0.15 s of lag as well as with 0.27 s.
+There is no integral action here, because a free integrator winds up while the avoidance law holds
+the vehicle back. The disturbance observer (estimation/disturbance_observer.py) compensates static
+errors: tilt bias, weak attitude gain and wind. It knows the command that was really sent, so that
+holding back does not wind it up. The state given here is predicted over the attitude lag. That is
+why gains of 1.5 and 4 1/s are stable with 0.15 s of lag as well as with 0.27 s.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from onboard.vectors import Vec3, subtract
 class BacksteppingParams(NamedTuple):
     """Gains and bounds of the baseline."""
 
-    position_gain_1_s: float = 1.5  # k1: a position error decays with it
-    velocity_gain_1_s: float = 4.0  # k2: k1 + k2 stay below half of the attitude loop's wn
+    position_gain_1_s: float = 1.5  # k1: rate at which a position error decays
+    velocity_gain_1_s: float = 4.0  # k2; k1 + k2 stay below half of the attitude loop's wn
     coupling_1_s2: float = 0.5  # c
     max_position_error_m: float = 0.8  # r: the vehicle returns to its setpoint with at most k1 r
     max_acceleration_m_s2: float = 4.0  # horizontal, at most g tan(max_tilt)
@@ -53,29 +53,29 @@ def step(
     """Return the thrust that tracks the setpoint; see the module's derivation.
 
     Args:
-        position_enu_m: predicted to the time at which the thrust acts [m], ENU.
-        velocity_enu_m_s: the same of the velocity [m/s], ENU.
-        setpoint: for that same time.
+        position_enu_m: position predicted to the time at which the thrust acts [m], ENU.
+        velocity_enu_m_s: velocity at the same time [m/s], ENU.
+        setpoint: setpoint for the same time.
         params: gains and bounds.
     Returns:
-        F/m [m/s^2], ENU, with gravity included: hover is (0, 0, g). Bounded as the params say.
+        F/m [m/s^2], ENU, with gravity included: hover is (0, 0, g). ``params`` bound it.
     Properties: yaw-rotation- and translation-equivariant; homogeneous in length; zero error gives
     a_s + g.
     """
     k1 = params.position_gain_1_s
     k2 = params.velocity_gain_1_s
-    spring = k1 * k2 + params.coupling_1_s2  # what multiplies s(e): c, and k1 k2 from -k2 z
+    spring = k1 * k2 + params.coupling_1_s2  # factor of s(e): c, and k1 k2 from the term -k2 z
 
     e = subtract(setpoint.position_enu_m, position_enu_m)
     d = subtract(setpoint.velocity_enu_m_s, velocity_enu_m_s)  # e'
     feed = setpoint.acceleration_enu_m_s2
 
-    # The clamp is horizontal and vertical apart: a far setpoint in the plane must not weaken the
-    # hold of height. Horizontally s(e) = ratio e and s'(e) d = ratio (d - radial e).
+    # Horizontal and vertical errors are clamped separately: a far setpoint in the plane must not
+    # weaken the hold of the height. Horizontally s(e) = ratio e and s'(e) d = ratio (d - radial e).
     radius = params.max_position_error_m
     far_2 = e.x * e.x + e.y * e.y
     if far_2 > radius * radius:
-        # s'(e) = r/|e| (I - e e^T/|e|^2): only the turning of e moves a clamped reference
+        # s'(e) = r/|e| (I - e e^T/|e|^2): a clamped reference moves only where e turns
         ratio = radius / max(math.sqrt(far_2), 1e-12)
         radial = (e.x * d.x + e.y * d.y) / max(far_2, 1e-12)
     else:
@@ -84,11 +84,11 @@ def step(
         radial = 0.0
 
     s_z = min(max(e.z, -radius), radius)
-    turn_z = d.z if s_z == e.z else 0.0
+    rate_z = d.z if s_z == e.z else 0.0  # s'(e) d
 
     a_x = feed.x + k1 * (ratio * (d.x - radial * e.x)) + k2 * d.x + spring * (ratio * e.x)
     a_y = feed.y + k1 * (ratio * (d.y - radial * e.y)) + k2 * d.y + spring * (ratio * e.y)
-    a_z = feed.z + k1 * turn_z + k2 * d.z + spring * s_z
+    a_z = feed.z + k1 * rate_z + k2 * d.z + spring * s_z
 
     scale = min(1.0, params.max_acceleration_m_s2 / max(math.sqrt(a_x * a_x + a_y * a_y), 1e-12))
     highest = params.max_vertical_acceleration_m_s2

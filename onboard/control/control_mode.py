@@ -6,10 +6,12 @@ from enum import IntEnum
 
 
 class ControlMode(IntEnum):
-    """What the pipeline does with its stages."""
+    """What the pipeline does with its stages in one part of a flight."""
 
-    GROUND = 0  # level at no thrust; every memory is kept reset
-    LIFTOFF = 1  # climbs off the ground: gentle horizontally, observers frozen
+    GROUND = 0  # level without thrust; the memory of every stage is reset at each tick
+    LIFTOFF = 1  # climbs off the ground: gentle horizontally; observers are frozen
     FLYING = 2
-    LANDING = 3  # as flying, but the hover thrust is not learned near the ground
-    BLIND = 4  # dead reckoning: nothing is learned, and what was learned is replaced by its mean
+    LANDING = 3  # like FLYING, but the hover thrust is not learned near the ground
+    # descends by dead reckoning: nothing is learned, and the mean disturbance of the last seconds
+    # is compensated
+    BLIND = 4

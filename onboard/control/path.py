@@ -1,7 +1,7 @@
-"""Paths: polynomials of seventh order for x, y, z and yaw, piece after piece, and their bytes.
+"""Paths: pieces of seventh-order polynomials of x, y, z and yaw, and their bytes.
 
-Every file of a path ends in this one form. The setpoint is taken from it by :func:`point_at`. For
-checks before a flight :func:`sampled` takes the same polynomials at many times at once.
+Every file format of a path is converted to this form. In flight :func:`point_at` evaluates it at
+each tick. Checks before a flight use :func:`sampled`, which evaluates it at many times at once.
 """
 
 from __future__ import annotations
@@ -19,19 +19,20 @@ from onboard.arrays import Array
 from onboard.config.config_error import ConfigError
 from onboard.vectors import ZERO_3, Vec3
 
-# of a piece: its duration, then eight coefficients, the constant one first, of x, y, z and yaw
+# numbers of a piece: its duration, then eight coefficients each of x, y, z and yaw, the constant
+# coefficient first
 NUMBERS = 33
-MOST_BYTES = 262_144  # of a whole path: two thousand pieces
-PART_BYTES = 24_576  # of a path's parts, for messages of at most 65536
+MOST_BYTES = 262_144  # largest path: two thousand pieces
+PART_BYTES = 24_576  # a path is sent in parts of this size: a message has at most 65536 bytes
 LONGEST_S = 3600.0
 _ROW = struct.Struct(f"<{NUMBERS}f")
 MOST_PIECES = MOST_BYTES // _ROW.size
 
 
 class Path(NamedTuple):
-    """Pieces of a path; the first begins at the time 0."""
+    """Pieces of a path; the first piece begins at the time 0."""
 
-    ends_s: tuple[float, ...]  # of the pieces
+    ends_s: tuple[float, ...]  # time at which each piece ends
     pieces: tuple[tuple[float, ...], ...]  # NUMBERS each, lengths in metres ENU, yaw in radians
 
     @property
@@ -50,11 +51,11 @@ class PathPoint(NamedTuple):
 
 
 def path_of(pieces: Sequence[Sequence[float]]) -> Path:
-    """Return the path of these pieces, NUMBERS each, rounded to the precision of their bytes.
+    """Return the path of these pieces of NUMBERS numbers, rounded to 32-bit floats.
 
     Raises:
-        ConfigError: there is no piece, or one is of another length, not finite, or of a duration
-            that is not positive; or they last too long.
+        ConfigError: There is no piece; or a piece has another number of values, a value that is not
+            finite, or no positive duration; or the path is too long.
     """
     try:
         rows = [_ROW.pack(*piece) for piece in pieces]
@@ -66,7 +67,7 @@ def path_of(pieces: Sequence[Sequence[float]]) -> Path:
 
 
 def to_bytes(path: Path) -> bytes:
-    """Return the bytes of a path, which are what its id is made of."""
+    """Return the bytes of a path; :func:`path_id` makes its id of them."""
     return b"".join(_ROW.pack(*piece) for piece in path.pieces)
 
 
@@ -74,7 +75,7 @@ def from_bytes(data: bytes) -> Path:
     """Return the path of these bytes.
 
     Raises:
-        ConfigError: they are no path; a sentence says why.
+        ConfigError: The bytes are no path; the message says why.
     """
     if not data or len(data) % _ROW.size:
         raise ConfigError(f"{len(data)} bytes are no path.")
@@ -103,7 +104,7 @@ def path_id(data: bytes) -> str:
 
 
 def point_at(path: Path, time_s: float) -> PathPoint:
-    """Return the motion at a time of the path; before its begin and after its end it rests."""
+    """Return the motion at a time of the path; before its begin and after its end it is at rest."""
     if time_s >= path.duration_s:
         last = path.pieces[-1]
         return _rest(last, last[0])
@@ -127,7 +128,7 @@ def point_at(path: Path, time_s: float) -> PathPoint:
 
 
 def _rest(piece: Sequence[float], since_s: float) -> PathPoint:
-    """Return the position at a time of a piece, without its motion."""
+    """Return the position and yaw at a time of a piece, with zero velocity and acceleration."""
     x, y, z, yaw_rad = (horner(piece, axis, since_s)[0] for axis in range(4))
     return PathPoint(
         position_enu_m=Vec3(x, y, z),
@@ -141,7 +142,7 @@ def horner(piece: Sequence[float], axis: int, t: float) -> tuple[float, float, f
     """Return value, first and second derivative of one axis of a piece.
 
     Args:
-        piece: NUMBERS of one piece, or arrays of them for many times.
+        piece: the numbers of one piece, or an array of each number for many times.
         axis: 0 to 3 for x, y, z, yaw.
         t: time since the begin of the piece [s], or an array.
     """
@@ -157,7 +158,7 @@ def horner(piece: Sequence[float], axis: int, t: float) -> tuple[float, float, f
 def sampled(path: Path, times_s: Array) -> Array:
     """Return the motion (3, T, 4) at many times (T,) of a path.
 
-    The first axis holds value, first and second derivative, the last one x, y, z and yaw.
+    Along the first axis are value, first and second derivative; along the last x, y, z and yaw.
     """
     ends_s = np.array(path.ends_s)
     pieces = np.array(path.pieces)
@@ -170,7 +171,7 @@ def sampled(path: Path, times_s: Array) -> Array:
     by_axis = [horner(numbers, axis, since_s) for axis in range(4)]  # type: ignore[arg-type]
     motion = np.array(by_axis).transpose(1, 2, 0)
 
-    # before its begin and after its end the path rests
+    # before its begin and after its end the path is at rest
     is_outside = (times_s < 0.0) | (times_s > path.duration_s)
     motion[1:, is_outside] = 0.0
     return motion

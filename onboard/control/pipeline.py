@@ -1,18 +1,18 @@
-"""The order of the stages, and nothing else: one call per tick.
+"""The control pipeline of one vehicle: calls all stages in their order, once per tick.
 
 Every intermediate value is in the returned Tick.
 
     predict the own state to t + L
-    -> trajectory for t + L
-    -> backstepping there: the baseline
-    -> law: Covey's, or one of somebody's own
-    -> + drag, - disturbance
-    -> allocation
+    -> trajectory setpoint for t + L
+    -> backstepping at t + L: the baseline thrust
+    -> avoidance law: Covey's, or a user's own
+    -> add drag, subtract disturbance
+    -> allocation: attitude and throttle
 
-While the law holds a vehicle back, its trajectory would run away and the baseline would wind up:
-the trajectory's clock slows with the lag behind the setpoint, but only as far as the law is really
-active; a position error beyond the clamp pulls no harder, and in a jam the whole pursuit slows
-down.
+While the law holds a vehicle back, its setpoint would run away and the baseline would wind up.
+Three measures prevent that. The trajectory's clock slows with the lag behind the setpoint, as far
+as the law is active. A position error beyond the clamp pulls no harder. In a jam the whole pursuit
+of the setpoint slows down.
 """
 
 from __future__ import annotations
@@ -53,8 +53,15 @@ from onboard.vectors import (
     subtract,
 )
 
-_INTENT_1_S = 1.0  # intended velocity per metre left to the goal
-_ACTIVE_M_S2 = 0.05  # an intervention beyond counts as the law being active
+_INTENT_1_S = 1.0  # intended horizontal velocity per metre left to the goal
+_ACTIVE_M_S2 = 0.05  # the law is active if it changes the thrust by more than this
+_ACTIVE_FACTOR = 2.0  # the clock slows fully if the law is active in half of the recent past
+_LEAST_CLAMP_M = 0.15  # position error that always counts, however fast the setpoint is
+
+# While a leg still touches the ground, tilt turns the vehicle over instead of moving it.
+_LIFTOFF_CLAMP_M = 0.1
+_LIFTOFF_M_S2 = 1.0
+
 _NOWHERE = Vec3(math.nan, math.nan, math.nan)
 _WEIGHT = Vec3(0.0, 0.0, -GRAVITY_M_S2)
 _LEVEL = Thrust(Vec3(0.0, 0.0, GRAVITY_M_S2))
@@ -88,16 +95,16 @@ class BeforeLaw(NamedTuple):
     trajectory: trajectory.TrajectoryMemory
     setpoint: TrajectorySetpoint
     baseline: interface.Baseline
-    motion: Motion  # own at t + L; NaN where the estimate cannot be used
-    is_usable: bool  # whether it can
+    motion: Motion  # own motion at t + L; NaN if the estimate cannot be used
+    is_usable: bool  # whether the estimate can be used
 
 
 def initial(params: PipelineParams, position_enu_m: Vec3) -> PipelineMemory:
     """Return the memory at rest on the ground or hovering at a position.
 
     Args:
-        params: of the vehicle.
-        position_enu_m: [m], ENU.
+        params: parameters of the vehicle.
+        position_enu_m: position of the vehicle [m], ENU.
     """
     return PipelineMemory(
         trajectory=trajectory.initial(position_enu_m),
@@ -124,21 +131,21 @@ def step(
     dt_s: float,
     law_step: LawStep = oist.step,
 ) -> tuple[PipelineMemory, Tick]:
-    """One tick of one vehicle.
+    """Return memory and Tick after one tick of one vehicle.
 
     Args:
-        memory: of the last tick.
+        memory: memory of the last tick.
         state: own estimate.
-        goal: of the order being flown.
-        neighbours: a snapshot of those that are known.
-        obstacles: what stands still.
+        goal: goal of the order that is flown.
+        neighbours: the known neighbours.
+        obstacles: static obstacles, and edges of the fence's areas.
         mode: a ControlMode.
-        params: of the vehicle.
+        params: parameters of the vehicle.
         dt_s: length of the tick.
         law_step: the avoidance law: ``oist.step``, or a function that takes and returns the same.
     Returns:
-        Memory and Tick; ``is_finite`` is False where the input could not be used and the vehicle
-        was levelled.
+        Memory and Tick. ``is_finite`` of the Tick is False if the input could not be used; the
+        attitude setpoint is then level.
     Properties: equivariant under translation and turning about the vertical.
     """
     if mode == ControlMode.GROUND:
@@ -175,14 +182,14 @@ def before_law(
     usable = state if is_usable else _at_rest(state, memory)
     observer, lift = _observed(memory, usable, mode, params, dt_s)
 
-    share = 1.0  # a descent without poses waits in no jam
+    share = 1.0  # a descent without poses does not slow down in a jam
     if mode != ControlMode.BLIND:
         share = oist.speed_share(memory.law, params.law)
     predicted = oist.predict(memory.law, usable, params.law)
     rate, leg, setpoint = _led(memory, predicted, goal, mode, params, dt_s)
 
-    # line O: what drag and the observed disturbance take is added after the law, so that the law
-    # commands net motion
+    # line O: the compensation of drag and observed disturbance is added after the law, so that the
+    # law commands net motion
     disturbance = observer.disturbance_enu_m_s2
     if mode == ControlMode.BLIND:
         disturbance = observer.mean_enu_m_s2
@@ -197,7 +204,7 @@ def before_law(
         trajectory=leg,
         setpoint=setpoint,
         baseline=interface.Baseline(thrust, compensation, intended_m_s),
-        # the law must know, level out, and publish no state that is not known
+        # NaN makes the law level the thrust and publish no prediction
         motion=predicted if is_usable else Motion(_NOWHERE, _NOWHERE),
         is_usable=is_usable,
     )
@@ -267,12 +274,12 @@ def _led(
     params: PipelineParams,
     dt_s: float,
 ) -> tuple[float, trajectory.TrajectoryMemory, TrajectorySetpoint]:
-    """Return the rate of the trajectory's clock, the leg and the setpoint."""
+    """Return the rate of the trajectory's clock, the trajectory's memory, and the setpoint."""
     leg = memory.trajectory
     bounds = params.trajectory
 
     if mode == ControlMode.BLIND:
-        # it waits for nobody but those below, who are down soon
+        # a descent without poses waits only for vehicles below, which land soon
         limit_m_s = memory.law.sink_limit_m_s
         leg, setpoint = sinking.step(leg, predicted, goal, params.sinking, limit_m_s, dt_s)
         return 1.0, leg, setpoint
@@ -285,7 +292,7 @@ def _led(
 def _observed(
     memory: PipelineMemory, state: State, mode: int, params: PipelineParams, dt_s: float
 ) -> tuple[disturbance_observer.ObserverMemory, hover_thrust.HoverThrustMemory]:
-    """Return what the state teaches about the disturbance and the hover thrust."""
+    """Return the memories of the disturbance observer and the hover thrust after this tick."""
     observer, _ = disturbance_observer.step(
         memory.observer,
         state.velocity_enu_m_s,
@@ -314,7 +321,7 @@ def _tracking(
     mode: int,
     params: PipelineParams,
 ) -> Thrust:
-    """Return the baseline thrust, in a jam for a motion scaled by ``share`` (line G)."""
+    """Return the baseline thrust; in a jam ``share`` slows the motion (line G)."""
     slowed = TrajectorySetpoint(
         setpoint.position_enu_m,
         scaled(share, setpoint.velocity_enu_m_s),
@@ -325,11 +332,11 @@ def _tracking(
 
 
 def _at_rest(state: State, memory: PipelineMemory) -> State:
-    """Return a state at rest on the setpoint, in place of one that no stage can compute with."""
+    """Return a state at rest on the setpoint, in place of an estimate that is not finite."""
     return State(
         position_enu_m=trajectory.setpoint_position(memory.trajectory),
         velocity_enu_m_s=ZERO_3,
-        acceleration_enu_m_s2=_NOWHERE,  # freezes the hover estimate
+        acceleration_enu_m_s2=_NOWHERE,  # NaN freezes the hover estimate
         yaw_rad=state.yaw_rad,
         age_s=state.age_s,
         position_std_m=state.position_std_m,
@@ -342,26 +349,27 @@ def clock_rate(
 ) -> float:
     """Return the rate of the trajectory's clock, from 0 to 1.
 
-    It is less than 1 while the law is active and the vehicle lags behind, and 0 while the vehicle
-    climbs or sinks towards others that are not aside yet.
+    It is less than 1 while the law is active and the vehicle lags behind its setpoint. It is 0
+    while the vehicle climbs or sinks towards neighbours that are not out of the way yet.
 
-    The lag is counted along the way to the goal only: a vehicle pushed aside or ahead waits for
-    nothing. DEVIATION D7. The clock of a path is common to all that fly it, and not slowed here.
+    Only the lag along the direction to the goal counts: a vehicle that was pushed aside or ahead
+    does not slow its clock. DEVIATION D7. All vehicles on a path share its clock, which is not
+    slowed here.
 
     Args:
-        memory: of the last tick.
-        position_enu_m: predicted [m], ENU.
-        goal: of the order being flown.
-        params: slack, stop and time constant.
+        memory: memory of the last tick.
+        position_enu_m: position predicted to t + L [m], ENU.
+        goal: goal of the order that is flown.
+        params: the lags at which the clock slows and stops, and its time constant.
         dt_s: length of the tick.
     """
     if goal.is_on_path:
         return goal.clock_rate_frac
 
-    ahead = trajectory.setpoint_position(memory.trajectory)
-    to_goal_x = goal.position_enu_m.x - ahead.x
-    to_goal_y = goal.position_enu_m.y - ahead.y
-    lag_m2 = (ahead.x - position_enu_m.x) * to_goal_x + (ahead.y - position_enu_m.y) * to_goal_y
+    leading = trajectory.setpoint_position(memory.trajectory)
+    to_goal_x = goal.position_enu_m.x - leading.x
+    to_goal_y = goal.position_enu_m.y - leading.y
+    lag_m2 = (leading.x - position_enu_m.x) * to_goal_x + (leading.y - position_enu_m.y) * to_goal_y
     lag_m = lag_m2 / max(math.sqrt(to_goal_x * to_goal_x + to_goal_y * to_goal_y), 1e-6)
 
     lag_share = (lag_m - params.clock_slack_m) / (params.clock_stop_m - params.clock_slack_m)
@@ -370,31 +378,31 @@ def clock_rate(
     else:
         lag_share = 0.0
 
-    active_share = min(max(2.0 * memory.activity, 0.0), 1.0)
-    target = min(1.0 - active_share * lag_share, memory.law.climb_share)
+    active_share = min(max(_ACTIVE_FACTOR * memory.activity, 0.0), 1.0)
+    target_rate = min(1.0 - active_share * lag_share, memory.law.climb_share)
     blend = 1.0 - math.exp(-dt_s / params.clock_time_s)
-    return memory.clock_rate + blend * (target - memory.clock_rate)
+    return memory.clock_rate + blend * (target_rate - memory.clock_rate)
 
 
 def intent(position_enu_m: Vec3, goal: Goal, max_speed_m_s: float) -> Vec3:
-    """Return the velocity that would lead straight to the goal or along the path.
+    """Return the velocity [m/s] that would lead straight to the goal or along the path.
 
-    It is at most the top speed. Its vertical part is slower, and as far as it goes in ``INTENT_S``
-    is the way that is left: by it the others know where a climb ends.
+    It is at most the top speed. Its vertical part times ``INTENT_S`` is the height that is left to
+    the goal. So the neighbours know where a climb ends.
 
     Args:
-        position_enu_m: predicted [m], ENU.
-        goal: of the order being flown.
-        max_speed_m_s: of the vehicle.
+        position_enu_m: position predicted to t + L [m], ENU.
+        goal: goal of the order that is flown.
+        max_speed_m_s: top speed of the vehicle.
     """
     p = position_enu_m
-    to = goal.position_enu_m
+    goal_m = goal.position_enu_m
     v = goal.velocity_enu_m_s  # of the path
     rate = goal.clock_rate_frac
 
-    x = _INTENT_1_S * (to.x - p.x) + rate * v.x
-    y = _INTENT_1_S * (to.y - p.y) + rate * v.y
-    z = (to.z - p.z) / INTENT_S + rate * v.z
+    x = _INTENT_1_S * (goal_m.x - p.x) + rate * v.x
+    y = _INTENT_1_S * (goal_m.y - p.y) + rate * v.y
+    z = (goal_m.z - p.z) / INTENT_S + rate * v.z
 
     share = max_speed_m_s / max(math.sqrt(x * x + y * y), max_speed_m_s)
     return Vec3(share * x, share * y, min(max(z, -max_speed_m_s), max_speed_m_s))
@@ -409,33 +417,37 @@ def _activity(
 
 
 def _turned(yaw_rad: float, goal: Goal, params: PipelineParams, dt_s: float) -> float:
-    """Return the heading to hold after this tick; it turns to the goal's the shorter way."""
+    """Return the heading to hold after this tick; it turns the shorter way to the goal's."""
     if not math.isfinite(goal.yaw_rad):
         return yaw_rad
 
-    left_rad = goal.yaw_rad - yaw_rad
-    left_rad -= 2.0 * math.pi * math.floor(left_rad / (2.0 * math.pi) + 0.5)
+    # wrapped to [-pi, pi): the shorter way
+    turn_rad = goal.yaw_rad - yaw_rad
+    turn_rad -= 2.0 * math.pi * math.floor(turn_rad / (2.0 * math.pi) + 0.5)
 
     most_rad = params.max_yaw_rate_rad_s * dt_s
-    return yaw_rad + min(max(left_rad, -most_rad), most_rad)
+    return yaw_rad + min(max(turn_rad, -most_rad), most_rad)
 
 
 def _pursuit(
     setpoint: TrajectorySetpoint, share: float, mode: int, params: PipelineParams
 ) -> backstepping.BacksteppingParams:
-    """Return the backstepping whose error clamp keeps setpoint speed plus pursuit in the limit."""
+    """Return the gains and bounds of the backstepping for this tick.
+
+    The clamp of the position error is chosen so that the setpoint's speed, plus the speed that the
+    error adds, stays below the pursuit speed.
+    """
     base = params.backstepping
     speed_m_s = length(setpoint.velocity_enu_m_s)
-    room_m = (params.pursuit_speed_m_s - speed_m_s) / base.position_gain_1_s
-    clamp_m = min(max(room_m, 0.15), base.max_position_error_m) * share
+    spare_m = (params.pursuit_speed_m_s - speed_m_s) / base.position_gain_1_s
+    clamp_m = min(max(spare_m, _LEAST_CLAMP_M), base.max_position_error_m) * share
     largest_m_s2 = base.max_acceleration_m_s2
 
-    # while a leg still touches the ground, tilt turns the vehicle over instead of moving it
     if mode == ControlMode.LIFTOFF:
-        clamp_m = min(clamp_m, 0.1)
-        largest_m_s2 = 1.0
+        clamp_m = min(clamp_m, _LIFTOFF_CLAMP_M)
+        largest_m_s2 = _LIFTOFF_M_S2
 
-    # without poses each second costs more than a hard brake above the ground
+    # without poses, a hard brake above the ground is better than a longer descent
     highest_m_s2 = base.max_vertical_acceleration_m_s2
     if mode == ControlMode.BLIND:
         highest_m_s2 = params.sinking.vertical_m_s2
@@ -453,7 +465,10 @@ def _pursuit(
 def _compensation(
     velocity_enu_m_s: Vec3, disturbance_enu_m_s2: Vec3, params: PipelineParams
 ) -> Vec3:
-    """Return c V - s_b within its limits; a component that is not finite counts as zero."""
+    """Return the compensation c V - s_b of drag and disturbance, within its limits.
+
+    A component that is not finite counts as zero.
+    """
     drag = scaled(params.drag_1_s, velocity_enu_m_s)
     x, y, z = finite_or(subtract(drag, disturbance_enu_m_s2), ZERO_3)
     share = min(1.0, params.max_compensation_m_s2 / max(math.sqrt(x * x + y * y), 1e-9))
@@ -462,9 +477,11 @@ def _compensation(
 
 
 def _on_ground(state: State, params: PipelineParams) -> tuple[PipelineMemory, Tick]:
-    """Return no thrust, level, and memories as at the start: no value of the ground is flown."""
-    given = state.position_enu_m
-    position = finite_or(given, ZERO_3)
+    """Return a level setpoint without thrust, and reset memories.
+
+    So no value that was estimated on the ground is flown.
+    """
+    position = finite_or(state.position_enu_m, ZERO_3)
     memory = initial(params, position)
 
     hover_frac = memory.hover_thrust.hover_thrust_frac
@@ -476,6 +493,6 @@ def _on_ground(state: State, params: PipelineParams) -> tuple[PipelineMemory, Ti
         law=interface.unchanged(_LEVEL, Motion(position, ZERO_3), ZERO_3, params.law),
         attitude=AttitudeSetpoint(flat.quaternion_wxyz, 0.0),
         hover_thrust_frac=hover_frac,
-        is_finite=is_finite(given),
+        is_finite=is_finite(state.position_enu_m),
     )
     return memory, tick

@@ -1,4 +1,4 @@
-"""Numbers of the pipeline's stages for one vehicle, from the fleet file."""
+"""Parameters of the pipeline's stages for one vehicle, computed from the fleet file."""
 
 from __future__ import annotations
 
@@ -12,8 +12,16 @@ from onboard.control import allocation, backstepping, sinking, trajectory
 from onboard.estimation import disturbance_observer, hover_thrust
 from onboard.types import GRAVITY_M_S2
 
-# of the horizontal acceleration, for drag and wind; the rest always stays for the law
+# share of the horizontal acceleration that may compensate drag and wind; the rest stays for the law
 _COMPENSATION_SHARE = 0.75
+_LIFT_COMPENSATION_SHARE = 0.5  # the same for the vertical acceleration
+
+# bound of the baseline's vertical acceleration, and its share of the lift reserve; the rest of the
+# reserve stays for separation
+_MAX_VERTICAL_M_S2 = 2.5
+_VERTICAL_SHARE = 0.4
+
+_PURSUIT_FACTOR = 1.25  # of the top speed, for a vehicle that returns to its setpoint
 
 
 class PipelineParams(NamedTuple):
@@ -27,19 +35,19 @@ class PipelineParams(NamedTuple):
     hover_thrust: hover_thrust.HoverThrustParams
     allocation: allocation.AllocationParams
     drag_1_s: float
-    pursuit_speed_m_s: float  # setpoint speed plus what the position error adds stays below
+    pursuit_speed_m_s: float  # limit of the setpoint's speed plus what the position error adds
 
-    # for drag and disturbance
+    # bounds of the acceleration that compensates drag and disturbance
     max_compensation_m_s2: float  # horizontal
     max_lift_compensation_m_s2: float  # vertical
 
-    # lags behind the setpoint at which the clock, while the law is active, ...
-    clock_slack_m: float = 0.3  # ... begins to slow
-    clock_stop_m: float = 1.5  # ... stands still
-    activity_time_s: float = 0.5
-    clock_time_s: float = 0.2
+    # While the law is active, the trajectory's clock slows with the lag behind the setpoint.
+    clock_slack_m: float = 0.3  # lag at which it begins to slow
+    clock_stop_m: float = 1.5  # lag at which it stands still
+    activity_time_s: float = 0.5  # the "recent past" in which the law was active
+    clock_time_s: float = 0.2  # time constant of the clock's rate
 
-    # heading to hold, counterclockwise from east, until a goal turns it: the paper's psi_d
+    # heading to hold, counterclockwise from east, until a goal has another one: the paper's psi_d
     yaw_rad: float = 0.0
     max_yaw_rate_rad_s: float = 1.0
 
@@ -52,14 +60,14 @@ def pipeline_params(
     Args:
         fleet: the fleet file.
         vehicle_name: one of its vehicles.
-        law: "covey", "paper" or "off"; overrides the fleet file's choice.
+        law: "covey", "paper" or "off", in place of the fleet file's choice.
     Raises:
-        ValueError: ``law`` is another word.
+        ValueError: There is no law of that name.
     """
     vehicle = fleet.vehicles[vehicle_name]
     law_numbers = law_params(fleet, vehicle_name, law)
 
-    # a fleet file may say 1 for 1.0, but code is compiled for types of numbers
+    # a fleet file may say 1 for 1.0, but compiled code accepts only floats here
     hover_frac = float(vehicle.hover_thrust_frac)
     drag_1_s = float(vehicle.drag_1_s)
 
@@ -67,7 +75,7 @@ def pipeline_params(
     max_acceleration_m_s2 = GRAVITY_M_S2 * math.tan(max_tilt_rad)
     lift_reserve_m_s2 = (1.0 / hover_frac - 1.0) * GRAVITY_M_S2
 
-    # the paper's law evaluates its rows now
+    # the paper's law evaluates its rows at the present time
     lead_s = 0.0
     if law_numbers.law != PAPER:
         lead_s = law_numbers.lead_time_s
@@ -80,8 +88,9 @@ def pipeline_params(
         ),
         backstepping=backstepping.BacksteppingParams(
             max_acceleration_m_s2=max_acceleration_m_s2,
-            # the rest stays for separation
-            max_vertical_acceleration_m_s2=min(2.5, 0.4 * lift_reserve_m_s2),
+            max_vertical_acceleration_m_s2=min(
+                _MAX_VERTICAL_M_S2, _VERTICAL_SHARE * lift_reserve_m_s2
+            ),
         ),
         sinking=sinking.sinking_params(
             float(vehicle.max_acceleration_m_s2), hover_frac, has_mocap=vehicle.mocap_required
@@ -100,8 +109,8 @@ def pipeline_params(
             fallback_hover_thrust_frac=hover_frac,
         ),
         drag_1_s=drag_1_s,
-        pursuit_speed_m_s=1.25 * law_numbers.max_speed_m_s,
+        pursuit_speed_m_s=_PURSUIT_FACTOR * law_numbers.max_speed_m_s,
         max_compensation_m_s2=_COMPENSATION_SHARE * max_acceleration_m_s2,
-        # at least half of the lift reserve stays for the law
-        max_lift_compensation_m_s2=0.5 * (law_numbers.max_thrust_m_s2 - GRAVITY_M_S2),
+        max_lift_compensation_m_s2=_LIFT_COMPENSATION_SHARE
+        * (law_numbers.max_thrust_m_s2 - GRAVITY_M_S2),
     )

@@ -1,12 +1,12 @@
-"""Descent without poses: brake, and sink by vertical speed.
+"""Descent without poses: the vehicle brakes horizontally, and sinks with a bounded speed.
 
-Dead reckoning is good for a few seconds, and each of them costs accuracy. So the vehicle sinks at
-once and as fast as it can stop again, and slowly only where the ground may be: its height is PX4's,
-which is wrong by up to a third of a metre, and by satellites by more. It returns to no setpoint:
-both speeds are tracked and no position is, so that a vehicle which the law has pushed aside stays
-there.
+Dead reckoning loses accuracy with every second. So the vehicle sinks at once, and as fast as it can
+still slow down in time. It sinks slowly only where the ground may be. Its height comes from PX4,
+which is wrong by up to a third of a metre, and by more if it comes from satellites. Horizontal and
+vertical speeds are tracked, but no position is. So a vehicle that the law has pushed aside does not
+return.
 
-Time: as in trajectory.py, the motion is that for which a command given now acts.
+As in trajectory.py, a setpoint refers to the time at which a command given now acts.
 """
 
 from __future__ import annotations
@@ -19,48 +19,49 @@ from onboard.control.trajectory import TrajectoryMemory
 from onboard.types import GRAVITY_M_S2, Goal, TrajectorySetpoint
 from onboard.vectors import Vec3
 
-FAST_M_S = 2.0  # slower than the air that the rotors push down, into which a vehicle must not sink
-SLOW_M_S = 0.8  # which a vehicle survives that meets the ground unseen
+# fastest descent; the rotors push the air down faster, and a vehicle must not sink into that air
+FAST_M_S = 2.0
+SLOW_M_S = 0.8  # a vehicle survives a touchdown at this speed
 
-# Height up to which the ground may be: the error of the height, and a reserve. PX4 compares its own
-# with the poses as long as they come; by satellites it is worse.
+# Below this height the ground may be: error of the height, and a reserve. With a mocap, PX4's
+# height was compared with the poses while they came. A height from satellites is less accurate.
 SLOW_BELOW_M = 0.45
 SLOW_BELOW_WITHOUT_MOCAP_M = 1.2
 
-_BRAKE = 1.6  # times as hard as on a leg
+_BRAKE_FACTOR = 1.6  # horizontal braking, relative to the acceleration of a usual flight
 
-# It uses more of its lift than otherwise, up to a bound. Above the ground it slows down with a
-# share of that, so that the rest can correct.
-_LIFT_SHARE = 0.75
+# The largest vertical acceleration, and its share of the lift reserve. Above the ground the vehicle
+# slows down with a part of it, so that the rest can correct errors.
 _VERTICAL_M_S2 = 3.5
+_LIFT_SHARE = 0.75
 _RISE_SHARE = 0.6
 
-_STEP_S = 0.02
+_STEP_S = 0.02  # time step in which the duration of a descent is summed up
 
 
 class SinkingParams(NamedTuple):
     """Numbers of a descent without poses."""
 
-    brake_m_s2: float  # horizontal
-    vertical_m_s2: float  # up and down, the largest
-    rise_m_s2: float  # upwards, with which it slows down above the ground
-    slow_below_m: float  # height up to which it is slow
+    brake_m_s2: float  # horizontal braking
+    vertical_m_s2: float  # largest acceleration up and down
+    rise_m_s2: float  # upwards, to slow down above the ground
+    slow_below_m: float  # height below which the vehicle sinks slowly
 
 
 def sinking_params(
     max_acceleration_m_s2: float, hover_frac: float, *, has_mocap: bool
 ) -> SinkingParams:
-    """Return the numbers of a vehicle.
+    """Return the numbers of a vehicle's descent without poses.
 
     Args:
-        max_acceleration_m_s2: of its legs.
+        max_acceleration_m_s2: acceleration of its usual flight.
         hover_frac: throttle that carries its weight.
-        has_mocap: whether poses of a motion capture have shown how wrong PX4's height is.
+        has_mocap: whether poses of a motion capture have shown the error of PX4's height.
     """
     lift_reserve_m_s2 = (1.0 / hover_frac - 1.0) * GRAVITY_M_S2
     vertical_m_s2 = min(_VERTICAL_M_S2, _LIFT_SHARE * lift_reserve_m_s2)
     return SinkingParams(
-        brake_m_s2=_BRAKE * max_acceleration_m_s2,
+        brake_m_s2=_BRAKE_FACTOR * max_acceleration_m_s2,
         vertical_m_s2=vertical_m_s2,
         rise_m_s2=_RISE_SHARE * vertical_m_s2,
         slow_below_m=SLOW_BELOW_M if has_mocap else SLOW_BELOW_WITHOUT_MOCAP_M,
@@ -68,11 +69,11 @@ def sinking_params(
 
 
 def sink_speed_m_s(height_m: float, params: SinkingParams) -> float:
-    """Return the speed of sinking from which the vehicle is still slow in time.
+    """Return the largest speed of sinking [m/s] from which the vehicle still slows down in time.
 
     Args:
-        height_m: above the ground.
-        params: accelerations, and where it has to be slow.
+        height_m: height above the ground.
+        params: accelerations, and the height below which the vehicle has to be slow.
     """
     above_m = max(0.0, height_m - params.slow_below_m)
     return min(FAST_M_S, math.sqrt(SLOW_M_S * SLOW_M_S + 2.0 * params.rise_m_s2 * above_m))
@@ -107,11 +108,11 @@ def step(
     """Return the memory and the setpoint after one tick.
 
     Args:
-        leg: memory of the last tick; of its motion the horizontal speed is used.
+        leg: memory of the last tick; its horizontal velocity is used.
         ahead: own motion at t + L.
-        goal: its height is that of the ground; a new sequence begins from the own motion.
+        goal: its height is that of the ground. A new sequence begins from the own velocity.
         params: accelerations.
-        limit_m_s: of the speed of sinking, because of others below; infinite without any.
+        limit_m_s: limit of the speed of sinking, because of neighbours below; infinite without any.
         dt_s: length of the tick.
     """
     position = ahead.position_enu_m
@@ -120,10 +121,11 @@ def step(
         before = ahead.velocity_enu_m_s
 
     speed_m_s = math.sqrt(before.x * before.x + before.y * before.y)
-    kept = max(0.0, speed_m_s - params.brake_m_s2 * dt_s) / max(speed_m_s, 1e-9)
-    braking_1_s = params.brake_m_s2 / max(speed_m_s, 1e-9) if kept > 0.0 else 0.0
+    kept_share = max(0.0, speed_m_s - params.brake_m_s2 * dt_s) / max(speed_m_s, 1e-9)
+    braking_1_s = params.brake_m_s2 / max(speed_m_s, 1e-9) if kept_share > 0.0 else 0.0
 
-    # on the way from fast to slow the setpoint slows down, too
+    # Where the allowed speed falls with the height, a vehicle at that speed needs the upward
+    # acceleration in its setpoint, too.
     height_m = position.z - goal.position_enu_m.z
     sink_m_s = sink_speed_m_s(height_m, params)
     rise_m_s2 = params.rise_m_s2 if SLOW_M_S < sink_m_s < FAST_M_S else 0.0
@@ -131,10 +133,10 @@ def step(
     if not is_fast_already:
         rise_m_s2 = 0.0
 
-    velocity = Vec3(kept * before.x, kept * before.y, -min(sink_m_s, limit_m_s))
+    velocity = Vec3(kept_share * before.x, kept_share * before.y, -min(sink_m_s, limit_m_s))
     acceleration = Vec3(-braking_1_s * before.x, -braking_1_s * before.y, rise_m_s2)
 
-    # the begin of a leg of which no time has passed, so that the next one continues this motion
+    # a leg that has just begun with this motion, so that the next leg continues it
     after = TrajectoryMemory(
         start_position_enu_m=position,
         start_velocity_enu_m_s=velocity,

@@ -1,22 +1,21 @@
 """Trajectories to a goal, regardless of obstacles: quintics of bounded speed and acceleration.
 
-A leg is one quintic per axis from the present setpoint (position, velocity, acceleration, so that
-the new leg continues the old one) to rest at the goal. A quintic that starts with acceleration
-overshoots the bounds when it is made longer, so there is a second form: brake to rest on the
-shortest polynomial that keeps the bounds, then a quintic from rest. The shorter of the two that
-keeps the bounds is flown. From rest the bounds have the closed form used below: peak speed 15/8
-D/T, peak acceleration 10/sqrt(3) D/T^2.
+A leg is the flight to one goal. Its first form is one quintic per axis, from the present setpoint
+to rest at the goal. The setpoint's position, velocity and acceleration are continued. A quintic
+that starts with acceleration exceeds the bounds when it is made longer. So there is a second form:
+it brakes to rest on the shortest polynomial that keeps the bounds, and then flies a quintic from
+rest. The shorter form that keeps the bounds is flown. A quintic from rest over the distance D in
+the time T has the peak speed 15/8 D/T and the peak acceleration 10/sqrt(3) D/T^2.
 
-A climb or a descent that the new goal turns back, or ends sooner than a smooth brake would, ends at
-once: the baseline brakes harder than the bounds of a leg, and nobody who orders a landing in the
-climb expects it to climb on.
+A climb or descent ends at once if a smooth brake would pass the height of the new goal. The
+baseline brakes harder than the bounds of a leg, and a vehicle that is ordered to land in a climb
+must not climb on.
 
-Time: the setpoint published at time t refers to t + lead_s, the time at which a command given now
-acts. A leg that is ordered now begins at the setpoint published now, and lead_s is taken off its
-duration, so that it ends on time.
+The setpoint of time t refers to t + lead_s, the time at which a command given at t acts. A new leg
+begins at the present setpoint. Its duration is shortened by lead_s, so that it ends on time.
 
-A goal on a path is the path's own motion at the time that the setpoint refers to: it is passed on
-as it is, and the leg that comes after it continues that motion.
+A goal on a path already holds the path's motion at the time of the setpoint. It becomes the
+setpoint unchanged, and the next leg continues that motion.
 """
 
 from __future__ import annotations
@@ -27,15 +26,21 @@ from typing import NamedTuple
 from onboard.types import Goal, TrajectorySetpoint
 from onboard.vectors import ZERO_3, Vec3, add_scaled, is_finite, length, scaled, subtract
 
-_NO_SEQUENCE = -(1 << 53)
+_NO_SEQUENCE = -(1 << 53)  # no goal has this sequence
+
+# peak speed and peak acceleration of a quintic from rest to rest, times D/T and D/T^2
 _SPEED_FACTOR = 15.0 / 8.0
 _ACCELERATION_FACTOR = 10.0 / math.sqrt(3.0)
-# durations that are tried, as factors of a first guess; geometric
+
+# Durations that are tried, as factors of a first guess. They form a geometric series, from 0.35 to
+# 8 for a brake and from 0.5 to 4 for a quintic straight to the goal.
 _BRAKE_FACTORS: tuple[float, ...] = tuple(0.35 * (8.0 / 0.35) ** (k / 31.0) for k in range(32))
 _DIRECT_FACTORS: tuple[float, ...] = tuple(0.5 * 8.0 ** (k / 31.0) for k in range(32))
 _SAMPLES = 40  # intervals of a quintic at whose ends the bounds are tested
-_FITS = 1.0 + 1e-9
-# of the time to full speed: no leg is shorter, so that a few millimetres are no reason to tilt
+_FITS = 1.0 + 1e-9  # largest value over its bound that keeps the bound, with rounding
+
+# No leg is shorter than this share of the time to full speed, so that a vehicle does not tilt for a
+# goal that is only a few millimetres away.
 _LEAST_SHARE = 0.8
 
 
@@ -56,11 +61,12 @@ class TrajectoryMemory(NamedTuple):
     via_position_enu_m: Vec3
     goal_position_enu_m: Vec3
     first_duration_s: float  # from the start's motion to rest at via
-    second_duration_s: float  # from via to the goal; 0 when via is the goal
+    second_duration_s: float  # from via to the goal; 0 if via is the goal
     elapsed_s: float
-    # of the last tick, because the published velocity is what a new leg has to continue
+    # rate of the clock at the last tick: it scales the setpoint's velocity, from which a new leg
+    # starts
     clock_rate: float
-    sequence: int  # of the goal
+    sequence: int  # sequence of the goal
 
 
 class _Quintic(NamedTuple):
@@ -74,7 +80,7 @@ class _Quintic(NamedTuple):
 
 
 def initial(position_enu_m: Vec3) -> TrajectoryMemory:
-    """Return the memory at rest at a position [m], ENU, without a leg: any goal is planned next."""
+    """Return the memory of a vehicle at rest at a position [m], ENU, that has no leg yet."""
     return TrajectoryMemory(
         start_position_enu_m=position_enu_m,
         start_velocity_enu_m_s=ZERO_3,
@@ -90,7 +96,10 @@ def initial(position_enu_m: Vec3) -> TrajectoryMemory:
 
 
 def moving(position_enu_m: Vec3, velocity_enu_m_s: Vec3) -> TrajectoryMemory:
-    """Return the memory in motion, ENU [m, m/s], without a leg: the next goal begins with that."""
+    """Return the memory of a vehicle in motion, ENU [m, m/s], that has no leg yet.
+
+    The leg to the next goal begins with this motion.
+    """
     return TrajectoryMemory(
         start_position_enu_m=position_enu_m,
         start_velocity_enu_m_s=velocity_enu_m_s,
@@ -108,20 +117,22 @@ def moving(position_enu_m: Vec3, velocity_enu_m_s: Vec3) -> TrajectoryMemory:
 def step(
     memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams, dt_s: float, clock_rate: float
 ) -> tuple[TrajectoryMemory, TrajectorySetpoint]:
-    """One tick along the leg; a new ``goal.sequence`` plans anew from the present setpoint.
+    """Return memory and setpoint after one tick along the leg.
+
+    A new ``goal.sequence`` plans a new leg from the present setpoint.
 
     Args:
-        memory: of the last tick.
-        goal: a goal that is not finite is ignored, and the old leg goes on.
+        memory: memory of the last tick.
+        goal: present goal. A goal that is not finite is ignored, and the old leg goes on.
         params: bounds.
         dt_s: length of the tick.
-        clock_rate: in [0, 1], slows the trajectory's clock while the law holds the vehicle back
-            (anti-windup); velocity scales with it and acceleration with its square. It must change
-            smoothly.
+        clock_rate: rate of the trajectory's clock, in [0, 1]. It slows while the law holds the
+            vehicle back (anti-windup). Velocity scales with it, and acceleration with its square.
+            It must change smoothly.
     Returns:
         Memory, and the setpoint.
-    Properties: continuous in position, velocity and acceleration at a clock rate of 1, but for the
-        height of a leg that ends a climb or a descent; from rest the bounds hold exactly;
+    Properties: at a clock rate of 1 continuous in position, velocity and acceleration, except for
+        the height where a climb or descent ends at once; from rest the bounds hold exactly;
         equivariant under turning about the vertical and translation; homogeneous in length and
         time; ends at rest on the goal.
     """
@@ -152,7 +163,7 @@ def step(
 
 
 def _on_path(goal: Goal) -> tuple[TrajectoryMemory, TrajectorySetpoint]:
-    """Return the path's motion as the begin of a leg of which no time has passed."""
+    """Return the path's motion, as a leg that has just begun with it."""
     memory = TrajectoryMemory(
         start_position_enu_m=goal.position_enu_m,
         start_velocity_enu_m_s=goal.velocity_enu_m_s,
@@ -198,7 +209,7 @@ def _present(memory: TrajectoryMemory) -> tuple[_Quintic, float]:
         )
     else:
         elapsed_s -= memory.first_duration_s
-        # a leg without duration goes nowhere: any value will do
+        # a leg without duration goes nowhere: any duration but 0 gives the same setpoint
         second_s = memory.second_duration_s if memory.second_duration_s > 0.0 else 1.0
         leg = _Quintic(
             begin_m=memory.via_position_enu_m,
@@ -216,10 +227,12 @@ def duration_s(memory: TrajectoryMemory) -> float:
 
 
 def shortest_duration_s(distance_m: float, params: TrajectoryParams) -> float:
-    """Return the duration [s] of a leg from rest to rest at the bounds; of a tiny one it is longer.
+    """Return the shortest duration [s] of a leg from rest to rest.
+
+    The bounds give it. A tiny leg takes longer than the bounds require, see _LEAST_SHARE.
 
     Args:
-        distance_m: from begin to end.
+        distance_m: distance from begin to end.
         params: bounds.
     """
     speed_m_s = params.max_speed_m_s
@@ -230,8 +243,8 @@ def shortest_duration_s(distance_m: float, params: TrajectoryParams) -> float:
     return max(by_speed_s, by_acceleration_s, least_s)
 
 
-# The quintic at tau = t/duration in [0, 1]. Seen from the end, with r = 1 - tau, the polynomials of
-# displacement, initial velocity and initial acceleration have short forms.
+# The quintic at tau = t/duration in [0, 1] is a sum of three polynomials: of the displacement, the
+# initial velocity and the initial acceleration. They have short forms with r = 1 - tau.
 
 
 def _position(leg: _Quintic, tau: float) -> Vec3:
@@ -278,7 +291,10 @@ def _acceleration(leg: _Quintic, tau: float) -> Vec3:
 
 
 def _excess(leg: _Quintic, params: TrajectoryParams, enough: float) -> float:
-    """Return the largest of speed/bound and acceleration/bound, or a value beyond ``enough``."""
+    """Return the largest of speed/bound and acceleration/bound along a quintic.
+
+    The search stops early at the first value beyond ``enough``, which is then returned.
+    """
     excess = 0.0
     for k in range(_SAMPLES + 1):
         tau = k / _SAMPLES
@@ -297,7 +313,8 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
     a = now.acceleration_enu_m_s2
     target = goal.position_enu_m
 
-    # a climb or a descent that leads past the goal ends at once
+    # A climb or a descent that leads past the goal ends at once. The setpoint is lead_s ahead: its
+    # height is set to the goal's, if that lies between the present height and the setpoint's.
     if _leads_past(p.z, v.z, target.z, params):
         now_m = p.z - params.lead_s * v.z
         p = Vec3(p.x, p.y, min(max(target.z, min(now_m, p.z)), max(now_m, p.z)))
@@ -308,24 +325,24 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
     if goal.duration_s > 0.0:
         ordered_s = max(goal.duration_s - params.lead_s, 0.0)
 
-    # brake to rest, as far as there is motion
-    top_m_s = params.max_speed_m_s
-    push_m_s2 = params.max_acceleration_m_s2
-    is_at_rest = length(v) <= 1e-9 * top_m_s and length(a) <= 1e-9 * push_m_s2
-    scale_s = max(length(v), _LEAST_SHARE * top_m_s) / push_m_s2
+    # second form, first part: brake to rest, unless the vehicle is at rest
+    max_m_s = params.max_speed_m_s
+    max_m_s2 = params.max_acceleration_m_s2
+    is_at_rest = length(v) <= 1e-9 * max_m_s and length(a) <= 1e-9 * max_m_s2
+    scale_s = max(length(v), _LEAST_SHARE * max_m_s) / max_m_s2
     via = p
     first_s = 0.0
     if not is_at_rest:
         first_s = _brake_duration_s(p, v, a, scale_s, params)
         via = _stop(p, v, a, first_s)
 
-    # then from rest to the goal
+    # second form, second part: from rest to the goal
     second_s = 0.0
     if via != target:
         from_rest_s = shortest_duration_s(length(subtract(target, via)), params)
         second_s = max(from_rest_s, ordered_s - first_s, 0.0)
 
-    # straight to the goal where that is sooner
+    # first form: straight to the goal, if that is sooner
     if not is_at_rest:
         guess_s = max(shortest_duration_s(length(subtract(target, p)), params), scale_s)
         longest_s = max(first_s + second_s, ordered_s)
@@ -359,12 +376,12 @@ def _leads_past(height_m: float, climb_m_s: float, goal_m: float, params: Trajec
 
 
 def _stop(p: Vec3, v: Vec3, a: Vec3, duration: float) -> Vec3:
-    """Return where a brake of the lowest degree comes to rest."""
+    """Return the position [m] at which the brake polynomial of lowest degree comes to rest."""
     return add_scaled(add_scaled(p, duration / 2.0, v), duration * duration / 12.0, a)
 
 
 def _brake(p: Vec3, v: Vec3, a: Vec3, duration: float) -> _Quintic:
-    """Return the brake of the lowest degree from a motion to rest."""
+    """Return the brake polynomial of lowest degree from a motion to rest."""
     return _Quintic(
         begin_m=p,
         velocity_m_s=v,
@@ -375,27 +392,33 @@ def _brake(p: Vec3, v: Vec3, a: Vec3, duration: float) -> _Quintic:
 
 
 def _brake_duration_s(p: Vec3, v: Vec3, a: Vec3, scale_s: float, params: TrajectoryParams) -> float:
-    """Return the shortest brake that keeps the bounds, or the one that exceeds them least."""
+    """Return the duration [s] of the shortest brake that keeps the bounds.
+
+    If none keeps them, return that of the brake that exceeds them least.
+    """
     for factor in _BRAKE_FACTORS:
         t = factor * scale_s
         if _excess(_brake(p, v, a, t), params, _FITS) <= _FITS:
             return t
 
     best_s = 0.0
-    least = math.inf
+    least_excess = math.inf
     for factor in _BRAKE_FACTORS:
         t = factor * scale_s
-        excess = _excess(_brake(p, v, a, t), params, least)
-        if excess < least:
+        excess = _excess(_brake(p, v, a, t), params, least_excess)
+        if excess < least_excess:
             best_s = t
-            least = excess
+            least_excess = excess
     return best_s
 
 
 def _direct_duration_s(
     guess: _Quintic, ordered_s: float, longest_s: float, params: TrajectoryParams
 ) -> float:
-    """Return the shortest quintic straight to the goal in the bounds [s]; 0 when it is too long."""
+    """Return the duration [s] of the shortest quintic straight to the goal within the bounds.
+
+    Return 0 if no such quintic is as short as ``longest_s``.
+    """
     for factor in _DIRECT_FACTORS:
         t = max(factor * guess.duration_s, ordered_s)
         if t > longest_s:

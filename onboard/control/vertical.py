@@ -1,18 +1,18 @@
-"""How long a climb after take-off and a landing take: gently near the ground, faster above.
+"""The duration of a climb after take-off and of a landing: slow near the ground, faster above.
 
-Quintics end slowly: with 1 m/s at most, the last metre of 30 m takes 10 s.
+A leg's quintic ends slowly: with 1 m/s at most, the last metre of 30 m takes 10 s.
 """
 
 from __future__ import annotations
 
-# near the ground: the mean speed, and the height over which it holds
+# mean speed near the ground, and the height up to which it holds
 _SLOW_M_S = 0.4
 _SLOW_M = 4.0
 
-# The mean speed above. It peaks at 1.5 m/s, with which PX4 descends by itself (MPC_Z_V_AUTO_DN).
+# Mean speed above that height. Its peak is 1.5 m/s, as of PX4's own descent (MPC_Z_V_AUTO_DN).
 _FAST_M_S = 0.8
 
-# The share of the vehicle's top speed that a mean speed may be: a quintic peaks at 1.9 of its mean.
+# Largest mean speed, as a share of the vehicle's top speed: a quintic peaks at 1.9 times its mean.
 _SPEED_SHARE = 0.5
 
 
@@ -20,8 +20,8 @@ def vertical_s(height_m: float, max_speed_m_s: float) -> float:
     """Return the duration [s] of a climb from the ground or of a descent to it.
 
     Args:
-        height_m: difference of the heights; below 0 counts as 0.
-        max_speed_m_s: of the vehicle.
+        height_m: difference of the heights; a negative one counts as 0.
+        max_speed_m_s: top speed of the vehicle.
     """
     mean_m_s = _SPEED_SHARE * max_speed_m_s
 

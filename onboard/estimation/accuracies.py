@@ -1,7 +1,7 @@
-"""How far estimates of a vehicle's motion err, by what they are made of.
+"""The errors of a vehicle's estimate, by the source of its positions.
 
-The agent publishes no smaller errors of an estimate than these, and the checks of a fleet judge
-with them whether its margins are wide enough.
+The agent never publishes smaller errors than these. The checks of a fleet file use them to judge
+whether the margins are wide enough.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ class Accuracy:
     position_time_s: float
     velocity_std_m_s: float
     velocity_time_s: float
-    acceleration_std_m_s2: float = 0.1  # gusts, which accelerate one vehicle and not the other
+    acceleration_std_m_s2: float = 0.1  # gusts that accelerate one vehicle of a pair only
     acceleration_time_s: float = 1.5
 
 
 ACCURACIES = {
-    # the agent's own filter on samples of 3 mm
+    # the agent's own Kalman filter, on mocap samples with a noise of 3 mm
     "mocap": Accuracy(
         name="mocap",
         position_std_m=0.003,

@@ -1,11 +1,12 @@
 """Disturbance observer: the acceleration that the own commands and the drag do not explain.
 
-A model of the own commands through the attitude lag predicts the velocity; the rest is the
-disturbance s_b. The model starts from the commands and not from the measured attitude, so that a
-static error of the attitude loop and a tilt bias are part of s_b. The vehicle is commanded ``u -
-s_b + c V`` (line O in avoidance/README.md). The command really sent enters here, after all limits,
-so that neither saturation nor the avoidance law charges the observer: it is the baseline's integral
-action.
+A model applies the own commands through the attitude lag and predicts the velocity. The difference
+to the measured velocity gives the disturbance s_b. The model uses the commands and not the measured
+attitude, so that a static error of the attitude loop and a tilt bias are parts of s_b. The vehicle
+is commanded ``u - s_b + c V`` (line O in avoidance/README.md).
+
+The observer is the integral action of the baseline. It takes the command that was really sent,
+after all limits. So it does not wind up when a limit or the avoidance law changes the command.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import NamedTuple
 
 from onboard.vectors import ZERO_3, Vec3, add_scaled, bounded, finite_or, subtract
 
-HISTORY_TICKS = 8  # commands kept; longer than the delay
+HISTORY_TICKS = 8  # number of past commands that are kept; together longer than the delay
 
 
 class ObserverParams(NamedTuple):
@@ -32,8 +33,9 @@ class ObserverParams(NamedTuple):
     drag_1_s: float = 0.0
 
     max_disturbance_m_s2: float = 1.5  # per axis
-    mean_time_s: float = 2.0
-    # per axis; so much of what differs from the mean counts for it: a jump of the poses is no wind
+    mean_time_s: float = 2.0  # time constant of the mean disturbance
+    # Per axis. A larger difference from the mean is clipped to this, so that a jump of the poses
+    # does not move the mean like wind.
     max_miss_m_s2: float = 0.8
 
 
@@ -42,9 +44,9 @@ class ObserverMemory(NamedTuple):
 
     velocity_enu_m_s: Vec3
     disturbance_enu_m_s2: Vec3  # s_b
-    # of s_b over the last seconds: worth more than its last value once nothing is measured
+    # mean of s_b over the last seconds; a better guess than the last value once poses are missing
     mean_enu_m_s2: Vec3
-    response_enu_m_s2: Vec3  # acceleration that the model of the commands has now
+    response_enu_m_s2: Vec3  # present acceleration of the model that obeys the commands
     response_rate_enu_m_s3: Vec3
     commands_enu_m_s2: tuple[Vec3, ...]  # HISTORY_TICKS of them, newest first, without gravity
 
@@ -62,10 +64,7 @@ _NO_COMMANDS = (ZERO_3,) * HISTORY_TICKS
 
 
 def initial(velocity_enu_m_s: Vec3) -> ObserverMemory:
-    """Return the memory of a vehicle at a velocity [m/s], ENU.
-
-    No disturbance is known, and the commands so far are zero.
-    """
+    """Return the memory of a vehicle at a velocity [m/s], ENU, without disturbance and commands."""
     return ObserverMemory(
         velocity_enu_m_s=velocity_enu_m_s,
         disturbance_enu_m_s2=ZERO_3,
@@ -86,29 +85,30 @@ def step(
 ) -> tuple[ObserverMemory, Vec3]:
     """Return memory and disturbance after a tick.
 
-    That is one of x' = a_model - c v + s_b + 2 w (v - x), s_b' = w^2 (v - x).
+    The observer is x' = a_model - c v + s_b + 2 w (v - x), s_b' = w^2 (v - x). Here x is its own
+    velocity, v the measured velocity and w the bandwidth.
 
     Args:
-        memory: of the last tick.
-        velocity_enu_m_s: estimated now [m/s], ENU. In the place of a component that is not finite
-            stands the observer's own.
-        command_enu_m_s2: acceleration commanded since the last tick, after every limit, without
-            gravity [m/s^2], ENU (horizontal: the attitude's; vertical: throttle less gravity). In
-            the place of a component that is not finite stands the last one.
+        memory: memory of the last tick.
+        velocity_enu_m_s: present estimate [m/s], ENU. The observer's own velocity replaces a
+            component that is not finite.
+        command_enu_m_s2: acceleration commanded since the last tick, after every limit and without
+            gravity [m/s^2], ENU. Its horizontal part comes from the attitude, its vertical part
+            from the throttle. The last command replaces a component that is not finite.
         params: model and bandwidth.
         dt_s: length of the tick.
-        is_frozen: keeps s_b (on the ground, at lift-off, without a position) while the model
-            follows.
+        is_frozen: True (on the ground, at lift-off, without a position): s_b is kept, and only the
+            model is updated.
     Returns:
-        Memory, and s_b [m/s^2], ENU: the acceleration beside commands and drag.
-    Properties: yaw-rotation-equivariant; an obedient vehicle shows no disturbance.
+        Memory, and s_b [m/s^2], ENU: the acceleration that commands and drag do not explain.
+    Properties: yaw-rotation-equivariant; s_b is zero for a vehicle that obeys the model.
     """
     measured = finite_or(velocity_enu_m_s, memory.velocity_enu_m_s)
     command = finite_or(command_enu_m_s2, memory.commands_enu_m_s2[0])
     commands = (command,) + memory.commands_enu_m_s2[:-1]  # noqa: RUF005  numba compiles no unpacking
 
-    # the command of the dead time ago, linear between ticks
-    ticks = min(params.delay_s / dt_s, HISTORY_TICKS - 1.000001)
+    # the command one dead time ago, linear between ticks
+    ticks = min(params.delay_s / dt_s, HISTORY_TICKS - 1.000001)  # so that whole + 1 is in the list
     whole = int(ticks)
     share = ticks - whole
     newer = commands[whole]
@@ -180,8 +180,11 @@ def _observed(
     params: ObserverParams,
     dt_s: float,
 ) -> _Axis:
-    """Return the axis corrected by its velocity; the gains put both discrete poles on exp(-w T)."""
-    acting = 0.5 * (response_m_s2 + axis.response_m_s2)  # in the middle of the tick
+    """Return the axis after its correction by the measured velocity.
+
+    The gains put both discrete poles on exp(-w T), with the bandwidth w and the tick T.
+    """
+    acting = 0.5 * (response_m_s2 + axis.response_m_s2)  # response in the middle of the tick
     net = acting - params.drag_1_s * measured_m_s + axis.disturbance_m_s2
     forecast = axis.velocity_m_s + dt_s * net
     miss = measured_m_s - forecast

@@ -1,9 +1,9 @@
-"""Estimate of the throttle that carries the weight, slow and bounded.
+"""Slow and bounded estimate of the throttle that carries the weight.
 
 Thrust is linear in throttle: a_z + g = (throttle/hover) g cos(tilt). The battery's sag and a wrong
-mass change the hover throttle within tens of seconds, so the estimate follows with seconds; the
-disturbance observer does what is faster. Near the ground (ground effect, contact) and while the
-throttle saturates the equation does not hold: frozen.
+mass change the hover throttle within tens of seconds, so the estimate has a time constant of some
+seconds. The disturbance observer compensates faster changes. The equation does not hold near the
+ground (ground effect, contact) and while the throttle saturates. The estimate is frozen there.
 """
 
 from __future__ import annotations
@@ -17,14 +17,15 @@ from onboard.types import GRAVITY_M_S2
 class HoverThrustParams(NamedTuple):
     """Speed and bounds of the estimate, and the limits beyond which it is frozen."""
 
-    configured_frac: float  # the vehicle's own value
-    max_deviation: float = 0.2  # share of the configured value that the estimate may leave it by
+    configured_frac: float  # hover throttle of the fleet file
+    max_deviation: float = 0.2  # largest deviation from the configured value, as a share of it
     time_constant_s: float = 4.0  # of the estimate
-    motor_lag_s: float = 0.05  # of the throttle's effect
+    motor_lag_s: float = 0.05  # from the throttle to its thrust
 
-    # beyond these the estimate is frozen
+    # outside these limits the estimate is frozen
     min_height_m: float = 0.3
-    max_acceleration_m_s2: float = 2.0  # beyond, the model is coarse
+    max_acceleration_m_s2: float = 2.0  # vertical; beyond it the model is too coarse
+    min_cos_tilt: float = 0.5
     min_thrust_frac: float = 0.1
     max_thrust_frac: float = 0.97
 
@@ -33,7 +34,7 @@ class HoverThrustMemory(NamedTuple):
     """The estimate and the state of the motors."""
 
     hover_thrust_frac: float
-    effective_thrust_frac: float  # throttle behind the motor lag
+    effective_thrust_frac: float  # throttle after the motor lag
 
 
 def initial(params: HoverThrustParams) -> HoverThrustMemory:
@@ -54,15 +55,17 @@ def step(
     """Return memory and hover throttle after a tick.
 
     Args:
-        memory: of the last tick.
-        thrust_frac: throttle sent on the last tick [-]; not finite: the motors stay as they are.
-        cos_tilt: cosine of the tilt of the attitude flown [-].
-        vertical_acceleration_m_s2: estimated, up positive, without gravity; not finite: frozen.
-        height_m: above the ground; not finite: frozen.
+        memory: memory of the last tick.
+        thrust_frac: throttle sent on the last tick [-]. If it is not finite, the motors' throttle
+            stays unchanged.
+        cos_tilt: cosine of the tilt of the flown attitude [-].
+        vertical_acceleration_m_s2: estimate, up positive, without gravity. If it is not finite, the
+            estimate is frozen.
+        height_m: height above the ground. If it is not finite, the estimate is frozen.
         params: speed and bounds.
         dt_s: length of the tick.
-        is_flying: False (on the ground, lifting off) freezes the estimate; the motors are followed
-            all the same.
+        is_flying: False (on the ground, lifting off) freezes the estimate, but not the motors'
+            throttle.
     Returns:
         Memory, and the hover throttle [-]: within max_deviation of the configured value, always
         finite.
@@ -78,7 +81,7 @@ def step(
         is_flying
         and height_m > params.min_height_m
         and abs(vertical_acceleration_m_s2) < params.max_acceleration_m_s2
-        and cos_tilt > 0.5
+        and cos_tilt > params.min_cos_tilt
         and params.min_thrust_frac < effective_frac < params.max_thrust_frac
     ):
         lift_m_s2 = GRAVITY_M_S2 + vertical_acceleration_m_s2

@@ -1,16 +1,16 @@
-"""Estimate of the own motion from mocap samples, the attitude flown and the throttle sent.
+"""Kalman filter of the own motion, from mocap samples, the flown attitude and the sent throttle.
 
-Per axis the state is [p, v, b] with p' = v and v' = a + b - c v: a is the acceleration that
-attitude and throttle give (thrust behind the motor lag, less gravity), c the linear drag, b a
-slowly wandering bias (thrust scale, tilt bias, wind). All axes share one covariance, since their
-noise is alike.
+Per axis the state is [p, v, b], with p' = v and v' = a + b - c v. Here a is the acceleration that
+attitude and throttle give (thrust after the motor lag, minus gravity), c is the linear drag, and b
+is a slowly wandering bias (thrust scale, tilt bias, wind). All axes share one covariance, because
+they have the same noise.
 
-A mocap sample belongs to a time ``age`` ago. It is applied at that time and propagated to now. The
-system is linear, so that is one step: the innovation is taken against the position that the present
-estimate implies for that time, and the row is H = [1 0 0] Phi(-age). Samples may therefore come
-late, out of order or not at all. The position at a time in the past follows by integrating
-backwards from the present estimate along the accelerations of the last ticks; so a correction of
-the present state corrects the past as well.
+A mocap sample belongs to a time ``age`` ago. Its correction is applied for that time and propagated
+to now. Because the system is linear, this is a single step: the innovation is the sample minus the
+position that the present estimate implies for that time, and the row is H = [1 0 0] Phi(-age).
+Samples may therefore come late, out of order or not at all. The position at a past time follows by
+integrating backwards from the present estimate, along the accelerations of the last ticks. So a
+correction of the present state corrects the past, too.
 """
 
 from __future__ import annotations
@@ -33,9 +33,15 @@ from onboard.vectors import (
 )
 
 HISTORY_TICKS = 20  # a sample older than this many ticks is ignored
-_LEAST_VARIANCE = 1e-12
+_LEAST_VARIANCE = 1e-12  # rounding must not make a variance negative
 _LEARNED_S = 0.125  # half of the time constant of the disturbance observer
-_LEAST_BIAS_M_S2 = 3.0  # bound of the bias, of static errors too
+_LEAST_BIAS_M_S2 = 3.0  # smallest bound of the bias: static errors need it, too
+
+# standard deviations at the start, when the vehicle stands still
+_START_VELOCITY_M_S = 0.05
+_START_BIAS_M_S2 = 0.3
+
+_AGE_ROUNDING_S = 1e-9
 
 
 class KalmanParams(NamedTuple):
@@ -46,11 +52,11 @@ class KalmanParams(NamedTuple):
     bias_noise: float = 0.12  # random walk of the bias [m/s^3 per sqrt(Hz)]
     max_bias_m_s2: float = _LEAST_BIAS_M_S2  # per axis
     drag_1_s: float = 0.0  # c
-    gust_time_s: float = 0.25  # for so long a gust moves the vehicle before it is leaned against
+    gust_time_s: float = 0.25  # time for which a gust moves the vehicle before it is compensated
     motor_lag_s: float = 0.05  # from throttle to thrust
 
-    # A sample farther off than the larger of both gates is a jump. They are wide enough for a stall
-    # of 0.2 s at speed, and below half the distance of two bodies.
+    # A sample whose innovation is larger than both gates is a jump. The gates are wide enough for a
+    # gap of 0.2 s at speed, and smaller than half the distance of two bodies.
     jump_gate_m: float = 0.30
     jump_gate_sigma: float = 6.0
 
@@ -67,9 +73,9 @@ class Covariance(NamedTuple):
 
 
 class PastTick(NamedTuple):
-    """Motion of one past tick, without the bias: the bias that is known now applies to it."""
+    """Motion of one past tick, without the bias; whoever uses it adds the present bias."""
 
-    duration_s: float  # 0: nothing remembered
+    duration_s: float  # 0: there was no tick yet
     acceleration_enu_m_s2: Vec3
 
 
@@ -80,33 +86,34 @@ class KalmanMemory(NamedTuple):
     velocity_enu_m_s: Vec3
     bias_enu_m_s2: Vec3
     acceleration_enu_m_s2: Vec3  # of the model, with bias and drag
-    covariance: Covariance  # of each axis
-    past: tuple[PastTick, ...]  # HISTORY_TICKS of them, newest first
-    thrust_m_s2: float  # behind the motor lag
+    covariance: Covariance  # the same for each axis
+    past: tuple[PastTick, ...]  # the last HISTORY_TICKS ticks, newest first
+    thrust_m_s2: float  # collective thrust per mass, after the motor lag
 
-    rejected_count: int  # jumps in a row
-    last_age_s: float  # age of the newest sample used, growing
+    rejected_count: int  # number of jumps in a row
+    last_age_s: float  # present age of the newest used sample; grows with each tick
 
 
 _NO_PAST = (PastTick(0.0, ZERO_3),) * HISTORY_TICKS
 
 
 def gust_time_s(lag_s: float) -> float:
-    """Return for how long a gust moves a vehicle before it is leaned against [s].
+    """Return the time for which a gust moves a vehicle before it is compensated [s].
 
     Args:
-        lag_s: from a command to its acceleration.
+        lag_s: lag from a command to its acceleration.
     """
     return lag_s + _LEARNED_S
 
 
 def largest_bias_m_s2(largest_push_m_s2: float) -> float:
-    """Return the bound of the bias of a vehicle that leans against such a push [m/s^2].
+    """Return the bound of the bias per axis [m/s^2].
 
-    Twice that push, so that a wind beyond the vehicle's limit is seen for what it is.
+    It is twice the largest push that the vehicle can compensate, so that a wind beyond the
+    vehicle's limit is recognised.
 
     Args:
-        largest_push_m_s2: by wind, per axis.
+        largest_push_m_s2: largest push of the wind that the vehicle can compensate, per axis.
     """
     return max(_LEAST_BIAS_M_S2, 2.0 * largest_push_m_s2)
 
@@ -122,9 +129,9 @@ def initial(position_enu_m: Vec3, params: KalmanParams) -> KalmanMemory:
         pp=params.position_noise_m * params.position_noise_m,
         pv=0.0,
         pb=0.0,
-        vv=0.05 * 0.05,
+        vv=_START_VELOCITY_M_S * _START_VELOCITY_M_S,
         vb=0.0,
-        bb=0.3 * 0.3,
+        bb=_START_BIAS_M_S2 * _START_BIAS_M_S2,
     )
     return KalmanMemory(
         position_enu_m=position_enu_m,
@@ -148,20 +155,20 @@ def drive(
     dt_s: float,
     is_on_ground: bool,
 ) -> KalmanMemory:
-    """Return the memory after ``dt_s`` under the attitude flown and the throttle sent.
+    """Return the memory after ``dt_s`` under the flown attitude and the sent throttle.
 
-    The throttle passes the motor lag, the attitude does not, because it is measured. On the ground
-    the contact force carries what the thrust does not: the horizontal acceleration is zero and the
-    vertical one not negative.
+    The motor lag applies to the throttle only, because the attitude is measured. On the ground the
+    contact force balances the rest: the horizontal acceleration is zero, and the vertical
+    acceleration is not negative.
 
     Args:
-        memory: of the last tick.
-        quaternion_wxyz: attitude flown, FLU to ENU.
-        thrust_frac: throttle sent [-]; not finite: the motors keep their thrust.
+        memory: memory of the last tick.
+        quaternion_wxyz: flown attitude, FLU to ENU.
+        thrust_frac: sent throttle [-]. If it is not finite, the motors keep their thrust.
         hover_thrust_frac: throttle that carries the weight [-].
         params: noise and limits.
         dt_s: length of the tick.
-        is_on_ground: whether the vehicle stands.
+        is_on_ground: whether the vehicle stands on the ground.
     """
     thrust = memory.thrust_m_s2
     commanded = thrust_frac / hover_thrust_frac * GRAVITY_M_S2
@@ -183,8 +190,8 @@ def predict(
 
     Args:
         memory: of the last tick.
-        acceleration_enu_m_s2: without drag and bias [m/s^2], ENU; a component that is not finite
-            counts as zero.
+        acceleration_enu_m_s2: acceleration without drag and bias [m/s^2], ENU. A component that is
+            not finite counts as zero.
         params: noise and limits.
         dt_s: length of the tick.
     """
@@ -194,7 +201,7 @@ def predict(
 def _moved(
     memory: KalmanMemory, driven: Vec3, thrust_m_s2: float, params: KalmanParams, dt_s: float
 ) -> KalmanMemory:
-    """Return the memory after one tick of the midpoint rule."""
+    """Return the memory after one tick, integrated by the midpoint rule."""
     pushed = add(finite_or(driven, ZERO_3), memory.bias_enu_m_s2)
 
     before = memory.velocity_enu_m_s
@@ -220,7 +227,7 @@ def _grown(covariance: Covariance, params: KalmanParams, dt_s: float) -> Covaria
     pp, pv, pb, vv, vb, bb = covariance
     t = dt_s
     half = 0.5 * dt_s * dt_s
-    keep = 1.0 - params.drag_1_s * dt_s
+    keep = 1.0 - params.drag_1_s * dt_s  # share of the velocity that the drag leaves
     q_a = params.acceleration_noise * params.acceleration_noise
     q_b = params.bias_noise * params.bias_noise
 
@@ -247,17 +254,17 @@ def correct(
 ) -> KalmanMemory:
     """Return the memory with a mocap sample applied at its own time.
 
-    A sample that is not finite or older than the memory is ignored. A jump is ignored and counted
-    in ``rejected_count``, which the next good sample sets back to 0. To believe a body that stays
-    elsewhere (start again with ``initial``) is the caller's decision.
+    A sample that is not finite or older than the remembered ticks is ignored. A jump is ignored and
+    counted in ``rejected_count``, which the next good sample resets to 0. If all samples stay
+    elsewhere, the caller decides whether to begin anew there with ``initial``.
 
     Args:
-        memory: valid now.
-        position_enu_m: measured [m], ENU.
-        age_s: time since the sample was taken; negative counts as 0.
+        memory: memory of the last tick.
+        position_enu_m: measured position [m], ENU.
+        age_s: time since the sample was taken; a negative age counts as 0.
         params: noise and limits.
-    Properties: a late sample has the effect of the same sample on time; the order of two samples
-    does not matter.
+    Properties: a late sample has the same effect as if it had come on time; the order of two
+    samples does not matter.
     """
     age = max(age_s, 0.0)
     if not (remembers(memory, age) and is_finite(position_enu_m)):
@@ -307,7 +314,7 @@ def correct(
 
 
 def _is_jump(innovation_m: Vec3, variance_m2: float, params: KalmanParams) -> bool:
-    """Whether a sample is farther off than both gates."""
+    """Whether the innovation of a sample is larger than both gates."""
     gate_m2 = max(
         params.jump_gate_m * params.jump_gate_m,
         params.jump_gate_sigma * params.jump_gate_sigma * variance_m2,
@@ -332,8 +339,8 @@ def _rejected(memory: KalmanMemory) -> KalmanMemory:
 
 
 def remembers(memory: KalmanMemory, age_s: float) -> bool:
-    """Whether the memory reaches back to ``age_s`` ago; False for NaN."""
-    left_s = age_s - 1e-9
+    """Whether the remembered ticks reach back to ``age_s`` ago; False for NaN."""
+    left_s = age_s - _AGE_ROUNDING_S
     for tick in memory.past:
         if left_s <= 0.0:
             return True
@@ -344,9 +351,9 @@ def remembers(memory: KalmanMemory, age_s: float) -> bool:
 
 
 def position_at(memory: KalmanMemory, age_s: float) -> Vec3:
-    """Return the position [m], ENU, ``age_s`` ago that the present estimate implies.
+    """Return the position [m], ENU, that the present estimate implies for ``age_s`` ago.
 
-    It is linear between ticks.
+    Between two ticks it is linear.
     """
     position = memory.position_enu_m
     velocity = memory.velocity_enu_m_s
@@ -373,11 +380,11 @@ def state(
     """Return the estimate as the pipeline takes it: valid now, with its accuracy per axis.
 
     Args:
-        memory: valid now.
-        yaw_rad: heading from the mocap, counterclockwise from east.
-        least_position_std_m: error of the samples that lasts longer than the filter remembers, so
-            that it cannot know it [m]; 0 for a mocap.
-        least_velocity_std_m_s: the same of the velocity [m/s].
+        memory: memory of this tick.
+        yaw_rad: heading, counterclockwise from east.
+        least_position_std_m: slow error of the samples that the filter cannot see [m]; 0 for a
+            mocap.
+        least_velocity_std_m_s: the same for the velocity [m/s].
     """
     position_std_m = math.sqrt(memory.covariance.pp)
     velocity_std_m_s = math.sqrt(memory.covariance.vv)

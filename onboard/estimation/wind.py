@@ -1,16 +1,15 @@
-"""Wind that a vehicle feels: from its lean, its motion and its drag.
+"""Estimates the wind at a vehicle from its tilt, its motion and its drag.
 
-A vehicle that leans by more than its acceleration explains is pushed. The Kalman filter has that
-push: it is the part of its bias that attitude, throttle and the drag of the own motion do not
-explain. Divided by the drag it is the velocity of the air. Its mean over some seconds is the wind,
-and what is left are the gusts. Without a drag the wind is not known, but the gusts are, as an
-acceleration.
+Wind pushes a vehicle, and the vehicle tilts against it. The Kalman filter's bias is that push: the
+acceleration that attitude, throttle and the drag of the own motion do not explain. The push divided
+by the drag is the velocity of the air. Its mean over some seconds is the wind; the deviations from
+the mean are the gusts. If the drag is not known, the gusts are known as an acceleration only.
 
-Gusts are slower to be learned than they come: for the time of the lag and of the disturbance
-observer they move the vehicle as nobody has commanded. Hence they are an error of the velocity that
-the vehicle publishes, and widen the distance that all keep from it. Gusts come in groups: what two
-calm seconds look like says little about the next one. So the distance goes by the strongest of
-three: those of now, those of the last half minute, and those that belong to the wind of now.
+The disturbance observer and the attitude lag take a moment to compensate a gust. For that time the
+gust moves the vehicle against its command. Therefore gusts count as an error of the published
+velocity, which widens the distance that all others keep. Two calm seconds say little about the next
+gust. So the largest of three counts: the gusts of now, those of the last half minute, and those
+that are usual in the present mean wind.
 """
 
 from __future__ import annotations
@@ -22,23 +21,23 @@ from onboard.config.wind_limit import GUST_SHARE
 from onboard.types import State
 from onboard.vectors import ZERO_3, Vec3, add_scaled, subtract
 
-MEAN_TIME_S = 2.0  # over which mean and gusts are taken
-_LASTING_TIME_S = 30.0  # over which the gusts are taken that the distance to others goes by
+MEAN_TIME_S = 2.0  # averaging time of the mean wind and of the present gusts
+_LASTING_TIME_S = 30.0  # averaging time of the lasting gusts, which widen the distance to others
 
-_KNOWN_AFTER_S = 1.0  # of flight
+_KNOWN_AFTER_S = 1.0  # time of flight before the wind is known
 
-# Gusts up to this are covered by the margin that always is there, and change nothing. In calm air
-# the filter's bias wanders by 0.03 m/s^2.
+# The usual margin covers gusts up to this standard deviation. In calm air the filter's bias wanders
+# by 0.03 m/s^2.
 COVERED_M_S2 = 0.15
 
 
 class WindMemory(NamedTuple):
     """State of the estimate."""
 
-    push_enu_m_s2: Vec3  # mean of what pushes the vehicle
-    variance_m2_s4: float  # of the push about that mean, per horizontal axis
+    push_enu_m_s2: Vec3  # mean push
+    variance_m2_s4: float  # variance of the push about that mean, per horizontal axis
     lasting_variance_m2_s4: float  # mean of that variance over a longer time
-    time_s: float  # for so long the vehicle has flown
+    time_s: float  # time of flight
 
 
 def initial() -> WindMemory:
@@ -56,18 +55,20 @@ def step(memory: WindMemory, bias_enu_m_s2: Vec3, dt_s: float, is_on_ground: boo
         bias_enu_m_s2: acceleration that attitude, throttle and drag do not explain, from the Kalman
             filter [m/s^2], ENU.
         dt_s: length of the tick.
-        is_on_ground: whether the vehicle stands: the wind of an earlier flight is forgotten.
+        is_on_ground: whether the vehicle stands on the ground. The memory is then reset.
     """
     if is_on_ground:
         return initial()
     if not math.isfinite(bias_enu_m_s2.x + bias_enu_m_s2.y + bias_enu_m_s2.z):
         return memory
 
-    # a plain mean at first
+    # until MEAN_TIME_S of flight this is a plain mean, then a low-pass
     time_s = memory.time_s + dt_s
     blend = dt_s / max(min(time_s, MEAN_TIME_S), dt_s, 1e-6)
     off = subtract(bias_enu_m_s2, memory.push_enu_m_s2)
-    # once from the mean before and once from the mean after, so that a first sample is no gust
+
+    # The deviation from the mean before this tick, times that from the mean after it, halved for
+    # one axis. It is 0 for the first sample, so that this one does not count as a gust.
     square_m2_s4 = 0.5 * (1.0 - blend) * (off.x * off.x + off.y * off.y)
     variance_m2_s4 = memory.variance_m2_s4 + dt_s / MEAN_TIME_S * (
         square_m2_s4 - memory.variance_m2_s4
@@ -89,11 +90,12 @@ def step(memory: WindMemory, bias_enu_m_s2: Vec3, dt_s: float, is_on_ground: boo
 def wind_enu_m_s(memory: WindMemory, drag_1_s: float) -> tuple[float, float]:
     """Return the mean velocity of the air, east and north [m/s]; NaN while it is not known.
 
-    That is on the ground, in the first second of a flight, and always without a drag.
+    It is not known on the ground and in the first second of a flight. Without a drag it is never
+    known.
 
     Args:
-        memory: of now.
-        drag_1_s: of the vehicle; 0: not known.
+        memory: present memory.
+        drag_1_s: drag of the vehicle; 0: not known.
     """
     if drag_1_s <= 0.0 or memory.time_s < _KNOWN_AFTER_S:
         return (math.nan, math.nan)
@@ -102,22 +104,22 @@ def wind_enu_m_s(memory: WindMemory, drag_1_s: float) -> tuple[float, float]:
 
 
 def gust_std_m_s2(memory: WindMemory) -> float:
-    """Return the standard deviation of the gusts as an acceleration, per axis [m/s^2].
+    """Return the standard deviation of the present gusts as an acceleration, per axis [m/s^2].
 
     Args:
-        memory: of now.
+        memory: present memory.
     """
     return math.sqrt(memory.variance_m2_s4)
 
 
 def strongest_gust_std_m_s2(memory: WindMemory) -> float:
-    """Return the gusts to reckon with, as an acceleration, per axis [m/s^2].
+    """Return the standard deviation of the gusts to expect, per axis [m/s^2].
 
-    That is the largest standard deviation of now, of the last half minute, and of what belongs to
-    the mean wind.
+    It is the largest of three: the present one, that of the last half minute, and the one that is
+    usual in the mean wind.
 
     Args:
-        memory: of now.
+        memory: present memory.
     """
     now_m_s2 = gust_std_m_s2(memory)
     lasting_m_s2 = math.sqrt(memory.lasting_variance_m2_s4)
@@ -126,13 +128,13 @@ def strongest_gust_std_m_s2(memory: WindMemory) -> float:
 
 
 def widened(state: State, memory: WindMemory, gust_time_s: float) -> State:
-    """Return the estimate with the error of its velocity that gusts cause.
+    """Return the estimate with the velocity error that gusts add.
 
     Args:
         state: estimate of the Kalman filter.
-        memory: of now.
-        gust_time_s: for so long a gust moves the vehicle before it is leaned against.
-    Properties: in calm air, and in gusts that the margin covers, the estimate stays as it is.
+        memory: present memory.
+        gust_time_s: time for which a gust moves the vehicle before it is compensated.
+    Properties: in calm air, and in gusts that the margin covers, the estimate is unchanged.
     """
     beyond_m_s2 = strongest_gust_std_m_s2(memory) - COVERED_M_S2
     if beyond_m_s2 <= 0.0:

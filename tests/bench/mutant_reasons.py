@@ -154,8 +154,8 @@ ACCEPTED = (
         "avoidance/constraints.py",
         (
             ("is_violated = hard.violation_m_s2 > VIOLATED_M_S2", _LARGER),
-            ("if speed_m_s < 1e-6 or dot_2(e, intent_m_s) >= 0.0:", _SMALLER),
-            ("if speed_m_s < 1e-6 or dot_2(e, intent_m_s) >= 0.0:", "GtE becomes Gt"),
+            ("if speed_m_s < _NO_INTENT_M_S or dot_2(e, intent_m_s) >= 0.0:", _SMALLER),
+            ("if speed_m_s < _NO_INTENT_M_S or dot_2(e, intent_m_s) >= 0.0:", "GtE becomes Gt"),
             (
                 "return -1.0 if cross_2(e, intent_m_s) < clearly_clockwise else 1.0",
                 _SMALLER,
