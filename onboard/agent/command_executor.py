@@ -1,9 +1,8 @@
-"""Execution of the core's commands, in their order.
+"""Executes the core's commands, in their order.
 
-Setpoints and requests go to PX4; messages, replies and subscriptions go to the bus.
-
-What may block (reliable messages, subscriptions) has threads of its own, so that nothing can stand
-between a tick and the setpoint.
+Setpoints and requests go to PX4; messages, replies and subscriptions go to the bus. Calls that may
+block (reliable messages, subscriptions) run on their own threads, so that nothing delays the
+setpoint of a tick.
 """
 
 from __future__ import annotations
@@ -21,8 +20,7 @@ from onboard.bus.schema import OrderReply
 from onboard.bus.topics import TOPICS, Delivery, Topic
 from onboard.process.background_queue import BackgroundQueue
 
-# A setpoint that comes later than this after its tick began was held up on the way: it does not
-# leave for PX4.
+# a setpoint is not sent to PX4 if it comes later than this after the begin of its tick
 _SETPOINT_NS = 60_000_000
 
 log = logging.getLogger("covey.agent")
@@ -34,12 +32,12 @@ class CommandExecutor:
     """Executes commands in their order.
 
     Args:
-        name: of the vehicle.
+        name: name of the vehicle.
         others: names of the other vehicles of the fleet.
-        link: to PX4.
-        bus: of the fleet.
-        inbox: receives what is subscribed to.
-        on_exit: ends the process.
+        link: link to PX4.
+        bus: bus of the fleet.
+        inbox: receives the messages of the subscriptions.
+        on_exit: function that ends the process.
     """
 
     def __init__(
@@ -51,7 +49,7 @@ class CommandExecutor:
         inbox: Inbox,
         on_exit: Callable[[], None],
     ) -> None:
-        self.tick_ns = 0  # begin of the tick
+        self.tick_ns = 0  # time of the begin of the tick
         self.reliable = BackgroundQueue("bus")  # messages that must arrive
         self._subscriptions = BackgroundQueue("interest")
         self._name = name
@@ -59,7 +57,7 @@ class CommandExecutor:
         self._link = link
         self._bus = bus
         self._inbox = inbox
-        self._replies: dict[str, OnReply] = {}  # order id -> way back to its sender
+        self._replies: dict[str, OnReply] = {}  # order id -> function that replies to its sender
         self._actions: dict[type, Callable[[Any], object]] = {
             agent_commands.SendAttitude: self._send_attitude,
             agent_commands.Publish: self._publish,
@@ -80,17 +78,17 @@ class CommandExecutor:
         }
 
     def start_threads(self) -> None:
-        """Start the threads now, so that they get their part in the precedence of the process."""
+        """Start the threads now, before the process takes its realtime priority for all threads."""
         self.reliable.submit(int)
         self._subscriptions.submit(int)
 
     def stop(self) -> None:
-        """Do what waits and end."""
+        """Execute what waits in the queues, and end their threads."""
         self._subscriptions.stop()
         self.reliable.stop()
 
     def expect_reply(self, order_id: str, reply: OnReply) -> None:
-        """Keep the way back to the sender of an order."""
+        """Keep the function that replies to the sender of an order."""
         self._replies[order_id] = reply
 
     def execute(self, commands: Iterable[agent_commands.Command]) -> None:
@@ -134,6 +132,6 @@ class CommandExecutor:
         on_message = self._inbox.neighbour_received
         self._subscriptions.submit(self._bus.follow, Topic.STATE, command.names, on_message)
 
-        # Under its own name it would hear another agent for the same vehicle.
+        # The own name is among them: a state under it shows another agent of the same vehicle.
         slowly = self._names - command.names | {self._name}
         self._subscriptions.submit(self._bus.follow, Topic.FAR, slowly, on_message)

@@ -1,4 +1,7 @@
-"""The pipeline of one vehicle: its parameters, its memory and the newest result."""
+"""Runs the control pipeline of one vehicle, and keeps its parameters, memory and newest result.
+
+The core calls :meth:`ControlStep.run` at every tick.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +29,9 @@ class ControlStep:
     Args:
         fleet: the fleet file.
         vehicle_name: one of its vehicles.
-        clock: seconds, by which a law of somebody's own is found slow; None in simulated time.
-        pipeline_step: ``pipeline.step``, or the same text compiled.
+        clock: returns the time [s], to measure the duration of a user's own law; None in simulated
+            time.
+        pipeline_step: ``pipeline.step``, or the same function compiled.
     """
 
     def __init__(
@@ -45,7 +49,7 @@ class ControlStep:
         self.tick: Tick | None = None  # newest result
         self.is_finite = True  # whether the newest result can be flown
         self.hover_frac = vehicle.hover_thrust_frac  # learned in flight
-        # why Covey's law flies instead of the one that the fleet file names; empty: it does not
+        # why Covey's law flies instead of the user's law; empty while the user's law flies
         self.law_refusal = ""
 
         self._configured_hover_frac = vehicle.hover_thrust_frac
@@ -70,13 +74,13 @@ class ControlStep:
         neighbours: Sequence[Neighbour],
         dt_s: float,
     ) -> Tick:
-        """Return the result of one pass; without an estimate the vehicle stays where it starts.
+        """Return the result of one pass of the pipeline.
 
         Args:
-            state: own estimate.
-            goal: of the order being flown.
-            mode: of the flight, as far as the pipeline is concerned.
-            neighbours: as of this tick.
+            state: own estimate. If it is None, the vehicle is taken to stand at its start.
+            goal: goal of the order that is flown.
+            mode: control mode of the flight's step.
+            neighbours: neighbours as of this tick.
             dt_s: time since the last pass.
         """
         if state is None:
@@ -107,7 +111,7 @@ class ControlStep:
         neighbours: Sequence[Neighbour],
         dt_s: float,
     ) -> tuple[PipelineMemory, Tick]:
-        """Return the pipeline's memory and result after one pass, by whichever law flies."""
+        """Return the pipeline's memory and result after one pass, by Covey's or the user's law."""
         if self._own_law is None:
             return self._pipeline_step(
                 self._memory, state, goal, neighbours, self.obstacles, mode, self.params, dt_s

@@ -11,8 +11,8 @@ calls ``tick`` 50 times a second. A tick asks, in this order:
     May that leave?        the last check before the wire
     Who needs to know?     state for the neighbours, telemetry for people, samples for the record
 
-Every vehicle decides for itself by what it sees at this tick. Nothing here waits: what takes longer
-than a tick is asked for by a command, and its result comes back as a later input.
+Every vehicle decides for itself, from what it knows at this tick. Nothing here waits: if something
+takes longer than a tick, a command requests it, and the result comes back as a later input.
 """
 
 from __future__ import annotations
@@ -89,11 +89,13 @@ from onboard.vectors import subtract
 if TYPE_CHECKING:
     from onboard.corrections.intake import CorrectionsIntake
 
-_SHORTEST_S = 0.005  # time that one tick integrates over
+# bounds of the time over which one tick integrates
+_SHORTEST_S = 0.005
 _LONGEST_S = 0.1
+
 _STILL_M_S = (0.0, 0.0, 0.0)
 _IN_AIR = (Landed.IN_AIR, Landed.TAKING_OFF, Landed.LANDING)
-_MAY_END = (Situation.GROUND, Situation.SILENT)
+_MAY_END = (Situation.GROUND, Situation.SILENT)  # situations in which the process may end
 
 
 class AgentCore:
@@ -102,9 +104,10 @@ class AgentCore:
     Args:
         fleet: the fleet file.
         vehicle_name: one of its vehicles.
-        boot_id: differs from one start of the process to the next.
-        clock: seconds, by which a law of somebody's own is found slow; None in simulated time.
-        pipeline_step: ``pipeline.step``, or the same text compiled.
+        boot_id: number of this start of the process; another start has another one.
+        clock: returns the time [s], to measure the duration of a user's own law; None in simulated
+            time.
+        pipeline_step: ``pipeline.step``, or the same function compiled.
     """
 
     def __init__(
@@ -128,7 +131,7 @@ class AgentCore:
         )
 
         # what the agent knows
-        taken_corrections: CorrectionsConfig | None = None  # None where the vehicle takes none
+        taken_corrections: CorrectionsConfig | None = None  # None: the vehicle takes none
         if fleet.takes_corrections(vehicle):
             taken_corrections = fleet.corrections
         self.own = OwnState(vehicle, fleet.fleet.global_origin, taken_corrections)
@@ -136,7 +139,7 @@ class AgentCore:
         self.nodes = BusNodes(fleet, vehicle_name)
         self.corrections = _intake_of(taken_corrections)
         self._corrections_status: CorrectionsStatus | None = None  # at the newest tick
-        self._snapshot = Snapshot()  # of PX4, as far as it is believed
+        self._snapshot = Snapshot()  # newest snapshot of PX4, with confirmed reports only
 
         # what it decides
         self.flight = FlightContext(fleet, vehicle)
@@ -179,16 +182,16 @@ class AgentCore:
         )
         self._publisher = TelemetryPublisher(self.identity, sources, fleet.state_ticks)
 
-        # as the inputs have said last
-        self._is_stopping = False  # the agent is asked to end
+        # from the newest inputs
+        self._is_stopping = False  # a shutdown was requested
         self._is_disk_full = False
         self._battery_floor_frac = 0.0  # charge at which a simulated battery stops emptying
-        self._clock_jump_ns = 0  # when our clock jumped last; 0 never
+        self._clock_jump_ns = 0  # time of the last jump of our clock; 0 never
 
-        # of the newest tick
-        self._period_s = TICK_S  # since the tick before
-        self._ages_s: dict[str, float] = {}  # of the states of the neighbours that are followed
-        self._distances_m: dict[str, float] = {}  # separations from the neighbours
+        # from the newest tick
+        self._period_s = TICK_S  # time since the tick before
+        self._ages_s: dict[str, float] = {}  # age of the state of each followed neighbour
+        self._distances_m: dict[str, float] = {}  # separation from each neighbour
         self._view = FlightView(
             now_ns=0,
             position_enu_m=_STILL_M_S,
@@ -209,7 +212,7 @@ class AgentCore:
 
     @property
     def is_stopping(self) -> bool:
-        """Whether somebody has asked this agent to end."""
+        """Whether a shutdown of this agent was requested."""
         return self._is_stopping
 
     # -- a tick ------------------------------------------------------------------------------------
@@ -231,7 +234,7 @@ class AgentCore:
         if self.corrections is not None:
             self._corrections_status = self.corrections.status(self._snapshot, now_ns)
 
-        # What is wrong? On the ground also: may we take off?
+        # What is wrong? And on the ground: may we take off?
         self._supervise(view, own)
         was_on_ground = self.flight.step.situation is Situation.GROUND
         if was_on_ground:
@@ -258,7 +261,7 @@ class AgentCore:
         return [*messages.telemetry, *events, *setpoint, *messages.others, *requests]
 
     def _measure_period(self, now_ns: int) -> float:
-        """Note the time since the last tick; return the part of it that a tick integrates over."""
+        """Measure the time since the last tick; return it within the bounds for integration [s]."""
         before_ns = self._view.now_ns
         self._period_s = (now_ns - before_ns) * 1e-9 if before_ns else TICK_S
         if now_ns < before_ns:
@@ -266,7 +269,7 @@ class AgentCore:
         return min(max(self._period_s, _SHORTEST_S), _LONGEST_S)
 
     def _estimate(self, now_ns: int, dt_s: float) -> OwnEstimate:
-        """Return what is known of the own motion as of now."""
+        """Return the estimate of the own motion for this tick."""
         step = self.flight.step
         is_on_ground = step.control_mode is ControlMode.GROUND or step is FlightStep.LIFTOFF
         seems_to_stand = predicates.seems_to_stand_blind(self.flight, self._view)
@@ -282,7 +285,7 @@ class AgentCore:
         )
 
     def _look(self, now_ns: int, own: OwnEstimate) -> FlightView:
-        """Keep and return the facts that everything at this tick is decided by."""
+        """Keep and return what the flight knows of its vehicle at this tick."""
         state = own.state
         if state is None:
             self._view = FlightView(
@@ -313,7 +316,7 @@ class AgentCore:
         return self._view
 
     def _other_clocks(self, now_ns: int) -> tuple[OtherClock, ...] | None:
-        """Return the clocks of the others that fly the same show, when they are to be compared."""
+        """Return the clocks of the other vehicles of the show; None if no comparison is due."""
         path = self.flight.path
         if not path.show_id or now_ns < path.compare_ns:
             return None
@@ -321,7 +324,7 @@ class AgentCore:
         return tuple(other_clocks(telemetries, path.show_id, now_ns))
 
     def _supervise(self, view: FlightView, own: OwnEstimate) -> None:
-        """Find the conditions that hold, and let the failsafe table's action begin."""
+        """Find the conditions that hold, and begin the action of the failsafe table."""
         context = self._tick_context(view, own)
         flight = self.flight
         decision = self.failsafes.decide(view, context, flight.step.situation)
@@ -333,21 +336,23 @@ class AgentCore:
             )
 
     def _tick_context(self, view: FlightView, own: OwnEstimate) -> TickContext:
-        """Return what the failsafes have to know, beside the view and the flight."""
+        """Return what the failsafes have to know, besides the view and the flight."""
         control = self.control
         law_status = 0
         active_neighbour = -1
         below_m = 0.0
         is_law_active = False
         setpoint_miss_m = 0.0
-        last = control.tick
-        if last is not None:
-            is_law_active = last.law.status != LawStatus.INACTIVE
-            miss = subtract(last.setpoint.position_enu_m, last.law.predicted_position_enu_m)
+        last_pass = control.tick
+        if last_pass is not None:
+            law = last_pass.law
+            setpoint_enu_m = last_pass.setpoint.position_enu_m
+            is_law_active = law.status != LawStatus.INACTIVE
+            miss = subtract(setpoint_enu_m, law.predicted_position_enu_m)
             setpoint_miss_m = math.hypot(miss.x, miss.y)
-            law_status = last.law.status
-            active_neighbour = last.law.active_neighbour
-            below_m = last.setpoint.position_enu_m.z - view.position_enu_m[2]
+            law_status = law.status
+            active_neighbour = law.active_neighbour
+            below_m = setpoint_enu_m.z - view.position_enu_m[2]
 
         return TickContext(
             own=own,
@@ -391,7 +396,7 @@ class AgentCore:
         state_machine.preflight_checked(self.flight, view, not self.preflight.not_ready)
 
     def _report_mismatch(self, view: FlightView) -> None:
-        """Report a vehicle that flies otherwise than its parameters say."""
+        """Report differences between the vehicle's response and its fleet file."""
         warnings = self._mismatch.follow(
             self.control.observer, view.attitude_wxyz, self.control.hover_frac
         )
@@ -415,7 +420,7 @@ class AgentCore:
         )
 
     def _requests(self, view: FlightView, *, was_on_ground: bool) -> list[Command]:
-        """Return what is asked for from time to time, behind everything that cannot wait."""
+        """Return the commands that are due from time to time; they are the least urgent ones."""
         requests: list[Command] = []
 
         position_enu_m = view.position_enu_m if view.has_position else None
@@ -444,7 +449,7 @@ class AgentCore:
         return requests
 
     def _is_airborne(self) -> bool:
-        """Return whether the others have to reckon with this vehicle in the air."""
+        """Return whether the others have to expect this vehicle in the air."""
         snapshot = self._snapshot
         if snapshot.is_armed and snapshot.landed in _IN_AIR:
             return True
@@ -454,7 +459,10 @@ class AgentCore:
     # -- inputs ------------------------------------------------------------------------------------
 
     def handle(self, agent_input: AgentInput, now_ns: int) -> list[Command]:
-        """Take one input; only orders and poses lead to commands at once, the others at a tick."""
+        """Take one input; return the commands that follow at once.
+
+        Only orders and poses have such commands. The effect of other inputs shows at the next tick.
+        """
         return _RECEIVERS[type(agent_input)](self, agent_input, now_ns)
 
     def _snapshot_received(self, received: SnapshotReceived, now_ns: int) -> list[Command]:
@@ -472,8 +480,8 @@ class AgentCore:
     def _neighbour_received(self, received: NeighbourReceived, now_ns: int) -> list[Command]:
         message = received.message
 
-        # Under our own name it is another agent's. States of the others come too often for a check
-        # on the ground.
+        # A message under our own name comes from another agent. The preflight check does not need
+        # the states of the others, which come often.
         is_own_name = message.vehicle == self.vehicle.name
         if is_own_name or not isinstance(message, StateMessage):
             self.preflight.hear(received)
@@ -491,7 +499,7 @@ class AgentCore:
         if not self.own.add_pose(pose, received.received_ns):
             return []
 
-        # A mocap that is read directly says nothing of the bus.
+        # a pose shows that the bus works, unless the mocap is read directly
         if not self.fleet.mocap.direct:
             last_heard_ns = max(self.neighbours.last_heard_ns, received.received_ns)
             self.neighbours.last_heard_ns = last_heard_ns
@@ -581,11 +589,11 @@ class AgentCore:
 
 
 def _intake_of(corrections: CorrectionsConfig | None) -> CorrectionsIntake | None:
-    """Return what takes corrections; None for a vehicle that takes none."""
+    """Return the intake of corrections; None for a vehicle that takes none."""
     if corrections is None:
         return None
 
-    # Imported here, because most fleets do without it.
+    # imported here, because most fleets do not need it
     from onboard.corrections.intake import CorrectionsIntake
 
     return CorrectionsIntake(corrections)

@@ -1,7 +1,7 @@
-"""Inputs that wait for the next tick, and the callbacks of bus and mocap that put them there.
+"""Queues of inputs that wait for the next tick, filled by callbacks of the bus and the mocap.
 
-The callbacks come on threads of the bus and of the mocap. They only append, and a deque is safe for
-that.
+The callbacks run on threads of the bus and of the mocap. They only append to a deque, which is safe
+between threads. The loop empties the queues at each tick.
 """
 
 from __future__ import annotations
@@ -31,9 +31,10 @@ from onboard.mocap.factory import source_of
 from onboard.mocap.source import MocapSource
 
 _MOST_EVENTS = 2000
-_MOST_CORRECTIONS = 32  # frames that wait for a tick
+_MOST_CORRECTIONS = 32  # number of frames that may wait for a tick
 _NODES_PER_TICK = 50
-# states in a row; a longer gap is a silence, or a neighbour that was not followed
+# Largest gap, in states, that counts as lost messages. A longer gap is a silence, or the neighbour
+# was not followed.
 _MOST_MISSING = 50
 
 
@@ -42,11 +43,11 @@ class Inbox:
 
     Args:
         vehicle: the agent's own.
-        boot_id: of the agent's core.
-        bus: not yet open.
-        mocap: where the poses come from.
-        state_ticks: from one state of a neighbour to the next.
-        takes_corrections: whether PX4's receiver is given RTK corrections.
+        boot_id: number of this start of the agent.
+        bus: the bus, not yet open.
+        mocap: source of the poses.
+        state_ticks: number of ticks between two states of a neighbour.
+        takes_corrections: whether PX4's receiver gets RTK corrections.
     """
 
     def __init__(
@@ -60,10 +61,11 @@ class Inbox:
         takes_corrections: bool = False,
     ) -> None:
         self.clock = ClockNode(bus)
-        # Notices are few, and events must push none of them out. Of events the newest are kept.
+        # Events (messages of others) may come in a flood: the newest are kept. Notices of this
+        # process are few, and have their own queue so that no event can push them out.
         self.notices: deque[agent_inputs.AgentInput] = deque(maxlen=_MOST_EVENTS)
         self.events: deque[agent_inputs.AgentInput] = deque(maxlen=_MOST_EVENTS)
-        self._nodes: dict[str, bool] = {}  # node whose presence has changed -> whether it is there
+        self._nodes: dict[str, bool] = {}  # node that appeared or left -> whether it is present
 
         self._vehicle = vehicle
         self._boot_id = boot_id
@@ -73,9 +75,9 @@ class Inbox:
         self._takes_corrections = takes_corrections
         self._mocap: MocapSource | None = None
         self._others = BusMocap(bus, "*", self._pose_received, self._malformed_received)
-        self._reported_problem = ""  # of the mocap
-        self._counts = MessageCounts()  # since they were taken last
-        self._sequences: dict[str, int] = {}  # of the newest state of each followed neighbour
+        self._reported_problem = ""  # problem of the mocap's source that was reported last
+        self._counts = MessageCounts()  # since the last take_counts
+        self._sequences: dict[str, int] = {}  # followed neighbour -> sequence of its newest state
 
     def start(self) -> None:
         """Subscribe to everything but the orders; the bus is open."""
@@ -84,7 +86,8 @@ class Inbox:
         if self._vehicle.mocap_required and self._vehicle.body:
             self._mocap = self.source("*" if self._mocap_config.direct else self._vehicle.body)
             self._mocap.start()
-            if not self._mocap_config.direct:  # else all bodies come from the source
+            # a source that reads the mocap directly delivers all bodies itself
+            if not self._mocap_config.direct:
                 self._bus.collect(Topic.ALL_POSES, "*", self._all_poses_received)
         if self._takes_corrections:
             self._bus.collect(
@@ -93,7 +96,7 @@ class Inbox:
         self._bus.watch_alive(self._node_changed)
 
     def stop(self) -> None:
-        """End the mocap's source; the rest ends with the bus."""
+        """Stop the mocap's source; the subscriptions end with the bus."""
         if self._mocap is not None:
             self._mocap.stop()
 
@@ -104,19 +107,19 @@ class Inbox:
         return agent_inputs.MessagesCounted(counts.malformed, counts.refused, counts.dropped)
 
     def nodes_changed(self) -> list[agent_inputs.NodeChanged]:
-        """Return the newest changes of nodes, at most as many as one tick has time for."""
+        """Return the newest changes of nodes, at most _NODES_PER_TICK."""
         changes: list[agent_inputs.NodeChanged] = []
         while self._nodes and len(changes) < _NODES_PER_TICK:
             changes.append(agent_inputs.NodeChanged(*self._nodes.popitem()))
         return changes
 
     def neighbour_received(self, topic: Topic, name: str, message: Message | Malformed) -> None:
-        """Take a state or a telemetry; under our own name it is another agent's."""
+        """Take a state or a telemetry; one under our own name comes from another agent."""
         if not isinstance(message, (StateMessage, Telemetry)):
             self._malformed_received()
             return
 
-        # The bus checks who may publish under a name, but not what stands in the message.
+        # the bus checks who may publish under a name, but not the name inside the message
         if message.vehicle != name:
             self._counts.refused += 1
             return
@@ -133,14 +136,15 @@ class Inbox:
         self._append(agent_inputs.NeighbourReceived(message, now_ns))
 
     def _count_missing(self, name: str, sequence: int) -> None:
-        """Count the states that were lost: to a follower every one is sent."""
+        """Count lost states by the gap of their sequence: a follower gets every state."""
         before = self._sequences.get(name, sequence - self._state_ticks)
         missing = (sequence - before) // self._state_ticks - 1
         if 0 < missing < _MOST_MISSING:
             self._counts.dropped += missing
 
+        # a large step back is no overtaken message: the neighbour began to count anew
         is_overtaken = -_MOST_MISSING < missing < 0
-        if not is_overtaken:  # newer, or counted anew
+        if not is_overtaken:
             self._sequences[name] = sequence
 
     def source(self, body: str) -> MocapSource:
@@ -152,13 +156,13 @@ class Inbox:
     def watch_bodies(self, bodies: tuple[str, ...]) -> None:
         """Receive the poses of exactly these other bodies.
 
-        A mocap that is read directly sends those of all bodies anyway.
+        A mocap that is read directly sends the poses of all bodies anyway.
         """
         if not self._mocap_config.direct:
             self._bus.follow(Topic.MOCAP, bodies, self._others.receive)
 
     def mocap_problem(self) -> agent_inputs.MocapProblemChanged | None:
-        """Return the change of what is wrong with the mocap's source, if there is one."""
+        """Return the problem of the mocap's source if it has changed; otherwise None."""
         problem = "" if self._mocap is None else self._mocap.problem
         if problem == self._reported_problem:
             return None
@@ -201,5 +205,5 @@ class Inbox:
 
     def _append(self, event: agent_inputs.AgentInput) -> None:
         if len(self.events) == _MOST_EVENTS:
-            self._counts.dropped += 1  # the oldest makes room
+            self._counts.dropped += 1  # append removes the oldest event
         self.events.append(event)

@@ -1,6 +1,6 @@
-"""Upkeep of the link to PX4: discovery, rates, origin and parameters.
+"""Upkeep of the link to PX4: waits for PX4, sets rates and origin, checks parameters.
 
-All of it is done again whenever PX4 restarts.
+It runs beside the control loop, and begins anew whenever PX4 restarts.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from onboard.px4.required_params import (
 )
 from onboard.safety.failsafe_table import Situation
 
-_REPEAT_S = 5.0
-_LOOK_S = 1.0
-_READ_AGAIN_NS = 15_000_000_000  # somebody may have set a parameter meanwhile
-_RESTARTED_MS = 1000
+_REPEAT_S = 5.0  # time until the next check while there are problems
+_LOOK_S = 1.0  # time until the next check otherwise
+_READ_AGAIN_NS = 15_000_000_000  # parameters are read again: somebody may have changed one
+_RESTARTED_MS = 1000  # PX4 has restarted if its clock went back by more than this
 _NO_ORIGIN = (
     "PX4 has no global origin yet, and gets no poses until it has: "
     "wait 3 s, and restart PX4 if that stays so."
@@ -41,14 +41,14 @@ log = logging.getLogger("covey.agent")
 
 
 class LinkUpkeep:
-    """Runs beside the control loop; blocking calls have a thread of their own.
+    """Task beside the control loop; its blocking calls run on a thread.
 
     Args:
         fleet: the fleet file.
-        vehicle: the agent's own.
-        link: to its PX4.
-        flight: parameters are read on the ground only.
-        notify: takes events for the core.
+        vehicle: the agent's own vehicle.
+        link: link to its PX4.
+        flight: its flight; parameters are read on the ground only.
+        notify: function that takes inputs for the core.
         applies_params: whether required parameters are set, and not only checked.
     """
 
@@ -73,7 +73,7 @@ class LinkUpkeep:
         self._task: asyncio.Task[None] | None = None
 
     def start_threads(self) -> None:
-        """Start the thread now, so that it has its part in the precedence of the process."""
+        """Start the thread now, before the process takes its realtime priority for all threads."""
         self._blocking.submit(int)
 
     def start(self) -> None:
@@ -112,10 +112,10 @@ class LinkUpkeep:
         self._link.withholds_poses = self._vehicle.mocap_required
         self._link.request_rates()
         requested_ns = time.monotonic_ns()
-        # MAVSDK's threads set no Event to wait for.
+        # polled, because MAVSDK's threads set no Event to wait for
         while self._link.snapshot().heartbeat_ns < requested_ns:  # noqa: ASYNC110
             await asyncio.sleep(0.1)
-        # by an earlier run of this agent, or a pilot: nothing is changed under way
+        # PX4 was armed by an earlier run of this agent, or by a pilot: nothing is changed in flight
         if self._link.snapshot().is_armed:
             log.warning("PX4 is armed already: its origin and its parameters are left as they are")
             return
@@ -123,13 +123,13 @@ class LinkUpkeep:
             await self._apply_params()
 
     async def _apply_params(self) -> None:
-        """Set what differs."""
+        """Set the required parameters that differ."""
         required = self._required()
         actual = await self._in_thread(self._link.read_params, _values(required))
         await self._in_thread(self._link.apply_params, _values(unmet(required, actual)))
 
     def _required(self) -> list[RequiredParam]:
-        """Return the demands of PX4's version, without optional ones that it does not know."""
+        """Return the required parameters for PX4's version, except unknown optional ones."""
         version = self._link.snapshot().px4_version
         required = required_params(self._fleet, self._vehicle, version)
         return [demand for name, demand in required.items() if name not in self._absent]
@@ -143,12 +143,13 @@ class LinkUpkeep:
         boot_ms = self._link.snapshot().px4_boot_ms
 
         while True:
-            # What is required depends on the version, whose only message may have got lost.
+            # the required parameters depend on the version, whose message may have been lost
             version = self._link.snapshot().px4_version
             if version is None:
                 self._link.request_version()
 
             is_old = time.monotonic_ns() - read_ns > _READ_AGAIN_NS
+            # also while there are problems, which may have been solved meanwhile
             is_due = problems or version != read_for or is_old
             is_on_ground = self._flight.step.situation is Situation.GROUND
             if is_on_ground:

@@ -1,8 +1,8 @@
 """The agent's shell: moves bytes and time between PX4, the bus and the core, and decides nothing.
 
-One thread runs the core: a timer on an absolute schedule calls it 50 times a second. What comes
-from MAVSDK's and Zenoh's threads waits for the next tick, orders excepted. Blocking calls have
-threads of their own, so that nothing can stand between a tick and the setpoint.
+One thread runs the core: a timer on an absolute schedule calls it 50 times a second. Inputs from
+MAVSDK's and Zenoh's threads wait for the next tick, except orders. Blocking calls run on their own
+threads, so that nothing delays the setpoint of a tick.
 """
 
 from __future__ import annotations
@@ -41,19 +41,22 @@ from onboard.security.mavlink_key import mavlink_key
 from onboard.types import TICK_S
 
 PERIOD_NS = round(TICK_S * 1e9)
-_CHECKED_POSITION_HZ = 10.0
+_CHECKED_POSITION_HZ = 10.0  # rate of PX4's position where it is only checked
 _SATELLITES_HZ = 5.0
-_STATISTICS_TICKS = 25
-_FAILED_TICKS_TO_LAND = 25
-_TIDY_TICKS = 500  # on the ground
-_HEARTBEAT_NS = 3_000_000_000  # age of PX4's heartbeat up to which it says whether it is armed
-_ROUTER_S = 1.0  # to look for a router, before signals are looked at again
+_STATISTICS_TICKS = 25  # number of ticks between two reports of the loop's times
+_FAILED_TICKS_TO_LAND = 25  # number of failed ticks in a row after which PX4 is asked to land
+_TIDY_TICKS = 500  # number of ticks between two garbage collections, on the ground only
+_HEARTBEAT_NS = 3_000_000_000  # up to this age PX4's heartbeat tells whether PX4 is armed
+_ROUTER_S = 1.0  # time of one search for a router; signals are handled between two searches
 
 log = logging.getLogger("covey.agent")
 
 
 class AgentProcess:
-    """One vehicle's process."""
+    """One vehicle's process: link, bus, core and loop.
+
+    :func:`run_agent` explains the arguments.
+    """
 
     def __init__(
         self,
@@ -97,9 +100,10 @@ class AgentProcess:
             router_timeout_s=_ROUTER_S,
         )
 
-        # of the files that the links were opened with: newer ones count after the next start
+        # The end of the certificates with which the links are opened. Newer files count only after
+        # the next start.
         self._certificate_end = first_end(fleet, name)
-        self._ends_links = False  # the process has been told to end because of its certificate
+        self._ends_links = False  # whether the process ends because of its certificate
 
         mocap = fleet.mocap
         if has_bus_mocap or vehicle.emulated:
@@ -143,11 +147,11 @@ class AgentProcess:
         self._was_ready = False
 
     async def run(self) -> int:
-        """Fly until the process is to end; return the exit status."""
+        """Fly until the process is asked to end; return the exit status."""
         loop = asyncio.get_running_loop()
         self._ended = loop.create_future()
 
-        # first of all: a request to stop may come early
+        # before anything else, because a request to stop may come early
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, self._signalled)
 
@@ -183,9 +187,9 @@ class AgentProcess:
             self._link.stop()
 
     async def _join_bus(self) -> bool:
-        """Open the bus; return False when asked to stop before that.
+        """Open the bus; return False if a signal asks to stop before it is open.
 
-        Where the fleet has routers, it waits for one.
+        If the fleet has routers, this waits for one of them.
         """
         is_reported = False
         while not self._signals:
@@ -200,7 +204,7 @@ class AgentProcess:
                         flush=True,
                     )
                 is_reported = True
-                await asyncio.sleep(0.0)  # signals
+                await asyncio.sleep(0.0)  # lets the event loop handle signals
         return False
 
     def _order_on_bus_thread(
@@ -296,7 +300,7 @@ class AgentProcess:
             execute(core.handle(node, now_ns))
         self._bus.deliver()
 
-        # Poses go to PX4 behind the setpoint, which may not wait for them.
+        # commands of poses go to PX4 after the setpoint, which must not wait for them
         for_px4: list[agent_commands.Command] = []
         while inbox.events:
             for_px4 += core.handle(inbox.events.popleft(), now_ns)
@@ -321,10 +325,11 @@ class AgentProcess:
             self._check_certificate(now_ns)
 
     def _check_certificate(self, now_ns: int) -> None:
-        """Tell the core how long the certificates last; end on the ground when they are long over.
+        """Tell the core how long the certificates are valid, and end the process long after that.
 
-        Links stay open beyond the end of a certificate, so that no flight is cut off; ending the
-        process closes them.
+        Open links survive the end of a certificate, so that no flight is interrupted. The process
+        ends on the ground, once the certificate has been over for longer than the longest flight.
+        That closes the links.
         """
         end = self._certificate_end
         if end is None:
@@ -362,18 +367,18 @@ def run_agent(
     is_realtime: bool = False,
     has_bus_mocap: bool = False,
 ) -> int:
-    """Run one agent until it is to end.
+    """Run one agent until it is asked to end.
 
     Args:
         fleet: the fleet file.
-        name: of the vehicle.
+        name: name of the vehicle.
         apply_params: whether PX4's required parameters are set, and not only checked.
-        is_realtime: whether the control loop takes precedence over other processes.
+        is_realtime: whether the control loop gets realtime priority.
         has_bus_mocap: whether poses come over the bus, whatever the fleet file says.
     Returns:
-        the exit status.
+        The exit status.
     """
-    lines = realtime.log_elsewhere(name, os.environ.get("COVEY_LOG", "INFO"))
+    log_listener = realtime.log_elsewhere(name, os.environ.get("COVEY_LOG", "INFO"))
     agent = AgentProcess(
         fleet, name, apply_params=apply_params, is_realtime=is_realtime, has_bus_mocap=has_bus_mocap
     )
@@ -383,4 +388,4 @@ def run_agent(
         print(f"agent {name}: {error}", file=sys.stderr, flush=True)
         return EXIT_WRONG_INPUT
     finally:
-        lines.stop()
+        log_listener.stop()

@@ -1,7 +1,7 @@
-"""Ends of orders that a ground has missed while it was cut off, reported again. Pure.
+"""Publishes ends of orders again to a ground that was cut off when they happened. Pure.
 
-An order ends with an event. A ground whose link breaks does not hear it, and would wait for it
-forever. So the newest ends are kept, and published again when the ground is back.
+An order ends with an event. A ground whose link breaks misses it, and would wait for it forever.
+Therefore the newest ends are kept, and published again when the ground is back.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from collections.abc import Iterable
 from onboard.agent_commands import Command, Publish
 from onboard.bus.schema import Event
 
-_NOTICED_NS = 1_500_000_000  # a ground that is cut off counts as there for so long
-_WAIT_NS = 1_000_000_000  # until a ground that is back hears events, too
+_NOTICED_NS = 1_500_000_000  # a loss of a ground is noticed so late
+_WAIT_NS = 1_000_000_000  # a ground that is back receives events only after this time
 _MOST_ENDS = 8
 _MOST_GROUNDS = 16
 
@@ -23,12 +23,12 @@ class LostEnds:
 
     def __init__(self) -> None:
         self._ends: deque[tuple[int, Publish]] = deque(maxlen=_MOST_ENDS)  # stamp [ns], event
-        self._lost_ns: dict[str, int] = {}  # ground -> when it was lost
-        self._from_ns = 0  # ends from then on are published again
-        self._repeat_ns = 0  # when; 0: no ground is back
+        self._lost_ns: dict[str, int] = {}  # ground -> time when its loss was noticed
+        self._from_ns = 0  # ends since this time are published again
+        self._repeat_ns = 0  # time at which they are published; 0: none are to be
 
     def see(self, ground: str, is_alive: bool, now_ns: int) -> None:
-        """Take a ground's appearance or end."""
+        """Take the appearance or the loss of a ground."""
         is_repeat_pending = self._repeat_ns != 0
 
         if not is_alive:
@@ -38,7 +38,7 @@ class LostEnds:
 
             lost_ns = now_ns
             if is_repeat_pending:
-                # Lost again before anything was repeated: what it missed before counts still.
+                # lost again before anything was repeated: the earlier ends are still missing
                 lost_ns = min(now_ns, self._from_ns + _NOTICED_NS)
             self._lost_ns[ground] = lost_ns
 
@@ -50,7 +50,10 @@ class LostEnds:
             self._repeat_ns = now_ns + _WAIT_NS
 
     def pass_on(self, commands: Iterable[Command], now_ns: int) -> list[Command]:
-        """Return commands of a tick, with the ends that are to be published again."""
+        """Return the commands of a tick, and the ends that are to be published again.
+
+        The ends among the commands are kept.
+        """
         out = list(commands)
         if self._repeat_ns and now_ns >= self._repeat_ns:
             self._repeat_ns = 0
@@ -62,7 +65,7 @@ class LostEnds:
         return out
 
     def _keep(self, command: Publish, event: Event) -> None:
-        """Remember the event if it ends an order that somebody waits for."""
+        """Keep the event if it ends an order that a ground may wait for."""
         end = (event.stamp_ns, command)
         is_end = event.order_outcome and event.severity != "debug"
         if is_end and end not in self._ends:

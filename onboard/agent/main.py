@@ -13,35 +13,37 @@ from onboard.process import deploy, service
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the command line of an agent."""
-    parser = argparse.ArgumentParser(
+    """Return the parser of an agent's command line."""
+    arguments = argparse.ArgumentParser(
         prog="covey agent",
         description="Fly one vehicle of a fleet.",
         epilog="As a service of systemd: covey agent install, status or logs, "
         "with --fleet, --vehicle and --help. "
         "Onto all companions: covey agent deploy --help.",
     )
-    parser.add_argument("--fleet", required=True, metavar="FILE", help="fleet file")
-    parser.add_argument(
+    arguments.add_argument("--fleet", required=True, metavar="FILE", help="fleet file")
+    arguments.add_argument(
         "--vehicle", required=True, metavar="NAME", help="vehicle of the fleet file"
     )
-    parser.add_argument("--law", metavar="NAME", help="avoidance law instead of the fleet file's")
-    parser.add_argument(
+    arguments.add_argument(
+        "--law", metavar="NAME", help="avoidance law instead of the fleet file's"
+    )
+    arguments.add_argument(
         "--apply-params",
         action="store_true",
         help="set PX4's required parameters instead of only checking them",
     )
-    parser.add_argument(
+    arguments.add_argument(
         "--mocap",
         choices=["bus"],
         help="listen to poses on the bus, whatever mocap.direct says: for emulated vehicles",
     )
-    parser.add_argument(
+    arguments.add_argument(
         "--realtime",
         action="store_true",
         help="let the control loop take precedence over other processes, if allowed",
     )
-    return parser
+    return arguments
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""Messages built from one tick. No decisions here."""
+"""Builds the messages of one tick (state, telemetry, record) from its results. Decides nothing."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ class TelemetrySources(Struct, frozen=True):
     failsafes: FailsafeSupervisor
     roles: ControlTokens
     duplicates: DuplicateAgents
-    orders: OrderIntake  # how many were not believed, and which was taken last
-    corrections_counts: tuple[MessageCounts, ...] = ()  # of corrections that PX4 was not given
+    orders: OrderIntake  # holds the counts of refused orders, and the newest accepted order
+    corrections_counts: tuple[MessageCounts, ...] = ()  # of corrections that did not reach PX4
 
 
 class TickResult(Struct, frozen=True):
@@ -59,26 +59,26 @@ class TickResult(Struct, frozen=True):
 
     tick: Tick
     view: FlightView
-    state: AgentState  # of the flight, for people
-    is_cooperative: bool  # the others may count on it to go aside
-    period_s: float  # since the tick before
+    state: AgentState  # state of the flight, for people
+    is_cooperative: bool  # whether the others may count on this vehicle to avoid them
+    period_s: float  # time since the tick before
     is_airborne: bool
-    ages_s: dict[str, float]  # of the states of the neighbours that are followed
-    distances_m: dict[str, float]  # separations from the neighbours
+    ages_s: dict[str, float]  # age of the state of each followed neighbour
+    distances_m: dict[str, float]  # separation from each neighbour
     not_ready: tuple[str, ...]  # sentences of the preflight check
-    corrections: CorrectionsStatus | None = None  # of a vehicle that takes them
+    corrections: CorrectionsStatus | None = None  # None: the vehicle takes no corrections
 
 
 class RunCounters(Struct, frozen=True):
     """Counts and statistics since the agent's start."""
 
-    sequence: int  # ticks
+    sequence: int  # number of ticks
     loop: LoopTimed  # newest statistics of the loop
-    messages: MessageCounts  # not used
+    messages: MessageCounts  # messages that were not used
 
 
 def state_message(identity: AgentIdentity, result: TickResult, sequence: int) -> StateMessage:
-    """Return the message that the neighbours take 50 times a second."""
+    """Return the state message for the neighbours, as of this tick."""
     state = result.tick.state
     law = result.tick.law
     return StateMessage(
@@ -106,9 +106,9 @@ def state_message(identity: AgentIdentity, result: TickResult, sequence: int) ->
 def px4_state_message(
     state: StateMessage, position_enu_m: Xyz, velocity_enu_m_s: Xyz
 ) -> StateMessage:
-    """Return the state of a vehicle without a pose that its PX4 lands.
+    """Return the state of a vehicle without poses that PX4 lands.
 
-    It is where PX4 believes to be, and promises nothing.
+    Its position and velocity are those of PX4, and it does not cooperate.
     """
     still = (0.0, 0.0, 0.0)
     return replace(
@@ -135,7 +135,7 @@ def law_status(tick: Tick) -> str:
 
 
 def active_neighbour(tick: Tick, neighbours: NeighbourTable) -> str:
-    """Return the name of the neighbour for whose sake the law holds back most; "" for none."""
+    """Return the name of the neighbour that the law avoids most; empty: none."""
     index = tick.law.active_neighbour
     if not 0 <= index < len(neighbours.names):
         return ""
@@ -143,11 +143,11 @@ def active_neighbour(tick: Tick, neighbours: NeighbourTable) -> str:
 
 
 def tick_sample(result: TickResult, state: StateMessage, sources: TelemetrySources) -> TickSample:
-    """Return every intermediate value of one pass, for the record.
+    """Return every intermediate value of one tick, for the record.
 
     Args:
-        result: of the pass.
-        state: what the neighbours received of it.
+        result: result of the tick.
+        state: state message of the tick, as the neighbours receive it.
         sources: parts of the agent.
     """
     tick = result.tick
@@ -191,7 +191,7 @@ def tick_sample(result: TickResult, state: StateMessage, sources: TelemetrySourc
 def telemetry(
     identity: AgentIdentity, result: TickResult, sources: TelemetrySources, counters: RunCounters
 ) -> Telemetry:
-    """Return everything that a person looks at."""
+    """Return the telemetry of a tick: everything that people see of a vehicle."""
     tick = result.tick
     view = result.view
     now_ns = view.now_ns
@@ -272,11 +272,11 @@ def telemetry(
     )
 
 
-def _not_ready(of_preflight: tuple[str, ...], flight: FlightContext) -> tuple[str, ...]:
-    """Return what refuses take-off: first that it is out of service."""
+def _not_ready(preflight_reasons: tuple[str, ...], flight: FlightContext) -> tuple[str, ...]:
+    """Return the reasons against a take-off; the first is that the vehicle is out of service."""
     if flight.disabled_by:
-        return (sentences.disabled(flight), *of_preflight)
-    return of_preflight
+        return (sentences.disabled(flight), *preflight_reasons)
+    return preflight_reasons
 
 
 def _counts(counts: MessageCounts) -> dict[str, Any]:
@@ -292,9 +292,9 @@ def _counts(counts: MessageCounts) -> dict[str, Any]:
 def _satellite_fields(
     vehicle: Vehicle, snapshot: Snapshot, now_ns: int, corrections: CorrectionsStatus | None
 ) -> dict[str, Any]:
-    """Return the fields about satellites and corrections; none for who flies by a mocap."""
-    is_told = snapshot.fix_ns and now_ns - snapshot.fix_ns <= FIX_KNOWN_NS
-    if vehicle.mocap_required or not is_told:
+    """Return the fields about satellites and corrections; without satellites for a mocap flight."""
+    is_fix_recent = snapshot.fix_ns and now_ns - snapshot.fix_ns <= FIX_KNOWN_NS
+    if vehicle.mocap_required or not is_fix_recent:
         return _correction_fields(corrections)
     return {
         "fix": words_of(snapshot.fix_type),

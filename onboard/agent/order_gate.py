@@ -1,12 +1,12 @@
-"""Whether an order of a fleet with keys is new. Pure.
+"""Checks whether a signed order is new, in a fleet with keys. Pure.
 
-The signature of an order says who has given it, not when. So an order repeats the stamp of the
-newest telemetry that its sender had of this vehicle. That stamp is of this agent's own clock and
-start, nobody can know one before its time, and it is signed with the order. It shows, without any
-other clock, that an order was held back, kept for a later flight, or sent twice.
+The signature of an order says who gave it, but not when. So an order repeats the stamp of the
+newest telemetry that its sender had from this vehicle. That stamp is from this agent's own clock
+and start, nobody can know it in advance, and it is signed with the order. It shows, without another
+clock, if an order was held back, kept for a later flight, or sent twice.
 
-A ground that gets no answer sends its order again, with the same id and a newer stamp of its own,
-signed anew. Nobody else can make such a message, and the agent answers it as it did before.
+A ground that gets no reply sends its order again, with the same id, a newer stamp of its own, and a
+new signature. Nobody else can make such a message, and the agent replies to it as before.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from onboard.flight.order_checks import late_sentence
 
 FRESH_S = 5.0  # longest time from that telemetry to the order's arrival
 
-# The same for land, hold and kill: in an emergency the ground may have heard nothing for a while.
+# The same for land, hold and kill: in an emergency the ground may have received nothing for long.
 FRESH_EMERGENCY_S = 30.0
-_MAX_SEEN = 10_000
+_MAX_SEEN = 10_000  # number of orders that are remembered
 
-# An order that is sent again is this much newer by its stamp, which comes over by an estimate of
-# the other clock.
+# The stamp of an order that is sent again is newer by at least this. The stamp is converted from
+# the sender's clock, with an error.
 _AGAIN_S = 0.1
 
 
 class OrderGate:
-    """Remembers the orders of the last time.
+    """Remembers the recent orders of one vehicle.
 
     Args:
         boot_id: number of this start of the agent, as in its telemetry.
@@ -36,21 +36,19 @@ class OrderGate:
 
     def __init__(self, boot_id: int) -> None:
         self._boot_id = boot_id
-        self._seen: dict[str, int] = {}  # order id -> when it came; the oldest first
+        self._seen: dict[str, int] = {}  # order id -> time of its arrival; the oldest first
         self._stamps_ns: dict[str, int] = {}  # order id -> its newest stamp
 
     def refusal(
         self, order: Order, now_ns: int, *, is_answered: bool = False
     ) -> UntrustedOrder | None:
-        """Judge an order whose signature is right.
+        """Return why an order with a correct signature is refused, or None for a new order.
 
         Args:
-            order: its deadline is on this agent's clock.
+            order: the order, with its deadline on this agent's clock.
             now_ns: this agent's clock.
-            is_answered: whether the answer to this order is known, so that it begins nothing: the
-                ground may then send it once more, to be answered once more.
-        Returns:
-            None for a new order; otherwise what is wrong.
+            is_answered: whether this order already has a reply. It may then be sent again: it gets
+                the same reply, and begins nothing.
         """
         if order.heard_boot_id != self._boot_id:
             sentence = f"Order {order.text} is not for this start of the agent: send it again."
@@ -82,7 +80,7 @@ class OrderGate:
         return None
 
     def _forget_old(self, now_ns: int) -> None:
-        """Forget what is too old to be sent again, and the oldest when there are too many."""
+        """Forget the orders that are too old to be accepted again, and the oldest of too many."""
         while self._seen:
             oldest_id, seen_ns = next(iter(self._seen.items()))
             is_old = 1e-9 * (now_ns - seen_ns) > FRESH_EMERGENCY_S

@@ -1,7 +1,7 @@
-"""Orders as they arrive: each is answered once, and refused with a reason or begun.
+"""Takes orders: each order is replied to, and is either begun or refused with a reason.
 
-A vehicle that begins a move announces its goal. Some time later the goal is compared with the goals
-that the others have announced meanwhile.
+A vehicle that begins a move announces its goal in its telemetry. Some time later the goal is
+compared with the goals that the other vehicles have announced meanwhile.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.failsafe_table import Action
 from onboard.supervision.failsafe_supervisor import FailsafeSupervisor
 
-_MOST_REPLIES = 200
+_MOST_REPLIES = 200  # number of replies that are remembered
 
-# By then all vehicles of the same order have announced their goals; on a full channel it takes
-# longer, and a conflict has to stay.
+# After the first time all vehicles of a common order have announced their goals. On a full channel
+# this takes longer, so a conflict counts only if it lasts for the second time.
 _CONFLICT_CHECK_NS = 600_000_000
 _CONFLICT_STAYS_NS = 1_000_000_000
 
-_SAY_AGAIN_NS = 1_000_000_000  # after an event about a refused order, one of the same kind
+_SAY_AGAIN_NS = 1_000_000_000  # shortest time between two events about the same kind of refusal
 _ALLOWED_WHILE_STOPPING = ("kill", "land", "disarm")
 
 
@@ -52,9 +52,9 @@ class OrderIntake:
     """Takes the orders of one vehicle.
 
     Args:
-        flight, failsafes, roles: of the vehicle.
+        flight, failsafes, roles: parts of the vehicle's agent.
         boot_id: number of this start of the agent, as in its telemetry.
-        gate: of a fleet with keys; None without.
+        gate: checks that signed orders are new; None in a fleet without keys.
     """
 
     def __init__(
@@ -66,17 +66,18 @@ class OrderIntake:
         boot_id: int,
         gate: OrderGate | None = None,
     ) -> None:
-        self.taken: TakenOrder | None = None  # the newest; None before the first
-        self._taken_of_person: TakenOrder | None = None  # the newest that no mission has given
-        self.refused: Counter[str] = Counter()  # not believed, or not the operator's, by the reason
+        self.taken: TakenOrder | None = None  # newest accepted order; None before the first
+        self._taken_of_person: TakenOrder | None = None  # newest one that a person gave
+        # number of refused orders that were not trusted, or not the operator's, by reason
+        self.refused: Counter[str] = Counter()
         self._flight = flight
         self._failsafes = failsafes
         self._roles = roles
         self._boot_id = boot_id
         self._gate = gate
-        self._said_ns: dict[str, int] = {}  # kind of refusal -> its last event
+        self._reported_ns: dict[str, int] = {}  # kind of refusal -> time of its last event
         self._replies: dict[str, OrderReply] = {}  # order id -> reply; the oldest first
-        self._conflict_check_ns = 0  # when the goal is compared; 0: no comparison is due
+        self._conflict_check_ns = 0  # time at which the goal is compared; 0: none is due
 
     # -- taking an order ---------------------------------------------------------------------------
 
@@ -106,7 +107,7 @@ class OrderIntake:
         )
         self._keep(reply)
 
-        # Only its sender sees the reply; the event is for the record.
+        # only the sender sees the reply, so an event with it goes to the record
         if order.kind != "load_path":
             answer = f"accepted. {note}".strip() if reason is None else f"refused: {reason}"
             sentence = f"{order.order_id[:60]} {order.text} {answer}"
@@ -117,15 +118,15 @@ class OrderIntake:
         return reply
 
     def refuse(self, order: UntrustedOrder, view: FlightView) -> OrderReply:
-        """Count an order that is not believed, and return the reply.
+        """Count an order that is not trusted, and return the reply.
 
-        The ground learns of it by an event, at most once a second for each reason.
+        An event reports it to the ground, at most once a second for each reason.
         """
         self.refused[order.code] += 1
 
-        said_ns = self._said_ns.get(order.code)
-        if said_ns is None or view.now_ns - said_ns >= _SAY_AGAIN_NS:
-            self._said_ns[order.code] = view.now_ns
+        reported_ns = self._reported_ns.get(order.code)
+        if reported_ns is None or view.now_ns - reported_ns >= _SAY_AGAIN_NS:
+            self._reported_ns[order.code] = view.now_ns
             self._flight.say(view, "warning", "order-refused", order.sentence)
 
         return OrderReply(
@@ -142,7 +143,7 @@ class OrderIntake:
             self._replies.pop(oldest)
 
     def _refusal(self, order: Order, facts: OrderFacts, *, is_stopping: bool) -> str | None:
-        """Return the first reason against an order: its sender's, the flight's, a failsafe's."""
+        """Return the first reason against an order: by its sender, the flight or a failsafe."""
         not_operator = self._roles.refusal(order)
         if not_operator is not None:
             self.refused["operator"] += 1
@@ -166,10 +167,10 @@ class OrderIntake:
         return None
 
     def _replaces_unheard(self, order: Order) -> str | None:
-        """Return why a mission's order must not replace a person's; None when it may.
+        """Return why a mission's order must not replace a person's order, or None if it may.
 
-        A mission ends when it hears of a person's order. Until then it would replace that order
-        without knowing of it.
+        A mission ends when it hears of a person's order. Before that it must not replace an order
+        that it does not know.
         """
         taken = self._taken_of_person
         begins_nothing = order.kind in BESIDE
@@ -212,10 +213,10 @@ class OrderIntake:
     def check_conflict(
         self, view: FlightView, telemetries: Callable[[], Mapping[str, Telemetry]]
     ) -> None:
-        """Give up a move whose goal stays too near to another vehicle's goal.
+        """End a move whose goal stays too near to another vehicle's goal.
 
-        At the begin of the move two vehicles that swap would look like a conflict; so the goals are
-        compared some time later.
+        The goals are compared some time after the begin of the move, because at the begin two
+        vehicles that swap places would look like a conflict.
         """
         if not self._conflict_check_ns or view.now_ns < self._conflict_check_ns:
             return

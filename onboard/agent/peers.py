@@ -1,4 +1,4 @@
-"""The other nodes of the bus: grounds with their roles, and the neighbours that are followed."""
+"""The other nodes of the bus: ground stations with their roles, and the followed neighbours."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from onboard.neighbours.table import NeighbourTable
 from onboard.preflight.preflight_inputs import EMULATOR, RECORDER
 from onboard.tuples import Xyz
 
-# first words of all names that an agent has an interest in
+# prefixes of the names of all nodes that an agent needs to know
 CONCERNS_AGENTS = (GROUND, RECORDER, EMULATOR, *CONTROL_CLAIMS)
 
 
@@ -28,13 +28,13 @@ class BusNodes:
         self._grounds: set[str] = set()
 
     def update(self, node: str, is_alive: bool, now_ns: int) -> None:
-        """Take a node's appearance or end."""
-        # Grounds may order, operator or not; who only watches has another name.
+        """Take the appearance or the end of a node."""
+        # Nodes named GROUND may give orders, as operator or not. Others show roles only.
         if not node.startswith(GROUND):
             self.roles.see(node, is_alive)
             return
 
-        # The link of a ground that appears twice broke and is back; nobody noticed the end.
+        # if a ground appears twice, its link broke in between and the end was not noticed
         if is_alive and node in self._grounds:
             self.lost_ends.see(node, False, now_ns)
         self.lost_ends.see(node, is_alive, now_ns)
@@ -46,10 +46,10 @@ class BusNodes:
         self.has_ground = bool(self._grounds)
 
     def silence_s(self, last_heard_ns: int, now_ns: int) -> float:
-        """Return the time [s] since anything was heard on the bus.
+        """Return the time [s] since a message came over the bus.
 
-        It is 0 while silence says nothing: nothing was heard yet, nobody is to be heard, or a
-        ground is there.
+        It is 0 while silence is no sign of a lost bus: before the first message, if no other node
+        is expected, and while a ground is present.
         """
         if not last_heard_ns or not self._has_peers or self.has_ground:
             return 0.0
@@ -59,7 +59,7 @@ class BusNodes:
 class NeighbourFollower:
     """Chooses from time to time the neighbours whose states are received at full rate.
 
-    In a large fleet it begins without any.
+    In a large fleet none is followed at first.
     """
 
     def __init__(self, table: NeighbourTable) -> None:
@@ -67,7 +67,7 @@ class NeighbourFollower:
         self._ticks_left = 0
 
     def due(self, position_enu_m: Xyz | None, now_ns: int) -> list[Follow]:
-        """Return the change at this tick, if there is one; the first choice is always one."""
+        """Return the command for a changed choice, if there is one; the first choice counts."""
         self._ticks_left -= 1
         if self._ticks_left > 0:
             return []

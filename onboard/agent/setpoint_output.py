@@ -1,7 +1,7 @@
-"""The last check before a setpoint leaves.
+"""The last check of a setpoint before it is sent to PX4.
 
-A setpoint leaves only if it is finite and bounded, and follows from a position and an attitude that
-are known now. Where one of these is missing, PX4 sees silence, and lands after COM_OF_LOSS_T.
+A setpoint is sent only if it is finite and bounded, and only if position and attitude are known at
+this tick. Otherwise nothing is sent, and PX4 lands after COM_OF_LOSS_T without setpoints.
 """
 
 from __future__ import annotations
@@ -21,29 +21,30 @@ from onboard.safety.setpoint_check import is_sendable
 from onboard.supervision.failsafe_supervisor import FailsafeSupervisor
 from onboard.tuples import Wxyz
 
-# PX4 speaks at least every 30 ms. A setpoint is for an attitude that is known now; when PX4 or a
-# thread hangs, it is not.
+# PX4 sends a packet at least every 30 ms. If none has come for longer than this, PX4 or a thread
+# hangs, and the attitude is not known.
 _PX4_FRESH_NS = 80_000_000
+# longest dead reckoning with setpoints: the failsafe ends it before
 _RECKONED_S = RECKONING_AMONG_OTHERS_S + 0.2
 
 
 class SetpointOutput:
-    """Decides at every tick which setpoint leaves, if any."""
+    """Decides at every tick which setpoint is sent, if any."""
 
     def __init__(
         self, vehicle: Vehicle, own: OwnState, flight: FlightContext, failsafes: FailsafeSupervisor
     ) -> None:
         self.quaternion_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)  # sent last, in the fleet frame
-        self.sent_thrust_frac = 0.0  # sent last; 0 while nothing is sent
+        self.sent_thrust_frac = 0.0  # throttle that was sent last; 0 while nothing is sent
         self._own = own
         self._flight = flight
         self._failsafes = failsafes
         self._max_tilt_deg = vehicle.max_tilt_deg
         self._loss_ns = round(1e9 * silence_s(vehicle))
-        self._sent_ns = 0  # 0 while nothing is sent
+        self._sent_ns = 0  # time of the last setpoint; 0 while nothing is sent
 
     def commands(self, view: FlightView, control: ControlStep) -> list[Command]:
-        """Return the setpoint of this tick, or nothing: then PX4 sees silence."""
+        """Return the command with this tick's setpoint; empty if none may be sent."""
         step = self._flight.step
         if not step.is_streaming or control.tick is None:
             self.sent_thrust_frac = 0.0
@@ -66,8 +67,8 @@ class SetpointOutput:
         if not has_position or not has_attitude:
             return []
 
-        # What leaves is checked, as it leaves: a quaternion of zeros ends the attitude control of
-        # PX4 v1.18 until it restarts.
+        # The converted setpoint is checked, exactly as it is sent: a quaternion of zeros ends the
+        # attitude control of PX4 v1.18 until it restarts.
         for_px4 = self._own.to_px4(setpoint)
         if not is_sendable(for_px4, self._max_tilt_deg):
             return []
@@ -78,9 +79,9 @@ class SetpointOutput:
         return [SendAttitude(for_px4)]
 
     def _let_px4_land(self, view: FlightView) -> None:
-        """Leave the vehicle to PX4, which has begun to land it for want of setpoints.
+        """Leave the vehicle to PX4, which has begun to land it because setpoints were missing.
 
-        Setpoints that came back now would take the vehicle from it.
+        New setpoints would interrupt PX4's landing.
         """
         sentence = f"No setpoint has left for {self._loss_ns * 1e-9:.1f} s: PX4 lands."
         self._flight.say(view, "critical", "setpoints-interrupted", sentence)

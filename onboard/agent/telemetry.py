@@ -1,7 +1,7 @@
-"""Messages of every tick.
+"""Publishes the messages of every tick.
 
-The neighbours take the state, people look at the telemetry, and the record keeps a sample of every
-tick, in batches.
+The state is for the neighbours, and the telemetry is for people. A sample of every tick goes to the
+record, in batches.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ _BATCH_TICKS = 10
 
 
 class TickMessages(NamedTuple):
-    """Messages of one tick, in two parts with a place of their own among its commands."""
+    """Messages of one tick, in two parts that have different places among its commands."""
 
-    # Before the events of the same tick: a receiver of an order's end then finds the state that the
-    # order led to.
+    # This part goes before the events of the same tick: a receiver of an order's end then already
+    # has the state to which the order led.
     telemetry: list[Command]
-    others: list[Command]  # behind the setpoint
+    others: list[Command]  # this part goes after the setpoint
 
 
 class TelemetryPublisher:
@@ -38,12 +38,12 @@ class TelemetryPublisher:
         self, identity: AgentIdentity, sources: TelemetrySources, state_ticks: int = 1
     ) -> None:
         self.loop = LoopTimed(0.0, 0.0, 0.0, 0)  # newest statistics of the loop
-        # of messages that reached neither the neighbours' table nor the own state
+        # unused messages that reached neither the neighbour table nor the own state
         self.counts = MessageCounts()
 
         self._identity = identity
         self._sources = sources
-        self._state_ticks = state_ticks  # from one state for the near neighbours to the next
+        self._state_ticks = state_ticks  # number of ticks between two states for the followers
         self._decimation = TelemetryDecimation()
         self._samples: list[TickSample] = []
         self._sequence = 0

@@ -1,7 +1,8 @@
-"""Selection of the telemetry for the other agents. Pure.
+"""Selects the telemetry for the other agents. Pure.
 
-People look at all of it ten times a second. Agents use a few fields, and each pays for what it
-hears of every other. So they hear at once what changes what they do, and all of it twice a second.
+People get all of it ten times a second. The other agents use a few fields only, and each message
+costs each of them time. So the agents get a message at once if one of these fields has changed, and
+otherwise twice a second.
 """
 
 from __future__ import annotations
@@ -12,26 +13,26 @@ from dataclasses import dataclass
 from onboard.bus.schema import Telemetry
 from onboard.tuples import Xyz
 
-_EVERY_NS = 450_000_000  # twice a second, also when a message comes a bit early
-_GOAL_M = 0.05
+_EVERY_NS = 450_000_000  # twice a second, with some slack
+_GOAL_M = 0.05  # a goal that moved by less has not changed
 
-# A change is sent so many times more: a message may be lost, and a goal is judged half a second
-# after its order.
+# A change is sent this many times more, because a message may be lost and goals are compared half a
+# second after their orders.
 _REPEATS = 3
 
 
 @dataclass(slots=True)
 class TelemetryDecimation:
-    """Memory of what was sent to the others last."""
+    """Memory of the telemetry that the other agents got last."""
 
-    _stamp_ns: int | None = None
-    _words: tuple[object, ...] = ()  # what changes what they do, the goal excepted
+    _stamp_ns: int | None = None  # None: none was sent yet
+    _used_fields: tuple[object, ...] = ()  # fields that the other agents use, except the goal
     _goal_enu_m: Xyz = (0.0, 0.0, 0.0)
-    _repeats: int = 0  # still to send
+    _repeats: int = 0  # number of repetitions that are still to be sent
 
     def is_due(self, telemetry: Telemetry) -> bool:
-        """Return whether this one goes to the others too."""
-        words = (
+        """Return whether this telemetry goes to the other agents."""
+        used_fields = (
             telemetry.state,
             telemetry.order_id,
             telemetry.is_airborne,
@@ -45,7 +46,7 @@ class TelemetryDecimation:
         goal_enu_m = telemetry.goal_position_enu_m
         is_same_goal = math.dist(goal_enu_m, self._goal_enu_m) < _GOAL_M
 
-        if self._stamp_ns is None or words != self._words or not is_same_goal:
+        if self._stamp_ns is None or used_fields != self._used_fields or not is_same_goal:
             self._repeats = _REPEATS
         elif self._repeats:
             self._repeats -= 1
@@ -53,6 +54,6 @@ class TelemetryDecimation:
             return False
 
         self._stamp_ns = telemetry.stamp_ns
-        self._words = words
+        self._used_fields = used_fields
         self._goal_enu_m = goal_enu_m
         return True

@@ -1,7 +1,4 @@
-"""A timer on an absolute schedule that asyncio can watch.
-
-It is Linux's timerfd, or asyncio's own clock where there is none.
-"""
+"""A timer on an absolute schedule for asyncio: Linux's timerfd, or else asyncio's own clock."""
 
 from __future__ import annotations
 
@@ -24,8 +21,8 @@ _WINDOW = 500  # ten seconds at 50 Hz
 class Ticker:
     """Calls ``on_tick`` every ``period_ns``, first at a multiple of the period plus ``offset_ns``.
 
-    Ticks that were missed are not made up for but counted: ``missed_ticks``. ``late_ticks`` counts
-    those whose period was longer than it should be by ``late_ns``.
+    ``missed_ticks`` counts the ticks that were missed; they are not repeated. ``late_ticks`` counts
+    the ticks whose period was longer than ``period_ns`` by more than ``late_ns``.
     """
 
     def __init__(
@@ -42,10 +39,10 @@ class Ticker:
         self._on_tick = on_tick
         self._offset_ns = offset_ns
         self._late_ns = late_ns
-        self._fd: int | None = None  # of the timerfd
-        self._handle: asyncio.TimerHandle | None = None  # where there is no timerfd
-        self._first_ns = 0  # first tick by the schedule
-        self._last_ns = 0  # begin of the tick before; 0 without one
+        self._fd: int | None = None  # file descriptor of the timerfd
+        self._handle: asyncio.TimerHandle | None = None  # used if there is no timerfd
+        self._first_ns = 0  # scheduled time of the first tick
+        self._last_ns = 0  # begin of the last tick; 0 before the first
         self._periods_ms: deque[float] = deque(maxlen=_WINDOW)
         self._lateness_ms: deque[float] = deque(maxlen=_WINDOW)
 
@@ -65,7 +62,7 @@ class Ticker:
             self._handle = loop.call_at(self._first_ns * 1e-9, self._timed)
 
     def stop(self) -> None:
-        """Tick no more; a second call does nothing."""
+        """Stop ticking; a second call does nothing."""
         if self._fd is not None:
             self._loop.remove_reader(self._fd)
             os.close(self._fd)
@@ -80,11 +77,11 @@ class Ticker:
         if not ordered:
             return 0.0, 0.0, 0.0
 
-        last = len(ordered) - 1
-        return ordered[last // 2], ordered[round(0.99 * last)], ordered[-1]
+        last_index = len(ordered) - 1
+        return ordered[last_index // 2], ordered[round(0.99 * last_index)], ordered[-1]
 
     def lateness_p99_ms(self) -> float:
-        """Return the 99th percentile of how far behind the schedule the ticks began."""
+        """Return the 99th percentile of the ticks' delay behind the schedule."""
         ordered = sorted(self._lateness_ms)
         if not ordered:
             return 0.0
@@ -124,7 +121,7 @@ class Ticker:
 
 
 def _timerfd(period_ns: int, first_ns: int) -> int | None:
-    """Return a timerfd that expires every period from a time on; None where there is none."""
+    """Return a timerfd that expires every period from a time on; None if the system has none."""
     libc = ctypes.CDLL(None, use_errno=True)
     if not hasattr(libc, "timerfd_create"):
         return None

@@ -1,6 +1,6 @@
-"""A take-off of a throw-away core over made-up data, so that the first real tick is not a slow one.
+"""Warms up an agent: a temporary core takes off with made-up data, so that no real tick is slow.
 
-It loads what is imported late, and lets Python and numpy allocate what they keep.
+This loads all late imports, and makes Python and numpy allocate the memory that they keep.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ _CLIMB_M_S = 0.4
 
 
 def warm_up(fleet: FleetConfig, name: str) -> bool:
-    """Fly a core that has nobody else in its fleet; return whether it got into the air.
+    """Fly a core that is alone in its fleet; return whether it took off.
 
-    A vehicle that no preflight check would let start (outside its fence, for instance) stays on the
-    ground here too.
+    If the preflight check refuses the take-off (outside the fence, for instance), it stays on the
+    ground.
     """
     core = AgentCore(replace(fleet, vehicles={name: fleet.vehicles[name]}), name, boot_id=0)
     core.preflight.is_warm = True
     core.handle(agent_inputs.ParamsRead(()), _START_NS)
-    # A law of somebody's own would not start without an emulator.
+    # a user's own law may only fly where an emulator is on the bus
     for node in ("ground-1", EMULATOR):
         core.handle(agent_inputs.NodeChanged(node, True), _START_NS)
 
@@ -49,13 +49,13 @@ def warm_up(fleet: FleetConfig, name: str) -> bool:
 
 
 class _MadeUpVehicle:
-    """A PX4 that confirms at once, in a vehicle that climbs at constant speed once it is armed."""
+    """A PX4 that confirms every request at once; its vehicle climbs as soon as it is armed."""
 
     def __init__(self, core: AgentCore) -> None:
         self._core = core
         self._vehicle = core.vehicle
         self._height_m = 0.0  # above the start
-        self._count = 0  # ticks
+        self._count = 0  # number of ticks
 
         global_origin = None
         origin = core.fleet.fleet.global_origin
@@ -69,14 +69,14 @@ class _MadeUpVehicle:
         )
 
     def tick(self, now_ns: int) -> None:
-        """Report the vehicle, order the take-off as soon as the core is ready, and obey it."""
+        """Run one tick: report the vehicle, order the take-off once ready, and obey the core."""
         core = self._core
         self._count += 1
 
         if self._snapshot.is_armed:
             self._height_m += _CLIMB_M_S * _PERIOD_NS * 1e-9
         x, y, ground_m = self._vehicle.start_enu_m
-        # A body that is tracked is never quite still.
+        # the position changes at each tick: a body that never moves counts as lost by the mocap
         z = ground_m + self._height_m + 1e-6 * (self._count % 2)
         self._snapshot = replace(
             self._snapshot,

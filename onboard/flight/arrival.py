@@ -1,4 +1,4 @@
-"""Whether a vehicle has arrived or rests, and where it can come to rest. Pure."""
+"""Decides whether a vehicle has arrived or is at rest, and where it can come to rest. Pure."""
 
 from __future__ import annotations
 
@@ -9,30 +9,31 @@ from onboard.config.flight_space import flight_space_of
 from onboard.flight.types import FlightView
 from onboard.tuples import Xyz
 
+# a vehicle has arrived if it is this near to its goal and this slow
 _ARRIVED_M = 0.12
 _ARRIVED_M_S = 0.10
 
-# For vehicles without a mocap. PX4's own estimate in hover has .08-.18 m and .12-.19 m/s std per
-# axis (measured), so stillness shows no better than this.
+# The same for vehicles without a mocap: in hover, PX4's own estimate has a standard deviation of
+# 0.08 to 0.18 m and 0.12 to 0.19 m/s per axis (measured).
 _ARRIVED_PX4_M = 0.6
 _ARRIVED_PX4_M_S = 0.6
 
-# Gusts move a vehicle that has arrived. For each m/s^2 of them its position and speed may be so far
-# off.
+# Gusts move a vehicle that has arrived. For each m/s^2 of gusts beyond calm air, its position may
+# be off by _GUST_S2 metres and its speed by _GUST_S m/s.
 _CALM_M_S2 = 0.10
 _GUST_S2 = 0.25
 _GUST_S = 0.6
 
-_TURNED_RAD = math.radians(10.0)
-_REST_SHARE = 1.5  # of the speed that counts as arrived
-_INSIDE_M = 0.05  # between a stop point and the fence
+_TURNED_RAD = math.radians(10.0)  # difference of the heading within which a turn is complete
+_REST_FACTOR = 1.5  # a vehicle holds below this times the speed that counts as arrived
+_INSIDE_M = 0.05  # distance of a stop point from the fence
 
-# A climb or a descent is not braked along a leg: the baseline ends it at once.
+# the baseline ends a climb or a descent within this time
 _VERTICAL_BRAKE_S = 0.15
 
 
 def moved_by_gusts(gust_m_s2: float) -> tuple[float, float]:
-    """Return by how much gusts move a vehicle that rests, more than calm air does.
+    """Return by how much gusts move a vehicle at rest, beyond its motion in calm air.
 
     Args:
         gust_m_s2: standard deviation of the gusts, per axis.
@@ -44,9 +45,9 @@ def moved_by_gusts(gust_m_s2: float) -> tuple[float, float]:
 
 
 def is_at(view: FlightView, goal_enu_m: Xyz, vehicle: Vehicle) -> bool:
-    """Return whether the vehicle is at its goal and slow, as far as its positions can show it.
+    """Return whether the vehicle is at its goal and slow.
 
-    Gusts widen both.
+    Both limits depend on the accuracy of its positions, and grow with the gusts.
     """
     moved_m, _ = moved_by_gusts(view.gust_m_s2)
     if not math.dist(goal_enu_m, view.position_enu_m) < _near_m(vehicle) + moved_m:
@@ -55,25 +56,25 @@ def is_at(view: FlightView, goal_enu_m: Xyz, vehicle: Vehicle) -> bool:
 
 
 def is_near(view: FlightView, goal_enu_m: Xyz, vehicle: Vehicle) -> bool:
-    """Return whether the vehicle is as near to its goal as a vehicle that rests in calm air."""
+    """Return whether the vehicle is as near to its goal as one that has arrived in calm air."""
     return math.dist(goal_enu_m, view.position_enu_m) < _near_m(vehicle)
 
 
 def has_turned(view: FlightView, yaw_rad: float) -> bool:
-    """Return whether the vehicle has a heading, as far as both are known."""
+    """Return whether the vehicle has turned to a heading; True if one of both is not known."""
     away_rad = math.remainder(view.yaw_rad - yaw_rad, 2.0 * math.pi)
-    return not abs(away_rad) > _TURNED_RAD  # a heading that is not known is NaN, and is no reason
+    return not abs(away_rad) > _TURNED_RAD  # True for NaN: a heading that is not known
 
 
 def is_at_rest(view: FlightView, vehicle: Vehicle) -> bool:
     """Return whether the vehicle is as slow as one that holds."""
-    return math.hypot(*view.velocity_enu_m_s) < _REST_SHARE * _slow_m_s(view, vehicle)
+    return math.hypot(*view.velocity_enu_m_s) < _REST_FACTOR * _slow_m_s(view, vehicle)
 
 
 def stop_point(view: FlightView, vehicle: Vehicle, fleet: FleetConfig) -> Xyz:
     """Return the point [m, ENU] inside the fence where the vehicle comes to rest.
 
-    It flies on for its lag, and for as long as its acceleration needs to stop it at the mean speed.
+    It flies on for its lag. Then it brakes at half of its largest deceleration on average.
     """
     speed_m_s = math.hypot(*view.velocity_enu_m_s)
     brake_s = vehicle.lag_s + speed_m_s / vehicle.max_acceleration_m_s2

@@ -1,18 +1,17 @@
-"""Contact with the ground: never by one sign alone, and only by what has lasted for a moment. Pure.
+"""Detects contact with the ground, from two signs that have lasted for a moment. Pure.
 
-A vehicle is down when
+A vehicle stands on the ground if both are true:
 
-    it is low, or much less thrust carries it than flight takes,
-    and at the same time
-    it does not move vertically, or PX4 reports the ground, and the report is not old.
+    it is low, or its thrust is much less than its weight;
+    it does not move vertically, or PX4 reports the ground with a recent report.
 
-Thrust and stillness together need neither a height nor PX4: in free fall a third of a second at
-that thrust moves the vehicle by more than stillness allows.
+Little thrust and no vertical motion together need neither a height nor PX4. In the air a vehicle
+with so little thrust would move in a third of a second by more than "no vertical motion" allows.
 
-PX4's own height, by satellites, errs by half a metre. There low is no sign at all, and only thrust
-tells: the setpoint goes on sinking, and the vehicle does not although hardly anything carries it.
-PX4's land detector cannot decide either: with attitude setpoints it reports the ground only when
-there has been no thrust for a while (MPC_MANTHR_MIN in its MulticopterLandDetector.cpp).
+PX4's own height from satellites errs by half a metre, so a low height is no sign there. Only thrust
+tells: the setpoint sinks on, and the vehicle does not sink although it has hardly any thrust. PX4's
+land detector does not help either. With attitude setpoints it reports the ground only after a while
+without thrust (MPC_MANTHR_MIN in its MulticopterLandDetector.cpp).
 """
 
 from __future__ import annotations
@@ -21,49 +20,49 @@ from msgspec import Struct
 
 from onboard.flight.types import FlightView
 
-AGREED_S = 0.35  # how long the signs have to agree
+AGREED_S = 0.35  # time for which both signs have to last
 
-_LIGHT_SHARE = 0.8  # of the thrust that carries it
-_STILL_M = 0.02  # of height, while AGREED_S passes
-_STILL_PX4_M_S = 0.15  # for vehicles without a mocap, whose height has more noise than that
-_LOW_M = 0.06
+_LIGHT_SHARE = 0.8  # less than this share of the hover thrust is little thrust
+_STILL_M = 0.02  # a vehicle is still if its height changes by less within AGREED_S
+_STILL_PX4_M_S = 0.15  # without a mocap, whose height has more noise, the vertical speed counts
+_LOW_M = 0.06  # height above the ground below which a vehicle is low
 
-# Without a mocap, where PX4's velocity errs by more than stillness allows: so long at so little
-# thrust, a vehicle in the air sinks with 3 m/s.
+# Without a mocap PX4's velocity may err by more than _STILL_PX4_M_S. A vehicle in the air with so
+# little thrust for this time would sink with 3 m/s; a slower one stands.
 _LIGHT_LONG_S = 1.5
 _LIGHT_SLOW_M_S = 0.7
 
-# A vehicle that should have been down for a while, and does not move any more.
+# A vehicle that should have landed a while ago stands if it is this low and still for this time.
 _STALLED_M = 0.30
 _STALLED_S = 1.5
 
-# Without poses the height is PX4's, which is wrong by a third of a metre: it cannot tell where the
-# ground is. But a vehicle that sinks at 0.8 m/s until it meets something shows when that happens.
-# PX4 may take the impact for a climb, so that rising counts as standing.
-_BLIND_LOW_M = 0.6
-_BLIND_SINKS_M_S = 0.25
-_BLIND_STANDS_S = 0.26
-_BLIND_TOUCHES_S = 0.06  # after which it seems to stand
-_BLIND_UNDER_GROUND_M = -1.0  # no error explains this height
+# Without poses the height is PX4's, which is wrong by up to a third of a metre. But a vehicle that
+# sinks at 0.8 m/s stops sinking when it meets the ground. PX4 may take the impact for a climb, so
+# rising counts as standing, too.
+_BLIND_LOW_M = 0.6  # below this height the ground may be
+_BLIND_SINKS_M_S = 0.25  # a vehicle that sinks more slowly than this stands
+_BLIND_STANDS_S = 0.26  # time after which it has landed
+_BLIND_TOUCHES_S = 0.06  # time after which it seems to stand
+_BLIND_UNDER_GROUND_M = -1.0  # no error explains so low a height: the vehicle has landed
 
 
 class ContactSigns(Struct, frozen=True):
-    """Since when each sign of contact has lasted."""
+    """Since when each sign of contact has lasted: the last time at which it did not hold."""
 
-    height_m: float = 0.0  # from which it has not moved
-    still_ns: int = 0  # it does not move vertically
-    light_ns: int = 0  # less thrust carries it than flight takes
+    height_m: float = 0.0  # height at which the vehicle has been still
+    still_ns: int = 0  # the vehicle does not move vertically
+    light_ns: int = 0  # its thrust is much less than its weight
     reported_ns: int = 0  # PX4 reports the ground
-    slow_ns: int = 0  # it sinks slower than a vehicle that nothing carries
+    slow_ns: int = 0  # its vertical speed is much slower than a fall with little thrust
 
 
 def observe(signs: ContactSigns, view: FlightView, has_mocap: bool) -> ContactSigns:
     """Return the signs as of this tick.
 
     Args:
-        signs: as of the last tick.
-        view: of this tick.
-        has_mocap: whether the height is measured to millimetres.
+        signs: signs as of the last tick.
+        view: what the flight sees at this tick.
+        has_mocap: whether a mocap measures the height, to millimetres.
     """
     now_ns = view.now_ns
     height_m = view.position_enu_m[2]
@@ -90,13 +89,13 @@ def observe(signs: ContactSigns, view: FlightView, has_mocap: bool) -> ContactSi
 
 
 def is_agreed(signs: ContactSigns, view: FlightView, ground_z_m: float, is_late: bool) -> bool:
-    """Return whether the signs say that the vehicle stands.
+    """Return whether the signs say that the vehicle stands on the ground.
 
     Args:
-        signs: as of this tick.
-        view: of this tick.
-        ground_z_m: height of the ground where it took off [m].
-        is_late: whether it should have been down for a while.
+        signs: signs as of this tick.
+        view: what the flight sees at this tick.
+        ground_z_m: height of the ground where the vehicle took off [m].
+        is_late: whether the vehicle should have landed a while ago.
     """
     since_ns = view.now_ns - round(1e9 * AGREED_S)
     is_still = signs.still_ns < since_ns
@@ -112,7 +111,7 @@ def is_agreed(signs: ContactSigns, view: FlightView, ground_z_m: float, is_late:
 
 
 def is_agreed_by_thrust(signs: ContactSigns, view: FlightView) -> bool:
-    """Return whether thrust and motion say that a vehicle stands, whatever its height reads.
+    """Return whether thrust and motion say that a vehicle stands, without using its height.
 
     Args:
         signs: as of this tick.
@@ -130,7 +129,7 @@ def is_agreed_by_thrust(signs: ContactSigns, view: FlightView) -> bool:
 
 
 def is_agreed_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) -> bool:
-    """Return whether PX4's motion and height say that a vehicle stands that sinks without poses.
+    """Return whether a vehicle that descends without poses stands, by PX4's speed and height.
 
     Args:
         signs: as of this tick.
@@ -144,10 +143,10 @@ def is_agreed_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) ->
 
 
 def seems_to_stand_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) -> bool:
-    """Return whether a vehicle that sinks without poses seems to have met the ground.
+    """Return whether a vehicle that descends without poses seems to have met the ground.
 
-    That comes sooner than :func:`is_agreed_blind`, and ends no flight: it says from when on dead
-    reckoning must not go on.
+    This is known sooner than :func:`is_agreed_blind`, and it does not end the flight. It says when
+    dead reckoning has to stop, because contact forces are not in its model.
 
     Args:
         signs: as of this tick.
@@ -159,6 +158,6 @@ def seems_to_stand_blind(signs: ContactSigns, view: FlightView, ground_z_m: floa
 
 
 def _has_stood_low(signs: ContactSigns, view: FlightView, height_m: float, for_s: float) -> bool:
-    """Return whether a vehicle without poses has been still for so long where the ground may be."""
+    """Return whether a vehicle without poses has stopped sinking, where the ground may be."""
     stands_s = (view.now_ns - signs.still_ns) * 1e-9
     return height_m < _BLIND_LOW_M and stands_s > for_s

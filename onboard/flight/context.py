@@ -1,7 +1,8 @@
-"""One vehicle's flight: its step, its order and its goal.
+"""The memory of one vehicle's flight: its step, its order and its goal.
 
-Everybody may read it; only the state machine and the effects that it calls write it. What depends
-on the step alone (situation, mode, whether setpoints leave) stands at the step: ``flight.step``.
+All of the agent may read it. Only the state machine and the effects that it calls write it. What
+depends on the step alone (situation, control mode, whether setpoints are sent) is a property of the
+step: ``flight.step``.
 """
 
 from __future__ import annotations
@@ -24,15 +25,15 @@ from onboard.tuples import Xyz
 from onboard.types import Goal
 from onboard.vectors import ZERO_3
 
-# Below this height above the ground a vehicle that lands or lifts off goes aside for nobody: soon
-# the friction of the ground would end what it has promised.
+# Below this height above the ground, a vehicle that lands or lifts off does not promise to avoid
+# others: when it touches the ground it cannot move aside any more.
 _AVOIDS_ABOVE_M = 0.5
 
-_CONTACT_LIMIT_S = 8.0
+_CONTACT_LIMIT_S = 8.0  # time after the contact within which PX4 has to confirm the landing
 
-# A vehicle that rises again by so much does not land any more. With a mocap it is more than giving
-# way explains. By PX4's own height it is more than that height wanders: it comes back up after the
-# touch-down.
+# A landing fails if the vehicle rises again by more than this. With a mocap the limit is more than
+# avoidance explains. Without one it is more than the drift of PX4's height, which may rise after
+# the touch-down.
 _RISEN_M = 0.5
 _PX4_HEIGHT_RISEN_M = 1.5
 
@@ -49,30 +50,31 @@ class FlightContext:
     vehicle: Vehicle
 
     step: FlightStep = FlightStep.WAITING
-    reason: str = ""  # of the step, shown to people beside the state
-    step_ns: int = 0  # when the step began
-    steady_ns: int = 0  # when the vehicle was last not yet steady in this step
-    request_ns: int = 0  # last request to PX4 in this step
-    deadline_ns: int = 0  # end of the time that a move or a landing may take
+    reason: str = ""  # why the step began; shown to people beside the state
+    step_ns: int = 0  # time when the step began
+    steady_ns: int = 0  # last time in this step when the vehicle was not steady
+    request_ns: int = 0  # time of the last request to PX4 in this step
+    deadline_ns: int = 0  # time by which a move or a landing has to end
 
-    order: Order | None = None  # in progress
+    order: Order | None = None  # the order in progress
     goal: Goal = _NO_GOAL
-    is_slow: bool = False  # a failsafe has slowed the order down
-    leg_count: int = 0  # orders to move that have begun
+    is_slow: bool = False  # whether a failsafe has slowed the order down
+    leg_count: int = 0  # number of orders to move that have begun
     path: PathFlight = field(default_factory=PathFlight)
     follow: FollowFlight = field(default_factory=FollowFlight)
 
     ground_z_m: float = 0.0  # height of the ground where it took off
     lowest_m: float = math.inf  # lowest height since the landing began, or since contact
-    contact_z_m: float = -math.inf  # height where it came to stand
-    disabled_by: str = ""  # who has ordered that it takes part in no flight; empty: it does
-    stands_in_for: str = ""  # the vehicle whose place it has; empty: its own
-    has_fallen: bool = False  # PX4 disarmed or restarted in this flight
-    was_killed: bool = False  # an order to kill is why it is as it is: the motors stop, or have
+    contact_z_m: float = -math.inf  # height at which it touched the ground
+    # the person who ordered that the vehicle takes part in no flight; empty: it takes part
+    disabled_by: str = ""
+    stands_in_for: str = ""  # the vehicle that this one replaces in the fleet; empty: none
+    has_fallen: bool = False  # whether PX4 disarmed or restarted in this flight
+    was_killed: bool = False  # whether an order to kill stops, or has stopped, the motors
     contact: ContactSigns = field(default_factory=ContactSigns)
-    seen_height_m: float = 0.0  # of the goal that it had before its poses stopped
+    seen_height_m: float = 0.0  # height of the goal before the poses stopped
 
-    commands: list[Command] = field(default_factory=list)  # not yet taken by the core
+    commands: list[Command] = field(default_factory=list)  # commands that the core has to take
 
     @property
     def state(self) -> AgentState:
@@ -98,38 +100,38 @@ class FlightContext:
 
     @property
     def lands_for_a_person(self) -> bool:
-        """Whether a person has ordered this landing, and this vehicle by its name."""
+        """Whether a person has ordered this vehicle to land, without another vehicle's reason."""
         order = self.order
         return order is not None and order.kind == "land" and not order.reason
 
     @property
     def place(self) -> str:
-        """Name whose spot, slots and paths the vehicle has: mostly its own."""
+        """Name of the vehicle whose start, slots and paths this one uses: usually its own."""
         return self.stands_in_for or self.vehicle.name
 
     @property
     def followed(self) -> str:
-        """The vehicle that it follows, paused or not; empty: none."""
+        """Name of the vehicle that this one follows, paused or not; empty: none."""
         if self.follow.is_under_way and self.step in _CAN_FOLLOW:
             return self.follow.leader
         return ""
 
     @property
     def is_paused(self) -> bool:
-        """Whether an order has stopped the path or the vehicle that it follows until `resume`."""
+        """Whether an order has paused the path, or the following of a vehicle, until `resume`."""
         if self.path.show_id:
             return self.path.is_paused
         return bool(self.followed) and self.follow.is_paused
 
     @property
     def goal_position_enu_m(self) -> Xyz:
-        """Point to fly to; of a path, its end."""
+        """The point to fly to; on a path, the end of the path."""
         if self.step is FlightStep.PATH and self.path.path is not None:
             return path.point_at(self.path.path, math.inf).position_enu_m
         return self.goal.position_enu_m
 
     def is_avoiding(self, view: FlightView) -> bool:
-        """Return whether the others may count on it to go aside."""
+        """Return whether the others may count on this vehicle to avoid them."""
         if not self.step.is_under_law:
             return False
         is_low = view.position_enu_m[2] - self.ground_z_m < _AVOIDS_ABOVE_M
@@ -145,9 +147,9 @@ class FlightContext:
         return (view.now_ns - self.steady_ns) * 1e-9
 
     def overdue(self, view: FlightView) -> str | None:
-        """Return the sign that a move or a landing makes no progress, or None while it does.
+        """Return why a move or a landing counts as overdue, or None if it does not.
 
-        The sign is empty when only the time shows it.
+        The reason is empty if only the deadline has passed.
         """
         step = self.step
         if step is FlightStep.DESCENT or step is FlightStep.CONTACT:
@@ -187,7 +189,7 @@ class FlightContext:
         self.commands.append(Publish(Topic.EVENT, event))
 
     def take_commands(self) -> list[Command]:
-        """Return the commands that have come since the last call, in their order."""
+        """Return the commands since the last call, in their order."""
         commands = self.commands
         self.commands = []
         return commands

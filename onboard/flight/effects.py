@@ -1,7 +1,7 @@
-"""Goals and time limits of what begins.
+"""Effects of the flight table: functions that set the goal and the time limit of a step.
 
-A row of the flight table names one of these functions; the state machine calls it right after the
-step has begun. Nobody else writes a flight's goal.
+A row of the flight table names one of these functions. The state machine calls it right after the
+step has begun. No other code writes a flight's goal.
 """
 
 from __future__ import annotations
@@ -24,31 +24,31 @@ _LEAST_CLIMB_S = 1.5
 LIFT_M = 1.0  # above the ground: the first leg of a climb
 _LEAST_DESCENT_S = 1.0
 _UNDER_GROUND_M = 0.10  # a descent ends below the ground, so that it does not slow down above it
-_LOWER_BY_M = 0.3  # where the ground is lower than at the take-off
+_LOWER_BY_M = 0.3  # step of a descent where the ground is lower than at the take-off
 
-# PX4's own height may read wrong by three of the standard deviations that PX4 tells, and no less
-# than by these: with satellites its error is 0.28 m in standard deviation (measured on SIH, where
-# PX4 tells 0.3 m). So far above the ground of the take-off a landing becomes slow, and goes on
-# until the vehicle stands.
+# PX4's own height may be wrong by three of the standard deviations that PX4 reports, within these
+# bounds. With satellites the error has a standard deviation of 0.28 m (measured on SIH, where PX4
+# reports 0.3 m). A landing becomes slow at this height above the ground of the take-off, and sinks
+# on until the vehicle stands.
 _UNSURE_SIGMAS = 3.0
 _LEAST_UNSURE_M = 0.8
 _MOST_UNSURE_M = 3.0
-_FEEL_M_S = 0.4
-_FEEL_M_S2 = 0.5
+_FEEL_M_S = 0.4  # speed of the slow part
+_FEEL_M_S2 = 0.5  # acceleration to that speed
 
-_SLOW_SHARE = 0.25  # of the top speed, on average
-_SLOW_PATH_S = 1.0
+_SLOW_SHARE = 0.25  # mean speed of a slowed move, as a share of the top speed
+_SLOW_PATH_S = 1.0  # time for which one request slows a show
 
-# A move or a landing may take its limit, and so many times the duration that its way takes alone.
+# A move or a landing may take this limit, plus _PATIENCE times its duration without other vehicles.
 _LEG_LIMIT_S = 30.0
 _LANDING_LIMIT_S = 20.0
 _PATIENCE = 3.0
 
-_PEAK_OF_MEAN = 1.9  # speed of a quintic: its peak over its mean
+_PEAK_OF_MEAN = 1.9  # peak speed of a quintic, over its mean speed
 
 
 def takeoff_height_m(order: Order | None) -> float:
-    """Return the height that an order to take off means, above the fleet's origin."""
+    """Return the height [m] above the fleet's origin to which an order to take off leads."""
     if order is None or order.height_m is None:
         return DEFAULT_HEIGHT_M
     return order.height_m
@@ -58,7 +58,7 @@ def takeoff_height_m(order: Order | None) -> float:
 
 
 def stay_on_ground(flight: FlightContext, view: FlightView) -> None:
-    """Take this position for the ground and the goal."""
+    """Take the present position as the ground and as the goal."""
     flight.ground_z_m = view.position_enu_m[2]
     flight.has_fallen = False
     flight.was_killed = False
@@ -66,10 +66,10 @@ def stay_on_ground(flight: FlightContext, view: FlightView) -> None:
 
 
 def lift_off(flight: FlightContext, view: FlightView) -> None:
-    """Go straight up, to a metre at most.
+    """Go straight up by one metre at most.
 
-    A climb begins the more slowly the higher it leads, and near the ground a vehicle leans little
-    against the wind: it has to be clear of the ground soon.
+    A longer climb would begin more slowly. Near the ground a vehicle cannot tilt much against the
+    wind, so it has to leave the ground soon.
     """
     flight.ground_z_m = view.position_enu_m[2]
     top_m = min(takeoff_height_m(flight.order), flight.ground_z_m + LIFT_M)
@@ -82,7 +82,7 @@ def climb_on(flight: FlightContext, view: FlightView) -> None:
 
 
 def take_over(flight: FlightContext, view: FlightView) -> None:
-    """Stop here; the ground is at the height of the start, because nobody saw the take-off."""
+    """Stop here, and take the height of the start as the ground: the take-off was not seen."""
     flight.was_killed = False
     flight.ground_z_m = flight.fleet.vehicles[flight.place].start_enu_m[2]
     _set_goal(flight, stop_point(view, flight.vehicle, flight.fleet), 0.0)
@@ -118,7 +118,7 @@ def slow_down(flight: FlightContext, view: FlightView) -> None:
 def stop_here(flight: FlightContext, view: FlightView) -> None:
     """Stop as soon as the acceleration allows, inside the fence.
 
-    The height lies between the vehicle's and the ordered one: no braking distance leads beyond.
+    The height of the stop is kept between the vehicle's and the ordered one.
     """
     x, y, stop_z_m = stop_point(view, flight.vehicle, flight.fleet)
     own_z_m = view.position_enu_m[2]
@@ -143,13 +143,13 @@ def begin_path(flight: FlightContext, view: FlightView) -> None:
 
 
 def follow_path(flight: FlightContext, view: FlightView) -> None:
-    """Move the path's clock on; the goal is the path's motion when a command given now acts."""
+    """Advance the path's clock. The goal is the path's motion when a command given now acts."""
     flight.path.advance(view.now_ns, view.period_s, view.position_enu_m, view.other_clocks)
     flight.goal = flight.path.goal(flight.goal.sequence, flight.vehicle.lag_s)
 
 
 def slow_path(flight: FlightContext, view: FlightView) -> None:
-    """Ask all that fly the show for slow flight for the next second."""
+    """Request slow flight from all vehicles of the show, for the next second."""
     flight.path.slow_until_ns = view.now_ns + round(_SLOW_PATH_S * 1e9)
 
 
@@ -191,22 +191,23 @@ def descend(flight: FlightContext, view: FlightView) -> None:
 
 
 def _end_of_descent_m(flight: FlightContext, view: FlightView) -> float:
-    """Return the height at which a descent by a planned duration ends.
+    """Return the height at which the planned part of a descent ends.
 
-    With poses it is below the ground; without, where the ground may begin.
+    With a mocap it is below the ground. Without one it is the largest height at which the ground
+    may be, and the vehicle sinks on slowly from there (:func:`feel_for_ground`).
     """
-    # A height that reads too low must not make it climb.
+    # the end is never above the vehicle: a height that reads too low must not make it climb
     own_m = view.position_enu_m[2]
     if flight.vehicle.mocap_required:
         return min(flight.ground_z_m, own_m) - _UNDER_GROUND_M
 
-    told_m = _UNSURE_SIGMAS * view.snapshot.height_accuracy_m
-    unsure_m = min(max(told_m, _LEAST_UNSURE_M), _MOST_UNSURE_M)
+    reported_m = _UNSURE_SIGMAS * view.snapshot.height_accuracy_m
+    unsure_m = min(max(reported_m, _LEAST_UNSURE_M), _MOST_UNSURE_M)
     return min(flight.ground_z_m + unsure_m, own_m)
 
 
 def feel_for_ground(flight: FlightContext, view: FlightView) -> None:
-    """Sink on at a low constant speed, through wherever the ground should be."""
+    """Sink on at a low constant speed, also below the expected ground."""
     goal = flight.goal
     sequence = goal.sequence
     if not goal.is_on_path:
@@ -224,27 +225,27 @@ def feel_for_ground(flight: FlightContext, view: FlightView) -> None:
 
 
 def descend_here(flight: FlightContext, view: FlightView) -> None:
-    """Go straight down from here instead, within the time that the landing had."""
+    """Go straight down from here, with the deadline that the landing already had."""
     deadline_ns = flight.deadline_ns
     descend(flight, view)
     flight.deadline_ns = deadline_ns
 
 
 def descend_further(flight: FlightContext, view: FlightView) -> None:
-    """Go on down slowly."""
+    """Descend slowly by another step, because the ground is lower than expected."""
     x, y, goal_z_m = flight.goal_position_enu_m
     lower_z_m = min(goal_z_m, view.position_enu_m[2]) - _LOWER_BY_M
     _set_goal(flight, (x, y, lower_z_m), 1.0)
 
 
 def expect_contact(flight: FlightContext, view: FlightView) -> None:
-    """Forget how low it was before, and remember where it stands."""
+    """Reset the lowest height, and take the present height as that of the contact."""
     flight.lowest_m = math.inf
     flight.contact_z_m = view.position_enu_m[2]
 
 
 def note_fall(flight: FlightContext, view: FlightView) -> None:
-    """Remember whether the motors have stopped; whoever orders this vehicle later hears of it."""
+    """Remember whether the motors have stopped. Replies to later orders mention it."""
     flight.has_fallen = not view.snapshot.is_armed
     flight.was_killed = False
 
@@ -253,12 +254,12 @@ def note_fall(flight: FlightContext, view: FlightView) -> None:
 
 
 def note_kill(flight: FlightContext, view: FlightView) -> None:
-    """Remember the kill; whoever orders this vehicle later hears of it."""
+    """Remember the kill. Replies to later orders mention it."""
     flight.was_killed = True
 
 
 def forget_kill(flight: FlightContext, view: FlightView) -> None:
-    """Forget an earlier kill: what begins has another reason."""
+    """Forget an earlier kill, because the new step has another reason."""
     flight.was_killed = False
 
 
@@ -274,13 +275,13 @@ def sink(flight: FlightContext, view: FlightView) -> None:
 
 
 def hold_again(flight: FlightContext, view: FlightView) -> None:
-    """Stop here, at the height where it was going to be before dead reckoning."""
+    """Stop here, at the height of the goal before dead reckoning."""
     x, y, _ = stop_point(view, flight.vehicle, flight.fleet)
     _set_goal(flight, (x, y, flight.seen_height_m), 0.0)
 
 
 def resume(flight: FlightContext, view: FlightView) -> None:
-    """Go on with the order that dead reckoning has interrupted, at its pace."""
+    """Go on with the order that dead reckoning has interrupted, at the same speed."""
     order = flight.order
     if order is None or order.position_enu_m is None:
         climb_on(flight, view)
@@ -305,7 +306,7 @@ def _climb_above(
 
 
 def _ordered_yaw_rad(order: Order) -> float:
-    """Return the ordered heading; NaN: as it is."""
+    """Return the ordered heading; NaN: the vehicle keeps its heading."""
     return math.nan if order.yaw_deg is None else math.radians(order.yaw_deg)
 
 

@@ -1,13 +1,13 @@
 """The flight as a table: (step, event) -> (next step, request to PX4, ...). Pure data.
 
-How to read it: Of the rows of a step and an event, in their order, the first counts whose predicate
-holds. An event without a row changes nothing, and an order without a row is refused. Nothing counts
-as armed, in OFFBOARD, landed or disarmed before PX4 says so; so the steps wait for PX4, and a
-request that has no effect is repeated.
+How to read it: several rows may have the same step and event. The first of them whose predicate
+holds counts. An event without such a row changes nothing, and an order without one is refused.
+A vehicle counts as armed, in OFFBOARD, landed or disarmed only when PX4 says so. Therefore steps
+wait for PX4, and a request that has no effect is repeated.
 
-The rows stand in groups: what operators order, what failsafes demand, and then what a tick
-observes, from the ground over take-off and flight to the landing. docs/flight.md is printed from
-here.
+The rows stand in groups. First come the orders of operators, then the demands of failsafes, and
+then what a tick observes: without poses, on the ground, in take-off, flight and landing.
+docs/flight.md is printed from here.
 """
 
 from __future__ import annotations
@@ -47,11 +47,12 @@ class Row(NamedTuple):
     event: E
     when: Predicate | None = None  # None: always
     to: S | None = None  # next step. None: the step goes on; the same step: it begins anew
-    # to PX4: at once when a step begins, else repeated until PX4 has obeyed
+    # Command to PX4. It is sent at once if a step begins. In a row without a next step it is
+    # repeated until PX4 has obeyed.
     request: Command | None = None
-    effect: Effect | None = None  # sets the goal of what begins
-    reason: Text | None = None  # shown beside the state; None: as it was
-    ends: tuple[OrderOutcome, Text] | None = None  # end of the order in progress: outcome, sentence
+    effect: Effect | None = None  # sets the goal of the step
+    reason: Text | None = None  # new reason, shown beside the state; None: it stays unchanged
+    ends: tuple[OrderOutcome, Text] | None = None  # ends the order in progress: outcome, sentence
     says: tuple[Severity, str, Text] | None = None  # event for people: severity, code, sentence
 
 
@@ -96,11 +97,11 @@ ORDERS = (
     Row((S.ARRIVED, S.HOLDING), E.HOLD, when=p.at_goal, to=S.HOLDING, reason="ordered"),
     Row(_FREE, E.HOLD, to=S.HOLDING, effect=effects.stop_here, reason="ordered"),
 
-    # An agent that found its vehicle in the air, or lost it, flies it again from PX4's hold.
+    # An agent that started while its vehicle flew, or that lost it, takes over from PX4's hold.
     Row(_SILENT, E.HOLD, to=S.TAKEOVER, effect=effects.take_over, reason=S.TAKEOVER.text),
 
-    # Hold, land and disarm all stop a start: by disarming until PX4 confirms that it is armed,
-    # by landing from then on.
+    # Hold, land and disarm all stop a start. Before PX4 confirms that it is armed they disarm it;
+    # from then on they land it.
     Row((S.LIFTOFF,), E.HOLD, to=S.DESCENT, effect=effects.descend, reason="ordered"),
     Row(_ARMED, E.LAND, when=p.px4_is_armed, to=S.DISARMING, request=Disarm(), reason=""),
     Row(_ARMED, E.LAND, to=S.DISARMED, request=Disarm(), reason=""),
@@ -111,19 +112,20 @@ ORDERS = (
         effect=effects.descend, reason="ordered"),
     Row((S.COASTING,), E.LAND, to=S.SINKING, reason="ordered"),
     Row((S.SINKING, S.PX4_LANDING), E.LAND),  # what lands already, lands
-    # These orders are done at once: the vehicle stands already.
+    # These orders are done at once, because the vehicle stands already.
     Row((S.LANDED,), E.LAND, ends=("done", sentences.STANDS)),
     Row(_START, E.MOVE, ends=("done", sentences.STANDS_AT_HOME)),  # `home` only, and only there
     Row((S.DISARMING,), E.LAND, when=p.px4_reports_the_ground),  # it stands, and is disarmed
-    # Also after a kill, which may have been lost on its way; LANDING tells a fall from a landing.
-    # Where sticks are heard, PX4 is asked first whether a pilot has the vehicle.
+    # This also holds after a kill, whose command may have been lost. The rows of LANDING tell a
+    # fall from a landing. If PX4 hears sticks, it is asked first whether a pilot flies.
     Row((*_SILENT, S.DISARMING), E.LAND, when=p.px4_hears_sticks, to=S.PX4_LANDING,
         request=RequestHeartbeat(), reason=sentences.ordered_or_killed),
     Row((*_SILENT, S.DISARMING), E.LAND, to=S.PX4_LANDING, request=Px4Land(),
         reason=sentences.ordered_or_killed),
 
-    # Without thrust first, so that it stands even if PX4 has seen it lift off meanwhile. Once PX4
-    # does not report the ground any more, it lands: whoever orders this wants the vehicle down.
+    # CONTACT takes the thrust away, so that the vehicle stands even if PX4 sees a lift-off
+    # meanwhile. If PX4 does not report the ground any more, the vehicle lands: the order says that
+    # it has to come down.
     Row((S.LIFTOFF,), E.DISARM, when=p.px4_reports_the_ground, to=S.CONTACT, request=Disarm(),
         effect=effects.expect_contact, reason="ordered"),
     Row((S.LIFTOFF, S.CLIMB), E.DISARM, to=S.DESCENT, effect=effects.descend,
@@ -151,7 +153,7 @@ FAILSAFES = (
     Row((S.ARRIVED,), E.FAILSAFE_HOLD, when=p.at_goal, to=S.HOLDING, reason=CAUSE),
     Row((S.CLIMB, S.LEG, S.PATH, S.ARRIVED), E.FAILSAFE_HOLD, to=S.HOLDING,
         effect=effects.stop_here, reason=CAUSE),
-    # It goes on without a pose, without its order: it holds when it sees again.
+    # Its order has failed, but it flies on without poses; it holds when poses come again.
     Row((S.COASTING,), E.FAILSAFE_HOLD, when=p.has_order, to=S.COASTING, reason=CAUSE),
 
     Row((S.LIFTOFF, *_FREE), E.FAILSAFE_LAND, to=S.DESCENT, effect=effects.descend, reason=CAUSE),
@@ -282,7 +284,8 @@ LANDING = (
     Row((S.DESCENT,), E.TICK, when=p.feels_for_ground, effect=effects.feel_for_ground),
     Row((S.DESCENT,), E.TICK, when=p.floor_is_lower, to=S.DESCENT, effect=effects.descend_further),
 
-    # PX4 disarms after a landing only once it has stood for seconds: the kill has done this.
+    # PX4 disarms after a landing only when it has stood for seconds. A disarmed PX4 before that is
+    # the effect of the kill.
     Row((S.PX4_LANDING,), E.TICK, when=p.falls_by_kill, to=S.FAILED,
         ends=("failed", sentences.falls_by_kill)),
     Row((S.PX4_LANDING,), E.TICK, when=p.kill_had_no_effect,
@@ -297,7 +300,7 @@ LANDING = (
     Row((S.PX4_LANDING,), E.TICK, when=p.px4_refuses_to_land, request=Px4Land(),
         ends=("failed", sentences.px4_does_not_land)),
     Row((S.PX4_LANDING,), E.TICK, when=p.px4_does_not_land, request=Px4Land()),
-    # It has never left the ground, or its request to land was lost.
+    # The vehicle has never left the ground, or the request to land was lost.
     Row((S.PX4_LANDING,), E.TICK, when=p.px4_stays_armed_on_ground, request=Disarm()),
     Row((S.PX4_LANDING,), E.TICK, when=p.px4_landing_late,
         ends=("timed out", sentences.not_landed)),

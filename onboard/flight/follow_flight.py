@@ -1,8 +1,8 @@
-"""Following another vehicle, as its own agent knows it: whom, and whether that is paused.
+"""What the agent of a follower knows: which vehicle it follows, and whether that is paused.
 
-The goals of a follower come from the ground, twice a second, and each names the vehicle that is
-followed. A pause holds the vehicle where it is: goals of that kind are refused until `resume`. To
-skip the rest ends the following here; goals of that kind are refused until another order comes.
+The ground sends the follower's goals twice a second, as orders to move that name the followed
+vehicle. After the order `pause` the vehicle holds, and such goals are refused until `resume`. After
+the order `skip` it holds as well, and such goals are refused until another order comes.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ class FollowFlight:
     """The following of one vehicle."""
 
     leader: str = ""  # the vehicle that the newest order follows; empty: it follows nobody
-    is_paused: bool = False  # an order has it hold where it is
-    is_skipped: bool = False  # an order has ended it here
+    is_paused: bool = False  # whether an order has paused the following
+    is_skipped: bool = False  # whether an order has ended the following
 
     @property
     def is_under_way(self) -> bool:
@@ -26,18 +26,18 @@ class FollowFlight:
         return bool(self.leader) and not self.is_skipped
 
     def begin(self, order: Order) -> None:
-        """Take note of an order that begins: whom it follows, if anybody."""
+        """Remember which vehicle a beginning order follows, if any."""
         self.leader = order.follows if order.kind == "move" else ""
         self.is_paused = False
         self.is_skipped = False
 
 
 def goal_refusal(follow: FollowFlight, order: Order) -> str | None:
-    """Return the reason why a goal of the vehicle that is followed is not taken; or None.
+    """Return the reason why a goal of the ground's following is refused, or None.
 
     Args:
-        follow: as it is now.
-        order: to move.
+        follow: present state of the following.
+        order: order to move.
     """
     if not order.follows or not follow.leader:
         return None

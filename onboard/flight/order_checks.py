@@ -1,8 +1,8 @@
-"""Refusals of orders, each with its reason. Pure: the answer depends on what is passed in.
+"""Refusals of orders, each with its reason. Pure: an answer depends on the arguments only.
 
-An order is refused for the first reason that is found. What it says itself is judged first (its
-deadline, its id), then whether the flight table takes it in this step, then what it asks for: a
-start, a path, a goal.
+:func:`refusal` returns the first reason that it finds. It checks in this order: the deadline and
+the id of the order; whether the flight table has a row for the order in this step; and what the
+order requests, which is a start, a path or a goal.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _NOT_ON_GROUND = (
 )
 _FLYING_ORDERS = ("arm", "takeoff", "move", "follow_path")
 _AT_REST = (FlightStep.WAITING, FlightStep.READY, FlightStep.LANDED)
-_AT_HOME_M = 0.5  # from the take-off spot, horizontally
+_AT_HOME_M = 0.5  # largest horizontal distance from the take-off spot
 _MAY_BE_UP = {
     FlightStep.CONTACT,
     FlightStep.PX4_LANDING,
@@ -46,14 +46,15 @@ _MAY_BE_UP = {
 
 
 class OrderFacts(NamedTuple):
-    """Facts that an order is judged by, besides the flight."""
+    """Facts that decide on an order, besides the flight."""
 
     view: FlightView
     fleet: FleetConfig
-    others: Mapping[str, Telemetry]  # newest of each other vehicle
-    distances_m: Mapping[str, float]  # separations from the others
-    not_ready: tuple[str, ...]  # of the preflight check for a take-off
-    not_ready_in_air: Callable[[], tuple[str, ...]]  # of the one for a takeover; it is expensive
+    others: Mapping[str, Telemetry]  # newest telemetry of each other vehicle
+    distances_m: Mapping[str, float]  # separation from each other vehicle
+    not_ready: tuple[str, ...]  # reasons of the preflight check against a take-off
+    # computes the reasons against a takeover in the air; a function, because that is expensive
+    not_ready_in_air: Callable[[], tuple[str, ...]]
 
 
 def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
@@ -100,7 +101,7 @@ def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | Non
 
 
 def _beside_the_flight(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
-    """Return what speaks against an order that begins nothing and ends nothing, or None."""
+    """Return the reason against an order that does not change the flight's step, or None."""
     if order.kind == "load_path":
         return path_flight.part_refusal(flight.path, order.path, flight.vehicle, facts.fleet)
     if order.kind in ON_PATHS and flight.followed:
@@ -117,10 +118,10 @@ def _beside_the_flight(order: Order, flight: FlightContext, facts: OrderFacts) -
 
 
 def _stand_in(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
-    """Return what speaks against taking the place of another vehicle, or None."""
-    standing = _disable(flight, facts.view)
-    if standing is not None:
-        return standing
+    """Return the reason against standing in for another vehicle, or None."""
+    not_at_rest = _disable(flight, facts.view)
+    if not_at_rest is not None:
+        return not_at_rest
 
     name = flight.vehicle.name
     position_enu_m = facts.view.position_enu_m if facts.view.has_position else None
@@ -128,7 +129,7 @@ def _stand_in(order: Order, flight: FlightContext, facts: OrderFacts) -> str | N
 
 
 def _has_stand_in(flight: FlightContext, others: Mapping[str, Telemetry]) -> str | None:
-    """Return that another vehicle has this one's place, or None."""
+    """Return a sentence if another vehicle stands in for this one, or None."""
     for other, telemetry in others.items():
         if telemetry.stands_in_for == flight.place and not telemetry.disabled_by:
             return sentences.has_stand_in(flight.vehicle.name, other)
@@ -136,9 +137,9 @@ def _has_stand_in(flight: FlightContext, others: Mapping[str, Telemetry]) -> str
 
 
 def _disable(flight: FlightContext, view: FlightView) -> str | None:
-    """Return what speaks against taking a vehicle out of service, or None.
+    """Return the reason against taking a vehicle out of service, or None.
 
-    It has to stand on the ground, disarmed.
+    The vehicle has to stand on the ground, disarmed.
     """
     if flight.step not in _AT_REST:
         doing: str = flight.state
@@ -150,7 +151,7 @@ def _disable(flight: FlightContext, view: FlightView) -> str | None:
 
 
 def acceptance(order: Order, flight: FlightContext, view: FlightView) -> str:
-    """Return what an order that is accepted leads to, where that is not what its name says."""
+    """Return what an accepted order does, if that differs from its name; otherwise empty."""
     if order.kind == "land" and flight.was_killed:
         return sentences.lands_unless_killed(flight)
     if order.kind != "disarm":
@@ -170,7 +171,7 @@ def late_sentence(order: Order, now_ns: int) -> str | None:
 
 
 def goal_conflict(goal: Xyz, others: Mapping[str, Telemetry], limits: FleetSection) -> str | None:
-    """Return the conflict with another flying vehicle's announced goal in a sentence, or None."""
+    """Return a sentence about the conflict with the goal of another flying vehicle, or None."""
     for name, other in others.items():
         if not other.is_airborne:
             continue
@@ -184,7 +185,7 @@ def goal_conflict(goal: Xyz, others: Mapping[str, Telemetry], limits: FleetSecti
 
 
 def _take_over(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
-    """Return what speaks against a hold that takes over a vehicle whose flight has failed."""
+    """Return the reason against a hold that takes over after a failed flight, or None."""
     not_ready = facts.not_ready_in_air()
     refused = takeover.refusal(facts.view, not_ready, facts.distances_m, facts.fleet)
     if refused is not None and flight.was_killed:
@@ -193,9 +194,9 @@ def _take_over(order: Order, flight: FlightContext, facts: OrderFacts) -> str | 
 
 
 def _overrules_pilot(order: Order, flight: FlightContext) -> str | None:
-    """Return what speaks against an order to a vehicle that a pilot flies by hand, or None.
+    """Return the reason against an order to a vehicle that a pilot flies by hand, or None.
 
-    Only a person who names the vehicle lands it against the pilot's sticks.
+    Against the pilot's sticks a vehicle is landed only if a person orders that vehicle by its name.
     """
     name = flight.vehicle.name
     if order.kind == "land" and order.reason:
@@ -209,7 +210,7 @@ def _overrules_pilot(order: Order, flight: FlightContext) -> str | None:
 
 
 def _wrong_step(order: Order, flight: FlightContext) -> str:
-    """Return the reason why the flight table takes no such order in this step."""
+    """Return the reason why the flight table has no row for the order in this step."""
     doing: str = flight.state
     if flight.step.text:
         doing = f"{flight.state} ({flight.step.text})"
@@ -248,10 +249,10 @@ def _wrong_step(order: Order, flight: FlightContext) -> str:
 
 
 def _at_rest(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
-    """Return what speaks against `land` and `home` for a vehicle that stands; None: they are done.
+    """Return the reason against `land` or `home` for a vehicle on the ground, or None.
 
-    A vehicle that stands at its take-off spot is at home. One that was killed, or that fell, is
-    refused instead: somebody has to look at it.
+    None means that the order is done already. A vehicle at its take-off spot is at home. A vehicle
+    that was killed or that fell refuses the order, because somebody has to inspect it.
     """
     name = flight.vehicle.name
     if flight.was_killed:
@@ -277,7 +278,7 @@ def _at_rest(order: Order, flight: FlightContext, facts: OrderFacts) -> str | No
 
 
 def _start(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
-    """Return what speaks against arming or taking off, or None."""
+    """Return the reason against arming or taking off, or None."""
     if flight.disabled_by:
         return sentences.disabled(flight)
     if facts.not_ready:
@@ -302,7 +303,7 @@ def _start(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None
         return f"Height {height_m:g} m at ({x:.2f}, {y:.2f}) m lies {wrong_place}."
 
     for name, other in facts.others.items():
-        # of all heights on the way up, the one that is nearest to the other vehicle
+        # the point of the climb that is nearest to the other vehicle
         nearest_z_m = min(max(other.position_enu_m[2], z), height_m)
         nearest_enu_m = (x, y, nearest_z_m)
         distance_m = separation_m(other.position_enu_m, nearest_enu_m, limits.height_share)
@@ -323,7 +324,7 @@ def _start(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None
 
 
 def _reboot(view: FlightView) -> str | None:
-    """Return what speaks against starting PX4 anew, or None: only a disarmed one on the ground."""
+    """Return the reason against rebooting PX4, or None; it has to be disarmed and on the ground."""
     if view.snapshot.is_armed:
         return "PX4 is armed: order disarm first. It starts anew on the ground only, disarmed."
     if not view.is_on_ground:
@@ -335,7 +336,7 @@ def _reboot(view: FlightView) -> str | None:
 
 
 def _follow_path(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
-    """Return what speaks against following the loaded path, or None."""
+    """Return the reason against following the loaded path, or None."""
     view = facts.view
     least_pct = facts.fleet.fleet.battery_warning_pct
     battery_pct = 100.0 * view.snapshot.battery_frac
@@ -348,7 +349,7 @@ def _follow_path(order: Order, flight: FlightContext, facts: OrderFacts) -> str 
 
 
 def _move(order: Order, vehicle: Vehicle, facts: OrderFacts) -> str | None:
-    """Return what speaks against a move to the ordered goal, or None."""
+    """Return the reason against a move to the ordered goal, or None."""
     limits = facts.fleet.fleet
     goal = order.position_enu_m
     if goal is None or not is_finite(goal):
@@ -387,7 +388,7 @@ def _move(order: Order, vehicle: Vehicle, facts: OrderFacts) -> str | None:
 
         x, y, z = other.position_enu_m
         if other.is_airborne:
-            z = min(z, goal[2])  # it lands, and claims all below itself
+            z = min(z, goal[2])  # it lands: the whole column below it counts
         distance_m = separation_m((x, y, z), goal, limits.height_share)
         if other.is_position_valid and distance_m < limits.safety_distance_m:
             return (

@@ -1,20 +1,21 @@
-"""A path that is followed: its parts as they come, its clock, and how far the vehicle lags behind.
+"""A path that a vehicle follows: its parts, its clock, and how far the vehicle lags behind.
 
-All that fly the same show share a clock. Every vehicle integrates it by itself, so that a show goes
-on without the ground:
+All vehicles of a show fly by the same time of the path. Each of them integrates its own clock, and
+compares it with the clocks in the telemetry of the others. So a show goes on without the ground:
 
-    A vehicle that falls behind its path asks for time; then all clocks run at half the rate.
+    A vehicle that falls behind its path asks for time. All clocks then run at half the rate.
 
-    A clock that is ahead of the slowest one waits for it.
+    A clock that is ahead of the slowest one slows down.
 
-    A vehicle gets PATIENCE_S of time. When that is used up and it is still behind, it leaves the
-    show, and the others wait for it no more.
+    A vehicle gets PATIENCE_S of time. If it has used that time and is still behind, it leaves the
+    show, and the others do not wait for it any more.
 
-    A pause stops the clock of whoever was ordered to pause, and of all that hear of it: each brakes
-    along its own path. The clocks go on once nobody who flies the show is paused any more.
+    A pause stops the clock of the vehicle that was ordered to pause, and the clocks of all others
+    of the show that hear of it. Each vehicle brakes along its own path. The clocks go on when no
+    vehicle of the show is paused.
 
-    A vehicle that skips the rest leaves the show, and flies to the end of its path as by a move.
-    Its order to follow the path is done when it is there.
+    A vehicle that skips the rest leaves the show, and flies straight to the end of its path. Its
+    order to follow the path is done there.
 """
 
 from __future__ import annotations
@@ -36,28 +37,28 @@ from onboard.safety.area_room import clearances_m
 from onboard.tuples import Xyz
 from onboard.types import Goal
 
-PATIENCE_S = 10.0
-BEHIND_M = 0.6  # lag at which a vehicle asks for time
-CAUGHT_UP_M = 0.3  # and at which it asks no more
-SLOWEST_RATE = 0.5
-START_WITHIN_S = 60.0
-AT_START_M = 0.5
+PATIENCE_S = 10.0  # time for which the others wait for one vehicle
+BEHIND_M = 0.6  # lag from which on a vehicle asks for time
+CAUGHT_UP_M = 0.3  # lag below which it does not ask any more
+SLOWEST_RATE = 0.5  # rate of the clocks while a vehicle asks for time
+START_WITHIN_S = 60.0  # a show begins at most this long after its order
+AT_START_M = 0.5  # largest distance from the begin of the path at its order
 
 _RATE_SLEW_1_S = 0.5  # how fast the rate of the clock changes
-_RECOVERY = 0.1  # of the patience, seconds a second
-_AHEAD_GAIN_1_S = 1.0  # slower by so much for each second that the clock is ahead
-_AHEAD_S = 0.05  # so far ahead of the slowest a clock may be
+_RECOVERY = 0.1  # seconds of patience that a vehicle regains in each second in which it keeps up
+_AHEAD_GAIN_1_S = 1.0  # how much a clock slows down for each second that it is ahead
+_AHEAD_S = 0.05  # a clock may be ahead of the slowest by this without slowing down
 
-_HEARD_NS = 1_500_000_000  # a clock that was heard within this time is compared with
-_COMPARE_NS = 95_000_000  # from one comparison to the next
+_HEARD_NS = 1_500_000_000  # a clock that was not heard within this time is not compared
+_COMPARE_NS = 95_000_000  # time between two comparisons
 
-_CHECK_HZ = 20.0  # samples of a path that is checked
-_SPEED_ROOM = 1.1  # times the top speed
-_REST_M_S = 0.05
+_CHECK_HZ = 20.0  # samples per second in the check of a path
+_SPEED_ROOM = 1.1  # largest speed of a path, relative to the top speed
+_REST_M_S = 0.05  # largest speed at the begin and the end of a path
 
 
 class OtherClock(NamedTuple):
-    """Clock of another vehicle that flies the same show, as of now."""
+    """Clock of another vehicle of the same show, extrapolated to now."""
 
     time_s: float
     is_behind: bool
@@ -69,24 +70,24 @@ class PathFlight:
     """The loaded path of one vehicle, and how far it has flown it."""
 
     parts: dict[int, bytes] = field(default_factory=dict)
-    path_id: str = ""  # of the parts
-    path: Path | None = None  # once all parts have come
+    path_id: str = ""  # id of the path that the parts belong to
+    path: Path | None = None  # the path, once all its parts have come
 
-    show_id: str = ""  # of the flight; "" before it is ordered
-    start_ns: int = 0
-    on_lag: str = "land"  # or hold: what a vehicle does that leaves the show
+    show_id: str = ""  # id of the show that is flown; empty: none
+    start_ns: int = 0  # time when the show begins
+    on_lag: str = "land"  # "land" or "hold": what the vehicle does if it has to leave the show
 
-    time_s: float = 0.0  # of the clock
-    rate: float = 1.0
-    target_rate: float = 1.0  # as of the last comparison with the others
-    compare_ns: int = 0  # when the next one is due
+    time_s: float = 0.0  # time of the path's clock
+    rate: float = 1.0  # rate of the clock
+    target_rate: float = 1.0  # rate that the last comparison with the others gave
+    compare_ns: int = 0  # time of the next comparison
 
-    lag_m: float = 0.0
-    is_lagging: bool = False
-    slow_until_ns: int = 0  # a failsafe asks for slow flight until then
-    is_paused: bool = False  # an order has stopped the clock
-    is_skipped: bool = False  # an order has it fly straight to the end
-    used_s: float = 0.0  # of the patience
+    lag_m: float = 0.0  # distance from the path's present point
+    is_lagging: bool = False  # whether the lag is too large
+    slow_until_ns: int = 0  # until this time a failsafe requests slow flight; 0: none does
+    is_paused: bool = False  # whether an order has stopped the clock
+    is_skipped: bool = False  # whether an order has it fly straight to the end
+    used_s: float = 0.0  # part of the patience that is used up
 
     @property
     def is_behind(self) -> bool:
@@ -96,7 +97,7 @@ class PathFlight:
 
     @property
     def is_lost(self) -> bool:
-        """Whether it is behind and has had all the time that the others give."""
+        """Whether the vehicle still lags although its patience is used up."""
         return self.is_lagging and self.used_s >= PATIENCE_S
 
     @property
@@ -137,13 +138,13 @@ class PathFlight:
     def advance(
         self, now_ns: int, dt_s: float, position_enu_m: Xyz, others: Sequence[OtherClock] | None
     ) -> None:
-        """Move the clock on by one tick, and measure the lag.
+        """Advance the clock by one tick, and measure the lag.
 
         Args:
             now_ns: our clock.
             dt_s: time since the last tick.
-            position_enu_m: of the vehicle.
-            others: clocks of the others when a comparison is due; None at the ticks between.
+            position_enu_m: position of the vehicle.
+            others: clocks of the others, if a comparison is due; None at the ticks between.
         """
         assert self.path is not None
         self._advance_clock(now_ns, dt_s, others)
@@ -180,7 +181,7 @@ class PathFlight:
         self.time_s += self.rate * dt_s
 
     def goal(self, sequence: int, lead_s: float) -> Goal:
-        """Return the motion of the path ``lead_s`` ahead, when a command given now acts."""
+        """Return the path's motion ``lead_s`` ahead, where a command given now acts."""
         assert self.path is not None
         point: PathPoint = paths.point_at(self.path, self.time_s + self.rate * lead_s)
         return Goal(
@@ -198,15 +199,15 @@ class PathFlight:
 def other_clocks(telemetries: Iterable[Telemetry], show_id: str, now_ns: int) -> list[OtherClock]:
     """Return the clocks of the others that fly the same show and have been heard lately."""
     clocks = []
-    for one in telemetries:
-        is_heard = now_ns - one.stamp_ns < _HEARD_NS
-        if one.show_id == show_id and is_heard and math.isfinite(one.path_time_s):
-            since_s = (now_ns - one.stamp_ns) * 1e-9
+    for other in telemetries:
+        is_heard = now_ns - other.stamp_ns < _HEARD_NS
+        if other.show_id == show_id and is_heard and math.isfinite(other.path_time_s):
+            since_s = (now_ns - other.stamp_ns) * 1e-9
             clocks.append(
                 OtherClock(
-                    time_s=one.path_time_s + one.path_rate_frac * since_s,
-                    is_behind=one.is_behind,
-                    is_paused=one.is_path_paused,
+                    time_s=other.path_time_s + other.path_rate_frac * since_s,
+                    is_behind=other.is_behind,
+                    is_paused=other.is_path_paused,
                 )
             )
     return clocks
@@ -273,7 +274,7 @@ def change_refusal(flight: PathFlight, kind: str) -> str | None:
     """Return the reason why a path cannot be paused, resumed or skipped now; or None.
 
     Args:
-        flight: along the path.
+        flight: present state of the path's flight.
         kind: "pause", "resume" or "skip".
     """
     if not flight.show_id:
@@ -298,7 +299,7 @@ def _target_rate(own: PathFlight, others: Sequence[OtherClock]) -> float:
 
 
 def _parts_with(flight: PathFlight, order: PathOrder) -> dict[int, bytes]:
-    """Return the parts of the order's path, this one with them; another path's do not count."""
+    """Return the known parts of the order's path and the order's part; other paths are dropped."""
     parts: dict[int, bytes] = {}
     if flight.path_id == order.path_id:
         parts.update(flight.parts)
@@ -311,7 +312,7 @@ def _joined(parts: dict[int, bytes]) -> bytes:
 
 
 def _path_refusal(path: Path, vehicle: Vehicle, fleet: FleetConfig) -> str | None:
-    """Return the reason why a path cannot be flown: its fence, its speed or its ends; or None."""
+    """Return the reason why a path cannot be flown (fence, height, speed or ends), or None."""
     times_s = np.linspace(0.0, path.duration_s, 2 + int(_CHECK_HZ * path.duration_s))
     values, rates, _ = paths.sampled(path, times_s)
 

@@ -1,8 +1,8 @@
-"""Facts that the flight table decides on; docs/flight.md prints their names. Pure.
+"""Predicates of the flight table; docs/flight.md prints their names. Pure.
 
-Each function answers one question about the flight at this tick. :func:`is_steady` is the only one
-that no row names: it says whether what the step waits for holds now, and the flight counts for how
-long it has.
+Each function answers one question about the flight at this tick. "It" is the vehicle. No row names
+:func:`is_steady`: it says whether the condition that the step waits for holds at this tick, and the
+flight measures for how long that has lasted.
 """
 
 from __future__ import annotations
@@ -20,35 +20,35 @@ CONFIRM_TIMEOUT_S = 5.0
 REBOOT_TIMEOUT_S = 30.0
 _STREAM_BEFORE_OFFBOARD_S = 0.3
 _LEAST_OFFBOARD_S = 0.1
-_ARM_ON_ITS_WAY_S = 0.5  # an older request to arm has had its effect
-_KILL_ON_ITS_WAY_S = 0.5
+_ARM_ON_ITS_WAY_S = 0.5  # a request to arm that is older than this has had its effect
+_KILL_ON_ITS_WAY_S = 0.5  # the same for a kill
 
 # take-off, move, hold
 LIFTOFF_TIMEOUT_S = 6.0
 HOLD_TIMEOUT_S = 15.0
 PATH_END_TIMEOUT_S = 15.0
 _CLIMB_TIMEOUT_S = 40.0
-_PATIENCE = 3.0  # a climb may also take so many times the duration that was planned
-# The legs are free of the ground. Until then the vehicle hardly leans, and wind carries it along:
-# in 3 m/s up to 1.4 m with a drag of 1/s, when this was 0.12 m.
+_PATIENCE = 3.0  # a climb may also take this many times its planned duration
+# Height at which the landing gear has left the ground. Before that the vehicle hardly tilts, and
+# wind carries it along: with 0.12 m here, by up to 1.4 m in 3 m/s of wind with a drag of 1/s.
 _LIFTED_M = 0.05
 _ARRIVED_S = 0.5
 _MOVED_BY_GUSTS_S = 3.0
 _REST_S = 0.3
 
 # landing
-_BEGUN_S = 0.3  # of a descent, before which nothing counts as its end
-_LATE_DESCENT_S = 1.0  # after the time that was planned for it
-_LOWER_FLOOR_S = 3.0  # likewise
+_BEGUN_S = 0.3  # in the first moments of a descent nothing counts as its end
+_LATE_DESCENT_S = 1.0  # a descent is late by this much after its planned end
+_LOWER_FLOOR_S = 3.0  # so long after its planned end, the ground must be lower than expected
 _CONTACT_HEIGHT_M = 0.06
-_FEELS_WITHIN_M = 0.3  # of the height from which it feels for the ground
+_FEELS_WITHIN_M = 0.3  # distance from the height at which the slow part of a landing begins
 _FALLEN_M = 0.10
 _FALLING_M_S = -0.3
-_KEPT_OFF_M = 0.5
+_KEPT_OFF_M = 0.5  # horizontal distance from the goal of a descent
 _KEPT_OFF_S = 2.0
 _SINKS_M_S = -0.5
-_DISARM_AFTER_S = 4.0
-_DISARM_AFTER_SEEN_S = 0.5
+_DISARM_AFTER_S = 4.0  # PX4 disarms by itself within this time
+_DISARM_AFTER_SEEN_S = 0.5  # the same, once PX4 reports the ground
 
 # landing by dead reckoning
 _BLIND_BEGUN_S = 0.6
@@ -60,7 +60,7 @@ _PX4_SINKS_M_S = 0.5  # at least: MPC_LAND_SPEED is 0.7 m/s
 
 
 def _is_confirmed(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether a heartbeat has come since this step began; older ones do not count."""
+    """Return whether PX4's newest heartbeat has come since this step began."""
     return view.snapshot.heartbeat_ns > flight.step_ns
 
 
@@ -69,8 +69,8 @@ def _is_confirmed(flight: FlightContext, view: FlightView) -> bool:
 
 def px4_confirms_offboard(flight: FlightContext, view: FlightView) -> bool:
     """Return whether a heartbeat since the step began says OFFBOARD."""
-    is_said = view.snapshot.is_offboard and _is_confirmed(flight, view)
-    return is_said and flight.seconds(view) > _LEAST_OFFBOARD_S
+    is_offboard = view.snapshot.is_offboard and _is_confirmed(flight, view)
+    return is_offboard and flight.seconds(view) > _LEAST_OFFBOARD_S
 
 
 def px4_confirms_armed(flight: FlightContext, view: FlightView) -> bool:
@@ -84,7 +84,7 @@ def px4_confirms_disarmed(flight: FlightContext, view: FlightView) -> bool:
 
 
 def px4_stays_disarmed(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether a heartbeat says disarmed when older requests to arm have had their effect."""
+    """Return whether PX4 says disarmed at a time when earlier requests to arm have had effect."""
     later_ns = view.snapshot.heartbeat_ns - flight.step_ns
     return not view.snapshot.is_armed and later_ns > 1e9 * _ARM_ON_ITS_WAY_S
 
@@ -150,24 +150,25 @@ def lifted_off(flight: FlightContext, view: FlightView) -> bool:
 
 
 def climbs_on(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether half of the first leg is flown, where the ordered height lies above it.
+    """Return whether half of the first leg of a climb is flown, and a second leg follows.
 
-    There the leg is at its fastest and does not accelerate: the next one goes on with that speed.
+    In the middle the leg is at its top speed and does not accelerate. The second leg continues with
+    that speed.
     """
     is_above = takeoff_height_m(flight.order) > flight.goal_position_enu_m[2]
     return is_above and view.position_enu_m[2] > flight.ground_z_m + 0.5 * LIFT_M
 
 
 def lift_off_late(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether it should have lifted off long since."""
+    """Return whether it has not lifted off in time."""
     return flight.seconds(view) > LIFTOFF_TIMEOUT_S
 
 
 def arrived(flight: FlightContext, view: FlightView) -> bool:
     """Return whether it has been at its goal for half a second.
 
-    Gusts move a vehicle that has arrived, so they widen its goal. It says that it has arrived while
-    it is as near as in calm air, and after some seconds wherever it is in the wider goal.
+    Gusts move a vehicle that has arrived, so its goal is wider in gusts. It has arrived as soon as
+    it is as near as in calm air, or after some seconds anywhere in the wider goal.
     """
     at_goal_s = flight.steady_s(view)
     if at_goal_s > _MOVED_BY_GUSTS_S:
@@ -176,7 +177,7 @@ def arrived(flight: FlightContext, view: FlightView) -> bool:
 
 
 def arrived_to_land(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether it has arrived where its order has it land."""
+    """Return whether it has arrived, and its order is to land there."""
     order = flight.order
     return order is not None and order.then_land and arrived(flight, view)
 
@@ -187,22 +188,22 @@ def path_ended(flight: FlightContext, view: FlightView) -> bool:
 
 
 def path_skipped(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether an order has it skip the rest of its path."""
+    """Return whether an order requests that it skips the rest of its path."""
     return flight.path.is_skipped
 
 
 def path_late(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether the vehicle should have been at the end of its path long since."""
+    """Return whether the path ended long ago, without the vehicle at its end."""
     return flight.path.left_s < -PATH_END_TIMEOUT_S
 
 
 def left_behind_to_land(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether it is behind its path for so long that it leaves the others, by landing."""
+    """Return whether it has been behind its path for too long, and has to land for that."""
     return flight.path.is_lost and flight.path.on_lag == "land"
 
 
 def left_behind(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether it is behind its path for so long that it leaves the others."""
+    """Return whether it has been behind its path for too long, and has to leave the show."""
     return flight.path.is_lost
 
 
@@ -212,7 +213,7 @@ def at_goal(flight: FlightContext, view: FlightView) -> bool:
 
 
 def climb_late(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether it should have been at its height long since."""
+    """Return whether it has not reached its height in time."""
     limit_s = max(_CLIMB_TIMEOUT_S, _PATIENCE * flight.goal.duration_s)
     return flight.seconds(view) > limit_s
 
@@ -223,7 +224,7 @@ def at_rest(flight: FlightContext, view: FlightView) -> bool:
 
 
 def rest_late(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether it should have come to rest long since."""
+    """Return whether it has not come to rest in time."""
     return flight.seconds(view) > HOLD_TIMEOUT_S
 
 
@@ -285,18 +286,18 @@ def sees_again(flight: FlightContext, view: FlightView) -> bool:
 
 
 def falls(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether it sinks from where it seemed to stand: it did not stand."""
+    """Return whether it falls from the height of its contact, so that it did not stand there."""
     fallen_m = flight.contact_z_m - view.position_enu_m[2]
     return fallen_m > _FALLEN_M and view.velocity_enu_m_s[2] < _FALLING_M_S
 
 
 def is_kept_off(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether others keep it from where it wanted to land: it stands still beside that."""
+    """Return whether others keep it away from its landing spot, so that it rests beside it."""
     return flight.steady_s(view) > _KEPT_OFF_S
 
 
 def feels_for_ground(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether it sinks slowly until it stands, because its height may read wrong."""
+    """Return whether it is in the slow part of a landing, because its height may be wrong."""
     if flight.vehicle.mocap_required:
         return False
     if flight.goal.is_on_path:
@@ -328,15 +329,14 @@ def landed_by_order(flight: FlightContext, view: FlightView) -> bool:
 def landed(flight: FlightContext, view: FlightView) -> bool:
     """Return whether PX4 confirms that it is disarmed on the ground.
 
-    Where PX4 reports no landed state, disarmed is enough: by itself, or by order, it disarms on the
-    ground only.
+    If PX4 reports no landed state, disarmed is enough, because PX4 disarms on the ground only.
     """
     is_down = view.was_on_ground or not view.has_landed_report
     return is_down and px4_confirms_disarmed(flight, view)
 
 
 def px4_should_have_disarmed(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether PX4 sees that it is down, or had the time to disarm by itself."""
+    """Return whether PX4 has had the time to disarm by itself; less if it reports the ground."""
     limit_s = _DISARM_AFTER_SEEN_S if view.is_on_ground else _DISARM_AFTER_S
     return flight.seconds(view) > limit_s
 
@@ -365,9 +365,10 @@ def px4_hears_sticks(flight: FlightContext, view: FlightView) -> bool:
 
 
 def px4_does_not_land(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether PX4 is in another mode, and in the air.
+    """Return whether PX4 is in another mode than LAND, and does not report the ground.
 
-    Beside a pilot's sticks a mode from before this step does not count: he may have taken over.
+    If PX4 hears sticks, only a mode that was reported since this step began counts: the pilot may
+    have taken over.
     """
     is_known = _is_confirmed(flight, view) or flight.seconds(view) > _MODE_KNOWN_S
     if view.hears_sticks and not is_known:
@@ -381,7 +382,7 @@ def px4_refuses_to_land(flight: FlightContext, view: FlightView) -> bool:
 
 
 def px4_landing_late(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether PX4 should have landed long since, and even from where it is now."""
+    """Return whether PX4's landing has taken too long, given the height that is left."""
     left_m = 0.0
     if view.has_position:
         left_m = max(0.0, view.position_enu_m[2] - flight.ground_z_m)
@@ -392,7 +393,7 @@ def px4_landing_late(flight: FlightContext, view: FlightView) -> bool:
 
 
 def is_steady(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether what the step waits for holds at this tick."""
+    """Return whether the condition that the step waits for holds at this tick."""
     match flight.step:
         case FlightStep.CLIMB:
             return at_goal(flight, view)
@@ -408,7 +409,7 @@ def is_steady(flight: FlightContext, view: FlightView) -> bool:
 
 
 def _is_kept_beside_its_goal(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether a vehicle that lands stands in the air beside where it wants to land."""
+    """Return whether a landing vehicle stands still in the air, beside its landing spot."""
     x, y, _ = view.position_enu_m
     goal_x, goal_y, _ = flight.goal_position_enu_m
     is_beside = math.hypot(goal_x - x, goal_y - y) > _KEPT_OFF_M

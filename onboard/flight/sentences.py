@@ -1,4 +1,4 @@
-"""Sentences for people that the flight table names. Pure."""
+"""Sentences for people: reasons of steps and ends of orders, which the flight table names. Pure."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def killed(flight: FlightContext, view: FlightView) -> str:
 
 
 def killed_in_the_air(flight: FlightContext, view: FlightView) -> str:
-    """Return the sentence about motors that an order stops in the air, with its author and node."""
+    """Return the sentence about a kill in the air, with the order's author and node."""
     order = flight.order
     if order is None:
         return ""
@@ -45,7 +45,7 @@ def killed_in_the_air(flight: FlightContext, view: FlightView) -> str:
 
 
 def ordered_or_killed(flight: FlightContext, view: FlightView) -> str:
-    """Return the reason of a landing by order; a kill before it stays the reason."""
+    """Return the reason of an ordered landing; after a kill, the kill stays the reason."""
     if flight.was_killed:
         return flight.reason
     return "ordered"
@@ -57,7 +57,7 @@ def falls_by_kill(flight: FlightContext, view: FlightView) -> str:
 
 
 def lands_unless_killed(flight: FlightContext) -> str:
-    """Return what an order to land leads to after a kill."""
+    """Return the sentence that says what an order to land does after a kill."""
     return f"{flight.reason} It falls; PX4 lands it only if the kill did not reach its motors."
 
 
@@ -77,7 +77,7 @@ def disabled(flight: FlightContext) -> str:
 
 
 def stands_in(flight: FlightContext) -> str:
-    """Return from whose place a vehicle takes part in flights."""
+    """Return the sentence that says whose place in the fleet a vehicle has."""
     name = flight.vehicle.name
     if not flight.stands_in_for:
         return f"{name} takes part in flights, from its own place."
@@ -85,7 +85,7 @@ def stands_in(flight: FlightContext) -> str:
 
 
 def has_stand_in(name: str, other: str) -> str:
-    """Return why a vehicle takes no part: another one has its place."""
+    """Return the sentence that another vehicle has this one's place in the fleet."""
     return f"{other} stands in for {name}: order swap {other} {name} to fly {name} again."
 
 
@@ -104,7 +104,7 @@ def not_armed(flight: FlightContext, view: FlightView) -> str:
 
 
 def _px4_words(flight: FlightContext, view: FlightView) -> str:
-    """Return PX4's newest own words; empty where it has said nothing since the step began."""
+    """Return PX4's newest status text; empty if none has come since the step began."""
     if view.snapshot.status_text_ns > flight.step_ns:
         return view.snapshot.status_text
     return ""
@@ -140,12 +140,12 @@ def left_behind(flight: FlightContext, view: FlightView) -> str:
 
 
 def paused(flight: FlightContext, view: FlightView) -> str:
-    """Return the end of an order to pause, with what the battery leaves for it."""
+    """Return the end of an order to pause, with the state of the battery."""
     return f"Pausing at {flight.path.time_s:.1f} s of its path. {_battery_words(flight, view)}"
 
 
 def _battery_words(flight: FlightContext, view: FlightView) -> str:
-    """Return what the battery leaves for a pause."""
+    """Return the sentence about the charge, and the charge at which the vehicle lands."""
     left_pct = 100.0 * view.snapshot.battery_frac
     land_pct = flight.fleet.fleet.battery_land_pct
     return f"The battery has {left_pct:.0f} %; at {land_pct:g} % it lands."
@@ -182,14 +182,14 @@ def holding(flight: FlightContext, view: FlightView) -> str:
 
 
 def landed_as_ordered(flight: FlightContext, view: FlightView) -> str:
-    """Return the end of an order that has brought the vehicle down."""
+    """Return the end of an order that has landed the vehicle."""
     if flight.reason == LANDS_TO_DISARM:
         return f"It had left the ground and landed at once. {LANDED}"
     return LANDED
 
 
 def why_landed(flight: FlightContext, view: FlightView) -> str:
-    """Return the reason why another order than to land ended with a landing."""
+    """Return the reason why an order other than `land` ended with a landing."""
     return flight.reason or "Landed."
 
 

@@ -1,10 +1,11 @@
-"""The state machine of a flight: applies the rows of the flight table, and alone writes the step.
+"""The state machine of a flight: applies the rows of the flight table. Only it writes the step.
 
-An order or an action of the failsafe table begins something; :func:`advance` moves it on at each
-tick by what telemetry and estimate say. Each of these is a FlightEvent. Of the table's rows for the
-step and the event the first counts whose predicate holds, and :func:`_apply` carries it out.
+An order begins a step, and so does an action of the failsafe table. :func:`advance` goes on to the
+next step at a tick, when telemetry and estimate allow it. All of these are FlightEvents. For an
+event, :func:`_match` finds the first row of the step whose predicate holds, and :func:`_apply`
+carries it out.
 
-Requests to PX4 and events for people collect in the context until the core takes them.
+Requests to PX4 and events for people are collected in the context until the core takes them.
 """
 
 from __future__ import annotations
@@ -18,16 +19,18 @@ from onboard.flight.predicates import is_steady
 from onboard.flight.types import FlightEvent, FlightStep, FlightView
 from onboard.safety.failsafe_table import Action
 
-_REPEAT_NS = 1_200_000_000  # PX4 may have missed a request, or have refused it for now
+# time after which a request is repeated: PX4 may have missed it, or refused it at that moment
+_REPEAT_NS = 1_200_000_000
 
-# A vehicle may still rise when its landing begins: that is no sign that it does not come down.
+# A vehicle may still climb when its landing begins. In this time its lowest height is not updated
+# while it climbs, so that the climb does not count as a failed landing.
 _STILL_CLIMBING_S = 1.0
 
 _EVENT_OF_ORDER = {event.value.removeprefix("order "): event for event in FlightEvent}
 _EVENT_OF_ACTION = {
     Action.SLOW: FlightEvent.FAILSAFE_SLOW,
     Action.HOLD: FlightEvent.FAILSAFE_HOLD,
-    # a level setpoint is for one tick, and whoever sends it decides on it; the flight holds
+    # the level setpoint is for one tick and is chosen when it is sent; the flight itself holds
     Action.LEVEL: FlightEvent.FAILSAFE_HOLD,
     Action.LAND: FlightEvent.FAILSAFE_LAND,
     Action.PX4_LAND: FlightEvent.FAILSAFE_PX4_LAND,
@@ -45,7 +48,7 @@ def accepts(step: FlightStep, order_kind: str) -> bool:
 
 
 def begin_order(flight: FlightContext, view: FlightView, order: Order) -> None:
-    """Begin an order that order_checks.py has not refused; it ends the one in progress."""
+    """Begin an order that order_checks.py has accepted, and end the order in progress."""
     row = _match(flight, view, _EVENT_OF_ORDER[order.kind])
     if row is None:
         return
@@ -58,15 +61,15 @@ def begin_order(flight: FlightContext, view: FlightView, order: Order) -> None:
 
 
 def locate(flight: FlightContext, view: FlightView, order: Order) -> None:
-    """Show which vehicle this is; whatever it does goes on."""
+    """Play a tune that shows which vehicle this is. The flight goes on unchanged."""
     flight.commands.append(PlayTune())
 
-    # PX4 acknowledges no tune, so nobody can say that it was heard.
+    # PX4 does not acknowledge a tune, so the sentence cannot say that it was played
     flight.say(view, "info", "identify", sentences.LOCATED, order.order_id, "done")
 
 
 def load_path(flight: FlightContext, view: FlightView, order: Order) -> None:
-    """Take a part of a path; whatever the vehicle does goes on."""
+    """Take a part of a path. The flight goes on unchanged."""
     part = order.path
     assert part is not None
     flight.path.load(part)
@@ -76,10 +79,10 @@ def load_path(flight: FlightContext, view: FlightView, order: Order) -> None:
 
 
 def change_path(flight: FlightContext, view: FlightView, order: Order) -> None:
-    """Stop the clock of the path that is followed, let it go on, or skip the rest of the path.
+    """Pause or resume the path that is followed, or skip the rest of it.
 
-    No order ends by it: the one to follow the path goes on. Who follows another vehicle holds, and
-    goes on or not, in the same way.
+    The order to follow the path stays in progress. The same three orders pause, resume or end the
+    following of another vehicle.
     """
     if flight.followed:
         sentence = _change_following(flight, view, order)
@@ -96,7 +99,7 @@ def change_path(flight: FlightContext, view: FlightView, order: Order) -> None:
 
 
 def _change_following(flight: FlightContext, view: FlightView, order: Order) -> str:
-    """Hold a vehicle that follows another one, let it go on, or end it here; return the answer."""
+    """Pause, resume or end the following of another vehicle; return the sentence of the reply."""
     follow = flight.follow
     if order.kind == "resume":
         follow.is_paused = False
@@ -115,9 +118,9 @@ def _change_following(flight: FlightContext, view: FlightView, order: Order) -> 
 
 
 def change_service(flight: FlightContext, view: FlightView, order: Order) -> None:
-    """Take the vehicle out of service, or back, or have it stand in for another one.
+    """Take the vehicle out of service or back into it, or let it stand in for another one.
 
-    It goes on being seen and avoided.
+    The others see and avoid a vehicle that is out of service, too.
     """
     if order.kind == "disable":
         flight.disabled_by = order.author or "nobody named"
@@ -143,14 +146,14 @@ def begin_failsafe(
     cause: str,
     outcome: OrderOutcome = "failed",
 ) -> None:
-    """Take an action of the failsafe table, if it demands more than is done already.
+    """Carry out an action of the failsafe table, if the flight table has a row for it.
 
     Args:
-        flight: of this vehicle.
-        view: of this tick.
-        action: of the failsafe table.
-        cause: reason in a sentence, shown beside the state.
-        outcome: end of the order in progress; to fly slowly ends none.
+        flight: flight of this vehicle.
+        view: what the flight sees at this tick.
+        action: action of the failsafe table.
+        cause: reason of the action in a sentence, shown beside the state.
+        outcome: outcome of the order in progress, if the action ends it. SLOW ends no order.
     """
     event = _EVENT_OF_ACTION.get(action)
     if event is None:
@@ -177,7 +180,7 @@ def preflight_checked(flight: FlightContext, view: FlightView, is_ready: bool) -
 
 
 def advance(flight: FlightContext, view: FlightView) -> None:
-    """Move on by what telemetry and estimate say now."""
+    """Update the signs and times of this tick, and go on to the next step if one is due."""
     flight.contact = contact.observe(flight.contact, view, flight.vehicle.mocap_required)
 
     height_m = view.position_enu_m[2]
@@ -202,9 +205,9 @@ def _match(flight: FlightContext, view: FlightView, event: FlightEvent) -> Row |
 
 
 def _apply(flight: FlightContext, view: FlightView, row: Row, cause: str = "") -> None:
-    """Carry out a row: end the order, speak, begin the next step, request something of PX4.
+    """Carry out a row: end the order, report, begin the next step, and send its request to PX4.
 
-    The texts are written before the step changes: they speak of the one that ends.
+    All texts are composed before the step changes, because they describe the step that ends.
     """
     reason = flight.reason
     if row.reason is not None:
@@ -229,14 +232,14 @@ def _apply(flight: FlightContext, view: FlightView, row: Row, cause: str = "") -
         is_due = view.now_ns - flight.request_ns > _REPEAT_NS
         if row.to is not None or is_due:
             flight.commands.append(row.request)
-            # a question does not delay what its answer calls for
+            # a request for a heartbeat must not delay the request that its answer leads to
             if not isinstance(row.request, RequestHeartbeat):
                 flight.request_ns = view.now_ns
 
 
 def _begin_step(flight: FlightContext, view: FlightView, step: FlightStep) -> None:
     if flight.step is FlightStep.PATH and step is not FlightStep.PATH:
-        flight.path.show_id = ""  # the others do not wait for it any more
+        flight.path.show_id = ""  # the other vehicles of the show do not wait for it any more
 
     flight.step = step
     flight.step_ns = view.now_ns

@@ -1,9 +1,8 @@
 """Refusals of a takeover, in which an agent begins to fly a vehicle that is in the air. Pure.
 
-An agent may find its vehicle in the air when it starts, or may have lost it to PX4. It has not seen
-how the vehicle got there, and two hands on one vehicle are worse than PX4's own hold, which a pilot
-can end. So it sends nothing until an operator orders hold, and takes the vehicle over from PX4's
-hold only. The flight then goes on from where the vehicle stands.
+A vehicle may be in the air when its agent starts, or the agent may have lost it to PX4. Somebody
+else may be flying it, so the agent sends nothing until an operator orders hold. It then takes the
+vehicle over, but from PX4's own hold only. The flight goes on from the present position.
 """
 
 from __future__ import annotations
@@ -16,10 +15,10 @@ from onboard.config.fleet import FleetConfig
 from onboard.config.flight_space import flight_space_of
 from onboard.flight.types import FlightView
 
-HOLD = "HOLD"  # PX4's mode
+HOLD = "HOLD"  # name of PX4's mode
 
-# Rules of the preflight page that hold in the air as well; the others are about standing on the
-# ground.
+# The preflight rules that a takeover in the air has to pass, too. The other rules are about a
+# vehicle on the ground.
 RULES = (
     "px4",
     "link",
@@ -45,9 +44,9 @@ def refusal(
     """Return the reason why the vehicle cannot be taken over now, or None.
 
     Args:
-        view: of this tick.
-        not_ready: reasons of the preflight rules above.
-        distances_m: separations from the others.
+        view: what the flight sees at this tick.
+        not_ready: reasons of the rules in RULES that are not passed.
+        distances_m: separation from each other vehicle.
         fleet: the fleet file.
     """
     snapshot = view.snapshot

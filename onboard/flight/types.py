@@ -1,7 +1,7 @@
-"""Where in the flight a vehicle is, what moves it on, and what a flight sees at one tick.
+"""Types of a flight: its steps, the events that change the step, and its inputs at one tick.
 
-Four words say where in the flight a vehicle is. They are four views of one value, so that they
-cannot contradict each other:
+Four words describe the progress of a flight. All four follow from the step, so that they cannot
+contradict each other:
 
     FlightStep    what the flight waits for: "climb", "descent", "waiting to be armed". It is the
                   state of the state machine, the only one that is stored; the table in
@@ -13,11 +13,11 @@ cannot contradict each other:
     ControlMode   what the pipeline computes: thrust on the ground, a lift-off, a flight under the
                   law, a landing, a flight by dead reckoning (control/control_mode.py).
 
-    AgentState    the word for people and for other programs: "holding", "landing". It goes out
-                  with telemetry (bus/schema.py), and several steps share one.
+    AgentState    the word for people and for other programs: "holding", "landing". Telemetry
+                  publishes it (bus/schema.py), and several steps share one.
 
-A row of FlightStep names the other three. Whoever wants to know more of a flight adds a step, or a
-property of FlightContext; there is no fifth word.
+Each row of FlightStep names the other three. If more has to be known about a flight, add a step or
+a property of FlightContext, and no fifth word.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ _LANDED_FRESH_NS = 1_500_000_000  # PX4 reports it 5 to 10 times a second
 class FlightStep(Enum):
     """Steps of a flight.
 
-    The columns: state and text for people, situation for failsafes, mode for the pipeline, and
-    whether setpoints leave at every tick.
+    The columns are: state and text for people, situation for the failsafe table, control mode for
+    the pipeline, and ``is_streaming``, whether setpoints are sent to PX4 at every tick.
     """
 
-    __hash__ = object.__hash__  # Enum's own costs a call of Python for each look-up
+    __hash__ = object.__hash__  # faster: Enum's own hash is a Python function
 
     WAITING = "waiting", "", S.GROUND, M.GROUND, False
     READY = "ready", "", S.GROUND, M.GROUND, False
@@ -91,16 +91,16 @@ class FlightStep(Enum):
         self.control_mode = control_mode
         self.is_streaming = is_streaming
 
-        # what is flown is the pipeline's output
+        # whether the vehicle flies the output of the pipeline, and so of the avoidance law
         self.is_under_law = is_streaming and control_mode is not ControlMode.GROUND
 
 
 _NOT_YET_OFFBOARD = {FlightStep.ARM_OFFBOARD, FlightStep.TAKEOFF_OFFBOARD, FlightStep.TAKEOVER}
 
-# Steps in which a heartbeat with another mode shows that somebody took the vehicle away.
+# In these steps a heartbeat with another mode means that somebody else has taken the vehicle.
 MUST_BE_OFFBOARD = {step for step in FlightStep if step.is_streaming} - _NOT_YET_OFFBOARD
 
-# Steps in which a heartbeat without the armed flag shows motors that were stopped in the air.
+# In these steps a heartbeat without the armed flag means that the motors were stopped in the air.
 MUST_BE_ARMED = {
     FlightStep.LIFTOFF,
     FlightStep.CLIMB,
@@ -113,7 +113,7 @@ MUST_BE_ARMED = {
 
 
 class FlightEvent(Enum):
-    """What may move a flight on: an order, a failsafe's action, the preflight check, or a tick."""
+    """What may change the step: an order, a failsafe's action, the preflight check, or a tick."""
 
     __hash__ = object.__hash__  # as above
 
@@ -138,18 +138,18 @@ class FlightEvent(Enum):
 
 
 class FlightView(Struct, frozen=True):
-    """Facts that a flight decides on at one tick."""
+    """What a flight knows of its vehicle at one tick."""
 
     now_ns: int
     position_enu_m: Xyz  # in the fleet's frame
     velocity_enu_m_s: Xyz
-    has_position: bool  # the position is known now, if only by dead reckoning
-    snapshot: Snapshot  # of PX4
-    thrust_share: float = 1.0  # thrust sent last over the thrust that carries the vehicle
-    # of the others that fly the same show; None: not compared at this tick
+    has_position: bool  # whether the position is known, from poses or by dead reckoning
+    snapshot: Snapshot  # newest reports of PX4
+    thrust_share: float = 1.0  # thrust of the last setpoint over the hover thrust
+    # clocks of the other vehicles of the same show; None: they are not compared at this tick
     other_clocks: tuple[OtherClock, ...] | None = None
-    period_s: float = TICK_S  # since the last tick
-    is_blind: bool = False  # position and velocity come from dead reckoning
+    period_s: float = TICK_S  # time since the last tick
+    is_blind: bool = False  # whether position and velocity come from dead reckoning
     yaw_rad: float = math.nan  # heading, counterclockwise from east; NaN: not known
     position_age_s: float = math.inf  # age of the newest sample that the estimate has used
     attitude_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)  # in the fleet's frame
@@ -157,12 +157,12 @@ class FlightView(Struct, frozen=True):
 
     @property
     def has_landed_report(self) -> bool:
-        """Whether PX4 has reported lately whether it is on the ground."""
+        """Whether PX4's last report of its landed state is recent."""
         return self.now_ns - self.snapshot.landed_ns < _LANDED_FRESH_NS
 
     @property
     def is_on_ground(self) -> bool:
-        """Whether PX4 reports the ground, and the report is not old."""
+        """Whether PX4 reports the ground, in a recent report."""
         return self.has_landed_report and self.snapshot.landed is Landed.ON_GROUND
 
     @property

@@ -1,26 +1,27 @@
 """Detects two agents that publish under one name.
 
-Every start of an agent has a boot id, and a restarted agent never publishes with an earlier one.
-Two agents of one vehicle on different hosts are not connected to each other, but both to the rest
-of the fleet. Therefore an agent that hears two agents under one name says so in its telemetry, and
-the two learn of each other from that.
+Every start of an agent has a new boot id, so a restarted agent never publishes with an earlier one.
+If an earlier boot id is heard again, two agents are running. Two agents of one vehicle are not
+connected to each other, but each is connected to the rest of the fleet. Therefore an agent that
+hears both reports it in its telemetry, and the two learn of each other from that.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-_DOUBLED_FOR_NS = 2_000_000_000
-_MAX_BOOT_IDS = 16
+_DOUBLED_FOR_NS = 2_000_000_000  # a name counts as doubled for this time
+_MAX_BOOT_IDS = 16  # number of earlier boot ids of a name that are remembered
 
 
 @dataclass(slots=True)
 class DuplicateAgents:
-    """Boot ids of every name."""
+    """Memory of the boot ids under every name."""
 
-    _newest: dict[str, int] = field(default_factory=dict)
-    _before: dict[str, list[int]] = field(default_factory=dict)
-    _doubled_ns: dict[str, int] = field(default_factory=dict)  # when an earlier one was heard again
+    _newest: dict[str, int] = field(default_factory=dict)  # name -> newest boot id
+    _before: dict[str, list[int]] = field(default_factory=dict)  # name -> earlier boot ids
+    # name -> last time at which an earlier boot id was heard again
+    _doubled_ns: dict[str, int] = field(default_factory=dict)
 
     def hear(self, name: str, boot_id: int, received_ns: int) -> None:
         """Take the boot id of a message."""

@@ -1,24 +1,23 @@
-"""Neighbours that we rely on less than on the others, and what follows from that.
+"""Neighbours that are trusted less than others, and how they are avoided.
 
-Supervision judges what each neighbour says; three states follow from that, each with an effect of
-its own on how the neighbour is avoided:
+Supervision compares each neighbour's messages with other sources. A neighbour may be in three
+states, each with its own effect on avoidance:
 
-    watched          something contradicts it, or did some seconds ago. The mocap poses of its body
-                     are received, so that there is something to compare its word with. It still
-                     counts where it says.
+    watched          Something contradicts its messages, or did so some seconds ago. The mocap poses
+                     of its body are received, to compare its messages with them. It is still
+                     avoided at the position in its messages.
 
-    contradicted     it was contradicted more often than a mistake explains. It counts where it says
-                     or where the mocap sees it, whichever is nearer to us, as airborne and without
-                     any promise. When it falls silent it counts where the mocap sees it, as
-                     any other: what it said last, true or not, stays behind.
+    contradicted     It was contradicted more often than a mistake explains. It is avoided at the
+                     position in its messages or at the mocap's, whichever is nearer to us, as an
+                     airborne vehicle that does not cooperate. Once it is silent, it is avoided at
+                     the mocap's position like any other silent neighbour.
 
-    not cooperating  its announcement that it cooperates does not count, so we go aside alone. In
-                     this state is whoever is contradicted, flies otherwise than it predicts, or
-                     has another configuration than we.
+    not cooperating  Its announcement that it cooperates does not count, so this vehicle does all
+                     the avoiding. A neighbour is in this state if it is contradicted, does not fly
+                     as it predicts, or has another configuration than this vehicle.
 
-Nobody knows which of two contradicting sources is wrong: a vehicle lies or is mistaken, or the
-motion capture takes a body for another. Whoever keeps away from the nearer of both positions keeps
-away from the other as well.
+It is not known which of two contradicting sources is wrong: a vehicle may lie or be mistaken, or
+the motion capture may confuse two bodies. So the nearer of both positions counts.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ from onboard.neighbours.state_arrays import (
 )
 from onboard.tuples import Xyz
 
-_SEEN_FOR_S = 0.25  # a tracked motion that is older does not count any more
+_SEEN_FOR_S = 0.25  # a motion by the mocap that is older does not count
 
 
 class _Row(NamedTuple):
@@ -50,50 +49,51 @@ class _Row(NamedTuple):
 
 @dataclass(slots=True)
 class JudgedNeighbours:
-    """The neighbours in each of the three states, by index, and what they said last."""
+    """The neighbours in each of the three states, by index."""
 
     watched: set[int] = field(default_factory=set)
     contradicted: set[int] = field(default_factory=set)
     not_cooperating: set[int] = field(default_factory=set)
-    # newest position of each body by the mocap, also of those that nothing contradicts
+    # newest mocap position of each neighbour's body, whatever its state
     seen: dict[int, Seen] = field(default_factory=dict)
-    # newest message of each that is contradicted: its row in the arrays may be the mocap's
-    _said: dict[int, _Row] = field(default_factory=dict)
+    # newest message of each contradicted neighbour, because its row in the arrays may hold the
+    # mocap's motion instead
+    _messages: dict[int, _Row] = field(default_factory=dict)
 
     def set_watched(self, index: int, is_watched: bool) -> None:
-        """Have a neighbour's body watched, or not."""
+        """Begin or end to watch a neighbour's body."""
         if is_watched:
             self.watched.add(index)
         else:
             self.watched.discard(index)
 
     def set_contradicted(self, index: int, is_contradicted: bool) -> None:
-        """Let the nearer of two positions of a neighbour count, or the one that it says."""
+        """Set whether a neighbour is contradicted."""
         if is_contradicted:
             self.contradicted.add(index)
         else:
             self.contradicted.discard(index)
-            self._said.pop(index, None)
+            self._messages.pop(index, None)
 
     def set_not_cooperating(self, index: int, is_not_cooperating: bool) -> None:
-        """Let a neighbour's announcement that it cooperates not count, or count again."""
+        """Set whether a neighbour's announcement that it cooperates is ignored."""
         if is_not_cooperating:
             self.not_cooperating.add(index)
         else:
             self.not_cooperating.discard(index)
 
     def claim(self, arrays: NeighbourArrays, index: int) -> Claim | None:
-        """Return what a neighbour says of itself; None while it says nothing."""
+        """Return a neighbour's motion by its newest message; None if there is none."""
         if index in self.contradicted:
-            said = self._newest_said(arrays, index)
+            message = self._kept_message(arrays, index)
         else:
-            said = _newest_message(arrays, index)
-        if said is None:
+            message = _newest_message(arrays, index)
+        if message is None:
             return None
 
-        numbers = said.numbers
+        numbers = message.numbers
         return Claim(
-            stamp_ns=said.stamp_ns,
+            stamp_ns=message.stamp_ns,
             position_enu_m=_vector(numbers, "position_enu_m"),
             velocity_enu_m_s=_vector(numbers, "velocity_enu_m_s"),
             predicted_position_enu_m=_vector(numbers, "predicted_position_enu_m"),
@@ -111,14 +111,14 @@ class JudgedNeighbours:
         *,
         silent_after_s: float,
     ) -> None:
-        """Write into the arrays where each contradicted neighbour counts, without any promise.
+        """Write the position at which each contradicted neighbour is avoided into the arrays.
 
         Args:
-            arrays: of all neighbours.
+            arrays: arrays of all neighbours.
             trackers: motions of the watched bodies, by index.
             own_enu_m: our position [m].
             now_ns: our clock.
-            silent_after_s: age of a message from which on it counts only without a mocap pose.
+            silent_after_s: a message older than this counts only if there is no mocap pose.
         """
         for index in self.contradicted:
             candidates: list[_Row] = []
@@ -127,29 +127,28 @@ class JudgedNeighbours:
                 stamp_ns = min(tracker.stamp_ns, now_ns)
                 candidates.append(_Row(stamp_ns, tracked_numbers(tracker)))
 
-            said = self._newest_said(arrays, index)
-            if said is not None:
-                is_silent = (now_ns - said.stamp_ns) * 1e-9 > silent_after_s
+            message = self._kept_message(arrays, index)
+            if message is not None:
+                is_silent = (now_ns - message.stamp_ns) * 1e-9 > silent_after_s
                 if not (is_silent and candidates):
-                    candidates.append(said)
+                    candidates.append(message)
 
             if candidates:
                 nearest = min(candidates, key=lambda row: math.dist(row.numbers[:2], own_enu_m[:2]))
-                # It may say that it stands on the ground: nothing is left to its word, so it
-                # counts as airborne.
+                # airborne, not cooperative, and announcing nothing, whatever its message says
                 flags = (True, False, False)
                 arrays.set_state(index, nearest.stamp_ns, nearest.numbers, flags)
 
-    def _newest_said(self, arrays: NeighbourArrays, index: int) -> _Row | None:
-        """Return a contradicted neighbour's newest message, also when the mocap took its row."""
+    def _kept_message(self, arrays: NeighbourArrays, index: int) -> _Row | None:
+        """Return a contradicted neighbour's newest message, also if its row is the mocap's."""
         newest = _newest_message(arrays, index)
         if newest is not None:
-            self._said[index] = newest
-        return self._said.get(index)
+            self._messages[index] = newest
+        return self._messages.get(index)
 
 
 def tracked_numbers(tracker: BodyTracker) -> tuple[float, ...]:
-    """Return the row of a neighbour that is where the mocap sees it, and promises nothing."""
+    """Return the row of a neighbour by its mocap motion, without commands and predictions."""
     position_enu_m = tracker.position_enu_m
     velocity_enu_m_s = tracker.velocity_enu_m_s
     no_command_enu_m_s2 = (0.0, 0.0, 0.0)
@@ -175,7 +174,7 @@ def tracked_numbers(tracker: BodyTracker) -> tuple[float, ...]:
 
 
 def _newest_message(arrays: NeighbourArrays, index: int) -> _Row | None:
-    """Return a neighbour's row if it is of a message, and not of the motion capture."""
+    """Return a neighbour's row if it comes from a message and not from the motion capture."""
     heard_ns = int(arrays.heard_ns[index])
     if not heard_ns or heard_ns != arrays.stamp_ns[index]:
         return None

@@ -1,7 +1,8 @@
-"""Position and velocity of a silent neighbour from its mocap poses, by a simple filter.
+"""Estimates position and velocity of a neighbour from its mocap poses, by an alpha-beta-gamma
+filter.
 
-The filter has three shares, each of the innovation: what a sample corrects of position, velocity
-and acceleration.
+It serves for silent and watched neighbours. Three constants say which share of the innovation
+corrects position, velocity and acceleration.
 """
 
 from __future__ import annotations
@@ -23,11 +24,11 @@ _POSITION_SHARE = 0.35
 _VELOCITY_SHARE = 0.12
 _ACCELERATION_SHARE = 0.02
 
-_JUMP_M = 0.5
-_GAP_S = 0.3
-_LEAST_GAP_S = 0.01  # samples that come faster count less each
+_JUMP_M = 0.5  # a sample farther from the expected position is a jump
+_GAP_S = 0.3  # after a longer gap the filter begins anew
+_LEAST_GAP_S = 0.01  # a shorter gap counts as this: faster samples correct less each
 _LARGEST_M = 1e4
-_FUTURE_NS = 5_000_000
+_FUTURE_NS = 5_000_000  # by which a stamp may be ahead of our clock
 
 _Axis = TypeVar("_Axis", float, Array)
 
@@ -38,19 +39,19 @@ def corrected(
     """Return the motion after a sample, along one axis or along several.
 
     Args:
-        position_m, velocity_m_s, acceleration_m_s2: after the sample before.
-        sample_m: position that the motion capture sees.
-        gap_s: time between the samples.
+        position_m, velocity_m_s, acceleration_m_s2: motion after the previous sample.
+        sample_m: position of the new sample.
+        gap_s: time between the two samples.
     Returns:
-        position [m], velocity [m/s] and acceleration [m/s^2].
+        Position [m], velocity [m/s] and acceleration [m/s^2] after the new sample.
     """
     moved_m = gap_s * (velocity_m_s + 0.5 * gap_s * acceleration_m_s2)
-    error_m = sample_m - (position_m + moved_m)
+    innovation_m = sample_m - (position_m + moved_m)
     counted_s = max(gap_s, _LEAST_GAP_S)
     return (
-        position_m + moved_m + _POSITION_SHARE * error_m,
-        velocity_m_s + gap_s * acceleration_m_s2 + _VELOCITY_SHARE / counted_s * error_m,
-        acceleration_m_s2 + _ACCELERATION_SHARE / (counted_s * counted_s) * error_m,
+        position_m + moved_m + _POSITION_SHARE * innovation_m,
+        velocity_m_s + gap_s * acceleration_m_s2 + _VELOCITY_SHARE / counted_s * innovation_m,
+        acceleration_m_s2 + _ACCELERATION_SHARE / (counted_s * counted_s) * innovation_m,
     )
 
 
@@ -65,14 +66,14 @@ class BodyTracker:
     _last_enu_m: Xyz | None = None  # newest sample, usable or not
 
     def hear(self, pose: MocapPose, received_ns: int) -> bool:
-        """Take a sample; return False for one that is not usable, older, or the same again."""
+        """Take a sample; return False if it is not usable, not newer, or an exact repetition."""
         position_enu_m = pose.position_enu_m
         if not pose.is_tracked or not is_finite(position_enu_m):
             return False
         if not max(map(abs, position_enu_m)) < _LARGEST_M:
             return False
 
-        # A tracked body always has noise: one that stays the very same is lost.
+        # a tracked body always has noise, so an exact repetition means that it is lost
         if position_enu_m == self._last_enu_m:
             return False
         self._last_enu_m = position_enu_m
@@ -85,7 +86,7 @@ class BodyTracker:
         if gap_s < _GAP_S and math.dist(position_enu_m, self._expected(gap_s)) < _JUMP_M:
             self._correct(position_enu_m, gap_s)
         else:
-            # The first sample, or one after a gap or a jump: only the position counts.
+            # the first sample, or one after a gap or a jump: the filter begins anew there
             self.position_enu_m = position_enu_m
             self.acceleration_enu_m_s2 = (0.0, 0.0, 0.0)
         return True

@@ -1,9 +1,9 @@
-"""Whether what a neighbour says of itself can be true. Pure.
+"""Checks whether the state that a neighbour publishes can be true. Pure.
 
-A neighbour that publishes its state with a valid key may still lie, or be mistaken. So its state is
-compared with physics, with its own prediction, and with the motion capture. One contradiction is an
-estimator that began anew; several are none. Whatever accuracy a vehicle says of itself is granted,
-because distances cover it.
+A neighbour with a valid key may still lie, or be mistaken. So its state is compared with physics,
+with its own prediction, and with the motion capture. A single contradiction may come from an
+estimator that began anew; several may not. A neighbour may publish any accuracy, because the
+distances that are kept from it grow with it.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ from typing import NamedTuple
 
 from onboard.tuples import Xyz
 
-_JUMP_M = 0.35  # beyond what its velocity explains
-_MISS_M = 0.4  # from where the motion capture sees it
-_MOST_M_S2 = 30.0
-_NOISE_M_S = 1.0
-_STDS = 2.0
-_LONGEST_S = 0.5  # between two states, or between a state and a pose, that are compared
+_JUMP_M = 0.35  # allowed difference between a position and the one that the velocities explain
+_MISS_M = 0.4  # allowed difference between a position and the mocap's
+_MOST_M_S2 = 30.0  # largest acceleration of a vehicle
+_NOISE_M_S = 1.0  # allowed error of a change of velocity
+_STDS = 2.0  # published standard deviations that are allowed on top
+_LONGEST_S = 0.5  # two states, or a state and a pose, farther apart in time are not compared
 
-# Contradictions until it counts as contradicted: by physics so many within some seconds, by the
-# mocap so many in a row.
+# A neighbour counts as contradicted after this many contradictions by physics within
+# _REMEMBERED_NS, or this many by the mocap in a row.
 _JUMPS = 2
 _MISSES = 3
 _REMEMBERED_NS = 3_000_000_000
 
 
 class Claim(NamedTuple):
-    """State of a neighbour as its message says it, in fleet ENU."""
+    """State of a neighbour by its own message, in fleet ENU."""
 
     stamp_ns: int
     position_enu_m: Xyz
@@ -48,14 +48,14 @@ class Seen(NamedTuple):
 
 
 def physical_contradiction(before: Claim | None, claim: Claim, largest_m_s: float) -> str:
-    """Return what is impossible in a neighbour's state; "" if nothing is.
+    """Return what is impossible in a neighbour's state; empty if nothing is.
 
     Args:
-        before: an earlier state of it; None without one.
+        before: its previous state; None if there is none.
         claim: its newest state.
-        largest_m_s: speed [m/s] that it never has.
+        largest_m_s: largest possible speed [m/s].
     Returns:
-        words that follow the vehicle's name.
+        Words that follow the vehicle's name in a sentence.
     Properties: translation-invariant.
     """
     speed_m_s = math.hypot(*claim.velocity_enu_m_s)
@@ -91,13 +91,13 @@ def physical_contradiction(before: Claim | None, claim: Claim, largest_m_s: floa
 
 
 def mocap_contradiction(claim: Claim, seen: Seen) -> str:
-    """Return how a neighbour's state contradicts the motion capture; "" if it does not.
+    """Return how a neighbour's state contradicts the motion capture; empty if it does not.
 
     Args:
         claim: its newest state.
-        seen: its body.
+        seen: newest mocap position of its body.
     Returns:
-        words that follow the vehicle's name.
+        Words that follow the vehicle's name in a sentence.
     """
     dt_s = (seen.stamp_ns - claim.stamp_ns) * 1e-9
     if abs(dt_s) > _LONGEST_S:
@@ -115,9 +115,10 @@ def mocap_contradiction(claim: Claim, seen: Seen) -> str:
 
 
 def _miss_m(claim: Claim, position_enu_m: Xyz, velocity_enu_m_s: Xyz, after_s: float) -> float:
-    """Return how far a later position is from where the mean of both velocities leads.
+    """Return the distance [m] of a later position to the one that both velocities explain.
 
-    What an acceleration within the limits may add to that is taken off.
+    The expected position follows from the mean of both velocities. The largest distance that a
+    possible acceleration may add is subtracted.
     """
     px, py, pz = claim.position_enu_m
     vx, vy, vz = claim.velocity_enu_m_s
@@ -133,21 +134,21 @@ def _miss_m(claim: Claim, position_enu_m: Xyz, velocity_enu_m_s: Xyz, after_s: f
 class PlausibilityMonitor:
     """Memory of what contradicts one neighbour."""
 
-    largest_m_s: float  # speed that it never has
-    reason: str = ""  # why it is contradicted, in words that follow its name; "" while it is not
-    is_watched: bool = False  # something contradicts it, or did some seconds ago
-    _before: Claim | None = None
+    largest_m_s: float  # largest possible speed
+    reason: str = ""  # why it is contradicted, in words that follow its name; empty: it is not
+    is_watched: bool = False  # whether there was a contradiction within the last seconds
+    _before: Claim | None = None  # its previous state
     _seen_ns: int = 0  # stamp of the pose that was compared last
-    _jumps: int = 0  # contradictions by physics, of the last seconds
-    _misses: int = 0  # contradictions by the mocap, in a row
-    _contradicted_ns: int = 0  # the last time
+    _jumps: int = 0  # number of contradictions by physics within the last seconds
+    _misses: int = 0  # number of contradictions by the mocap in a row
+    _contradicted_ns: int = 0  # time of the last contradiction
 
     def look(self, claim: Claim, seen: Seen | None, now_ns: int) -> None:
-        """Compare a neighbour's newest state with what is known otherwise.
+        """Compare a neighbour's newest state with physics and the motion capture.
 
         Args:
             claim: its newest state.
-            seen: newest position of its body; None where no motion capture sees one.
+            seen: newest mocap position of its body; None if there is none.
             now_ns: our clock.
         """
         if now_ns - self._contradicted_ns > _REMEMBERED_NS:

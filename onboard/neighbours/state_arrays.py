@@ -1,14 +1,14 @@
-"""Newest states of all neighbours as arrays, so that one call serves all of them.
+"""Newest states of all neighbours as arrays, so that one numpy call handles all of them.
 
 Each neighbour has a row of numbers: the fields of :class:`onboard.types.Neighbour` in their order.
-Its vectors come first, three numbers each (VECTOR_COLUMNS), then its scalars (SCALAR_COLUMN).
+Its vectors come first, with three numbers each (VECTOR_COLUMNS), then its scalars (SCALAR_COLUMN).
 
-Two parts of a row differ by where they come from. The first STATE_WIDTH numbers are the state that
-the neighbour has published, or, while it is silent or contradicted, that the motion capture sees.
-The numbers behind it are ours: whether it cooperates, and which neighbour it is.
+The first STATE_WIDTH numbers of a row are the state that the neighbour has published. While it is
+silent or contradicted, they may come from the motion capture instead. The other numbers are ours:
+whether the neighbour cooperates, and which one it is.
 
-A snapshot is the rows of one tick, with the age of each state. The law reads them as Neighbours;
-the compiled pass takes the rows as they are.
+A snapshot holds the rows of one tick, with the age of each state. The law reads them as Neighbours;
+the compiled pipeline takes the rows directly.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ _PAPER_OBSTACLE = SCALAR_COLUMN["is_paper_obstacle"]
 _TABLE_INDEX = SCALAR_COLUMN["table_index"]
 
 # rows of NeighbourArrays.flags
-KNOWN = 0  # anything is known
+KNOWN = 0  # a state of the neighbour is known
 AIRBORNE = 1
-COOPERATIVE = 2  # counts as cooperative
-ANNOUNCED = 3  # announces that it cooperates
+COOPERATIVE = 2  # the neighbour counts as cooperative
+ANNOUNCED = 3  # its message says that it cooperates
 
-_LARGEST_NUMBER = 1e4  # of a message: metres, metres per second and so on
+_LARGEST_NUMBER = 1e4  # largest number of a message, in metres, metres per second and so on
 _LARGEST_STAMP_NS = 1 << 62
 
 
@@ -57,13 +57,13 @@ class NeighbourArrays:
     """Newest valid state of each of K neighbours; times are on our clock."""
 
     numbers: Array  # (K, fields of a Neighbour), see VECTOR_COLUMNS and SCALAR_COLUMN
-    stamp_ns: IntArray  # (K,) of the numbers
+    stamp_ns: IntArray  # (K,) time of the numbers
     heard_ns: IntArray  # (K,) stamp of the newest valid message; 0 never
     newest_ns: IntArray  # (K,) stamp of the newest message, valid or not; -1 never
     flags: BoolArray  # (4, K) KNOWN, AIRBORNE, COOPERATIVE, ANNOUNCED
-    is_lost: BoolArray  # (K,) the newest message says that it knows no position
-    is_followed: BoolArray  # (K,) its state is received at full rate
-    silent_after_s: Array  # (K,) age from which on it counts as silent
+    is_lost: BoolArray  # (K,) whether its newest message says that its position is not known
+    is_followed: BoolArray  # (K,) whether its states are received at full rate
+    silent_after_s: Array  # (K,) age beyond which it counts as silent
 
     def set_state(
         self, index: int, stamp_ns: int, numbers: tuple[float, ...], flags: tuple[bool, bool, bool]
@@ -71,10 +71,10 @@ class NeighbourArrays:
         """Store a state.
 
         Args:
-            index: of the neighbour.
-            stamp_ns: of the state, on our clock.
-            numbers: STATE_WIDTH of them, in the order of the columns.
-            flags: airborne, counts as cooperative, announces that it cooperates.
+            index: index of the neighbour.
+            stamp_ns: time of the state, on our clock.
+            numbers: STATE_WIDTH numbers, in the order of the columns.
+            flags: AIRBORNE, COOPERATIVE and ANNOUNCED.
         """
         self.numbers[index, :STATE_WIDTH] = numbers
         self.stamp_ns[index] = stamp_ns
@@ -85,8 +85,9 @@ def empty(is_successor: BoolArray, silent_after_s: float) -> NeighbourArrays:
     """Return the arrays of neighbours that were never heard.
 
     Args:
-        is_successor: (K,) whether one is the next of the fleet file, the paper's obstacle.
-        silent_after_s: age from which on each counts as silent.
+        is_successor: (K,) whether a neighbour is the next one in the fleet file: the paper's
+            obstacle.
+        silent_after_s: age beyond which each of them counts as silent.
     """
     count = len(is_successor)
     numbers = np.zeros((count, _WIDTH))
@@ -106,13 +107,13 @@ def empty(is_successor: BoolArray, silent_after_s: float) -> NeighbourArrays:
 
 
 class NeighbourRow(NamedTuple):
-    """Newest state of one neighbour, for whoever looks at one alone."""
+    """Newest state of one neighbour, for callers that need a single one."""
 
     name: str
     age_s: float
     stamp_ns: int
-    is_cooperative: bool  # by its own announcement
-    numbers: list[float]  # its row
+    is_cooperative: bool  # whether its message says that it cooperates
+    numbers: list[float]  # its row in the arrays
 
     def value(self, name: str) -> float:
         """Return a scalar of its message."""
@@ -127,9 +128,9 @@ _vectors_of = attrgetter(*_VECTORS)
 
 
 def numbers_of(message: StateMessage) -> tuple[float, ...]:
-    """Return the state (STATE_WIDTH,) that a message tells, in the order of the columns.
+    """Return the state (STATE_WIDTH,) of a message, in the order of the columns.
 
-    Its accuracy is bounded as a sender bounds its own: no vehicle would publish a larger one.
+    Its standard deviations are bounded by the largest ones that any vehicle publishes.
     """
     numbers: list[float] = []
     for vector in _vectors_of(message):
@@ -144,7 +145,7 @@ def numbers_of(message: StateMessage) -> tuple[float, ...]:
 
 
 def _bounded(std: float, largest: float) -> float:
-    """Return a standard deviation within its bounds; one that is not finite stays as it is."""
+    """Return a standard deviation within its bound; unchanged if it is not finite."""
     if not math.isfinite(std):
         return std
     return min(abs(std), largest)
@@ -165,11 +166,11 @@ def is_plausible(*vectors: Vec3 | tuple[float, ...]) -> bool:
 
 
 class NeighbourSnapshot(Sequence[Neighbour]):
-    """The neighbours that are known at one tick, as the law takes them.
+    """The known neighbours at one tick, as a sequence of Neighbours.
 
     Attributes:
-        rows: (N, fields of a Neighbour) numbers; they are read as Neighbours once these are asked
-            for.
+        rows: (N, fields of a Neighbour) numbers. They are converted to Neighbours at the first
+            access, because the compiled pipeline needs the rows only.
     """
 
     def __init__(self, rows: Array) -> None:
@@ -196,11 +197,11 @@ class NeighbourSnapshot(Sequence[Neighbour]):
 
 
 def snapshot(arrays: NeighbourArrays, ages_s: list[float]) -> NeighbourSnapshot:
-    """Return all neighbours that are known. A silent one does not cooperate.
+    """Return all known neighbours. A silent neighbour counts as not cooperative.
 
     Args:
-        arrays: of all K neighbours.
-        ages_s: of their states.
+        arrays: arrays of all K neighbours.
+        ages_s: age of each of their states.
     """
     rows = arrays.numbers.copy()
     rows[:, _AGE] = ages_s

@@ -1,11 +1,11 @@
 """Choice of the neighbours whose states are received at full rate. Pure.
 
 Every vehicle publishes its state twice: 50 times a second for its followers and 5 times a second
-for all. A vehicle follows the neighbours in reach, and in any case the nearest few.
+for all others. A vehicle follows the neighbours in reach, and in any case the nearest few.
 
-From all others it receives the slow messages only. That holds also for vehicles that are silent or
-have no position yet: the first slow message that comes says where such a vehicle is. To follow them
-all would fill a radio channel that has just lost their messages because it is full.
+From the others it receives the slow messages only, also from vehicles that are silent or have no
+position yet: the first slow message tells where such a vehicle is. If it followed all of them, it
+would fill a radio channel that has lost their messages because it was full.
 """
 
 from __future__ import annotations
@@ -16,28 +16,28 @@ from collections.abc import Mapping
 from onboard.config.fleet import FleetConfig
 from onboard.tuples import Xyz
 
-FAR_PERIOD_TICKS = 10  # of the slow messages: 5 Hz
-FAR_SILENT_S = 0.75  # three of them missing
-FAR_UNSEEN_S = FAR_SILENT_S + 0.35  # by then poses of its body should have come
-SELECT_TICKS = 10  # between two choices
-ALWAYS_FOLLOWED = 4
+FAR_PERIOD_TICKS = 10  # period of the slow messages: 5 Hz
+FAR_SILENT_S = 0.75  # a neighbour is silent after this time: three slow messages are missing
+FAR_UNSEEN_S = FAR_SILENT_S + 0.35  # after this time poses of its body should have come
+SELECT_TICKS = 10  # number of ticks between two choices
+ALWAYS_FOLLOWED = 4  # number of nearest neighbours that are followed at any distance
 
 # Time until a vehicle that comes into reach is avoided: a slow message, the choice, the
 # subscription, and the law's prediction over its lag.
 _NOTICE_S = 0.8
-_STAY_FRAC = 1.15  # a neighbour that is followed stays so up to this much farther away
+_STAY_FRAC = 1.15  # a followed neighbour is dropped only beyond this times the reach
 
 
 def is_slow(sequence: int) -> bool:
-    """Return whether the state message of this number is also sent to all."""
+    """Return whether the state message of this sequence is also sent to all others."""
     return sequence % FAR_PERIOD_TICKS == 0
 
 
 def reach_m(fleet: FleetConfig, name: str) -> float:
-    """Return the distance from which a vehicle follows its neighbours.
+    """Return the distance [m] within which a vehicle follows its neighbours.
 
-    Two vehicles that fly at each other as fast as avoidance lets them are still so far apart when
-    both have noticed that braking keeps the safety distance.
+    It is large enough for two vehicles that fly at each other with the top speed while avoiding:
+    they notice each other and brake before they reach the safety distance.
     """
     own = fleet.vehicles[name]
     others = [vehicle for other, vehicle in fleet.vehicles.items() if other != name]
@@ -54,7 +54,7 @@ def reach_m(fleet: FleetConfig, name: str) -> float:
 
 
 def _noticed_and_braked_m(speed_m_s: float, brake_m_s2: float) -> float:
-    """Return how far a vehicle flies until it has noticed another one and stands."""
+    """Return how far [m] a vehicle flies until it has noticed another one and has stopped."""
     return speed_m_s * (_NOTICE_S + 0.5 * speed_m_s / brake_m_s2)
 
 
@@ -64,14 +64,14 @@ def select(
     """Select the neighbours to follow from now on.
 
     Args:
-        distances_m: neighbour -> distance, of all that ever published a position.
-        followed: so far; a neighbour that is followed is dropped a little farther away than it was
-            added.
-        reach_m: from :func:`reach_m`.
-        most: so many of those in reach, the nearest: the law uses no more, and the radio may not
-            carry more.
+        distances_m: neighbour -> distance, for all neighbours that ever published a position.
+        followed: neighbours that are followed at present. They are dropped at a larger distance
+            than others are added, so that the choice does not flicker.
+        reach_m: reach, from :func:`reach_m`.
+        most: number of the nearest neighbours in reach that are followed at most. The law uses no
+            more, and the radio may not carry more.
     Returns:
-        their names.
+        Names of the selected neighbours.
     """
     by_distance = sorted(distances_m, key=distances_m.__getitem__)
 
@@ -86,21 +86,21 @@ def select(
 
 
 def most_near(fleet: FleetConfig, spots: Mapping[str, Xyz]) -> int:
-    """Return how many neighbours a vehicle of a constellation follows at most.
+    """Return the largest number of neighbours that a vehicle of a constellation follows.
 
     Args:
         fleet: the fleet file.
-        spots: vehicle -> position [m], fleet ENU; at least two.
+        spots: vehicle -> position [m], fleet ENU; at least two vehicles.
     """
     most = 0
     for name, position_enu_m in spots.items():
-        follows_m = _STAY_FRAC * reach_m(fleet, name)
-        near = 0
+        dropped_beyond_m = _STAY_FRAC * reach_m(fleet, name)
+        near_count = 0
         for other, other_enu_m in spots.items():
             distance_m = math.dist(position_enu_m[:2], other_enu_m[:2])
-            if other != name and distance_m < follows_m:
-                near += 1
-        most = max(most, near)
+            if other != name and distance_m < dropped_beyond_m:
+                near_count += 1
+        most = max(most, near_count)
 
     followed = max(ALWAYS_FOLLOWED, min(most, int(fleet.law.max_neighbours)))
     return min(len(spots) - 1, followed)

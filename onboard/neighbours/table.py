@@ -1,15 +1,15 @@
-"""What the other vehicles published last, and where the mocap sees them; all on our own clock.
+"""The newest states of the other vehicles, from their messages or from the mocap, on our clock.
 
-A neighbour counts where its newest state says. Two kinds of neighbours count otherwise:
+Usually a neighbour is avoided at the position of its newest message. There are two exceptions:
 
-    A neighbour that is silent has its body watched: after a moment its row is its newest mocap
-    pose. It does not cooperate, and its ages go on growing from its last message.
+    A silent neighbour: the poses of its body are requested, and after a moment its row holds its
+    newest mocap pose. It counts as not cooperative. Its age is still that of its last message.
 
-    A neighbour that is contradicted counts where it says or where the mocap sees it: judged.py.
+    A contradicted neighbour: the nearer of its own and the mocap's position counts (judged.py).
 
-In a large fleet a vehicle follows only those in reach, at full rate, and receives the slow states
-of all others: subscription.py. The age from which on a neighbour counts as silent depends on which
-of both it sends us.
+In a large fleet a vehicle follows only the neighbours in reach at full rate, and receives the slow
+states of all others (subscription.py). The age beyond which a neighbour counts as silent depends on
+which of the two states we receive.
 """
 
 from __future__ import annotations
@@ -47,35 +47,37 @@ from onboard.neighbours.state_arrays import (
 from onboard.neighbours.watched_bodies import SILENT_AFTER_S, WatchedBodies
 from onboard.tuples import Xyz
 
-# Where [radio] of the fleet file expects states to come later, both are larger.
-SILENT_S = 0.25  # with two ticks of confirmation a silence is acted on within 0.3 s
+# Ages beyond which a followed neighbour is silent or stale. Both are larger if [radio] of the fleet
+# file expects later states.
+SILENT_S = 0.25  # with two ticks of confirmation, a reaction follows within 0.3 s
 STALE_S = 0.15
 
-_VELOCITY_KNOWN_S = 1.0  # after its last message a neighbour's velocity starts its tracker
-_ON_FLOOR_M = 0.15  # a body that is seen lower stands
+# a tracker starts with the velocity of the neighbour's last message, if that is not older
+_VELOCITY_KNOWN_S = 1.0
+_ON_FLOOR_M = 0.15  # a body lower than this above its start stands on the ground
 _MISSING_AFTER_S = 2.0
-_START_UP_NS = 2_000_000_000  # an agent that has just started has not heard anybody yet
+_START_UP_NS = 2_000_000_000  # an agent that has just started has not heard all others yet
 
 
 @dataclass(slots=True)
 class _Ages:
     """Ages of the newest states at one time, which several callers need at each tick.
 
-    In lists: for the few neighbours of a drone a loop costs less than numpy's calls.
+    They are lists, because for a few neighbours a loop is faster than calls of numpy.
     """
 
-    all_s: list[float]  # of each of K neighbours; inf when never heard
-    followed_s: list[float] = field(default_factory=list)
-    oldest_s: float = math.inf  # of those followed
-    has_silent: bool = True
-    at_ns: int = -1
+    all_s: list[float]  # age of each of K neighbours; inf: never heard
+    followed_s: list[float] = field(default_factory=list)  # ages of the followed neighbours
+    oldest_s: float = math.inf  # largest age of a followed neighbour
+    has_silent: bool = True  # whether some neighbour is silent
+    at_ns: int = -1  # time of these ages; -1: they have to be calculated anew
 
 
 class NeighbourTable:
-    """The other vehicles of the fleet file in its order, so that indices never change.
+    """The other vehicles of the fleet file, in its order, so that their indices never change.
 
-    A vehicle that publishes a state is an obstacle, also one that the file disables; only nobody
-    waits for that one.
+    A vehicle that publishes a state is avoided, even if the file disables it. But a disabled
+    vehicle is not missed if it is absent.
     """
 
     def __init__(self, fleet: FleetConfig, own_name: str) -> None:
@@ -85,7 +87,7 @@ class NeighbourTable:
         self.indices = {name: index for index, name in enumerate(self.names)}
 
         self.watched_bodies = WatchedBodies(fleet.expected_radio.lateness_s)
-        self.silent_s = SILENT_S + self.watched_bodies.late_s  # of a neighbour that is followed
+        self.silent_s = SILENT_S + self.watched_bodies.late_s  # limit for followed neighbours
         self._stale_s = STALE_S + self.watched_bodies.late_s
         self._height_share = fleet.fleet.height_share
 
@@ -93,16 +95,16 @@ class NeighbourTable:
         self.arrays: NeighbourArrays = empty(is_successor, self.silent_s)
         self.judged = JudgedNeighbours()
         self.counts = MessageCounts()
-        self.last_heard_ns = 0  # of any message
+        self.last_heard_ns = 0  # arrival of the newest message of any neighbour
 
-        self._bodies: dict[str, int] = {}  # body -> index
+        self._bodies: dict[str, int] = {}  # mocap body -> index
         for name, index in self.indices.items():
             body = fleet.vehicles[name].body
             if body is not None:
                 self._bodies[body] = index
-        self._trackers: dict[int, BodyTracker] = {}  # of the bodies that are watched
+        self._trackers: dict[int, BodyTracker] = {}  # index -> tracker of a watched body
         self._telemetry: dict[str, Telemetry] = {}
-        self._started_ns = 0  # first tick
+        self._started_ns = 0  # time of the first tick; 0 before it
 
         self._reach_m = subscription.reach_m(fleet, own_name)
         self._most_followed = max(subscription.ALWAYS_FOLLOWED, int(fleet.law.max_neighbours))
@@ -120,7 +122,7 @@ class NeighbourTable:
 
     @property
     def _is_settled(self) -> BoolArray:
-        """Return who (K,) is followed, and has been heard so since an earlier choice."""
+        """Return whether each neighbour (K,) is followed and already sends its fast states."""
         return np.asarray(self.arrays.silent_after_s <= self.silent_s)
 
     def select_followed(self, position_enu_m: Xyz, now_ns: int) -> bool:
@@ -143,11 +145,11 @@ class NeighbourTable:
         before = self.followed
         selected = subscription.select(distances_m, before, self._reach_m, self._most_followed)
 
-        # Settled is who was followed before, and sends us fast states already.
+        # neighbours that were followed before, and whose fast states already come
         settled = set()
-        has_fast = self._is_settled | (np.array(ages_s) <= self.silent_s)
-        for name, has in zip(self.names, has_fast.tolist(), strict=True):
-            if has and name in before:
+        sends_fast = self._is_settled | (np.array(ages_s) <= self.silent_s)
+        for name, is_fast in zip(self.names, sends_fast.tolist(), strict=True):
+            if is_fast and name in before:
                 settled.add(name)
 
         self._follow(selected, selected & settled)
@@ -157,9 +159,9 @@ class NeighbourTable:
         """Follow these neighbours from now on.
 
         Args:
-            names: whom to follow.
-            settled: those of them that send us fast states already. Of the others the newest state
-                is still one of the slow ones, or late.
+            names: neighbours to follow.
+            settled: those of them whose fast states already come. The newest state of the others is
+                still a slow one.
         """
         self._followed = [name for name in self.names if name in names]
         self._followed_indices = [self.indices[name] for name in self._followed]
@@ -180,11 +182,11 @@ class NeighbourTable:
     def hear(self, message: StateMessage | Telemetry, received_ns: int) -> bool:
         """Take a message with its stamp on our clock; return whether it was used.
 
-        Not used is one of an unknown vehicle, and one that is repeated, late or not finite.
+        A message of an unknown vehicle is not used, nor one that is repeated, late or not finite.
         """
         index = self.indices.get(message.vehicle)
         if index is None:
-            # Under our own name it is a second agent's, which the others report.
+            # a message under our own name comes from a second agent, which the others report
             if message.vehicle != self.own_name:
                 self.counts.refused += 1
             return False
@@ -207,10 +209,10 @@ class NeighbourTable:
             self.counts.malformed += 1
             return False
 
-        # Repeated, out of order, or from before a restart. The stamp alone decides: a false
-        # sequence number could exclude all that comes after it.
+        # The stamp decides whether a state is repeated, out of order, or from before a restart. A
+        # false sequence number could exclude all later messages; a stamp is limited to now.
         arrays = self.arrays
-        stamp_ns = min(message.stamp_ns, received_ns)  # nothing comes from the future
+        stamp_ns = min(message.stamp_ns, received_ns)
         if stamp_ns <= arrays.newest_ns[index]:
             self.counts.late += 1
             return False
@@ -218,7 +220,7 @@ class NeighbourTable:
         arrays.newest_ns[index] = stamp_ns
         arrays.is_lost[index] = not message.is_valid
         if not message.is_valid:
-            # It knows no position: its last valid state ages, and it is avoided like a silent
+            # Its position is not known: its last valid state ages, and it is avoided like a silent
             # vehicle.
             return True
 
@@ -234,7 +236,7 @@ class NeighbourTable:
     def hear_pose(self, pose: MocapPose, received_ns: int) -> bool:
         """Take a neighbour's mocap pose; return whether its body is watched and the pose usable.
 
-        The neighbour counts there only while it is silent.
+        The pose becomes the neighbour's state only while the neighbour is silent.
         """
         index = self._bodies.get(pose.body)
         if index is None:
@@ -263,12 +265,12 @@ class NeighbourTable:
         return True
 
     def hear_other_pose(self, pose: MocapPose, received_ns: int) -> None:
-        """Take a mocap pose of any body, to compare what its vehicle says with it."""
+        """Take a mocap pose of any body, to compare its vehicle's messages with it."""
         index = self._bodies.get(pose.body)
         if index is None or not pose.is_tracked or not is_plausible(pose.position_enu_m):
             return
 
-        # The very same position again is a body that the mocap has lost: it is frozen.
+        # an exact repetition means that the mocap has lost the body
         before = self.judged.seen.get(index)
         is_frozen = before is not None and pose.position_enu_m == before.position_enu_m
         if pose.stamp_ns <= received_ns and not is_frozen:
@@ -277,7 +279,7 @@ class NeighbourTable:
     # -- silent and contradicted neighbours --------------------------------------------------------
 
     def place_contradicted(self, position_enu_m: Xyz, now_ns: int) -> None:
-        """Put each contradicted neighbour where it says or where the mocap sees it: the nearer."""
+        """Put each contradicted neighbour at its own or at the mocap's position: at the nearer."""
         if self.judged.contradicted:
             self.judged.write_positions(
                 self.arrays,
@@ -289,10 +291,10 @@ class NeighbourTable:
             self._forget_ages()
 
     def claim(self, name: str) -> tuple[Claim | None, Seen | None]:
-        """Return what a neighbour says of itself, and where the mocap sees it; None: not known.
+        """Return a neighbour's motion by its messages, and its mocap position; None: not known.
 
-        A neighbour that flies by satellites errs by more than it knows: what it says and what the
-        mocap sees are not compared.
+        The mocap position is None for a neighbour that flies by satellites. Its messages may err by
+        more than they say, so they are not compared with the mocap.
         """
         index = self.indices[name]
         claim = self.judged.claim(self.arrays, index)
@@ -308,8 +310,8 @@ class NeighbourTable:
     def bodies_to_watch(self, now_ns: int, own_age_s: float) -> tuple[str, ...] | None:
         """Return the mocap bodies whose poses are needed from now on; None: the same as before.
 
-        They are those of vehicles that are silent, or watched and in reach, until neither has been
-        so for a while.
+        These are the bodies of vehicles that are silent, or watched and in reach, or were so a
+        short while ago.
 
         Args:
             now_ns: our clock.
@@ -357,7 +359,7 @@ class NeighbourTable:
     # -- ages --------------------------------------------------------------------------------------
 
     def ages_s(self, now_ns: int) -> list[float]:
-        """Return the age of each of K newest states; inf when never heard."""
+        """Return the age [s] of each of K newest states; inf: never heard."""
         if self._ages.at_ns == now_ns:
             return self._ages.all_s
 
@@ -378,7 +380,7 @@ class NeighbourTable:
         return ages_s
 
     def _forget_ages(self) -> None:
-        """Have the ages calculated anew, because newer states are in the arrays."""
+        """Mark the ages as outdated, because a newer state is in the arrays."""
         self._ages.at_ns = -1
 
     def followed_ages_s(self, now_ns: int) -> dict[str, float]:
@@ -392,13 +394,13 @@ class NeighbourTable:
         return self.ages_s(now_ns)[self.indices[name]]
 
     def oldest_age_s(self, now_ns: int) -> float:
-        """Return the largest age of all that are followed and were ever heard; 0 without any."""
+        """Return the largest age [s] of the followed and known neighbours; 0 without any."""
         return max(self.followed_ages_s(now_ns).values(), default=0.0)
 
     def heard_ages_s(self, now_ns: int) -> Array:
-        """Return the age (K,) of each newest message; inf when never heard.
+        """Return the age (K,) [s] of each newest message; inf: never heard.
 
-        It grows while only mocap poses come.
+        Mocap poses do not count as messages.
         """
         if not self.watched_bodies.seen:
             return np.array(self.ages_s(now_ns))
@@ -408,13 +410,13 @@ class NeighbourTable:
     # -- what is known at one time -----------------------------------------------------------------
 
     def snapshot(self, now_ns: int) -> NeighbourSnapshot:
-        """Return the values for the law of all neighbours that were ever heard, as of one tick."""
+        """Return all known neighbours as the law takes them, as of one tick."""
         return snapshot(self.arrays, self.ages_s(now_ns))
 
     def distances_m(self, position_enu_m: Xyz, now_ns: int) -> dict[str, float]:
-        """Return the separation from each vehicle that is followed and was ever heard.
+        """Return the separation [m] from each followed and known neighbour.
 
-        Its position is extrapolated, at most up to the silence limit.
+        Its position is extrapolated, for at most the age beyond which it counts as silent.
         """
         self.ages_s(now_ns)
         motions = self.arrays.numbers[self._followed_indices, :6].tolist()
@@ -430,7 +432,7 @@ class NeighbourTable:
         return distances_m
 
     def rows(self, now_ns: int) -> list[NeighbourRow]:
-        """Return the state of each neighbour that is followed; age inf: it was never heard."""
+        """Return the state of each followed neighbour; its age is inf if it was never heard."""
         self.ages_s(now_ns)
         arrays = self.arrays
         indices = self._followed_indices
@@ -446,7 +448,7 @@ class NeighbourTable:
         return [NeighbourRow(*row) for row in zip(*columns, strict=True)]
 
     def telemetries(self) -> dict[str, Telemetry]:
-        """Return the newest telemetry of all that sent one, in the order of the fleet file."""
+        """Return each neighbour's newest telemetry, by name, in the order of the fleet file."""
         return {name: self._telemetry[name] for name in self.names if name in self._telemetry}
 
     def other_hashes(self, own_hash: str) -> dict[str, str]:
@@ -457,10 +459,10 @@ class NeighbourTable:
                 hashes[name] = telemetry.config_hash
         return hashes
 
-    # -- whom something is wrong with --------------------------------------------------------------
+    # -- neighbours with a problem -----------------------------------------------------------------
 
     def missing(self, now_ns: int) -> tuple[str, ...]:
-        """Return vehicles that must be there (enabled = true) and are not heard."""
+        """Return vehicles that are required (enabled = true) and not heard."""
         names = self._named(self.heard_ages_s(now_ns) > _MISSING_AFTER_S)
         return tuple(name for name in names if self.fleet.vehicles[name].enabled is True)
 
@@ -473,10 +475,10 @@ class NeighbourTable:
         return self._named(self.arrays.flags[AIRBORNE] & is_old)
 
     def unseen(self, now_ns: int) -> tuple[str, ...]:
-        """Return silent vehicles without mocap poses: nobody knows where they are.
+        """Return silent vehicles without mocap poses, so that their position is not known.
 
-        Poses of one that was not followed are requested only when it has fallen silent, and get
-        their time to come.
+        The poses of a vehicle that was not followed are requested only after it has become silent.
+        So it gets more time until it counts as unseen.
         """
         far_s = subscription.FAR_UNSEEN_S + self.watched_bodies.late_s
         limit_s = np.where(self._is_settled, self.arrays.silent_after_s, far_s)
@@ -485,7 +487,7 @@ class NeighbourTable:
         return self._named(self.arrays.flags[AIRBORNE] & has_old_state & has_old_message)
 
     def stale(self, now_ns: int) -> tuple[str, ...]:
-        """Return followed vehicles in the air whose messages are old, though not yet silent."""
+        """Return followed vehicles in the air that are late, but not yet silent."""
         self.ages_s(now_ns)
         if self._ages.oldest_s <= self._stale_s and not self.watched_bodies.seen:
             return ()
@@ -494,18 +496,18 @@ class NeighbourTable:
         return self._named(self.arrays.flags[AIRBORNE] & self.arrays.is_followed & is_stale)
 
     def invalid(self) -> tuple[str, ...]:
-        """Return vehicles in the air whose newest message says that they know no position."""
+        """Return vehicles in the air whose newest message says that their position is not known."""
         return self._named(self.arrays.is_lost & self.arrays.flags[AIRBORNE])
 
-    def _named(self, is_meant: BoolArray) -> tuple[str, ...]:
-        """Return the names of those that a mask (K,) means."""
-        if not is_meant.any():
+    def _named(self, mask: BoolArray) -> tuple[str, ...]:
+        """Return the names of the neighbours that a mask (K,) selects."""
+        if not mask.any():
             return ()
-        return tuple(itertools.compress(self.names, is_meant.tolist()))
+        return tuple(itertools.compress(self.names, mask.tolist()))
 
 
 def _is_successor(fleet: FleetConfig, own_name: str, names: tuple[str, ...]) -> BoolArray:
-    """Return which neighbour (K,) is the next of the fleet file's ring, the paper's obstacle."""
+    """Return whether each neighbour (K,) is the paper's obstacle: the next one in the ring."""
     ring = fleet.enabled_names
     successor = ""
     if ring:

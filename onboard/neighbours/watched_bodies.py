@@ -1,6 +1,6 @@
-"""Choice of the mocap bodies of other vehicles whose poses are received. Pure.
+"""Chooses the mocap bodies of other vehicles whose poses are received. Pure.
 
-They are the bodies of vehicles that are silent, and of those whose word about themselves is watched
+These are the bodies of vehicles that are silent, and of vehicles whose messages are watched
 (judged.py).
 
 Poses of other vehicles are not requested while our own position is late. On a full radio each
@@ -15,18 +15,19 @@ from dataclasses import dataclass, field
 
 from onboard.neighbours.subscription import FAR_SILENT_S
 
-SILENT_AFTER_S = 0.12  # age of its messages from which on a vehicle is tracked by the mocap
-_OWN_LATE_S = 0.1
-_KEPT_NS = 5_000_000_000  # a body is watched for so long after its last reason
+SILENT_AFTER_S = 0.12  # a vehicle whose messages are older is tracked by the mocap
+_OWN_LATE_S = 0.1  # our own position is late if it is older than this
+_KEPT_NS = 5_000_000_000  # a body is watched for this time after the last reason for it
 
 
 @dataclass(slots=True)
 class WatchedBodies:
     """Memory of the vehicles whose bodies are watched, by index."""
 
-    late_s: float = 0.0  # by which the radio makes states later than usual
-    reason_ns: dict[int, int] = field(default_factory=dict)  # when there was a reason last
-    # whose newest state is the mocap's, not of a message
+    late_s: float = 0.0  # delay that the radio adds to states
+    # index of a watched vehicle -> last time at which there was a reason to watch it
+    reason_ns: dict[int, int] = field(default_factory=dict)
+    # indices of vehicles whose newest state comes from the mocap and not from a message
     seen: set[int] = field(default_factory=set)
 
     def update(
@@ -35,8 +36,8 @@ class WatchedBodies:
         """Return the indices of all vehicles to watch from now on; None while they stay the same.
 
         Args:
-            silent: vehicles that are silent, see :meth:`is_silent`.
-            watched: vehicles in reach whose word is watched.
+            silent: indices of silent vehicles, see :meth:`is_silent`.
+            watched: indices of vehicles in reach whose messages are watched.
             now_ns: our clock.
             own_age_s: age of the own position.
         """
@@ -67,14 +68,14 @@ class WatchedBodies:
     ) -> bool:
         """Return whether a vehicle's silence is a reason to watch its body.
 
-        Of the vehicles out of reach only one that flew gives any.
+        A vehicle out of reach gives a reason only if it was in the air.
 
         Args:
-            index: of the vehicle.
-            age_s: of its newest message; inf when never heard.
+            index: index of the vehicle.
+            age_s: age of its newest message; inf: never heard.
             is_followed: whether its states have been received at full rate for a while.
-            is_expected: whether it must be there.
-            is_airborne: whether it flew when it was last heard or seen.
+            is_expected: whether it should be on the bus.
+            is_airborne: whether it was in the air when it was last heard or seen.
         """
         if not is_followed:
             return is_airborne and age_s > self.late_s + FAR_SILENT_S

@@ -1,7 +1,7 @@
-"""Distances of many positions to the areas that a fleet stays in or out of, at once. Pure.
+"""Distances of many positions at once to the areas that a fleet stays in or out of. Pure.
 
-The same geometry as :mod:`onboard.config.areas`, over arrays: paths and simulated flights have
-thousands of positions.
+The geometry is that of :mod:`onboard.config.areas`, over arrays, because paths and simulated
+flights have thousands of positions.
 """
 
 from __future__ import annotations
@@ -16,18 +16,19 @@ from onboard.config import areas
 from onboard.config.areas import Area
 from onboard.tuples import Xyz
 
-_SAMPLE_M = 0.05  # from one sample of a straight way to the next
+_SAMPLE_M = 0.05  # distance between two samples of a straight line
 _MOST_SAMPLES = 5000
 
 
 def rooms_m(area: Area, positions_enu_m: Array) -> Array:
-    """Return the distance of each position to an area's edge, seen from above.
+    """Return the horizontal distance [m] of each position to an area's edge.
 
     Args:
-        area: any.
-        positions_enu_m: (..., 3).
+        area: any area.
+        positions_enu_m: positions (..., 3).
     Returns:
-        distances (...); negative where the area does not allow the position, whatever its height.
+        Distances (...). They are negative outside an area to stay in and inside an area to stay out
+        of, at any height.
     """
     x = positions_enu_m[..., 0]
     y = positions_enu_m[..., 1]
@@ -46,22 +47,24 @@ def rooms_m(area: Area, positions_enu_m: Array) -> Array:
         distance_m = np.hypot(x - x1 - share * along_x, y - y1 - share * along_y)
         least_m = np.minimum(least_m, distance_m)
 
-        # a ray to the east leaves a polygon once more often than it enters it
+        # a position is inside if a ray to the east crosses the outline an odd number of times
         if y1 != y2:
             is_level = (y1 > y) != (y2 > y)
-            is_within ^= is_level & (x < x1 + (y - y1) / (y2 - y1) * along_x)
+            is_west_of_edge = x < x1 + (y - y1) / (y2 - y1) * along_x
+            is_within ^= is_level & is_west_of_edge
 
     return np.asarray(np.where(is_within, sign, -sign) * least_m)
 
 
 def clearances_m(fleet_areas: Sequence[Area], positions_enu_m: Array) -> Array:
-    """Return the distance of each position to the nearest buffer that counts at its height.
+    """Return the distance [m] of each position to the nearest buffer that counts at its height.
 
     Args:
-        fleet_areas: of a fleet.
-        positions_enu_m: (..., 3).
+        fleet_areas: areas of a fleet.
+        positions_enu_m: positions (..., 3).
     Returns:
-        distances (...); negative within a buffer or beyond, infinite where no area counts.
+        Distances (...). They are negative inside a buffer or beyond an edge, and infinite if no
+        area counts.
     """
     least_m = np.full(positions_enu_m.shape[:-1], np.inf)
     for area in fleet_areas:
@@ -74,8 +77,8 @@ def is_breached(fleet_areas: Sequence[Area], positions_enu_m: Array) -> BoolArra
     """Return whether each position lies where no vehicle may be.
 
     Args:
-        fleet_areas: of a fleet.
-        positions_enu_m: (..., 3).
+        fleet_areas: areas of a fleet.
+        positions_enu_m: positions (..., 3).
     """
     is_wrong = np.zeros(positions_enu_m.shape[:-1], dtype=bool)
     for area in fleet_areas:
@@ -84,27 +87,31 @@ def is_breached(fleet_areas: Sequence[Area], positions_enu_m: Array) -> BoolArra
 
 
 def way_beyond_m(fleet_areas: Sequence[Area], begin_enu_m: Xyz, end_enu_m: Xyz) -> float:
-    """Return how much of a straight way lies within buffers or beyond edges [m].
+    """Return the length [m] of a straight line that lies in buffers or beyond edges.
 
     Args:
-        fleet_areas: of a fleet.
-        begin_enu_m: where the way begins.
-        end_enu_m: where it ends.
+        fleet_areas: areas of a fleet.
+        begin_enu_m: begin of the line.
+        end_enu_m: end of the line.
     """
     length_m = math.dist(begin_enu_m, end_enu_m)
-    shares = np.linspace(0.0, 1.0, min(_MOST_SAMPLES, 2 + int(length_m / _SAMPLE_M)))[:, None]
+    count = min(_MOST_SAMPLES, 2 + int(length_m / _SAMPLE_M))
+    shares = np.linspace(0.0, 1.0, count)[:, None]
+
     begin = np.array(begin_enu_m)
-    way_enu_m = begin + shares * (np.array(end_enu_m) - begin)
-    is_beyond = clearances_m(fleet_areas, way_enu_m) < 0.0
+    line_enu_m = begin + shares * (np.array(end_enu_m) - begin)
+    is_beyond = clearances_m(fleet_areas, line_enu_m) < 0.0
     return float(length_m * is_beyond.mean())
 
 
 def _clearance_m(area: Area, positions_enu_m: Array, buffer_m: float) -> Array:
+    """Return the distance [m] of each position to an area with a buffer, heights included."""
     room_m = rooms_m(area, positions_enu_m) - buffer_m
     z = positions_enu_m[..., 2]
     if area.keeps_in:
         above_floor_m = z - area.low_m + areas.BELOW_FLOOR_M
         return np.minimum(room_m, np.minimum(area.high_m - z, above_floor_m))
 
-    beside_m = np.maximum(z - area.high_m, area.low_m - z) - buffer_m
-    return np.maximum(room_m, beside_m)
+    # above or below an area to stay out of, the vertical distance counts
+    above_or_below_m = np.maximum(z - area.high_m, area.low_m - z) - buffer_m
+    return np.maximum(room_m, above_or_below_m)

@@ -1,8 +1,8 @@
-"""Detects a PX4 that is silent, frozen, rebooted, or back after a standstill. Pure.
+"""Detects a PX4 that is silent, frozen, rebooted, or running again after a standstill. Pure.
 
-It judges by ages and by PX4's own clock. A link that repeats old messages, or a PX4 whose scheduler
-stands still, sends packets with a clock that does not move. A PX4 that stood still and goes on
-shows a clock that has lost time against ours.
+It judges by the ages of messages and by PX4's own clock. If the link repeats old messages, or if
+PX4's scheduler stands still, packets come but their clock does not advance. A PX4 that stood still
+and runs again has a clock that has lost time against ours.
 """
 
 from __future__ import annotations
@@ -12,36 +12,40 @@ from dataclasses import dataclass, field
 from onboard.safety.held import Held
 from onboard.safety.limits import AUTOPILOT_SILENT_S
 
-FROZEN_S = 0.3
-HEARTBEAT_LATE_S = 3.2  # three of them, at 1 Hz
-STANDSTILL_S = 0.15
-REBOOT_MS = 1000
-REPORTED_S = 2.0  # for so long a reboot or a standstill counts as a condition
-# In the first ticks of a process that was not scheduled for a while, everything is old.
+FROZEN_S = 0.3  # PX4 is frozen if its clock has not advanced for longer
+HEARTBEAT_LATE_S = 3.2  # three heartbeats at 1 Hz are missing
+STANDSTILL_S = 0.15  # PX4 stood still if its clock has lost more than this against ours
+REBOOT_MS = 1000  # PX4 was rebooted if its clock went back by more than this
+REPORTED_S = 2.0  # time for which a reboot or a standstill counts as a condition
+
+# A standstill is only believed after so many attitudes with the same shift: in the first ticks of a
+# process that was not scheduled for a while, all messages look old.
 _AGREEING_ATTITUDES = 5
-_CREEP = 0.2  # s per s by which a clock may lose time: a simulated PX4 on a loaded machine does
+
+# PX4's clock may run this share slower than ours: that of a simulated PX4 does on a loaded machine.
+_CREEP = 0.2
 
 
 @dataclass(slots=True)
 class AutopilotMonitor:
     """Memory of one PX4; call :meth:`update` every tick.
 
-    The first three facts are those of one tick: whether they last, the condition table judges.
+    The first three booleans describe one tick. The condition table decides whether they last long
+    enough to matter.
     """
 
-    is_silent: bool = False  # no packet
-    is_frozen: bool = False  # packets, and a clock that stands still
-    is_heartbeat_late: bool = False  # although there are packets
-    is_rebooted: bool = False  # in the last seconds
-    is_back: bool = False  # in the last seconds, after a standstill
+    is_silent: bool = False  # no packet comes
+    is_frozen: bool = False  # packets come, but PX4's clock does not advance
+    is_heartbeat_late: bool = False  # packets come, but no heartbeat
+    is_rebooted: bool = False  # PX4 rebooted within the last REPORTED_S
+    is_back: bool = False  # PX4 ran again after a standstill, within the last REPORTED_S
 
-    _boot_ms: int = 0  # PX4's clock as it came last; 0 before the first
-    _moved_ns: int = 0  # when that was, by our clock; 0 never
-    # Our clock minus PX4's, as long as PX4 loses no time [ns]; 0: not known
-    _offset_ns: float = 0.0
-    _rebooted_ns: int = 0  # 0 never
-    _back_ns: int = 0  # 0 never
-    _shifted: Held = field(default_factory=Held)  # the offset differs, attitude by attitude
+    _boot_ms: int = 0  # PX4's clock in its newest attitude; 0 before the first
+    _moved_ns: int = 0  # our time when PX4's clock last advanced; 0 never
+    _offset_ns: float = 0.0  # our clock minus PX4's, while PX4 loses no time; 0: not known
+    _rebooted_ns: int = 0  # our time of the last reboot; 0 never
+    _back_ns: int = 0  # our time of the last end of a standstill; 0 never
+    _shifted: Held = field(default_factory=Held)  # counts attitudes in a row with another offset
 
     def update(
         self, now_ns: int, *, packet_ns: int, attitude_ns: int, heartbeat_ns: int, boot_ms: int
@@ -69,6 +73,7 @@ class AutopilotMonitor:
         self.is_back = _is_recent(self._back_ns, now_ns)
 
     def _take_clock(self, now_ns: int, attitude_ns: int, boot_ms: int) -> None:
+        """Take a new time of PX4's clock."""
         if boot_ms + REBOOT_MS < self._boot_ms:
             self._rebooted_ns = now_ns
             self._offset_ns = 0.0
@@ -77,7 +82,11 @@ class AutopilotMonitor:
         self._moved_ns = now_ns
 
     def _compare_clocks(self, now_ns: int, offset_ns: float) -> None:
-        """Compare both clocks: a delay of the link passes, time that PX4 has lost stays lost."""
+        """Compare both clocks, to detect a PX4 that has lost time.
+
+        A delay of the link shifts the offset for a moment; time that PX4 has lost shifts it for
+        good.
+        """
         if not self._offset_ns:
             self._offset_ns = offset_ns
         if self._moved_ns:

@@ -1,4 +1,7 @@
-"""Detects a battery that will not last until the vehicle is down, from PX4's reports. Pure."""
+"""Detects a battery that will not last until the vehicle has landed, from PX4's reports. Pure.
+
+The supervision calls it in flight; a battery that is falling lets the vehicle land at once.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +10,13 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-_WINDOW_S = 10.0  # in which the battery's trend is measured
-_LEAST_S = 1.0  # of the window, before anything is said
-_LEAST_FALL_FRAC = 0.03  # of the charge within the window: one step of a percentage is no trend
-_RESERVE_S = 15.0  # after the descent
-_SAG_SHARE = 0.12  # of the voltage, lost within the window
-_LEAST_VOLTAGE_V = 1.0  # below it nothing is measured
+_WINDOW_S = 10.0  # time over which the battery's trend is measured
+_LEAST_S = 1.0  # the trend is not judged before the window spans this time
+_LEAST_FALL_FRAC = 0.03  # least loss of charge within the window that is a trend, not one step
+_RESERVE_S = 15.0  # time in the air that must be left after the descent
+_SAG_SHARE = 0.12  # a loss of this share of the voltage within the window is a fall, too
+_LEAST_VOLTAGE_V = 1.0  # a lower voltage is no measurement
+_LANDING_SHARE = 0.5  # share of the landing level that must be left after descent and reserve
 
 
 class _BatterySample(NamedTuple):
@@ -27,17 +31,17 @@ class BatteryMonitor:
 
     Call :meth:`update` some times a second in flight, :meth:`reset` on the ground.
 
-    A percentage falls by about 0.2 % a second in ordinary flight. The battery is falling when, at
-    the present rate, less than half of the landing level would be left after the descent and a
-    reserve. PX4's simulated battery loses 1.7 % a second, but only down to a level of its own, and
-    counts by that until less is left.
+    In ordinary flight the charge falls by about 0.2 % a second. The battery counts as falling if,
+    at the present rate, less than half of the landing level would be left after the descent and a
+    reserve. PX4's simulated battery loses 1.7 % a second, but only down to a floor. Until the
+    charge is below that floor, at least the floor counts as left.
     """
 
-    is_falling: bool = False  # stays so until the reset
+    is_falling: bool = False  # once True, it stays True until the reset
     _past: deque[_BatterySample] = field(default_factory=deque)  # of the window, the oldest first
 
     def reset(self) -> None:
-        """Begin anew; on the ground loads come and go."""
+        """Begin anew: on the ground a changed load would look like a falling battery."""
         self._past.clear()
         self.is_falling = False
 
@@ -54,11 +58,11 @@ class BatteryMonitor:
         """Take one sample in flight.
 
         Args:
-            time_s: now, on any clock.
-            remaining_frac: share left; NaN while PX4 does not report it.
-            voltage_v: NaN while PX4 does not report it.
-            land_frac: level at which the vehicle lands in any case.
-            descent_s: time that a landing takes from here.
+            time_s: present time, on any clock.
+            remaining_frac: remaining charge, 0 to 1; NaN while PX4 does not report it.
+            voltage_v: voltage; NaN while PX4 does not report it.
+            land_frac: charge at which the vehicle lands in any case.
+            descent_s: duration of a landing from here.
             floor_frac: charge at which a simulated battery stops emptying (PX4's SIM_BAT_MIN_PCT);
                 0 for a real one.
         """
@@ -79,11 +83,12 @@ class BatteryMonitor:
         if remaining_frac >= floor_frac:
             left_frac = max(left_frac, floor_frac)
 
-        runs_out = left_frac < 0.5 * land_frac and fallen_frac > _LEAST_FALL_FRAC
+        runs_out = left_frac < _LANDING_SHARE * land_frac and fallen_frac > _LEAST_FALL_FRAC
         if runs_out or _sags(oldest.voltage_v, voltage_v):
             self.is_falling = True
 
 
 def _sags(before_v: float, now_v: float) -> bool:
+    """Return whether the voltage has fallen by a large share."""
     is_measured = math.isfinite(before_v) and before_v > _LEAST_VOLTAGE_V
     return is_measured and now_v < (1.0 - _SAG_SHARE) * before_v

@@ -1,17 +1,17 @@
 """The failsafe table: the action for every pair of a situation and a condition. Pure data.
 
-What the agent does when something fails is decided here, beforehand and for all cases, and not in
-the moment. Of all conditions that hold, the strongest action counts, and it is kept: an action ends
-only by a stronger one or by an operator's order (:func:`latched`).
+This table decides beforehand, for all cases, what the agent does when something fails. Of all
+conditions that hold, the one with the strongest action counts. The action is kept until a stronger
+one or an operator's order replaces it (:func:`latched`).
 
 The rank of an action says how much of the flight it takes away from this agent: first the speed,
-then the goal, then the flight itself, then the controls. A higher rank is safer whenever something
-is in doubt on which the lower rank relies, and the table uses a rank only in such cases.
+then the goal, then the flight itself, then the controls. A higher rank is safer when something is
+in doubt that a lower rank relies on. The table uses a higher rank only in such cases.
 
-The rank is no scale of comfort. PX4's landing does not avoid the others, and after silence PX4's
-own failsafe lands. Both stand above the landing under the law, for cases in which that landing
-cannot be trusted. LEVEL is a hold without a usable tick: while it lasts, setpoints are level;
-afterwards the vehicle holds.
+A higher rank is not gentler. PX4's landing does not avoid the others, and after silence PX4's own
+failsafe lands. Both rank above the landing under the law, for cases in which that landing cannot be
+trusted. LEVEL is a hold for ticks whose result cannot be used: the setpoints are level for as long
+as that lasts, and afterwards the vehicle holds.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from enum import Enum, IntEnum
 class Situation(Enum):
     """State of the flight, as coarsely as the failsafe table distinguishes it."""
 
-    __hash__ = object.__hash__  # Enum's own costs a call of Python for each look-up
+    __hash__ = object.__hash__  # faster: Enum's own hash is a Python function
 
     GROUND = "on the ground, disarmed"
     ARMED = "armed on the ground"
@@ -37,8 +37,8 @@ class Situation(Enum):
 class Condition(Enum):
     """Everything that can be wrong, in groups.
 
-    Of two conditions with the same action the first one is named. The names are codes of events,
-    the values are words of the telemetry and of docs/failsafe.md.
+    If two conditions have the same action, the first one is reported as the cause. The names are
+    the codes of events. The values are shown in the telemetry and in docs/failsafe.md.
     """
 
     __hash__ = object.__hash__  # as above
@@ -327,9 +327,9 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
 }
 
 _RANK = {condition: rank for rank, condition in enumerate(Condition)}
-# what is left of an action at the next tick: a level flight leaves a hold, since its order has
-# failed, and a refusal leaves nothing
-_LEFT = {Action.REFUSE: Action.GO_ON, Action.LEVEL: Action.HOLD}
+# What stays of an action at the next tick, where that is not the action itself. After LEVEL the
+# order has failed, so the vehicle holds. REFUSE lasts only as long as its condition.
+_STAYS = {Action.REFUSE: Action.GO_ON, Action.LEVEL: Action.HOLD}
 
 
 def decide(
@@ -338,11 +338,11 @@ def decide(
     """Return the strongest action, and the condition that demands it.
 
     Args:
-        situation: of the vehicle.
-        conditions: all that hold.
+        situation: situation of the vehicle.
+        conditions: all conditions that hold.
     Returns:
-        the action and the condition; of several conditions the first one in :class:`Condition`.
-        Without conditions GO_ON and None.
+        The action and its condition. If several conditions demand it, the first one in
+        :class:`Condition`. Without conditions GO_ON and None.
     """
     if not conditions:
         return Action.GO_ON, None
@@ -358,24 +358,26 @@ def decide(
 
 
 def needs_level(situation: Situation, conditions: Iterable[Condition]) -> bool:
-    """Return whether the setpoint of this tick must be level, whatever else is done.
+    """Return whether the setpoint of this tick must be level, whatever action counts.
 
     Args:
-        situation: of the vehicle.
-        conditions: all that hold.
+        situation: situation of the vehicle.
+        conditions: all conditions that hold.
     """
     return any(TABLE[situation, condition] is Action.LEVEL for condition in conditions)
 
 
 def latched(before: Action, demanded: Action) -> Action:
-    """Return the action that follows another one without an order in between: never a weaker one.
+    """Return the action of this tick, if there was no order since the last one.
+
+    It is never weaker than what stays of the last action.
 
     Args:
         before: action of the last tick.
-        demanded: by the conditions that hold now.
+        demanded: action that the present conditions demand.
     """
-    left = _LEFT.get(before, before)
-    return max(left, demanded)
+    staying = _STAYS.get(before, before)
+    return max(staying, demanded)
 
 
 def in_order(conditions: Iterable[Condition]) -> list[Condition]:

@@ -1,8 +1,8 @@
-"""Geofence: whether a vehicle is outside, above it, or about to leave it.
+"""Geofence: whether a vehicle is outside of it, above it, or about to leave it. Pure.
 
-Pure, in plain floats, for every tick. The fence is a box in fleet ENU. Its floor does not count as
-a wall, since vehicles stand there. Areas to stay in and out of are further fences within it: a
-vehicle is about to leave one where the way that it needs to stop crosses an edge.
+It is evaluated at every tick, in plain floats. The fence is a box in fleet ENU. Its floor does not
+count as a wall, since vehicles stand there. Areas to stay in or out of are further fences inside
+the box. A vehicle is about to leave an area if its stopping distance crosses an edge.
 """
 
 from __future__ import annotations
@@ -18,7 +18,10 @@ from onboard.config.fleet import Geofence, Vehicle
 from onboard.tuples import Xyz
 from onboard.types import GRAVITY_M_S2
 
-_BRAKE_SHARE = 0.6  # of the acceleration at the largest tilt, assumed for braking before the fence
+# Decelerations that are assumed for braking before the fence: horizontally this share of the
+# acceleration at the largest tilt, vertically this share of g.
+_BRAKE_SHARE = 0.6
+_VERTICAL_BRAKE_G = 0.5
 
 
 class FenceStatus(NamedTuple):
@@ -36,17 +39,18 @@ class FenceBox:
     low_enu_m: Xyz  # west, south and floor
     high_enu_m: Xyz  # east, north and top
     brake_m_s2: Xyz  # deceleration along each axis
-    reaction_s: float  # for so long the vehicle goes on as it does now
-    floor_tolerance_m: float = 0.5  # below the floor, where a landed vehicle may be measured
+    reaction_s: float  # time for which the vehicle keeps its velocity before it brakes
+    # how far below the floor a landed vehicle may be measured
+    floor_tolerance_m: float = 0.5
 
     def status(self, position_enu_m: Xyz, velocity_enu_m_s: Xyz) -> FenceStatus:
-        """Return where a vehicle is; a position that is not finite counts as outside.
+        """Return where a vehicle is relative to the box.
+
+        A position that is not finite counts as outside.
 
         Args:
-            position_enu_m: of the vehicle.
-            velocity_enu_m_s: of the vehicle.
-        Returns:
-            its position relative to the fence.
+            position_enu_m: position of the vehicle.
+            velocity_enu_m_s: velocity of the vehicle.
         """
         if not math.isfinite(sum(position_enu_m)):
             return FenceStatus(is_near=False, is_outside=True, is_above=False)
@@ -74,12 +78,12 @@ class FenceBox:
     def status_in(
         self, fleet_areas: Sequence[Area], position_enu_m: Xyz, velocity_enu_m_s: Xyz
     ) -> FenceStatus:
-        """Return where a vehicle is, in the box and in further areas.
+        """Return where a vehicle is relative to the box and to the areas in it.
 
         Args:
-            fleet_areas: of the fleet.
-            position_enu_m: of the vehicle.
-            velocity_enu_m_s: of the vehicle.
+            fleet_areas: areas of the fleet.
+            position_enu_m: position of the vehicle.
+            velocity_enu_m_s: velocity of the vehicle.
         """
         box_status = self.status(position_enu_m, velocity_enu_m_s)
         if not math.isfinite(sum(position_enu_m)):
@@ -99,7 +103,7 @@ class FenceBox:
         return FenceStatus(is_near=is_near, is_outside=is_outside, is_above=is_above)
 
     def _stop(self, position_enu_m: Xyz, velocity_enu_m_s: Xyz) -> Xyz:
-        """Return where a vehicle stops that brakes now."""
+        """Return the position at which a vehicle stops if it brakes now."""
         vx, vy, vz = velocity_enu_m_s
         speed_m_s = math.hypot(vx, vy)
         horizontal_s = self._equivalent_s(speed_m_s, min(self.brake_m_s2[0], self.brake_m_s2[1]))
@@ -108,16 +112,17 @@ class FenceBox:
         return (x + horizontal_s * vx, y + horizontal_s * vy, z + vertical_s * vz)
 
     def _equivalent_s(self, speed_m_s: float, brake_m_s2: float) -> float:
-        """Return the stopping distance over the speed: times a velocity it is the way to the stop.
+        """Return the stopping distance divided by the speed [s].
 
-        The distance is v t for the reaction and v^2 / 2a for the braking.
+        The stopping distance is v t for the reaction and v^2 / 2a for the braking. The result times
+        the velocity is the vector to the point where the vehicle stops.
         """
         return self.reaction_s + speed_m_s / (2.0 * brake_m_s2)
 
     def _is_near(self, distance_m: float, speed_m_s: float, brake_m_s2: float) -> bool:
-        """Return whether a vehicle inside cannot stop before a wall at that distance.
+        """Return whether a vehicle inside the fence cannot stop before a wall at that distance.
 
-        At or beyond the wall it is outside, and not near.
+        A vehicle at or beyond the wall counts as outside, and not as near.
         """
         return 0.0 < distance_m < self._stopping_m(speed_m_s, brake_m_s2)
 
@@ -125,12 +130,13 @@ class FenceBox:
         return speed_m_s * self._equivalent_s(speed_m_s, brake_m_s2)
 
     def farthest_m(self, speed_m_s: float) -> tuple[float, float]:
-        """Return the farthest that a vehicle ends from any point inside if it brakes at the fence.
+        """Return how far from any point inside a vehicle ends at most, if it brakes at the fence.
 
         Args:
-            speed_m_s: at which it crosses.
+            speed_m_s: speed at which it crosses the fence.
         Returns:
-            horizontal and vertical distance, from whichever point of the box.
+            Horizontal and vertical distance [m] between the farthest point of the box and the point
+            where the vehicle stops.
         """
         west, south, floor = self.low_enu_m
         east, north, top = self.high_enu_m
@@ -143,7 +149,7 @@ class FenceBox:
 
 
 def _leaves(area: Area, position_enu_m: Xyz, stop_enu_m: Xyz) -> bool:
-    """Return whether a way from an allowed position is about to leave what the area allows."""
+    """Return whether the line from an allowed position to the stop leaves the allowed space."""
     if area.keeps_in and stop_enu_m[2] > max(area.high_m, position_enu_m[2]):
         return True
     if areas.is_crossed(area, position_enu_m, stop_enu_m):
@@ -152,17 +158,17 @@ def _leaves(area: Area, position_enu_m: Xyz, stop_enu_m: Xyz) -> bool:
 
 
 def fence_of(box: Geofence, vehicle: Vehicle) -> FenceBox:
-    """Return the fence of a fleet as one vehicle brakes before it.
+    """Return the fence of a fleet, with the braking of one vehicle.
 
     Args:
-        box: of the fleet file.
-        vehicle: of the fleet file.
+        box: geofence of the fleet file.
+        vehicle: vehicle of the fleet file.
     """
     tilt_rad = math.radians(vehicle.max_tilt_deg)
     brake_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(tilt_rad)
     return FenceBox(
         low_enu_m=(box.x[0], box.y[0], box.z[0]),
         high_enu_m=(box.x[1], box.y[1], box.z[1]),
-        brake_m_s2=(brake_m_s2, brake_m_s2, 0.5 * GRAVITY_M_S2),
+        brake_m_s2=(brake_m_s2, brake_m_s2, _VERTICAL_BRAKE_G * GRAVITY_M_S2),
         reaction_s=vehicle.lag_s,
     )

@@ -1,9 +1,9 @@
-"""For how long, and for how many checks in a row, something has held. Pure.
+"""Counts for how long, and in how many checks in a row, a condition has held. Pure.
 
-This is the one way in which safety waits before it believes. A process that was not scheduled for a
-while finds every message old at its first tick, although nothing else is wrong: so a silence counts
-only after several checks in a row have seen it. What may come and go for a moment counts only after
-some time.
+All of safety uses it to wait before a condition counts. A process that was not scheduled for a
+while finds every message old at its first tick, although nothing else is wrong. Therefore a silence
+counts only after several checks in a row have seen it. A condition that may come and go quickly
+counts only after some time.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from dataclasses import dataclass
 
 @dataclass(slots=True)
 class Held:
-    """Memory of one thing that may hold.
+    """Memory of one condition.
 
-    Call :meth:`see` at every check that sees it, :meth:`end` at every other one.
+    Call :meth:`see` at every check at which it holds, and :meth:`end` at every other check.
     """
 
-    checks: int = 0  # in a row that have seen it; 0 while it does not hold
-    since_ns: int = 0  # the first of them
+    checks: int = 0  # number of checks in a row at which it held; 0 while it does not hold
+    since_ns: int = 0  # our time at the first of these checks
 
     def see(self, now_ns: int) -> None:
-        """Take a check that has seen it.
+        """Count a check at which the condition holds.
 
         Args:
             now_ns: our clock.
@@ -32,11 +32,11 @@ class Held:
         self.checks += 1
 
     def end(self) -> None:
-        """Take a check that has not seen it."""
+        """Take a check at which the condition does not hold."""
         self.checks = 0
 
     def seconds(self, now_ns: int) -> float:
-        """Return the time since the first check that saw it [s]; 0 while it does not hold.
+        """Return for how long the condition has held [s]; 0 while it does not hold.
 
         Args:
             now_ns: our clock.

@@ -1,6 +1,6 @@
-"""Limits that more than one judgement uses.
+"""Limits that several checks share.
 
-They say from which age something is stale, silent or lost, and which accuracy is believed.
+They say at which age something is stale, silent or lost, and which accuracies are accepted.
 """
 
 from __future__ import annotations
@@ -8,19 +8,21 @@ from __future__ import annotations
 import math
 
 # own position
-POSITION_STALE_S = 0.2  # from here on the vehicle flies by dead reckoning; no take-off
+POSITION_STALE_S = 0.2  # without poses for longer, a vehicle flies by dead reckoning
 POSITION_LOST_S = 0.5
-NEIGHBOUR_BLIND_S = 0.25  # the others go by it when it has lasted, for telemetry is that late
-RECKONING_S = 6.0  # from here on dead reckoning is worth no more than PX4's own landing
-RECKONING_AMONG_OTHERS_S = 12.0  # near others it is: PX4 avoids nobody, and reckons worse
-AMONG_OTHERS_M = 5.0  # nearer than this a vehicle is among others
+NEIGHBOUR_BLIND_S = 0.25  # a neighbour's dead reckoning counts after this: telemetry may be so late
+RECKONING_S = 6.0  # after this, dead reckoning is no better than PX4's own landing
+# Near others, dead reckoning is better for longer: PX4 avoids nobody, and its own reckoning is
+# worse.
+RECKONING_AMONG_OTHERS_S = 12.0
+AMONG_OTHERS_M = 5.0  # a vehicle nearer than this to another one is among others
 
 # PX4
-AUTOPILOT_SILENT_S = 0.3  # without any packet
-LOCAL_POSITION_FRESH_S = 0.25  # its local position arrives at 10 Hz
+AUTOPILOT_SILENT_S = 0.3  # PX4 is silent if no packet has come for longer
+LOCAL_POSITION_FRESH_S = 0.25  # PX4's local position arrives at 10 Hz
 
-# Standard deviations that are published, and believed. A margin for more would push the other
-# vehicles out of the fence.
+# Largest standard deviations that are published and accepted. A margin for larger ones would push
+# the other vehicles out of the fence.
 LARGEST_POSITION_STD_M = 0.5
 LARGEST_VELOCITY_STD_M_S = 0.5
-LARGEST_PX4_ACCURACY_M = math.sqrt(2.0) * LARGEST_POSITION_STD_M  # as PX4 tells it, of two axes
+LARGEST_PX4_ACCURACY_M = math.sqrt(2.0) * LARGEST_POSITION_STD_M  # PX4 reports that of two axes

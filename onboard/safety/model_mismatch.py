@@ -1,17 +1,16 @@
-"""Detects in flight a vehicle that responds otherwise than its file says: lag, static gain, tilt
-bias, hover throttle. Pure.
+"""Detects in flight a vehicle whose lag or hover throttle differs from its fleet file. Pure.
 
-The disturbance observer has a model of the own commands after the configured lag: the acceleration
-that the vehicle should have by now. The measured attitude is regressed on that model,
+The disturbance observer has a model that applies the own commands after the configured lag. It
+gives the acceleration that the vehicle should have now. The measured attitude is regressed on it:
 
-    measured = gain (response - late rate) + bias        for x and y, with one gain and one late,
+    measured = gain (response - late rate) + bias        for x and y, with one gain and one late
 
-where ``response`` is the model's acceleration, ``rate`` its derivative and ``late`` the time by
+Here ``response`` is the model's acceleration, ``rate`` its derivative, and ``late`` the time by
 which the vehicle is slower than configured. The equation is linear in the unknowns theta = (gain,
-gain late, bias_x, bias_y), so these come from least squares over the last half minute. Ten samples
-a second are enough. ``covey identify`` measures the same more accurately.
+gain late, bias_x, bias_y). They come from least squares over the last half minute. Ten samples a
+second are enough. ``covey identify`` measures the same more accurately.
 
-In the code a is the response, r the rate and s what was measured, each along x and y.
+In the code a is the response, r the rate and s the measured acceleration, each along x and y.
 """
 
 from __future__ import annotations
@@ -28,31 +27,32 @@ from onboard.types import GRAVITY_M_S2
 from onboard.vectors import Vec3
 
 _FORGET_S = 30.0  # time constant of the memory
-_LEAST_S = 8.0  # of flight, before anything is said
-_ATTITUDE_AGE_S = 0.012  # of PX4's attitude when it is used: it comes at 50-100 Hz over a link
+_LEAST_S = 8.0  # time of flight before any result
+_ATTITUDE_AGE_S = 0.012  # mean age of PX4's attitude when it is used: it comes at 50 to 100 Hz
 _HOVER_SHARE = 0.12  # by which the hover throttle may differ from the file's
 _SURE_S = 0.008  # largest standard deviation with which a difference of the lag counts
 _CORRELATED_S = 0.5  # correlation time of the residuals
-_LEAST_GAIN = 0.3  # below it the commands do not explain the motion
-_LEAST_UP = 0.3  # vertical part of the body's up, below which a sample is left out
-_LARGEST_CONDITION_NUMBER = 1e6
+_LEAST_GAIN = 0.3  # with a smaller gain the commands do not explain the motion
+_LEAST_UP = 0.3  # a sample with a smaller vertical part of the body's up is left out
+_LARGEST_CONDITION_NUMBER = 1e6  # beyond it the commands varied too little for a result
+_LEAST_SQUARE = 1e-9  # no division by zero, no square root of a negative number
 
 
 class LagDifference(NamedTuple):
     """By how much a vehicle responds more slowly than its file says."""
 
-    slower_s: float  # negative: it is quicker
-    std_s: float  # standard deviation of that; infinite while it is not known
+    slower_s: float  # negative: it responds sooner than the file says
+    std_s: float  # standard deviation of slower_s; infinite while it is not known
 
 
 _UNKNOWN = LagDifference(0.0, math.inf)
 
 
 class ResponseMemory(NamedTuple):
-    """Sums of the regression over the past, forgotten exponentially."""
+    """Sums of the regression over the past, which is forgotten exponentially."""
 
-    normal: Array  # (4, 4), the normal equations' matrix
-    right: Array  # (4,), their right side
+    normal: Array  # (4, 4), matrix of the normal equations
+    right: Array  # (4,), right side of the normal equations
     energy: float  # sum of the squared measurements
     time_s: float
 
@@ -73,13 +73,12 @@ def update(
 
     Args:
         memory: of the last tick.
-        response_enu_m_s2: acceleration that the model of the commands has now; only its horizontal
-            part is used.
-        rate_enu_m_s3: its derivative.
+        response_enu_m_s2: present acceleration of the observer's model; its horizontal part counts.
+        rate_enu_m_s3: derivative of that acceleration.
         quaternion_wxyz: measured attitude, FLU to ENU.
-        dt_s: since the last call.
+        dt_s: time since the last call.
     Returns:
-        the memory; unchanged where something is not finite or the vehicle is upside down.
+        The memory. It is unchanged if a number is not finite or the vehicle is upside down.
     """
     a_x, a_y, _ = response_enu_m_s2
     r_x, r_y, _ = rate_enu_m_s3
@@ -89,7 +88,7 @@ def update(
     if not (is_finite and is_upright):
         return memory
 
-    # measured: horizontal acceleration of a thrust along the body's up that carries the weight
+    # the measured acceleration: that of a thrust along the body's up axis which carries the weight
     s_x = GRAVITY_M_S2 * up.x / up.z
     s_y = GRAVITY_M_S2 * up.y / up.z
 
@@ -116,18 +115,19 @@ def update(
 
 
 def lag_difference(memory: ResponseMemory) -> LagDifference:
-    """Return by how much the vehicle is slower than configured, and how sure that is.
+    """Return by how much the vehicle responds more slowly than configured.
 
     Args:
-        memory: of the flight so far.
+        memory: memory of the flight so far.
     Returns:
-        the difference of the lag; not known while there are too few samples, or commands too poor.
+        The difference of the lag. It is not known (infinite deviation) while there are too few
+        samples, or while the commands vary too little.
     """
     if memory.time_s < _LEAST_S:
         return _UNKNOWN
 
-    # scaled to a unit diagonal, so that the condition number says whether the commands were rich
-    scale = np.sqrt(np.maximum(np.diag(memory.normal), 1e-9))
+    # scaled to a unit diagonal, so that the condition number tells whether the commands varied
+    scale = np.sqrt(np.maximum(np.diag(memory.normal), _LEAST_SQUARE))
     scales = np.outer(scale, scale)
     normal = memory.normal / scales
     if np.linalg.cond(normal) > _LARGEST_CONDITION_NUMBER:
@@ -143,13 +143,14 @@ def lag_difference(memory: ResponseMemory) -> LagDifference:
     # each sample has two measurements: normal[2, 2] and normal[3, 3] both count the samples
     sample_count = memory.normal[2, 2]
     measurement_count = sample_count + memory.normal[3, 3]
-    variance = max(memory.energy - float(theta @ memory.right), 1e-9) / measurement_count
+    residuals = max(memory.energy - float(theta @ memory.right), _LEAST_SQUARE)
+    variance = residuals / measurement_count
 
-    # samples within the correlation time say the same: so many of them count as one
-    alike_count = max(1.0, _CORRELATED_S * sample_count / memory.time_s)
+    # the samples within one correlation time carry the information of one sample
+    correlated_count = max(1.0, _CORRELATED_S * sample_count / memory.time_s)
     return LagDifference(
         slower_s=float(gain_late / gain) - _ATTITUDE_AGE_S,
-        std_s=math.sqrt(alike_count * variance * inverse[1, 1]) / gain,
+        std_s=math.sqrt(correlated_count * variance * inverse[1, 1]) / gain,
     )
 
 
@@ -159,12 +160,12 @@ def differences(
     """Return what differs from the vehicle's file by more than the law tolerates.
 
     Args:
-        memory: of the flight so far.
+        memory: memory of the flight so far.
         lag_s: configured lag.
         hover_frac: hover throttle learned in flight.
         configured_hover_frac: hover throttle of the fleet file.
     Returns:
-        code -> sentence with the remedy, for everything that differs.
+        For each value that differs, its code -> a sentence with the remedy.
     """
     sentences: dict[str, str] = {}
 

@@ -1,12 +1,13 @@
-"""PX4's reports that surprise are believed when a second one agrees, never at once. Pure.
+"""Confirmation of PX4's reports: a surprising report counts only when later ones agree. Pure.
 
-MAVLink has no check of the source: whoever reaches the agent's port and knows the system id can
-play its PX4. One datagram therefore decides nothing that cannot be taken back: while it waits for
-the next report of its kind, the one before it counts. A next report that does not agree contradicts
-it. What is true is never decided by a majority.
+MAVLink does not authenticate a sender: anybody who reaches the agent's port and knows the system id
+can pretend to be its PX4. Therefore a single datagram must not decide anything that cannot be
+undone. A surprising report waits for the next report of its kind, and meanwhile the report before
+it counts. If the next report does not agree with the waiting one, that is a contradiction. A
+contradiction is reported; no majority decides it.
 
-There are three kinds of reports, in :data:`KINDS`: what belongs together, what surprises, and how
-many reports have to agree over what time.
+:data:`KINDS` lists the three kinds of reports. For each it says which fields belong together, which
+report is a surprise, and how many reports have to agree over which time.
 """
 
 from __future__ import annotations
@@ -20,24 +21,25 @@ from msgspec.structs import replace
 
 from onboard.autopilot import Landed, Snapshot
 
-CONTRADICTED_S = 2.0  # for so long a contradiction counts as a condition
-CONTRADICTED_LONG_S = 2.0  # contradictions over so long a time are no single datagrams any more
-_ONE_RUN_S = 3.0  # contradictions no farther apart belong together
-_IMPOSSIBLE_NS = 1_000_000_000  # for so long a dropped snapshot counts
-_ASK_EVERY_NS = 60_000_000  # for a heartbeat
+CONTRADICTED_S = 2.0  # a contradiction counts as a condition for this time
+CONTRADICTED_LONG_S = 2.0  # if contradictions go on for longer, they are not single datagrams
+_ONE_RUN_S = 3.0  # contradictions that follow each other within this time belong together
+_IMPOSSIBLE_NS = 1_000_000_000  # a dropped snapshot counts for this time
+_ASK_EVERY_NS = 60_000_000  # shortest time between two requests for a heartbeat
 
-_CLOCK_MS = 500  # by which PX4's clock may differ from what time allows
-_SAME_TURN_COS = math.cos(math.radians(0.5 * 45.0))  # half the angle between two attitudes
-_TURN_WITHIN_NS = 100_000_000  # after a longer gap it may have turned by anything
+# Two reports agree if they differ by no more than this.
+_CLOCK_MS = 500  # of PX4's clock against the time that has passed
+_SAME_TURN_COS = math.cos(math.radians(0.5 * 45.0))  # cosine of half the angle of two attitudes
+_TURN_WITHIN_NS = 100_000_000  # after a longer gap two attitudes may differ by any angle
 _BATTERY_FRAC = 0.10
 _BATTERY_VOLTAGE_SHARE = 0.10
 
 
 class Expected(NamedTuple):
-    """Reports that a flight expects of PX4 while nobody takes the vehicle away."""
+    """Reports that a flight expects from PX4 while nobody else controls the vehicle."""
 
-    is_armed: bool = False  # a report of disarmed would end the flight
-    mode: str = ""  # "" for any, on the ground
+    is_armed: bool = False  # True: a report that PX4 is disarmed would end the flight
+    mode: str = ""  # mode of PX4; empty: any mode, on the ground
 
 
 class ReportKind(NamedTuple):
@@ -45,15 +47,17 @@ class ReportKind(NamedTuple):
 
     name: str
     fields: tuple[str, ...]
-    stamp: str  # the field with the time of arrival
-    needed: int  # reports that have to agree
-    least_ns: int  # from the first to the last of them
-    surprises: Callable[[Snapshot, Snapshot, Expected], bool]  # the believed one, the new one
-    agrees: Callable[[Snapshot, Snapshot], bool]  # the one that waits, the new one
+    stamp: str  # name of the field with the time of arrival
+    needed: int  # number of reports that have to agree, the surprising one included
+    least_ns: int  # shortest time from the first to the last of them
+    # whether the new report is a surprise; arguments: believed report, new report, expectation
+    surprises: Callable[[Snapshot, Snapshot, Expected], bool]
+    # whether the new report confirms the waiting one; arguments: waiting report, new report
+    agrees: Callable[[Snapshot, Snapshot], bool]
 
 
 def _heartbeat_surprises(believed: Snapshot, new: Snapshot, expected: Expected) -> bool:
-    """Return whether it is disarmed in flight, or has left the mode of the flight."""
+    """Return whether PX4 reports that it is disarmed in flight, or has left the flight's mode."""
     if expected.is_armed and believed.is_armed and not new.is_armed:
         return True
 
@@ -81,7 +85,7 @@ def _attitude_agrees(known: Snapshot, new: Snapshot) -> bool:
 
 
 def _clock_error_ms(known: Snapshot, new: Snapshot) -> float:
-    """Return by how much PX4's clock has gone back (negative) or is ahead of time (positive)."""
+    """Return by how much PX4's clock went back (negative) or gained on ours (positive) [ms]."""
     moved_ms = new.px4_boot_ms - known.px4_boot_ms
     if moved_ms < 0:
         return float(moved_ms)
@@ -90,9 +94,9 @@ def _clock_error_ms(known: Snapshot, new: Snapshot) -> float:
 
 
 def _battery_surprises(believed: Snapshot, new: Snapshot, expected: Expected) -> bool:
-    """Return whether it has changed at once.
+    """Return whether charge or voltage jumped.
 
-    On the ground after a flight it may be exchanged; a simulated one fills up.
+    On the ground this is no surprise: a battery may be exchanged, and a simulated one fills up.
     """
     may_change = not expected.is_armed and new.landed is Landed.ON_GROUND
     return not may_change and not _battery_agrees(believed, new)
@@ -108,7 +112,7 @@ def _battery_agrees(known: Snapshot, new: Snapshot) -> bool:
 
 
 def _is_near(a: float, b: float, limit: float) -> bool:
-    """Return whether two numbers are near, or both not known."""
+    """Return whether two numbers differ by at most the limit, or one of them is not known."""
     return abs(a - b) <= limit or (math.isnan(a) and math.isnan(b))
 
 
@@ -141,17 +145,17 @@ KINDS = (
         agrees=_battery_agrees,
     ),
 )
-_HEARTBEAT = 0  # of KINDS
+_HEARTBEAT = 0  # index in KINDS
 
 
 @dataclass(slots=True)
 class _Waiting:
     """Memory of one kind of report."""
 
-    seen_ns: int = 0  # arrival of the newest that was looked at
-    report: Snapshot | None = None  # the one that waits for others
-    first_ns: int = 0  # arrival of the first that agrees with it
-    count: int = 0  # that agree
+    seen_ns: int = 0  # arrival of the newest report that was looked at
+    report: Snapshot | None = None  # newest surprising report, which waits for others that agree
+    first_ns: int = 0  # arrival of the first of the reports that agree
+    count: int = 0  # number of reports that agree
 
 
 @dataclass(slots=True)
@@ -159,26 +163,23 @@ class ReportConfirmation:
     """Memory of one PX4's reports; give it every snapshot."""
 
     contradicted: str = ""  # kind of report that was contradicted last
-    is_heartbeat_wanted: bool = False  # somebody has to know the mode of now
+    is_heartbeat_wanted: bool = False  # True: the flight has to know PX4's present mode
     _believed: Snapshot = field(default_factory=Snapshot)
     _waiting: tuple[_Waiting, ...] = field(default_factory=lambda: tuple(_Waiting() for _ in KINDS))
 
-    _run_begin_ns: int = 0  # first of the contradictions that belong together
-    _contradicted_ns: int = 0  # the last one; 0 never
-    _asked_ns: int = 0  # for a heartbeat
+    _run_begin_ns: int = 0  # time of the first of the contradictions that belong together
+    _contradicted_ns: int = 0  # time of the last contradiction; 0 never
+    _requested_ns: int = 0  # time of the last request for a heartbeat
 
     _dropped_sentence: str = ""  # what was wrong with the newest snapshot that was dropped
     _dropped_ns: int = 0
 
     def believe(self, snapshot: Snapshot, expected: Expected) -> Snapshot:
-        """Return what is believed of the newest values.
+        """Return the snapshot with the earlier values of all reports that wait for confirmation.
 
         Args:
-            snapshot: as the link has it.
-            expected: by the flight.
-        Returns:
-            the snapshot with the values before in the fields of the reports that wait for
-            confirmation.
+            snapshot: newest snapshot of the link.
+            expected: reports that the flight expects.
         """
         withheld: dict[str, object] = {}
         for kind, waiting in zip(KINDS, self._waiting, strict=True):
@@ -194,7 +195,7 @@ class ReportConfirmation:
         return self._believed
 
     def drop(self, sentence: str, now_ns: int) -> None:
-        """Remember a snapshot that nobody can calculate with.
+        """Remember that a snapshot with impossible numbers was dropped.
 
         Args:
             sentence: what is wrong with it.
@@ -204,45 +205,46 @@ class ReportConfirmation:
         self._dropped_ns = now_ns
 
     def impossible(self, now_ns: int) -> str:
-        """Return what is wrong with PX4's newest numbers; empty when none was dropped lately.
+        """Return in a sentence what is wrong with PX4's newest numbers.
+
+        It is empty if no snapshot was dropped within the last second.
 
         Args:
             now_ns: our clock.
-        Returns:
-            a sentence.
         """
         is_recent = now_ns - self._dropped_ns < _IMPOSSIBLE_NS
         return self._dropped_sentence if is_recent else ""
 
     def is_heartbeat_due(self, now_ns: int) -> bool:
-        """Return whether PX4 is to be asked for a heartbeat now.
+        """Return whether to ask PX4 for a heartbeat now; called at each tick.
 
-        One waits for another, or somebody has to know the mode of now.
+        It is so while a surprising heartbeat waits for another one, and while the flight has to
+        know the present mode.
 
         Args:
-            now_ns: our clock, at each tick.
+            now_ns: our clock.
         """
-        is_waiting = self.is_heartbeat_wanted or self._waiting[_HEARTBEAT].report is not None
-        if not is_waiting or now_ns - self._asked_ns < _ASK_EVERY_NS:
+        is_needed = self.is_heartbeat_wanted or self._waiting[_HEARTBEAT].report is not None
+        if not is_needed or now_ns - self._requested_ns < _ASK_EVERY_NS:
             return False
-        self._asked_ns = now_ns
+        self._requested_ns = now_ns
         return True
 
     def contradicted_s(self, now_ns: int) -> float:
-        """Return for how long reports have contradicted each other; 0 when not lately.
+        """Return for how long reports have contradicted each other [s]; 0 if none did lately.
 
         Args:
             now_ns: our clock.
         """
         if not self._contradicted_ns or now_ns - self._contradicted_ns > 1e9 * CONTRADICTED_S:
             return 0.0
-        # one contradiction has no duration, and is one all the same
+        # a single contradiction has no duration, but must not count as none
         return max(1e-9, (self._contradicted_ns - self._run_begin_ns) * 1e-9)
 
     def _is_withheld(
         self, kind: ReportKind, waiting: _Waiting, new: Snapshot, expected: Expected
     ) -> bool:
-        """Return whether the values before count, instead of the new report of this kind."""
+        """Return whether the earlier values count instead of the new report of this kind."""
         stamp_ns = getattr(new, kind.stamp)
         is_new = stamp_ns != waiting.seen_ns
         waiting.seen_ns = stamp_ns
@@ -252,7 +254,7 @@ class ReportConfirmation:
 
         is_first_ever = not getattr(self._believed, kind.stamp)
         if is_first_ever or not kind.surprises(self._believed, new, expected):
-            # it says what is believed already: the one that waited was alone
+            # the new report repeats what is believed, so nothing confirms the one that waited
             if is_new and first is not None and not kind.agrees(first, new):
                 self._contradict(kind.name, stamp_ns)
             waiting.report = None

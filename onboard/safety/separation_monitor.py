@@ -1,4 +1,4 @@
-"""The smallest distance of two vehicles that brake, and a neighbour's predictions checked.
+"""Predicts the smallest distance of two vehicles that brake, and checks a neighbour's predictions.
 
 Pure, in plain floats.
 """
@@ -10,33 +10,34 @@ from dataclasses import dataclass
 
 Xy = tuple[float, float]
 
-_HORIZON_S = 2.0  # of two vehicles that pass each other
-_COMPARE_EVERY_S = 0.25  # a state that comes later than this is not of the predicted time
-_MISS_SHARE = 0.35  # of the newest comparison in the low-passed miss
-_MISS_M_S = 0.55  # low-passed, from which on predictions count as wrong
-_LONGEST_LEAD_S = 1.0  # of a prediction that is compared
+_HORIZON_S = 2.0  # how far ahead the passing of two vehicles is predicted
+_COMPARE_WITHIN_S = 0.25  # a state that comes later after the predicted time is not compared
+_MISS_SHARE = 0.35  # weight of the newest comparison in the low-passed miss
+_MISS_M_S = 0.55  # predictions count as wrong from this low-passed miss on
+_LONGEST_LEAD_S = 1.0  # a prediction for a later time is not compared
+_COINCIDENT_M = 1e-6  # two vehicles this near have no line of sight
 
 
 def smallest_distance_m(
     apart_m: Xy, closing_velocity_m_s: Xy, *, reaction_s: float, deceleration_m_s2: float
 ) -> float:
-    """Return the distance that is left when both vehicles brake along their line of sight.
+    """Return the smallest distance [m] of two vehicles that brake along their line of sight.
 
-    They go on as they do now while they react, and then brake as hard as they can.
+    Both keep their velocity while they react, and then brake as hard as they can.
 
     Args:
-        apart_m: from us to the other, horizontal.
-        closing_velocity_m_s: our velocity minus the other's, horizontal.
-        reaction_s: for so long both go on as they do now.
-        deceleration_m_s2: of both together.
+        apart_m: horizontal vector from this vehicle to the other.
+        closing_velocity_m_s: horizontal velocity of this vehicle minus the other's.
+        reaction_s: reaction time of both vehicles.
+        deceleration_m_s2: sum of the decelerations of both vehicles.
     Returns:
-        distance [m]: the present one if they do not come nearer, or the one at which they pass each
-        other without braking if that is larger than the distance left.
+        The present distance if they do not approach each other. Otherwise the larger of two: the
+        distance after braking, and the distance at which they pass each other without braking.
     """
     x, y = apart_m
     vx, vy = closing_velocity_m_s
     distance_m = math.hypot(x, y)
-    if distance_m < 1e-6:
+    if distance_m < _COINCIDENT_M:
         return distance_m
 
     closing_m_s = (x * vx + y * vy) / distance_m
@@ -56,13 +57,13 @@ def smallest_distance_m(
 class PredictionMonitor:
     """Compares a neighbour's velocity with the one that it had predicted for now.
 
-    A vehicle's prediction contains the commands that it has sent already, so it comes true within
-    noise and gusts. For a vehicle that does not follow its own commands it does not. The difference
-    is low-passed over about a second.
+    A vehicle predicts its motion from the commands that it has already sent. So the prediction
+    comes true, except for noise and gusts, unless the vehicle does not follow its own commands. The
+    difference is low-passed over about a second.
     """
 
-    miss_m_s: float = 0.0  # between velocity and prediction, low-passed
-    _due_ns: int = 0  # when the prediction can be compared; 0 without one
+    miss_m_s: float = 0.0  # difference of velocity and prediction, low-passed
+    _due_ns: int = 0  # time that the waiting prediction is for; 0: none waits
     _predicted_m_s: Xy = (0.0, 0.0)  # horizontal velocity at that time
 
     @property
@@ -85,7 +86,7 @@ class PredictionMonitor:
             lead_s: lead time of the prediction.
         """
         if self._due_ns and stamp_ns >= self._due_ns:
-            if stamp_ns - self._due_ns < _COMPARE_EVERY_S * 1e9:
+            if stamp_ns - self._due_ns < _COMPARE_WITHIN_S * 1e9:
                 vx, vy = velocity_m_s
                 px, py = self._predicted_m_s
                 self.miss_m_s += _MISS_SHARE * (math.hypot(vx - px, vy - py) - self.miss_m_s)

@@ -9,8 +9,8 @@ import math
 
 from onboard.types import AttitudeSetpoint
 
-_TILT_SLACK_DEG = 1.0  # for rounding, beyond the tilt of the fleet file
-_UNIT_SLACK = 1e-3  # of the squared length of a unit quaternion
+_TILT_SLACK_DEG = 1.0  # by which rounding may exceed the largest tilt of the fleet file
+_UNIT_SLACK = 1e-3  # by which the squared length of a unit quaternion may differ from 1
 
 
 def is_sendable(setpoint: AttitudeSetpoint, max_tilt_deg: float) -> bool:
@@ -26,7 +26,7 @@ def is_sendable(setpoint: AttitudeSetpoint, max_tilt_deg: float) -> bool:
     w, x, y, z = setpoint.quaternion_wxyz
     squared_length = w * w + x * x + y * y + z * z
 
-    # comparisons with NaN are false
+    # comparisons with NaN are False, so that NaN is refused
     is_unit = abs(squared_length - 1.0) < _UNIT_SLACK
     is_thrust = 0.0 <= setpoint.thrust_frac <= 1.0
     if not (is_unit and is_thrust):

@@ -1,4 +1,4 @@
-"""Whether the numbers that PX4 sends can be calculated with. Pure."""
+"""Checks whether the numbers that PX4 sends are possible, before anything uses them. Pure."""
 
 from __future__ import annotations
 
@@ -11,18 +11,16 @@ _LARGEST_M_S = 1e3
 
 
 def nonsense(snapshot: Snapshot) -> str:
-    """Return what is wrong with attitude and motion of a snapshot; empty when nothing is.
+    """Return a sentence that says which number of a snapshot is impossible; empty if none is.
 
     Args:
-        snapshot: of one PX4.
-    Returns:
-        a sentence.
+        snapshot: newest snapshot of one PX4.
     """
     length = math.hypot(*snapshot.quaternion_enu_flu_wxyz)
     away_m = math.hypot(*snapshot.position_local_ned_m)
     speed_m_s = math.hypot(*snapshot.velocity_local_ned_m_s)
 
-    # comparisons with what is no number are false
+    # comparisons with NaN are False, so that NaN is impossible, too
     if not 0.95 < length < 1.05:
         return (
             "PX4 sends an attitude that is no rotation "

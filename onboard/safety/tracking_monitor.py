@@ -1,8 +1,8 @@
 """Detects an attitude that does not follow its setpoints, and thrust at its limit. Pure.
 
-The commanded tilt goes through a first-order lag of the vehicle's own time. The measured tilt minus
-that, low-passed, stays small for a vehicle that responds late or with a static error, and grows for
-one that does not respond.
+The commanded tilt passes a first-order lag with the vehicle's own time constant. The difference of
+the measured tilt to it is low-passed. It stays small if the vehicle responds late or with a static
+error, and it grows if the vehicle does not respond.
 """
 
 from __future__ import annotations
@@ -12,20 +12,25 @@ from dataclasses import dataclass
 
 from onboard.tuples import Wxyz
 
+# the attitude does not follow if the low-passed difference is larger than this angle for this time
 _MISS_TIME_S = 0.3  # time constant of the low-pass
 _MISS_SIN = math.sin(math.radians(9.0))
 _MISS_FOR_S = 0.2
 
-_UPSET_COS = math.cos(math.radians(60.0))  # of the tilt
+# the vehicle is upset if its tilt is larger than this angle for this time
+_UPSET_COS = math.cos(math.radians(60.0))
 _UPSET_FOR_S = 0.1
 
-_FULL_SHARE = 0.99  # of the largest throttle that is ever sent
+# the thrust is saturated at this share of the largest throttle, for this time
+_FULL_SHARE = 0.99
 _FULL_FOR_S = 0.5
-_BELOW_M = 0.15  # below the trajectory
-_CLIMB_M_S = 0.05  # less than that is no climb
+
+# with full thrust the vehicle does not climb if it is so far below its trajectory, and slower
+_BELOW_M = 0.15
+_CLIMB_M_S = 0.05
 _SINKING_FOR_S = 1.0
 
-_SHORTEST_LAG_S = 0.02
+_SHORTEST_LAG_S = 0.02  # a shorter configured lag counts as this
 
 
 @dataclass(slots=True)
@@ -38,11 +43,11 @@ class TrackingMonitor:
     lag_s: float  # from attitude setpoint to attitude
     largest_frac: float  # throttle at which thrust is saturated
 
-    is_attitude_lost: bool = False
-    is_upset: bool = False  # it leans so far that nothing else has to be known
-    missed_s: float = 0.0  # for how long it has not followed
+    is_attitude_lost: bool = False  # the attitude does not follow, or the vehicle is upset
+    is_upset: bool = False  # it is tilted so far that no other sign is needed
+    missed_s: float = 0.0  # for how long the attitude has not followed
     is_saturated: bool = False
-    is_sinking: bool = False  # with full thrust
+    is_sinking: bool = False  # it does not climb although the thrust is full
 
     # horizontal part (east, north) of the direction of thrust
     _commanded_x: float = 0.0  # as commanded, after the lag

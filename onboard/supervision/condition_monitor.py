@@ -1,4 +1,7 @@
-"""Which conditions hold at a tick: the rows of the condition table, each with its memory."""
+"""Decides which conditions hold at a tick: evaluates the condition table, with a memory per fact.
+
+:mod:`failsafe_supervisor` calls it at every tick.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +14,11 @@ from onboard.safety.held import Held
 from onboard.supervision.condition_table import ROWS, Cause, ConditionRow
 from onboard.supervision.tick_facts import TickFacts
 
-ANY_TIME_S = -math.inf  # of a cause that need not last
+ANY_TIME_S = -math.inf  # limit of a cause that counts at once: any duration is longer
 
 
 class _Watched:
-    """A fact that the table watches, for how long it has held, and the causes that wait for it."""
+    """One fact of the table, for how long it has held, and the causes that depend on it."""
 
     __slots__ = ("above", "causes", "equals", "fact", "held")
 
@@ -24,25 +27,25 @@ class _Watched:
         self.above = cause.above
         self.equals = cause.equals
         self.held = Held()
-        # condition, cause, and the time for longer than which the fact has to hold [s]
+        # condition, cause, and the time [s] that the fact's duration has to exceed
         self.causes: list[tuple[Condition, Cause, float]] = []
 
 
 class ConditionMonitor:
-    """Judges the facts of every tick of one vehicle; call :meth:`look` at each.
+    """Decides which conditions of one vehicle hold; call :meth:`look` at each tick.
 
     Args:
-        limits: of the fleet file.
-        rows: of the condition table.
+        limits: section [fleet] of the fleet file.
+        rows: rows of the condition table.
     """
 
     def __init__(self, limits: FleetSection, rows: Iterable[ConditionRow] = ROWS) -> None:
         causes = [(row.condition, cause) for row in rows for cause in row.causes]
-        at_each_tick = [one for one in causes if not one[1].is_slow]
-        at_slow_ticks = [one for one in causes if one[1].is_slow]
+        at_each_tick = [(condition, cause) for condition, cause in causes if not cause.is_slow]
+        at_slow_ticks = [(condition, cause) for condition, cause in causes if cause.is_slow]
         self._at_each_tick = _watched(at_each_tick, limits)
         self._at_slow_ticks = _watched(at_slow_ticks, limits)
-        self._slow: dict[Condition, str] = {}  # that hold as of the last slow tick
+        self._slow: dict[Condition, str] = {}  # slow conditions that held at the last slow tick
 
     def look(self, facts: TickFacts) -> dict[Condition, str]:
         """Return the conditions that hold at this tick, each with its detail for people."""
@@ -56,7 +59,7 @@ class ConditionMonitor:
 
 
 def time_limit_s(cause: Cause, limits: FleetSection) -> float:
-    """Return the time for longer than which a cause has to hold [s]."""
+    """Return the time [s] that the duration of a cause has to exceed."""
     if cause.over_s is None:
         return ANY_TIME_S
     if isinstance(cause.over_s, str):
@@ -67,32 +70,36 @@ def time_limit_s(cause: Cause, limits: FleetSection) -> float:
 def _watched(
     causes: Iterable[tuple[Condition, Cause]], limits: FleetSection
 ) -> tuple[_Watched, ...]:
-    """Return each fact once, with its causes: a bus that is silent, and is so for long."""
-    watched: dict[object, _Watched] = {}
+    """Return each fact once, with all its causes.
+
+    Two conditions may share a fact: BUS_LOST and BUS_LOST_LONG differ in their duration only.
+    """
+    by_fact: dict[object, _Watched] = {}
     for condition, cause in causes:
-        what = (cause.fact, cause.above, cause.equals)
-        one = watched.setdefault(what, _Watched(cause))
-        one.causes.append((condition, cause, time_limit_s(cause, limits)))
-    return tuple(watched.values())
+        fact_and_limit = (cause.fact, cause.above, cause.equals)
+        watched = by_fact.setdefault(fact_and_limit, _Watched(cause))
+        watched.causes.append((condition, cause, time_limit_s(cause, limits)))
+    return tuple(by_fact.values())
 
 
-def _holding(watched: Iterable[_Watched], facts: TickFacts) -> dict[Condition, str]:
+def _holding(all_watched: Iterable[_Watched], facts: TickFacts) -> dict[Condition, str]:
+    """Return the conditions that hold, each with its detail."""
     active: dict[Condition, str] = {}
-    for one in watched:
-        holds = one.fact(facts)
-        if one.above is not None:
-            holds = holds > one.above
-        elif one.equals is not None:
-            holds = holds == one.equals
+    for watched in all_watched:
+        holds = watched.fact(facts)
+        if watched.above is not None:
+            holds = holds > watched.above
+        elif watched.equals is not None:
+            holds = holds == watched.equals
 
-        held = one.held
+        held = watched.held
         if not holds:
-            held.checks = 0  # as Held.end does; for nearly all of them, at every tick
+            held.checks = 0  # what Held.end does, without the call: this is the usual case
             continue
 
         held.see(facts.now_ns)
         held_s = held.seconds(facts.now_ns)
-        for condition, cause, over_s in one.causes:
+        for condition, cause, over_s in watched.causes:
             has_held_long = held.checks >= cause.checks and held_s > over_s
             if has_held_long and (cause.given is None or cause.given(facts)):
                 active[condition] = _detail(cause, facts)

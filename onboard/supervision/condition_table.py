@@ -1,13 +1,13 @@
-"""The conditions of the failsafe table: what each one is, and how long it has to last. Pure data.
+"""The conditions of the failsafe table: when each one holds, and how long it must last. Pure data.
 
-Each condition has one row, and a row has one cause, or several of which any is enough. A cause is
-a fact of a tick, a limit or a value of a fact, or a predicate of several facts. It has to hold for
-a number of checks in a row, for longer than a time, or both. docs/failsafe.md prints these numbers.
+Each condition has one row with one or more causes, and any cause is enough. A cause is a fact of a
+tick, a fact compared with a limit or a value, or a predicate of several facts. It has to hold for a
+number of checks in a row, for longer than a time, or both. docs/failsafe.md prints these numbers.
 
 A process that was not scheduled for a while finds every message old at its first tick, although
 nothing else is wrong. Therefore a silence counts only after several checks in a row have seen it.
-Conditions that can do harm within a tenth of a second are checked at every tick, the others ten
-times a second.
+Conditions that can do harm within a tenth of a second are checked at every tick. The others are
+checked ten times a second.
 """
 
 from __future__ import annotations
@@ -31,16 +31,18 @@ from onboard.supervision.tick_facts import ModeLoss, TickFacts
 from onboard.types import TICK_S
 
 # own position
-STALE_FOR_S = 0.4  # a position that stays this old is lost, however regularly it comes
-LOST_S = 0.60  # with the live checks: whoever has poses again after 0.6 s, confirmed, does not land
-JUMPS = 3  # impossible samples in a row
-SWAP_JUMPS = 2  # the same, where another vehicle is near the samples
-UNUSABLE_M = 3.0  # PX4's own accuracy, beyond which it flies level rather than after its position
+STALE_FOR_S = 0.4  # a position that is stale for longer is lost, even if poses come regularly
+# age at which the position is lost; with LIVE_CHECKS on top, a vehicle that has confirmed poses
+# again after 0.6 s does not land
+LOST_S = 0.60
+JUMPS = 3  # number of impossible samples in a row
+SWAP_JUMPS = 2  # the same, if another vehicle is near the samples
+UNUSABLE_M = 3.0  # if PX4's position is less accurate, PX4 flies level and ignores it
 INACCURATE_S = 0.5
 FIX_BELOW_S = 0.5  # a receiver that loses its fix for a moment has it again at the next report
 
 # own process
-LATE_S = 0.005  # of a tick
+LATE_S = 0.005  # a tick is late if its period is longer by more than this
 STALLED_S = 0.2
 STALLED_LONG_S = 0.3  # PX4 lands after COM_OF_LOSS_T = 0.3 s without setpoints
 NOT_FINITE_LONG_S = 0.5
@@ -52,13 +54,12 @@ BUS_LOST_S = 1.0
 # space
 CLEARLY_UP_M = 0.5
 LANDED_WRONG_S = 0.5
-UNFIT_M = 0.18  # localization/motion_fit.py says how far right positions stay below
+UNFIT_M = 0.18  # localization/motion_fit.py says how small the value of correct positions is
 UNFIT_S = 0.3
 DOWN_HEIGHT_M = 0.12
 DOWN_LONG_S = 1.0
-MAY_BE_DOWN_M = (
-    2.0  # by PX4's own height: higher up only rising air explains what looks like ground
-)
+# by PX4's own height; above it, only rising air can look like the ground
+MAY_BE_DOWN_M = 2.0
 FENCE_LONG_S = 2.0
 
 # air: the estimate is a mean over two seconds already
@@ -67,13 +68,12 @@ PUSHED_ABOUT_S = 0.5
 DISTURBANCE_BOUND_S = 0.5
 
 INFEASIBLE_S = 0.1
-NEIGHBOUR_BLIND_OVER_S = 0.15  # when all have poses again, they hear so from each other this late
-BATTERY_UNKNOWN_S = 5.0  # and 5 s until a report counts as old
+NEIGHBOUR_BLIND_OVER_S = 0.15  # when all have poses again, they hear this of each other so late
+BATTERY_UNKNOWN_S = 5.0  # on top of the 5 s after which a report counts as old
 
-LIVE_CHECKS = 5  # so many times a process that lives has seen it
-NEIGHBOUR_CHECKS = (
-    2  # states come at 50 Hz from several senders: the process itself is heard to live
-)
+LIVE_CHECKS = 5  # checks in a row after which the process itself cannot have slept
+# fewer for neighbours: states come at 50 Hz from several senders, which shows that it did not sleep
+NEIGHBOUR_CHECKS = 2
 STALE_CHECKS = 5
 PREDICTED_CHECKS = 2
 
@@ -82,27 +82,26 @@ PREDICTED_CHECKS = 2
 class Cause:
     """One cause of a condition."""
 
-    fact: Callable[[TickFacts], Any]  # holds when it is not false, if nothing else is said here:
-    above: float | None = None  # it holds when the fact is above this limit
-    equals: object = None  # it holds when the fact has this value
-    checks: int = 1  # so many times in a row
-    # and for longer than this; a name is that of a key in [fleet]
-    over_s: float | str | None = None
-    # what else must be true when it has held so long
-    given: Callable[[TickFacts], object] | None = None
-    is_slow: bool = False  # checked ten times a second, and not at every tick
-    # words in brackets behind the condition, for people
-    detail: str | Callable[[TickFacts], str] = ""
+    # The cause holds if the fact is true, unless one of the next two fields is set.
+    fact: Callable[[TickFacts], Any]
+    above: float | None = None  # the cause holds if the fact is greater than this
+    equals: object = None  # the cause holds if the fact has this value
+
+    checks: int = 1  # it has to hold at this number of checks in a row
+    over_s: float | str | None = None  # and for longer than this; a string is a key of [fleet]
+    given: Callable[[TickFacts], object] | None = None  # after that, this has to be true as well
+    is_slow: bool = False  # True: checked ten times a second, instead of at every tick
+    detail: str | Callable[[TickFacts], str] = ""  # words in brackets after the condition
 
 
 @dataclass(frozen=True, slots=True)
 class ConditionRow:
-    """All about how one condition is noticed and reported."""
+    """How one condition is detected and reported."""
 
     condition: Condition
-    causes: tuple[Cause, ...]  # any of them is enough; the detail is that of the last that holds
-    is_quiet: bool = False  # without an event of its own
-    names_vehicles: bool = False  # reported again when its detail names another vehicle
+    causes: tuple[Cause, ...]  # any is enough; the last one that holds gives the detail
+    is_quiet: bool = False  # True: no event is published for it
+    names_vehicles: bool = False  # True: it is reported again if its detail names other vehicles
 
 
 def _row(
@@ -125,17 +124,17 @@ def _is_reckoned_for_too_long(facts: TickFacts) -> bool:
     longest_s = RECKONING_S
     if facts.nearest_m < AMONG_OTHERS_M:
         longest_s = RECKONING_AMONG_OTHERS_S
-    # on the ground PX4 would lift it off
+    # on the ground a handover to PX4 would lift the vehicle off
     return facts.position_age_s > longest_s and not facts.is_in_contact
 
 
 def _is_accuracy_unusable(facts: TickFacts) -> bool:
-    is_without = facts.slow.px4_accuracy_m > UNUSABLE_M and not facts.mocap_required
-    return is_without and not facts.is_in_contact
+    is_unusable = facts.slow.px4_accuracy_m > UNUSABLE_M and not facts.mocap_required
+    return is_unusable and not facts.is_in_contact
 
 
 def _is_accuracy_not_covered(facts: TickFacts) -> bool:
-    # comparisons with what is no number are false
+    # comparisons with NaN are False, so that NaN is not covered
     is_covered = 0.0 < facts.slow.px4_accuracy_m <= LARGEST_PX4_ACCURACY_M
     return not is_covered and not facts.mocap_required
 
@@ -162,7 +161,7 @@ def _is_reported_down_in_the_air(facts: TickFacts) -> bool:
 
 def _is_down(facts: TickFacts) -> bool:
     if not facts.mocap_required:
-        # low is no sign there: PX4's own height errs by half a metre
+        # without a mocap a low height is no sign: PX4's own height errs by half a metre
         return facts.is_flying and facts.is_standing and facts.height_m < MAY_BE_DOWN_M
     return facts.is_flying and facts.has_position and facts.height_enu_m < DOWN_HEIGHT_M
 
@@ -199,7 +198,7 @@ def _battery_pct(facts: TickFacts) -> float:
 _C = Condition
 _fact = attrgetter
 
-# facts of two conditions each
+# facts that two conditions share
 _bus_age_s = _fact("bus_age_s")
 _has_ground = _fact("has_ground")
 _is_last_tick_finite = _fact("is_last_tick_finite")
@@ -277,7 +276,7 @@ ROWS: tuple[ConditionRow, ...] = (
     ),
     _row(_C.DISARMED, Cause(_fact("mode_loss"), equals=ModeLoss.DISARMED)),
     _row(_C.REBOOTED, Cause(_fact("is_px4_rebooted"))),
-    # silence and numbers that nobody can fly by look alike: what is sent decides between them
+    # a PX4 that sends impossible numbers counts as silent, too; its numbers tell the two apart
     _row(
         _C.AUTOPILOT_SILENT,
         Cause(

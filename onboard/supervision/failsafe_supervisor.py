@@ -1,8 +1,7 @@
-"""The failsafe part of a tick: look, judge the conditions, decide by the table, and say what is
-reported and done.
+"""The failsafe part of a tick: from the tick's facts to the decision what is done and reported.
 
-One value goes in, the facts of the tick, and one comes out, the decision. The flight carries it
-out.
+The observer collects the facts, the monitor finds the conditions that hold, and the failsafe table
+gives the action. The core passes the decision to the flight, which carries it out.
 """
 
 from __future__ import annotations
@@ -33,7 +32,8 @@ from onboard.supervision.tick_observer import TickObserver
 
 _QUIET = frozenset(row.condition for row in ROWS if row.is_quiet)
 _NAMING = frozenset(row.condition for row in ROWS if row.names_vehicles)
-_PAUSE_NS = 3_000_000_000  # a condition that comes and goes within it is reported once
+# a condition that holds again within this time is not reported again
+_PAUSE_NS = 3_000_000_000
 
 
 class ConditionReport(NamedTuple):
@@ -48,8 +48,8 @@ class FailsafeDecision(NamedTuple):
     """What follows from the conditions of one tick."""
 
     action: Action = Action.GO_ON
-    cause: str = ""  # the condition that demands it, in a sentence; empty when none holds
-    outcome: OrderOutcome = "failed"  # of the order in progress, if the action ends it
+    cause: str = ""  # sentence about the condition that demands the action; empty without one
+    outcome: OrderOutcome = "failed"  # outcome of the order in progress, if the action ends it
     reports: tuple[ConditionReport, ...] = ()
 
 
@@ -60,8 +60,8 @@ class _Reported(NamedTuple):
     """Last event of a condition."""
 
     detail: str
-    action: Action  # the strongest with this condition
-    held_ns: int  # when the condition held last
+    action: Action  # strongest action that the condition has demanded
+    held_ns: int  # last time at which the condition held
 
 
 class FailsafeSupervisor:
@@ -79,13 +79,13 @@ class FailsafeSupervisor:
             fleet=fleet, vehicle=vehicle, own=own, flight=flight, neighbours=neighbours
         )
         self._monitor = ConditionMonitor(fleet.fleet)
-        self.reports = self._observer.reports  # of PX4, and which of them are believed
+        self.reports = self._observer.reports  # confirmation of PX4's reports
 
-        self.conditions: set[Condition] = set()  # that hold as of the last tick
-        # the strongest since the last order; on the ground the one of the last tick
+        self.conditions: set[Condition] = set()  # conditions that held at the last tick
+        # strongest action since the last order; on the ground, that of the last tick
         self.action = Action.GO_ON
-        self.must_be_level = False  # the setpoint of this tick
-        self._details: dict[Condition, str] = {}  # of the conditions that hold
+        self.must_be_level = False  # whether the setpoint of this tick must be level
+        self._details: dict[Condition, str] = {}  # details of the conditions that hold
         self._reported: dict[Condition, _Reported] = {}
 
     def decide(
@@ -94,9 +94,9 @@ class FailsafeSupervisor:
         """Return what follows from the conditions of this tick.
 
         Args:
-            view: what the flight sees of its vehicle.
+            view: what the flight knows of its vehicle.
             context: what the agent knows of itself.
-            situation: of the flight.
+            situation: situation of the flight.
         """
         facts = self._observer.look(view, context)
         self._details = self._monitor.look(facts)
@@ -131,9 +131,7 @@ class FailsafeSupervisor:
         self.action = Action.GO_ON
 
     def move_refusal(self) -> str | None:
-        """Return the sentence that refuses a move, while a condition demands more than slow flight;
-        else None.
-        """
+        """Return why a move is refused: a condition demands more than slow flight. Else None."""
         demanded, condition = decide(Situation.FLYING, self.conditions - {Condition.ORDER_OVERDUE})
         if condition is None or demanded < Action.HOLD:
             return None
@@ -146,8 +144,10 @@ class FailsafeSupervisor:
         return conditions, WORDS[self.action]
 
     def _due_reports(self, now_ns: int, situation: Situation) -> tuple[ConditionReport, ...]:
-        """Return an event for each condition that is new, demands more than before, or is about
-        another vehicle.
+        """Return the events of this tick.
+
+        A condition is reported if it is new, demands a stronger action than before, or names other
+        vehicles than before.
         """
         reported = self._reported
         if not self.conditions and not reported:

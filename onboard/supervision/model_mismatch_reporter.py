@@ -1,4 +1,4 @@
-"""Reports once per flight that the vehicle responds otherwise than its fleet file says."""
+"""Reports once per flight each difference between the vehicle's response and its fleet file."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from onboard.frames import Quaternion
 from onboard.safety import model_mismatch
 from onboard.types import TICK_S
 
-_SAMPLE_TICKS = 5  # from one sample to the next
-_COMPARE_SAMPLES = 10  # from one comparison with the fleet file to the next
+_SAMPLE_TICKS = 5  # number of ticks between two samples
+_COMPARE_SAMPLES = 10  # number of samples between two comparisons with the fleet file
 
 
 class ModelMismatchReporter:
@@ -30,11 +30,11 @@ class ModelMismatchReporter:
     def follow(
         self, model: ObserverMemory, attitude_wxyz: Quaternion, hover_frac: float
     ) -> list[tuple[str, str]]:
-        """Return code and sentence of each difference that is not reported yet.
+        """Take a sample; return code and sentence of each difference that is not reported yet.
 
         Args:
-            model: of the response to the commands.
-            attitude_wxyz: measured, FLU to ENU.
+            model: memory of the disturbance observer, which models the response to the commands.
+            attitude_wxyz: measured attitude, FLU to ENU.
             hover_frac: hover throttle learned so far.
         """
         self._memory = model_mismatch.update(

@@ -1,5 +1,7 @@
-"""What is wrong with the other vehicles: silence, late messages, wrong predictions, and distances
-about to be lost.
+"""Detects problems with the other vehicles: silence, late messages, wrong predictions, and
+distances that will be lost.
+
+The tick observer asks it for silence at every tick, and for all else ten times a second.
 """
 
 from __future__ import annotations
@@ -22,33 +24,37 @@ from onboard.supervision.condition_table import NEIGHBOUR_CHECKS
 from onboard.tuples import Xyz
 from onboard.types import GRAVITY_M_S2
 
-_BACK_NS = 2_000_000_000  # for so long it is said that a neighbour is heard again
-_NEAR_M = 5.0  # farther away no distance is about to be lost
-_CLIMB_S = 0.5  # for so long a climb or descent towards another is counted on
-_BRAKE_SHARE = 0.8
-_PREDICTED_SLACK_M = 0.03
-_KEPT_OFF_SHARE = 0.3  # of a leg's ticks in which the law avoided a neighbour, to be worth a word
-# whoever falls or is blown away may be faster than it flies
+_BACK_NS = 2_000_000_000  # time for which a neighbour is reported as heard again
+_NEAR_M = 5.0  # a neighbour farther away along an axis is not checked
+_CLIMB_S = 0.5  # a climb or descent towards a neighbour is expected to go on for this time
+_BRAKE_SHARE = 0.8  # braking in the check of distances, as a share of that at the largest tilt
+_PREDICTED_SLACK_M = 0.03  # by which a predicted distance may be too small
+_KEPT_OFF_SHARE = 0.3  # share of a leg's ticks with the same avoided neighbour that is reported
+
+# Largest plausible speed of a vehicle: it may fall or be blown away faster than it flies.
 _FASTEST_M_S = 15.0
-_FASTEST_SHARE = 3.0  # of its max_speed_m_s
+_FASTEST_FACTOR = 3.0  # times its max_speed_m_s
 
 
 class Silence(NamedTuple):
-    """Neighbours that are not heard as they were."""
+    """Names of neighbours that became silent, or that are heard again."""
 
-    silent: tuple[str, ...]  # heard in the air, and not any more
-    unseen: tuple[str, ...]  # of those whose silence is confirmed, the ones without mocap poses
-    heard_again: tuple[str, ...]  # in the last seconds
+    silent: tuple[str, ...]  # were heard in the air, and are not heard any more
+    unseen: tuple[str, ...]  # confirmed as silent, and without mocap poses
+    heard_again: tuple[str, ...]  # heard again within the last seconds
 
 
 class SlowNeighbourFacts(NamedTuple):
-    """Neighbours with something wrong, as looked at ten times a second."""
+    """Names of neighbours with a problem, from the check ten times a second.
+
+    :class:`onboard.supervision.tick_facts.SlowFacts` explains each of them.
+    """
 
     without_position: tuple[str, ...]
-    blind: tuple[str, ...]  # in the air by dead reckoning, while this vehicle has positions
+    blind: tuple[str, ...]
     late: tuple[str, ...]
     other_files: tuple[str, ...]
-    implausible: tuple[str, ...]  # with the reason behind each name
+    implausible: tuple[str, ...]  # each name with its reason
     uncooperative: tuple[str, ...]
     endangered: tuple[str, ...]
 
@@ -74,23 +80,23 @@ class NeighbourMonitor:
         self._predictions = {name: PredictionMonitor() for name in table.names}
         self._plausibilities = {
             name: PlausibilityMonitor(
-                max(_FASTEST_M_S, _FASTEST_SHARE * fleet.vehicles[name].max_speed_m_s)
+                max(_FASTEST_M_S, _FASTEST_FACTOR * fleet.vehicles[name].max_speed_m_s)
             )
             for name in table.names
         }
 
         self._silence = Held()
-        self._silent: tuple[str, ...] = ()  # whose silence is confirmed
+        self._silent: tuple[str, ...] = ()  # neighbours whose silence is confirmed
         self._heard_again: tuple[str, ...] = ()
         self._heard_again_ns = 0
 
-        # index -> ticks of this leg in which the law avoided it
+        # index of a neighbour -> number of ticks of this leg in which the law avoided it
         self._kept_off: Counter[int] = Counter()
         self._leg_ticks = 0
-        self._leg = -1
+        self._leg = -1  # number of this leg; -1: none yet
 
     def look(self, now_ns: int) -> Silence:
-        """Return who is silent at this tick; call it at every one."""
+        """Return which neighbours are silent at this tick; call it at every tick."""
         silent = self._table.silent(now_ns)
         if silent:
             self._silence.see(now_ns)
@@ -107,8 +113,8 @@ class NeighbourMonitor:
 
         if before:
             self._find_heard_again(before, now_ns)
-        is_said = self._heard_again_ns != 0 and now_ns - self._heard_again_ns < _BACK_NS
-        return Silence(silent, unseen, self._heard_again if is_said else ())
+        is_recent = self._heard_again_ns != 0 and now_ns - self._heard_again_ns < _BACK_NS
+        return Silence(silent, unseen, self._heard_again if is_recent else ())
 
     def _find_heard_again(self, before: Iterable[str], now_ns: int) -> None:
         table = self._table
@@ -133,18 +139,19 @@ class NeighbourMonitor:
 
     def kept_off_by(self, goal_enu_m: Xyz, view: FlightView) -> str:
         """Return in words how far the goal is, and which neighbours the law avoided on the way."""
-        rest = f"still {math.dist(goal_enu_m, view.position_enu_m):.2f} m to go"
+        distance = f"still {math.dist(goal_enu_m, view.position_enu_m):.2f} m to go"
 
         least = _KEPT_OFF_SHARE * self._leg_ticks
         often = [index for index, count in self._kept_off.most_common(2) if count > least]
         names = [self._table.names[index] for index in often if index < len(self._table.names)]
         if not names:
-            return rest
-        return f"{rest}, kept off by {' and '.join(names)}"
+            return distance
+        return f"{distance}, kept off by {' and '.join(names)}"
 
     def nearest_to(self, position_enu_m: Xyz, within_m: float, now_ns: int) -> str:
-        """Return the neighbour nearest to a point, as far as known and within a distance; empty for
-        none.
+        """Return the name of the neighbour nearest to a point within a distance; empty: none.
+
+        Silent neighbours do not count.
         """
         nearest_m = within_m
         name = ""
@@ -152,14 +159,18 @@ class NeighbourMonitor:
             if row.age_s >= self._table.silent_s:
                 continue
             motion = zip(row.vector("position_enu_m"), row.vector("velocity_enu_m_s"), strict=True)
-            apart_m = math.dist(position_enu_m, [p + row.age_s * v for p, v in motion])
+            now_enu_m = [p + row.age_s * v for p, v in motion]
+            apart_m = math.dist(position_enu_m, now_enu_m)
             if apart_m < nearest_m:
                 nearest_m = apart_m
                 name = row.name
         return name
 
     def look_slowly(self, view: FlightView) -> SlowNeighbourFacts:
-        """Return who has something wrong, and tell the table of it; call it ten times a second."""
+        """Return which neighbours have a problem, and mark them in the table.
+
+        Call it ten times a second.
+        """
         now_ns = view.now_ns
         table = self._table
         without_position = table.invalid()
@@ -181,24 +192,29 @@ class NeighbourMonitor:
         )
 
     def _blind(self, rows: Iterable[NeighbourRow], view: FlightView) -> tuple[str, ...]:
-        """Return who is heard in the air by dead reckoning; nobody while this vehicle is as well.
+        """Return which neighbours fly by dead reckoning.
 
-        Vehicles that have all lost their poses brake and sink together.
+        The result is empty while this vehicle does so as well: vehicles that have all lost their
+        poses brake and sink together.
         """
         if view.is_blind:
             return ()
 
         telemetries = self._table.telemetries()
         heard = [row.name for row in rows if row.age_s < self._table.silent_s]
-        told = [telemetries[name] for name in heard if name in telemetries]
+        heard_telemetries = [telemetries[name] for name in heard if name in telemetries]
         return tuple(
             telemetry.vehicle
-            for telemetry in told
+            for telemetry in heard_telemetries
             if telemetry.is_airborne and telemetry.state_age_s > NEIGHBOUR_BLIND_S
         )
 
     def _check_plausibility(self, rows: Iterable[NeighbourRow], now_ns: int) -> dict[str, str]:
-        """Compare what each neighbour says with physics and the mocap; name -> contradiction."""
+        """Compare each neighbour's messages with physics and the mocap.
+
+        Returns:
+            Name -> reason, for each neighbour whose messages cannot be true.
+        """
         reasons = {}
         for row in rows:
             monitor = self._plausibilities[row.name]
@@ -217,7 +233,10 @@ class NeighbourMonitor:
     def _check_predictions(
         self, rows: Iterable[NeighbourRow], others: Collection[str]
     ) -> tuple[str, ...]:
-        """Return who does not fly as it predicts; ``others`` are not counted on in any case."""
+        """Return which neighbours do not fly as they predict, and mark those in the table.
+
+        Neighbours in ``others`` are marked as well, whatever they predict.
+        """
         wrong = []
         for row in rows:
             monitor = self._predictions[row.name]
@@ -255,7 +274,7 @@ class NeighbourMonitor:
         above_it_m = z - other_z
         closing_m_s = (other_vz - vz) * math.copysign(1.0, above_it_m)
         height_left_m = abs(above_it_m) - _CLIMB_S * max(closing_m_s, 0.0)
-        # one that is above and lands, falls or is silent claims the column below itself
+        # the whole column below a neighbour counts if that lands, falls or is silent
         claims_column = not row.is_cooperative and above_it_m < 0.0
         if height_left_m >= self._vertical_m and not claims_column:
             return False
@@ -269,5 +288,5 @@ class NeighbourMonitor:
             deceleration_m_s2=self._braking_m_s2 * braking_share,
         )
         limit_m = self._limits.safety_distance_m
-        # one that is nearer already is a breach, and none that is predicted
+        # a neighbour that is too near already is a breach, and no predicted one
         return left_m < limit_m - _PREDICTED_SLACK_M and math.hypot(*apart_m) > limit_m

@@ -1,6 +1,6 @@
-"""Notices that PX4 has left the mode that the flight needs: OFFBOARD, or LAND while PX4 lands.
+"""Detects that PX4 has left the mode that the flight needs: OFFBOARD, or LAND while PX4 lands.
 
-A pilot whose sticks PX4 hears is told apart from other modes, for as long as he flies.
+A pilot whose sticks PX4 hears is distinguished from other reasons for as long as the pilot flies.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ class OffboardMonitor:
     def update(
         self, now_ns: int, snapshot: Snapshot, flight: FlightContext, *, is_on_ground: bool
     ) -> ModeLoss:
-        """Take one tick; how PX4 has left the mode that the flight needs.
+        """Take one tick; return how PX4 has left the mode that the flight needs.
 
         Args:
             now_ns: our clock.
-            snapshot: of PX4.
-            flight: in progress.
-            is_on_ground: by a report of PX4 that is not old.
+            snapshot: newest reports of PX4.
+            flight: flight in progress.
+            is_on_ground: whether a recent report of PX4 says so.
         """
         is_flown_by_hand = snapshot.is_flown_by_hand(now_ns)
         if flight.step is FlightStep.PX4_LANDING:
@@ -68,7 +68,7 @@ class OffboardMonitor:
         was_landing = self._has_landing_mode
         self._has_landing_mode = was_landing or is_landing
 
-        # a failsafe's mode still lands it, and on the ground there is nothing left to take over
+        # PX4's own failsafes land the vehicle as well, and on the ground nobody takes it over
         is_taken = was_landing and not is_landing
         if is_taken and not is_on_ground and not snapshot.is_failsafe:
             return ModeLoss.LEFT

@@ -1,4 +1,4 @@
-"""What the agent knows of itself at a tick, beside its flight."""
+"""Inputs of the supervision at one tick: what the agent knows of itself, besides its flight."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ class TickContext(Struct, frozen=True, kw_only=True):
     # own process
     period_s: float = TICK_S  # since the last tick
     is_last_tick_finite: bool = True
-    law_refusal: str = ""  # why Covey's law flies in the place of the one that the fleet file names
-    is_stopping: bool = False  # the agent is asked to end
+    law_refusal: str = ""  # why Covey's law flies instead of the user's law; empty: it does not
+    is_stopping: bool = False  # a shutdown of the agent was requested
     has_duplicate: bool = False  # another agent publishes for this vehicle
     is_disk_full: bool = False
     clock_jump_ns: int = 0  # time of the last jump of our clock; 0 never
 
-    corrections: CorrectionsStatus | None = None  # of a vehicle that takes them
+    corrections: CorrectionsStatus | None = None  # None: the vehicle takes no corrections
 
     # bus
     has_ground: bool = False  # a ground station is on the bus
@@ -40,10 +40,10 @@ class TickContext(Struct, frozen=True, kw_only=True):
 
     # the last pass of the pipeline
     law_status: int = 0
-    active_neighbour: int = -1  # index of the neighbour that the law keeps it from; -1 for none
+    active_neighbour: int = -1  # index of the neighbour that the law avoids most; -1: none
     commanded_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)  # attitude setpoint sent last, in the fleet frame
     thrust_frac: float = 0.0  # throttle sent last
     below_m: float = 0.0  # height of the trajectory above the vehicle
-    is_law_active: bool = False  # it changes the thrust
-    setpoint_miss_m: float = 0.0  # horizontal, from the predicted position
-    disturbance_enu_m_s2: Xyz = (0.0, 0.0, 0.0)  # that the observer has learned
+    is_law_active: bool = False  # whether the law changes the thrust
+    setpoint_miss_m: float = 0.0  # horizontal distance of the predicted position to the setpoint
+    disturbance_enu_m_s2: Xyz = (0.0, 0.0, 0.0)  # disturbance that the observer has learned

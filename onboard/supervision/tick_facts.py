@@ -1,8 +1,8 @@
-"""Facts of one tick that the conditions of the failsafe table are judged by.
+"""The facts of one tick, from which the condition table finds the conditions that hold.
 
-A fact is what the agent sees; whether that is wrong, and for how long it has to last, stands in
-:mod:`onboard.supervision.condition_table`. The defaults are those of a vehicle that stands on the
-ground and has nothing to complain of.
+A fact says what the agent observes. :mod:`onboard.supervision.condition_table` says which values
+are a condition, and how long they have to last. The defaults are those of a vehicle on the ground
+without any problem.
 """
 
 from __future__ import annotations
@@ -28,36 +28,36 @@ class ModeLoss(Enum):
 
 
 class SlowFacts(Struct, frozen=True, kw_only=True):
-    """Facts that are looked at ten times a second."""
+    """Facts that are observed ten times a second."""
 
     # own position
-    px4_accuracy_m: float = 0.0  # as PX4 tells it, of two axes together; 0 or NaN: not told
+    px4_accuracy_m: float = 0.0  # std that PX4 reports, of two axes together; 0 or NaN: none
     has_lost_satellites: bool = False
-    position_miss_m: float = 0.0  # by which PX4's positions miss what the own motion explains
+    position_miss_m: float = 0.0  # by how much PX4's positions contradict the own motion
 
-    # satellites of a vehicle that takes corrections
-    fix_below: str = ""  # its fix, while it is less than the fleet demands
-    is_position_coarse: bool = False  # its position is worse than the fleet holds with
-    base_fault: str = ""  # what is wrong with the base, in words
-    corrections_old_s: float = 0.0  # age of its corrections, while that is more than the fleet's
+    # satellites, of a vehicle that takes corrections
+    fix_below: str = ""  # its fix in words, if that is less than the fleet requires
+    is_position_coarse: bool = False  # whether the position is worse than hold_accuracy_m
+    base_fault: str = ""  # what is wrong with the base, in words; empty: nothing
+    corrections_old_s: float = 0.0  # age of the corrections, if they are too old; otherwise 0
 
     # battery
-    battery_frac: float = 1.0  # NaN: not told
+    battery_frac: float = 1.0  # NaN: not reported
     is_battery_falling: bool = False
 
     wind: WindFacts = WindFacts()
 
-    # the last jump of a clock: of the mocap's against ours, or of ours; 0 never
+    # time of the last jump of our clock, or of the mocap's clock against ours; 0 never
     clock_jump_ns: int = 0
 
     # names of other vehicles
-    without_position: tuple[str, ...] = ()  # they say so themselves
-    blind: tuple[str, ...] = ()  # in the air by dead reckoning, while this vehicle has positions
-    late: tuple[str, ...] = ()  # their messages are old, and not yet silent
-    other_files: tuple[str, ...] = ()  # they fly by another fleet file or law
-    implausible: tuple[str, ...] = ()  # with the reason behind each name
-    uncooperative: tuple[str, ...] = ()  # they do not fly as they predict
-    endangered: tuple[str, ...] = ()  # even hard braking will not keep the distance from them
+    without_position: tuple[str, ...] = ()  # their messages say that they have no position
+    blind: tuple[str, ...] = ()  # fly by dead reckoning, while this vehicle has poses
+    late: tuple[str, ...] = ()  # their messages are old, but they do not count as silent yet
+    other_files: tuple[str, ...] = ()  # fly by another fleet file or law
+    implausible: tuple[str, ...] = ()  # their messages cannot be true; each name with its reason
+    uncooperative: tuple[str, ...] = ()  # do not fly as they predict
+    endangered: tuple[str, ...] = ()  # even hard braking will not keep the distance to them
 
 
 class TickFacts(Struct, frozen=True, kw_only=True):
@@ -65,52 +65,52 @@ class TickFacts(Struct, frozen=True, kw_only=True):
 
     now_ns: int
     limits: FleetSection  # of the fleet file
-    is_slow_tick: bool = False  # the slow facts are of this tick
-    slow: SlowFacts = SlowFacts()  # of the last slow tick
+    is_slow_tick: bool = False  # whether the slow facts were observed at this tick
+    slow: SlowFacts = SlowFacts()  # facts of the last slow tick
 
     # the flight
-    is_flying: bool = False  # in free flight, by the situation of the failsafe table
-    is_under_law: bool = False
-    is_airborne: bool = False
-    is_in_contact: bool = False  # it stands, and PX4 has not yet seen it
-    # sign that a move or a landing makes no progress; None while it does
+    is_flying: bool = False  # whether the situation is FLYING
+    is_under_law: bool = False  # whether the vehicle flies the output of the avoidance law
+    is_airborne: bool = False  # whether the others have to expect this vehicle in the air
+    is_in_contact: bool = False  # it stands after a landing, and PX4 has not confirmed it yet
+    # why a move or a landing counts as overdue; None: it does not
     overdue: str | None = None
 
     # own motion
-    has_position: bool = True
-    position_age_s: float = 0.0  # of the newest sample that was used
-    position_stale_s: float = 0.0  # for so long the position has been stale
+    has_position: bool = True  # known from poses or by dead reckoning
+    position_age_s: float = 0.0  # age of the newest sample that was used
+    position_stale_s: float = 0.0  # for how long the position has been stale
     height_enu_m: float = 0.0  # in the fleet frame
     height_m: float = 0.0  # above the ground where it took off
-    is_standing: bool = False  # by thrust and vertical motion, whatever its height reads
-    mocap_required: bool = True  # else it flies by PX4's own position
-    jumps: int = 0  # impossible samples in a row
-    jumped_onto: str = ""  # the vehicle near which the newest of them is
+    is_standing: bool = False  # by thrust and vertical motion, without using its height
+    mocap_required: bool = True  # False: it flies by PX4's own position
+    jumps: int = 0  # number of impossible samples in a row
+    jumped_onto: str = ""  # vehicle near the newest impossible sample; empty: none
     is_mocap_frozen: bool = False
     is_mocap_late: bool = False
 
     # PX4
-    is_px4_silent: bool = False  # no packet
-    px4_nonsense: str = ""  # what is wrong with its newest numbers, as a sentence
-    is_px4_frozen: bool = False  # packets, and a clock that stands still
+    is_px4_silent: bool = False  # no packet comes
+    px4_nonsense: str = ""  # sentence about impossible numbers; empty: there are none
+    is_px4_frozen: bool = False  # packets come, but PX4's clock does not advance
     is_heartbeat_late: bool = False
-    is_px4_rebooted: bool = False  # in the last seconds
-    is_px4_back: bool = False  # in the last seconds, after a standstill
-    contradicted_s: float = 0.0  # for so long its reports have contradicted each other
+    is_px4_rebooted: bool = False  # within the last seconds
+    is_px4_back: bool = False  # after a standstill, within the last seconds
+    contradicted_s: float = 0.0  # for how long PX4's reports have contradicted each other
     contradicted: str = ""  # kind of those reports
-    has_landed_report: bool = True  # it has told lately whether it is on the ground
-    is_on_ground: bool = False  # by that report
+    has_landed_report: bool = True  # whether the last report of the landed state is recent
+    is_on_ground: bool = False  # whether that recent report says so
     mode_loss: ModeLoss = ModeLoss.NONE
     px4_mode: str = ""
-    is_attitude_lost: bool = False  # it does not follow its setpoints
+    is_attitude_lost: bool = False  # the attitude does not follow its setpoints
     is_thrust_saturated: bool = False
-    is_sinking: bool = False  # with full thrust
+    is_sinking: bool = False  # it does not climb although the thrust is full
 
     # own process
     period_s: float = TICK_S  # since the last tick
     is_last_tick_finite: bool = True
-    law_refusal: str = ""  # name of an own law, and why Covey's flies in its place
-    is_stopping: bool = False  # the agent is asked to end
+    law_refusal: str = ""  # name of the user's law, and why Covey's law flies instead
+    is_stopping: bool = False  # a shutdown of the agent was requested
     has_duplicate: bool = False  # another agent publishes for this vehicle
     is_disk_full: bool = False
 
@@ -125,8 +125,8 @@ class TickFacts(Struct, frozen=True, kw_only=True):
 
     # other vehicles
     nearest_m: float = math.inf  # separation from the nearest one
-    touched: str = ""  # the one that is nearer than a body
+    touched: str = ""  # vehicle that is nearer than one body diameter; empty: none
     is_law_infeasible: bool = False
-    silent: tuple[str, ...] = ()  # heard in the air, and not any more
-    unseen: tuple[str, ...] = ()  # of those, the ones without mocap poses
-    heard_again: tuple[str, ...] = ()  # in the last seconds
+    silent: tuple[str, ...] = ()  # were heard in the air, and are not heard any more
+    unseen: tuple[str, ...] = ()  # silent ones without mocap poses
+    heard_again: tuple[str, ...] = ()  # heard again within the last seconds

@@ -1,7 +1,7 @@
-"""Looks at all parts of an agent once a tick, and hands on what it saw as one value.
+"""Collects the facts of a tick from all parts of an agent, as one value of :class:`TickFacts`.
 
-What needs a memory to be seen at all (a PX4 whose clock stands still, a battery that falls, an
-attitude that does not follow) has a monitor of its own; this module asks each of them.
+Some facts need a memory: a PX4 whose clock stands still, a battery that falls, an attitude that
+does not follow. Each of these has a monitor, which this module updates and reads.
 """
 
 from __future__ import annotations
@@ -35,30 +35,30 @@ from onboard.supervision.tick_facts import SlowFacts, TickFacts
 from onboard.supervision.wind_monitor import WindMonitor
 from onboard.types import LawStatus
 
-_SLOW_TICKS = 5  # from one slow look to the next
-_SWAP_RADIUS_M = 0.3  # so near to another vehicle a jump is a swap of two bodies
+_SLOW_TICKS = 5  # number of ticks between two collections of the slow facts
+_SWAP_RADIUS_M = 0.3  # a jump this near to another vehicle is a swap of two bodies
 
-# below these heights the ground carries the vehicle, and it need not follow its commands
+# Below these heights the ground may carry the vehicle, so its attitude need not follow.
 _TRACKED_ABOVE_M = 0.2
-_TRACKED_BLIND_ABOVE_M = 0.5  # of a height that reads too high
-# in a landing: PX4's height by satellites errs by 0.7 m, and the ground comes early
+_TRACKED_BLIND_ABOVE_M = 0.5  # without poses, when the height may read too high
+# in a landing without a mocap: PX4's height from satellites errs by 0.7 m
 _TRACKED_SATELLITES_ABOVE_M = 1.0
-_LONGEST_TICK_S = 0.1  # that tracking integrates over
+_LONGEST_TICK_S = 0.1  # a longer tick counts as this long in the tracking
 
-_HEARTBEAT_DUE_NS = 1_300_000_000  # after the last one, at 1 Hz and with delays; then it is lost
+_HEARTBEAT_DUE_NS = 1_300_000_000  # a heartbeat at 1 Hz is lost if none has come for longer
 
 _NOWHERE_NEAR = FenceStatus(is_near=False, is_outside=False, is_above=False)
 
 
 class TickObserver:
-    """The eyes of one vehicle's failsafes; call :meth:`look` at every tick.
+    """Collects the facts of one vehicle; call :meth:`look` at every tick.
 
     Args:
         fleet: the fleet file.
-        vehicle: of that file.
-        own: its estimate.
+        vehicle: the vehicle, from that file.
+        own: estimate of its motion.
         flight: its flight, which is only read.
-        neighbours: what the others published.
+        neighbours: table of the other vehicles.
     """
 
     def __init__(
@@ -77,7 +77,8 @@ class TickObserver:
         self._flight = flight
         self._fence = fence_of(fleet.fleet.geofence_m, vehicle)
         self._areas = flight_space_of(fleet).areas
-        # nearer than this two bodies touch; it is part of a breach of the safety distance
+        # Two bodies nearer than this touch. It is not more than the safety distance, because a
+        # collision is only suspected in a breach of that distance.
         self._touching_m = min(fleet.fleet.body_diameter_m, fleet.fleet.safety_distance_m)
 
         self._stale = Held()
@@ -232,31 +233,31 @@ class TickObserver:
         )
 
     def _is_attitude_lost(self, now_ns: int, heartbeat_ns: int) -> bool:
-        """Whether the attitude does not follow, and no pilot is known to be the reason.
+        """Whether the attitude does not follow, for another reason than a pilot.
 
-        A pilot who takes the vehicle leans it as he likes, and PX4 tells its mode once a second
-        only. So a miss counts when a heartbeat has come since it began, and one is asked for: that
-        of another mode ends the flight's need of the attitude, see `OffboardMonitor`. An upset
-        vehicle waits for nothing.
+        A pilot who takes the vehicle tilts it at will, and PX4 reports its mode only once a second.
+        So a heartbeat is requested, and the lost attitude counts after a heartbeat that has come
+        since it began. If that heartbeat reports another mode, `OffboardMonitor` finds that the
+        vehicle was taken over. For an upset vehicle no heartbeat is awaited.
         """
         self.reports.is_heartbeat_wanted = False
         if self._tracking.is_upset or not self._tracking.is_attitude_lost:
             return self._tracking.is_upset
 
         began_ns = now_ns - int(1e9 * self._tracking.missed_s)
-        is_told = heartbeat_ns >= began_ns
+        is_mode_known = heartbeat_ns >= began_ns
         is_silent = now_ns - heartbeat_ns > _HEARTBEAT_DUE_NS
-        self.reports.is_heartbeat_wanted = not is_told
-        return is_told or is_silent
+        self.reports.is_heartbeat_wanted = not is_mode_known
+        return is_mode_known or is_silent
 
     def _fence_status(self, view: FlightView) -> FenceStatus:
-        """Return where the vehicle is in the box, and in the areas of a fleet that has some."""
+        """Return where the vehicle is relative to the box, and to the fleet's areas if any."""
         if not self._areas:
             return self._fence.status(view.position_enu_m, view.velocity_enu_m_s)
         return self._fence.status_in(self._areas, view.position_enu_m, view.velocity_enu_m_s)
 
     def _jumped_onto(self, now_ns: int) -> str:
-        """Return the vehicle near the newest impossible sample; empty for none."""
+        """Return the name of the vehicle near the newest impossible sample; empty: none."""
         jumped_to_enu_m = self._own.jumped_to_enu_m
         if jumped_to_enu_m is None:
             return ""
@@ -272,7 +273,7 @@ class TickObserver:
         return _TRACKED_ABOVE_M
 
     def _look_at_corrections(self, view: FlightView, context: TickContext) -> dict[str, Any]:
-        """Return the facts about satellites of a vehicle that takes corrections."""
+        """Return the facts about satellites, by their names; none without corrections."""
         corrections = self._own.corrections
         status = context.corrections
         if corrections is None or status is None:
@@ -284,7 +285,7 @@ class TickObserver:
             fix_below = fix.words_of(snapshot.fix_type)
         worst_m = max(snapshot.accuracy_m(view.now_ns), snapshot.fix_accuracy_m)
 
-        # before the first ones there is nothing that could have grown old
+        # the age is infinite before the first corrections, which are then not too old
         corrections_old_s = 0.0
         if math.isfinite(status.age_s) and status.age_s > corrections.max_age_s:
             corrections_old_s = status.age_s

@@ -1,14 +1,14 @@
-"""Wind as the failsafes see it: beside the vehicle's limit, and what it does to the flight.
+"""Wind facts for the failsafes: the wind against the vehicle's limit, and its effects.
 
-Three signs, each of its own: the wind that is estimated, the disturbance observer at its bound, and
-gusts that push a vehicle about. The first needs a drag; the other two do not.
+There are three separate signs: the estimated wind, a disturbance observer at its bound, and gusts
+that push the vehicle about. The first sign needs a known drag; the other two do not.
 
-The limit is a limit of the mean wind. The estimate is a mean over two seconds, and gusts move it.
-So the wind counts as above its limit only where the estimate is higher than such gusts explain.
+The limit is one of the mean wind. The estimate is a mean over two seconds only, and gusts move it.
+So the wind counts as above its limit only if the estimate is higher than gusts explain.
 
-A rising wind is judged by what it will be. The estimate is three seconds behind it, a landing takes
-three more, and the rise itself is seen late. So the wind is taken to rise on for eight seconds.
-Where it would then need nearly all of the tilt, it counts as above its limit now.
+A rising wind counts by its expected value. The estimate lags three seconds behind, a landing takes
+three more, and the rise itself is seen late. So the wind is expected to rise for eight more
+seconds. If it would then need nearly all of the tilt, it counts as above its limit now.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from onboard.localization.own_state import OwnState
 from onboard.safety.gust_margin import gust_margin_m
 from onboard.supervision.tick_context import TickContext
 
-_LOOK_S = 0.1  # from one look to the next
-_RISE_S = 6.0  # over which a rise of the mean is measured
-_GOES_ON_S = 8.0  # for which a rise is taken to go on
-_SPENT_SHARE = 0.9  # of the wind that takes all of the tilt: so much is too much
-_SCATTER_TIME_S = 2.0  # over which the square of the scatter is averaged
-_RETURN_S = 3.0  # longest way back to the setpoint from where the law has moved the vehicle
-_AT_BOUND_SHARE = 0.99  # of the observer's bound
+_LOOK_S = 0.1  # time between two calls of look
+_RISE_S = 6.0  # time over which a rise of the mean is measured
+_GOES_ON_S = 8.0  # time for which a rise is expected to go on
+_SPENT_SHARE = 0.9  # this share of the wind that takes all of the tilt is too much
+_SCATTER_TIME_S = 2.0  # averaging time of the squared scatter
+_RETURN_S = 3.0  # longest way back to the setpoint, after the law has moved the vehicle
+_AT_BOUND_SHARE = 0.99  # the observer is at its bound from this share of it on
 
-# of the horizontal acceleration: gusts of so much drive a vehicle through its margin, and two
-# vehicles that hover at 1.5 m together
+# Gusts of this share of the horizontal acceleration push a vehicle through its margin, and push two
+# vehicles together that hover 1.5 m apart.
 _GUST_SHARE = 0.15
 
 
@@ -45,15 +45,15 @@ _GUST_SHARE = 0.15
 class WindFacts:
     """Effects of the wind on one vehicle; the defaults are those of calm air."""
 
-    speed_m_s: float = math.nan  # mean; NaN: not known
+    speed_m_s: float = math.nan  # mean wind; NaN: not known
     limit_m_s: float = math.nan  # NaN: not known
-    is_near: bool = False
-    is_above: bool = False
-    is_rising: bool = False  # so fast that it soon takes all of the tilt
+    is_near: bool = False  # the wind is above its limit, but gusts may explain it
+    is_above: bool = False  # the wind is above its limit, or will be soon
+    is_rising: bool = False  # it rises so fast that it soon takes nearly all of the tilt
     is_at_bound: bool = False  # the disturbance observer has reached its bound
     gust_m_s2: float = 0.0  # standard deviation of the gusts, per axis
-    scatter_m: float = 0.0  # of the position about its setpoint in hover
-    is_pushed_about: bool = False
+    scatter_m: float = 0.0  # rms distance of the position from its setpoint in hover
+    is_pushed_about: bool = False  # gusts move the vehicle by more than its margin
 
     @property
     def words(self) -> str:
@@ -92,11 +92,11 @@ class WindMonitor:
             full_tilt_wind_m_s = tilt_acceleration_m_s2(vehicle) / vehicle.drag_1_s
             self._too_much_m_s = _SPENT_SHARE * full_tilt_wind_m_s
 
-        self._mean_square_m2 = 0.0  # of the distance from the setpoint in hover
-        # Time that is left for the way back to the setpoint, after the law has moved the vehicle.
+        self._mean_square_m2 = 0.0  # mean squared distance from the setpoint in hover
+        # remaining time of the way back to the setpoint, after the law has moved the vehicle
         self._return_s = 0.0
-        self._earlier_enu_m_s = (0.0, 0.0)  # the wind as it was about _RISE_S ago
-        self._looks = 0  # on end, at a wind that is known
+        self._earlier_enu_m_s = (0.0, 0.0)  # the wind about _RISE_S ago
+        self._looks = 0  # number of looks in a row at which the wind was known
 
     def reset(self) -> None:
         """Forget the hover."""
@@ -140,7 +140,7 @@ class WindMonitor:
         push_east_m_s2, push_north_m_s2, _ = context.disturbance_enu_m_s2
         largest_push_axis_m_s2 = max(abs(push_east_m_s2), abs(push_north_m_s2))
 
-        # comparisons with what is not known are false
+        # comparisons with NaN (not known) are False
         return WindFacts(
             speed_m_s=speed_m_s,
             limit_m_s=self._limit_m_s,
@@ -154,13 +154,13 @@ class WindMonitor:
         )
 
     def _remember(self, wind_enu_m_s: tuple[float, float]) -> None:
-        """Let the earlier wind follow the wind of now; forget it where the wind is not known."""
+        """Update the earlier wind by the present wind; reset it if the wind is not known."""
         east_m_s, north_m_s = wind_enu_m_s
         if not math.isfinite(east_m_s + north_m_s):
             self._looks = 0
             return
 
-        # a plain mean at first
+        # a plain mean at first, then a low-pass
         self._looks += 1
         blend = max(_LOOK_S / _RISE_S, 1.0 / self._looks)
         east_before_m_s, north_before_m_s = self._earlier_enu_m_s
@@ -169,7 +169,7 @@ class WindMonitor:
         self._earlier_enu_m_s = (east_before_m_s, north_before_m_s)
 
     def _soon_m_s(self, wind_enu_m_s: tuple[float, float]) -> float:
-        """Return the wind if it goes on rising as it did; NaN while it is not known."""
+        """Return the wind [m/s] after _GOES_ON_S, if it goes on rising; NaN while not known."""
         if self._looks == 0:
             return math.nan
 
