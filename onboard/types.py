@@ -17,7 +17,7 @@ TICK_S = 0.02  # period of the control loop
 
 
 class LawStatus(IntEnum):
-    """What the avoidance law did to the thrust at one tick; every tick has a status."""
+    """Effect of the avoidance law on the thrust of one tick; every tick has a status."""
 
     INACTIVE = 0  # the baseline thrust already satisfies every row
     SATURATED = 1  # changed, all hard rows satisfied

@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class ControlMode(IntEnum):
-    """What the pipeline does with its stages in one part of a flight."""
+    """Mode of the pipeline's stages in one part of a flight."""
 
     GROUND = 0  # level without thrust; the memory of every stage is reset at each tick
     LIFTOFF = 1  # climbs off the ground: gentle horizontally; observers are frozen

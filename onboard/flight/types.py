@@ -113,7 +113,7 @@ MUST_BE_ARMED = {
 
 
 class FlightEvent(Enum):
-    """What may change the step: an order, a failsafe's action, the preflight check, or a tick."""
+    """Causes of a change of step: an order, a failsafe's action, the preflight check, or a tick."""
 
     __hash__ = object.__hash__  # as above
 
@@ -138,7 +138,7 @@ class FlightEvent(Enum):
 
 
 class FlightView(Struct, frozen=True):
-    """What a flight knows of its vehicle at one tick."""
+    """State of the vehicle at one tick, as far as its flight knows it."""
 
     now_ns: int
     position_enu_m: Xyz  # in the fleet's frame

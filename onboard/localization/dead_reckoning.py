@@ -1,16 +1,16 @@
 """Dead reckoning of the own motion while no pose comes.
 
-Horizontally the estimate goes on by attitude and throttle alone. PX4's own horizontal estimate is
-worth less: real ones were wrong by 1 to 2.3 m three to four seconds after their last pose, this one
-by 0.09 m after two seconds and by 0.35 m after three (medians).
+Horizontally the estimate continues from attitude and throttle alone. PX4's own horizontal estimate
+is less accurate: it was wrong by 1 to 2.3 m three to four seconds after the last pose of a real
+vehicle. This one was wrong by 0.09 m after two seconds, and by 0.35 m after three (medians).
 
-Height and vertical speed follow PX4's, which measures them by accelerometers and a barometer. The
-throttle does not suffice for them: the throttle that hovers may not be learned yet, as in a climb,
-and 4 % of error in it make a descent slower by 0.3 m/s.
+Height and vertical speed follow those of PX4, which measures them with accelerometers and a
+barometer. The throttle is not sufficient for them. The hover throttle may not be learned yet, for
+instance in a climb, and an error of 4 % in it makes a descent slower by 0.3 m/s.
 
-The acceleration that attitude and throttle do not explain (the bias) is taken to be its mean over
-the last seconds. Its newest value would not do: noise takes it up to 1.3 m/s^2, which cost 1.5 m/s
-after two seconds.
+The acceleration that attitude and throttle do not explain (the bias) is set to its mean over the
+last seconds. Its newest value may contain noise of up to 1.3 m/s^2, which led to an error of
+1.5 m/s after two seconds.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from onboard.safety.limits import POSITION_STALE_S
 from onboard.vectors import ZERO_3, Vec3, add_scaled, bounded, subtract
 
 _MEAN_TIME_S = 2.0  # time constant of the mean bias
-# largest difference that counts for the mean: what is larger comes from a jump of the poses
+# a larger difference from the mean is clipped to this: it comes from a jump of the poses
 _LARGEST_MISS_M_S2 = 0.8
-_HEIGHT_RAD_S = 3.0  # bandwidth of following PX4's height
-_CLIMB_RAD_S = 6.0  # and its vertical speed
+_HEIGHT_RAD_S = 3.0  # bandwidth with which PX4's height is followed
+_CLIMB_RAD_S = 6.0  # bandwidth with which PX4's vertical speed is followed
 
-# By how much the published standard deviation of the position grows: steadily, up to a bound that
-# was flown with real PX4s and did no harm.
-_STD_M_S = 0.05
-_LARGEST_STD_M = 0.04  # the bound at the last sample
-_LARGEST_STD_M_S = 0.03  # and by how much it grows
+# The published standard deviation of the position grows at a constant rate, up to a bound. The
+# bound grows with the time without samples. It was flown with real PX4s, and did no harm.
+_STD_M_S = 0.05  # growth of the standard deviation
+_LARGEST_STD_M = 0.04  # bound at the last sample
+_LARGEST_STD_M_S = 0.03  # growth of the bound
 
 
 class VerticalMotion(NamedTuple):
-    """Height and vertical speed in the fleet frame, by PX4."""
+    """Height and vertical speed by PX4, in the fleet frame."""
 
     height_m: float
     climbing_m_s: float
@@ -47,16 +47,16 @@ class VerticalMotion(NamedTuple):
 class DeadReckoning:
     """Memory of one vehicle; :meth:`step` after the samples of each tick."""
 
-    is_on: bool = False  # no sample for so long that the estimate rests on dead reckoning
+    is_on: bool = False  # whether the samples are so old that the estimate is dead reckoning
 
-    # Standard deviations of position [m] and velocity [m/s] for the others. They are those of the
-    # last sample; from there the position's grows steadily. Without growth, vehicles that lost
-    # their poses at 2.5 m came nearer to each other. With a growth as fast as the error's, the law
+    # Published standard deviations of position [m] and velocity [m/s]. They begin with those of the
+    # last sample, and then that of the position grows. Without growth, vehicles that lost their
+    # poses at 2.5 m came nearer to each other. With a growth as fast as that of the error, the law
     # commanded 10 m/s^2, which did more harm than the error.
     std: tuple[float, float] = (0.0, 0.0)
 
     _mean_bias_m_s2: Vec3 = ZERO_3
-    _age_s: float = math.inf  # of the newest sample at the last tick
+    _age_s: float = math.inf  # age of the newest sample at the last tick
 
     def step(
         self,
@@ -65,13 +65,13 @@ class DeadReckoning:
         dt_s: float,
         is_on_ground: bool,
     ) -> KalmanMemory:
-        """Return the filter's memory, corrected where there have been no samples for long.
+        """Return the filter's memory; without samples for a while, corrected by dead reckoning.
 
         Args:
-            memory: driven to now.
-            vertical: by PX4, in the fleet frame; None while it tells none.
+            memory: memory of the Kalman filter, propagated to now.
+            vertical: PX4's vertical motion in the fleet frame; None if it is not known.
             dt_s: length of the tick.
-            is_on_ground: whether the vehicle stands.
+            is_on_ground: whether the vehicle stands on the ground.
         """
         mean_bias = self._mean_bias_m_s2
         age_s = memory.last_age_s
@@ -91,15 +91,16 @@ class DeadReckoning:
         position = memory.position_enu_m
         velocity = memory.velocity_enu_m_s
 
-        # At the begin: as if the mean had acted since the last sample, in place of the newest bias.
+        # When dead reckoning begins, the motion since the last sample is corrected: as if the mean
+        # bias had acted since then, instead of the newest one.
         if not self.is_on:
             self.is_on = True
             change = subtract(mean_bias, memory.bias_enu_m_s2)
             position = add_scaled(position, 0.5 * age_s * age_s, change)
             velocity = add_scaled(velocity, age_s, change)
 
-        # The gains of the height alone, twice the bandwidth and its square, are those of a
-        # critically damped filter; the vertical speed comes on top.
+        # The height corrects position and speed with the gains of a critically damped filter: twice
+        # the bandwidth, and its square. PX4's vertical speed corrects the speed in addition.
         if vertical is not None:
             lift_m = _HEIGHT_RAD_S * dt_s * (vertical.height_m - position.z)
             faster_m_s = _CLIMB_RAD_S * dt_s * (vertical.climbing_m_s - velocity.z)

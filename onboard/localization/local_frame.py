@@ -1,14 +1,14 @@
-"""PX4's local frame in the fleet's, for vehicles that fly without a mocap.
+"""Converts PX4's local positions to the fleet frame, for vehicles that fly without a mocap.
 
-Each PX4 has an origin of its own: where its estimator started. Outdoors PX4 sends the position of
-that origin on Earth, and the fleet file gives the position of the fleet's; the difference is the
-horizontal offset. Heights are measured from the ground under the vehicle, since satellite heights
-differ by metres. Without a global origin, the first take-off spot is taken to be that of the fleet
-file.
+Each PX4 has its own origin: the place where its estimator started. Outdoors PX4 sends the position
+of its origin on Earth, and the fleet file contains that of the fleet's origin. Their difference is
+the horizontal offset. Heights are measured from the ground under the vehicle, since satellite
+heights differ by metres. Without a global origin, the place where the vehicle stands before its
+first flight is taken to be its take-off spot in the fleet file.
 
-PX4's estimate may jump ("reset"). In the air the offset absorbs a jump, so that nothing downstream
-notices it. A horizontal jump is given back slowly where a global origin shows the right offset; a
-jump in height is absorbed for good, because the ground was measured before it.
+PX4's estimate may jump ("reset"). In the air the offset absorbs a jump, so that the estimate in the
+fleet frame stays continuous. With a global origin the right offset is known, and a horizontal jump
+is slowly undone. A jump in height is absorbed for good, because the ground was measured before it.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from onboard.localization.dead_reckoning import VerticalMotion
 from onboard.safety.limits import LOCAL_POSITION_FRESH_S
 from onboard.tuples import Xyz
 
-# A position farther from the expected motion than this much, and what an acceleration adds, has
-# jumped.
+# A position jumped if it is farther from the expected one than _JUMP_M, plus what an acceleration
+# of _JUMP_M_S2 may add.
 _JUMP_M = 0.3
 _JUMP_M_S2 = 3.0
 
-_GIVE_BACK_M_S = 0.2  # speed at which a horizontal jump is given back
+_GIVE_BACK_M_S = 0.2  # speed at which a horizontal jump is undone
 
 
 class _LocalPosition(NamedTuple):
@@ -46,17 +46,14 @@ class LocalFrame:
     """One vehicle's local frame; :meth:`take` each new local position."""
 
     start_enu_m: Xyz  # the vehicle's take-off spot in the fleet file
-    origin: Origin | None  # of the fleet on Earth; None if only take-off spots are known
-    jumps: int = 0  # that were absorbed
+    origin: Origin | None  # fleet's origin on Earth; None if only take-off spots are known
+    jumps: int = 0  # number of absorbed jumps
     _offset_enu_m: Xyz | None = None  # fleet frame minus local frame; None while not known
-    _last: _LocalPosition | None = None
+    _last: _LocalPosition | None = None  # newest local position
     _has_flown: bool = False
 
     def take(self, snapshot: Snapshot) -> Xyz | None:
-        """Return the newest local position in the fleet frame.
-
-        None while the local frame's offset is not known.
-        """
+        """Return the newest local position in the fleet frame, or None without a known offset."""
         local = _LocalPosition(
             snapshot.local_position_ns,
             enu_from_ned(snapshot.position_local_ned_m),
@@ -73,7 +70,7 @@ class LocalFrame:
         if anchored_m is None:
             return None
 
-        # without an origin on Earth the spot is known until the first flight ends elsewhere
+        # without an origin on Earth, the vehicle's place is known only before its first flight
         is_spot_known = self.origin is not None or not self._has_flown
         if self._offset_enu_m is None or (is_parked and is_spot_known):
             self._offset_enu_m = anchored_m
@@ -89,12 +86,12 @@ class LocalFrame:
     def vertical(self, snapshot: Snapshot, now_ns: int) -> VerticalMotion | None:
         """Return the present height in the fleet frame, and the vertical speed.
 
-        Both stay right when satellites are lost, since PX4 measures them by its accelerometers and
-        its barometer, too. None while the local frame's offset is not known, or PX4 sends no local
-        position.
+        Both stay valid when satellites are lost, since PX4 also measures them with accelerometers
+        and a barometer. The result is None while the offset is not known, or while PX4 sends no
+        local position.
 
         Args:
-            snapshot: newest of PX4.
+            snapshot: newest snapshot of PX4.
             now_ns: time of the tick.
         """
         age_s = (now_ns - snapshot.local_position_ns) * 1e-9
@@ -109,9 +106,9 @@ class LocalFrame:
         )
 
     def _anchored_offset_m(self, local_m: Xyz, snapshot: Snapshot) -> Xyz | None:
-        """Return the offset that holds while the vehicle stands on the ground.
+        """Return the offset for a vehicle that stands on the ground.
 
-        None while PX4 has sent no origin, where one is needed.
+        The result is None if the fleet has an origin on Earth and PX4 has not sent its own yet.
         """
         x, y, z = (start - here for start, here in zip(self.start_enu_m, local_m, strict=True))
         if self.origin is None:
@@ -126,15 +123,17 @@ class LocalFrame:
     def _absorbed_m(
         self, offset_m: Xyz, last: _LocalPosition, local: _LocalPosition, anchored_m: Xyz
     ) -> Xyz:
-        """Return the offset after a sample in the air: without its jump, nearer to the right one.
+        """Return the offset after a local position in the air.
+
+        It absorbs a jump, and moves towards the offset by the origins on Earth.
 
         Args:
             offset_m: present offset.
-            last: the local position before.
-            local: the newest one.
-            anchored_m: the offset by the origins on Earth, horizontally.
+            last: previous local position.
+            local: newest local position.
+            anchored_m: offset by the origins on Earth; its horizontal part counts.
         """
-        x, y, z = offset_m  # the offset that is returned, step by step
+        x, y, z = offset_m  # the new offset, changed in two steps
         dt_s = (local.stamp_ns - last.stamp_ns) * 1e-9
 
         jump_m = tuple(
@@ -143,7 +142,7 @@ class LocalFrame:
                 local.position_m, last.position_m, last.velocity_m_s, strict=True
             )
         )
-        # accelerated over one sample, or over the time that samples were missing
+        # what an acceleration adds, generously for the short time between two samples
         reach_m = _JUMP_M + _JUMP_M_S2 * dt_s * max(1.0, dt_s)
         if math.hypot(*jump_m) > reach_m:
             self.jumps += 1
@@ -151,7 +150,7 @@ class LocalFrame:
             y = y - jump_m[1]
             z = z - jump_m[2]
 
-        # go back to the right offset, slowly
+        # move slowly towards the offset by the origins
         if self.origin is not None:
             miss_m = math.hypot(anchored_m[0] - x, anchored_m[1] - y)
             share = 0.0

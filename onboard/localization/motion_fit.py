@@ -1,14 +1,14 @@
-"""Whether positions fit the own motion, for vehicles that fly on PX4's own position. Pure.
+"""Checks whether positions fit the own motion, for vehicles that fly by PX4's position. Pure.
 
-Attitude and throttle say how the vehicle accelerates, and the filter from that where the next
-position has to be. A receiver whose positions come late contradicts this whenever the velocity
-changes: the vehicle then flies by where it was, overshoots, and circles around its goal.
+The filter predicts the next position from attitude and throttle. If the positions of a receiver are
+late, they contradict the prediction whenever the velocity changes. Such a vehicle flies by an old
+position, overshoots, and circles around its goal.
 
-The measure is the root of the mean square of the horizontal innovations over a second. In 18
-flights by satellites with the errors of PX4's simulator it stayed below 0.13 m; with positions
-half a second late it was 0.2 m and more.
+The measure is the root mean square of the horizontal innovations over a second. In 18 flights with
+satellites and the errors of PX4's simulator it stayed below 0.13 m. With positions that were half a
+second late it was 0.2 m and more.
 
-Positions that drift slowly fit any motion, so this does not notice them.
+Positions that drift slowly fit any motion, so they are not detected.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 from onboard.vectors import Vec3
 
-_MEMORY_S = 1.0
+_MEMORY_S = 1.0  # averaging time
 
 
 @dataclass(slots=True)
@@ -29,16 +29,16 @@ class MotionFit:
 
     @property
     def miss_m(self) -> float:
-        """By how much positions have missed the expected ones lately."""
+        """Root mean square of the horizontal innovations over the last second [m]."""
         return math.sqrt(self._mean_square_m2)
 
     def step(self, innovation_m: Vec3, dt_s: float, is_on_ground: bool) -> None:
         """Take the next position.
 
         Args:
-            innovation_m: measured less expected [m], ENU.
-            dt_s: since the last position.
-            is_on_ground: whether the vehicle stands; there nothing is learnt.
+            innovation_m: measured minus expected position [m], ENU.
+            dt_s: time since the last position.
+            is_on_ground: whether the vehicle stands on the ground; the memory is then reset.
         """
         if is_on_ground:
             self._mean_square_m2 = 0.0

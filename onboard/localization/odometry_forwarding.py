@@ -1,12 +1,12 @@
-"""Choice of the mocap poses that are sent to PX4's estimator. Pure.
+"""Chooses the mocap poses that are sent to PX4's estimator. Pure.
 
-PX4 gets poses so that its own hold and land work indoors. Only believed poses are sent, 33 times a
-second, since PX4 follows any pose.
+PX4 gets poses so that its own hold and land work indoors. PX4 follows any pose, so only accepted
+poses are sent, 33 times a second.
 
-When believed poses stop, nothing is sent, and PX4's estimator reports by itself that it has lost
-its position. When they come back, its estimate has drifted farther than its gate accepts: a new
-reset counter lets it restart at the pose. In the air the counter changes only near PX4's own
-position: at a pose that belongs to another body, PX4 would fly there.
+When accepted poses stop, nothing is sent, and PX4's estimator reports that it has lost its
+position. When they come back, PX4's estimate has drifted farther than its gate accepts. A changed
+reset counter makes PX4 restart its estimate at the pose. In the air the counter changes only if the
+pose is near PX4's own position: if the pose belonged to another body, PX4 would fly there.
 """
 
 from __future__ import annotations
@@ -22,36 +22,39 @@ from onboard.tuples import Xyz
 
 # PX4 requires 30 to 50 Hz, and each message passes MAVSDK as text, which is slow.
 _PERIOD_NS = 30_000_000
-_EARLY_NS = 6_000_000  # a tick may be so early
+_EARLY_NS = 6_000_000  # by which a pose may be sent before it is due
 
-_STD_M = 0.01  # of a pose
+_STD_M = 0.01  # standard deviation of a pose
 
-_GAP_NS = 300_000_000  # PX4 stops fusing after a second, but drifts a few decimetres before
+# After a longer gap PX4 has to restart: it stops fusing only after a second, but it drifts by a few
+# decimetres before.
+_GAP_NS = 300_000_000
 
-# A vehicle moves no farther than this between two samples: a part for each, one for each second.
+# Between two poses a vehicle moves at most by _STEP_M, plus _STEP_M_S for each second.
 _STEP_M = 0.2
 _STEP_M_S = 6.0
 
-# How far PX4's own position may be from a pose at which it restarts. PX4 without a position drifts
-# 0.5 to 1.3 m in six seconds; the limit excludes the position of another vehicle.
+# Largest distance of PX4's own position to a pose at which it may restart. It grows with the time
+# without poses: PX4 then drifts by 0.5 to 1.3 m in six seconds. The bound excludes the position of
+# another vehicle.
 _NEAR_M = 0.3
 _DRIFT_M_S = 0.15
 _FAR_M = 0.7
-_FRESH_NS = 300_000_000  # an older position of PX4 says nothing
+_FRESH_NS = 300_000_000  # an older position of PX4 does not count
 
 
 @dataclass(slots=True)
 class OdometryForwarder:
     """Memory of the pose that was sent last."""
 
-    resets: int = 0  # how often PX4 was to restart its estimate; MAVLink has eight bits for it
-    _sent_ns: int = 0  # when the last pose was sent
-    _due_ns: int = 0  # when the next one is due
-    _stamp_ns: int = 0  # of the last pose
-    _position_enu_m: Xyz | None = None  # of the last pose; None before the first
+    resets: int = 0  # reset counter; MAVLink has eight bits for it
+    _sent_ns: int = 0  # time at which the last pose was sent
+    _due_ns: int = 0  # time at which the next pose is due
+    _stamp_ns: int = 0  # stamp of the last pose
+    _position_enu_m: Xyz | None = None  # position of the last pose; None before the first
 
     def take(self, pose: MocapPose, snapshot: Snapshot, now_ns: int) -> list[SendOdometry]:
-        """Return the command that sends a believed pose, or none while it is not due."""
+        """Return the command that sends an accepted pose; empty if it must not be sent now."""
         if self._position_enu_m is not None:
             if now_ns < self._due_ns - _EARLY_NS:
                 return []
@@ -88,8 +91,8 @@ def _may_restart(position_enu_m: Xyz, snapshot: Snapshot, now_ns: int, silent_ns
     """Whether PX4 may restart its estimate at a pose.
 
     Args:
-        position_enu_m: of the pose.
-        snapshot: newest of PX4.
+        position_enu_m: position of the pose.
+        snapshot: newest snapshot of PX4.
         now_ns: time of the tick.
         silent_ns: time since the last pose was sent.
     """
@@ -98,7 +101,7 @@ def _may_restart(position_enu_m: Xyz, snapshot: Snapshot, now_ns: int, silent_ns
     if now_ns - snapshot.local_position_ns > _FRESH_NS:
         return False
 
-    # in the fleet's frame, which PX4 has from these poses
+    # PX4's local frame is the fleet frame, because PX4 has it from these poses
     px4_enu_m = enu_from_ned(snapshot.position_local_ned_m)
     near_m = min(_NEAR_M + _DRIFT_M_S * silent_ns * 1e-9, _FAR_M)
     return math.dist(position_enu_m, px4_enu_m) <= near_m

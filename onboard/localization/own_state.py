@@ -1,11 +1,12 @@
-"""The own state: mocap samples, PX4's attitude and the own thrust through the estimator.
+"""Estimates the own state from mocap samples, PX4's attitude and the own thrust.
 
-Samples wait in a queue until the next tick. The pose validator judges them first, then the Kalman
-filter. A vehicle without a mocap takes PX4's local position in their place.
+The pose validator checks each sample at its arrival. Accepted samples wait in a queue until the
+next tick, where the Kalman filter uses them. A vehicle without a mocap uses PX4's local position
+instead. The core calls :meth:`OwnState.update` at every tick.
 
-PX4's heading may be wrong by tens of degrees, since it has only its magnetometer. The difference to
-the mocap's heading, low-passed, converts PX4's attitude to the fleet frame, and the attitude
-setpoint back.
+PX4's heading may be wrong by tens of degrees, since it comes from a magnetometer. Its difference to
+the mocap's heading is low-passed. It converts PX4's attitude to the fleet frame, and attitude
+setpoints back to PX4's heading.
 """
 
 from __future__ import annotations
@@ -35,14 +36,16 @@ from onboard.safety.limits import LARGEST_POSITION_STD_M, LARGEST_VELOCITY_STD_M
 from onboard.tuples import Wxyz, Xyz
 from onboard.types import AttitudeSetpoint, State
 
-_MAX_POSITION_M = 1e4  # of a coordinate of a pose
-_MAX_QUEUE = 8  # samples between two ticks; of more, the newest
-_FUTURE_NS = 5_000_000  # a stamp may be so far ahead of its arrival
+_MAX_POSITION_M = 1e4  # largest coordinate of a pose
+_MAX_QUEUE = 8  # number of samples that may wait for a tick; the newest are kept
+_FUTURE_NS = 5_000_000  # by which a stamp may be ahead of its arrival
 _HEADING_TIME_S = 1.0  # time constant of the heading's offset
-_REJECTED_TO_RESTART = 10  # samples in a row, after which the filter restarts on the ground
-_WITHOUT_FIX_NS = 500_000_000  # after which satellites are lost
-_BELIEVED_S = 0.1  # age of a sample up to which the estimate is one of a pose
-_PX4_POSITION_STD_M = 0.05  # from one sample to the next; its slow error is larger, see ACCURACIES
+_REJECTED_TO_RESTART = 10  # rejected samples in a row after which the filter restarts on the ground
+_WITHOUT_FIX_NS = 500_000_000  # satellites are lost after this time without a fix
+_BELIEVED_S = 0.1  # PX4's position is compared with the estimate if its sample is not older
+# noise between two positions of PX4, and the gate for their jumps; ACCURACIES has the slow error
+_PX4_POSITION_STD_M = 0.05
+_PX4_JUMP_GATE_M = 1.0
 _ZERO: Xyz = (0.0, 0.0, 0.0)
 _SQRT_HALF = math.sqrt(0.5)
 
@@ -56,13 +59,13 @@ class _Sample(NamedTuple):
 
 
 class OwnEstimate(NamedTuple):
-    """The own motion at one tick, as far as it is known."""
+    """Estimate of the own motion at one tick."""
 
     state: State | None  # None before the first usable sample
     attitude_wxyz: Wxyz  # in the fleet frame
-    age_s: float  # of the newest sample that was used; inf before the first
-    is_reckoned: bool  # by dead reckoning, while this agent flies the vehicle
-    jumps: int  # impossible samples in a row
+    age_s: float  # age of the newest used sample; inf before the first
+    is_reckoned: bool  # whether it is dead reckoning, while this agent flies the vehicle
+    jumps: int  # number of impossible samples in a row
     is_mocap_frozen: bool
     is_mocap_late: bool
 
@@ -76,33 +79,36 @@ class OwnState:
 
     vehicle: Vehicle
     origin: Origin | None = None
-    corrections: CorrectionsConfig | None = None  # of a vehicle that takes them
-    counts: MessageCounts = field(default_factory=MessageCounts)  # of poses that were not used
-    heading_offset_rad: float = 0.0  # heading of the fleet frame minus PX4's
+    corrections: CorrectionsConfig | None = None  # None: the vehicle takes no corrections
+    counts: MessageCounts = field(default_factory=MessageCounts)  # poses that were not used
+    heading_offset_rad: float = 0.0  # heading in the fleet frame minus PX4's heading
     validator: PoseValidator = field(default_factory=PoseValidator)
-    # of vehicles with a mocap
+    # used for vehicles with a mocap
     px4_check: Px4PositionCheck = field(default_factory=Px4PositionCheck)
-    has_lost_satellites: bool = False  # of vehicles without a mocap
-    fit: MotionFit = field(default_factory=MotionFit)  # likewise
-    # by this agent's setpoints: else its thrust is not known while no sample comes
+    # used for vehicles without a mocap
+    has_lost_satellites: bool = False
+    fit: MotionFit = field(default_factory=MotionFit)
+    # Whether this agent's setpoints fly the vehicle. Only then is its thrust known, which dead
+    # reckoning needs.
     is_flown: bool = False
 
     _params: KalmanParams = field(init=False)
     _memory: kalman.KalmanMemory | None = None  # of the filter; None before the first sample
     _reckoning: DeadReckoning = field(default_factory=DeadReckoning)
     _wind: wind.WindMemory = field(default_factory=wind.initial)
-    _least_std: tuple[float, float] = (0.0, 0.0)  # of position [m] and velocity [m/s]
+    # least published standard deviations of position [m] and velocity [m/s]
+    _least_std: tuple[float, float] = (0.0, 0.0)
 
     _queue: list[_Sample] = field(default_factory=list)
     _newest_ns: int = 0  # stamp of the newest usable mocap sample
     _rejected_enu_m: Xyz | None = None  # position of the newest sample that the filter rejected
 
     _has_heading: bool = False  # whether the heading's offset is known
-    _yaw_rad: float = 0.0  # of the newest sample
+    _yaw_rad: float = 0.0  # heading of the newest sample
 
     _local_frame: LocalFrame = field(init=False)
-    _local_ns: int = 0  # stamp of the newest local position of PX4
-    _fix_ns: int = 0  # when PX4 last saw satellites; 0 never
+    _local_ns: int = 0  # stamp of PX4's newest local position
+    _fix_ns: int = 0  # last time at which PX4 had a fix; 0 never
 
     def __post_init__(self) -> None:
         vehicle = self.vehicle
@@ -114,11 +120,11 @@ class OwnState:
         )
         if not vehicle.mocap_required:
             self._params = self._params._replace(
-                position_noise_m=_PX4_POSITION_STD_M, jump_gate_m=1.0
+                position_noise_m=_PX4_POSITION_STD_M, jump_gate_m=_PX4_JUMP_GATE_M
             )
 
     def add_pose(self, pose: MocapPose, received_ns: int) -> bool:
-        """Queue a mocap sample for the next update; False if it is unusable or not believed."""
+        """Queue a mocap sample for the next update; return False if it is not accepted."""
         if not pose.is_tracked:
             return False
 
@@ -126,9 +132,9 @@ class OwnState:
             self.counts.malformed += 1
             return False
 
-        # Stamps of all sources are on one clock: one that is not newer is out of order, or from
-        # before a restart. Nothing else decides, since a false sequence number could exclude all
-        # samples after it.
+        # All stamps are on one clock: a sample that is not newer is out of order, or from before a
+        # restart. Sequence numbers are not used, because a false one could exclude all later
+        # samples.
         is_new = self._newest_ns < pose.stamp_ns <= received_ns + _FUTURE_NS
         if not is_new:
             self.counts.late += 1
@@ -160,15 +166,15 @@ class OwnState:
         hover_frac: float,
         is_on_ground: bool,
     ) -> OwnEstimate:
-        """Propagate the estimate to now, use the queued samples, and return what is known then.
+        """Propagate the estimate to now, use the queued samples, and return the estimate.
 
         Args:
             now_ns: time of the tick.
             dt_s: length of the tick.
-            snapshot: newest of PX4, with its measured attitude.
+            snapshot: newest snapshot of PX4, with its measured attitude.
             thrust_frac: throttle that was sent last.
-            hover_frac: throttle that hovers.
-            is_on_ground: whether the vehicle stands.
+            hover_frac: throttle that carries the weight.
+            is_on_ground: whether the vehicle stands on the ground.
         """
         if not self.vehicle.mocap_required:
             self._look_at_satellites(snapshot, now_ns)
@@ -204,7 +210,7 @@ class OwnState:
             known_enu_m = self.position_enu_m if is_believed or is_reckoned else None
             self.px4_check.update(snapshot, known_enu_m, now_ns, is_reckoned=is_reckoned)
 
-        # with the heading's offset that the samples have taught
+        # converted once more, because the samples have changed the heading's offset
         attitude_wxyz = turned_about_up(snapshot.quaternion_enu_flu_wxyz, self.heading_offset_rad)
         return OwnEstimate(
             state=self._state(is_reckoned=is_reckoned),
@@ -254,9 +260,9 @@ class OwnState:
         self._has_heading = True
 
     def _look_at_satellites(self, snapshot: Snapshot, now_ns: int) -> None:
-        """See whether they are lost: then PX4's position runs away, and is not taken any more.
+        """Find out whether satellites are lost: PX4's position then drifts, and is not used.
 
-        PX4 may also know its position otherwise, and then has never had a fix.
+        A PX4 that has never had a fix knows its position from another sensor.
         """
         if snapshot.sees_satellites(now_ns):
             self._fix_ns = now_ns
@@ -269,8 +275,8 @@ class OwnState:
             return
         self._local_ns = snapshot.local_position_ns
 
-        # When a fix has fallen back PX4's filter trusts its former positions for a while; the
-        # receiver says at once how far the new ones may be off. Both values are of two axes.
+        # When a fix has fallen back, PX4's own accuracy stays good for a while, but the receiver
+        # reports the new accuracy at once. Both values are for two axes together.
         accuracy_m = snapshot.position_accuracy_m
         if fix.is_below(snapshot, self.corrections, snapshot.local_position_ns):
             accuracy_m = max(accuracy_m, snapshot.fix_accuracy_m)
@@ -284,7 +290,7 @@ class OwnState:
             self._queue.append(_Sample(vectors.Vec3(*position_enu_m), self._local_ns, yaw_rad))
 
     def _px4_vertical(self, snapshot: Snapshot, now_ns: int) -> VerticalMotion | None:
-        """Return height and vertical speed by PX4, in the fleet frame; None while it tells none."""
+        """Return PX4's height and vertical speed in the fleet frame; None if not known."""
         if not self.vehicle.mocap_required:
             return self._local_frame.vertical(snapshot, now_ns)
 
@@ -313,17 +319,14 @@ class OwnState:
 
     @property
     def age_s(self) -> float:
-        """Age of the newest sample that was used, as of the last update; inf before the first."""
+        """Age of the newest used sample, as of the last update; inf before the first sample."""
         if self._memory is None:
             return math.inf
         return self._memory.last_age_s
 
     @property
     def is_reckoned(self) -> bool:
-        """Whether the estimate rests on dead reckoning.
-
-        Nothing is left of that while somebody else flies the vehicle.
-        """
+        """Whether the estimate is dead reckoning; False while another one flies the vehicle."""
         return self._reckoning.is_on and self.is_flown
 
     @property
@@ -361,7 +364,7 @@ class OwnState:
     def position_std_m(self) -> float:
         """Standard deviation of the estimate along one axis [m]; infinite before the first sample.
 
-        While own motion is reckoned without samples it is that of the last one.
+        During dead reckoning it is that of the filter.
         """
         state = self._state(is_reckoned=False)
         return math.inf if state is None else state.position_std_m
@@ -385,7 +388,7 @@ class OwnState:
 
 
 def _is_usable(pose: MocapPose) -> bool:
-    """Whether the numbers of a pose are those of a position and of a rotation."""
+    """Whether the numbers of a pose are a possible position and a unit quaternion."""
     norm = math.hypot(*pose.quaternion_enu_flu_wxyz)
     return (
         is_finite(pose.position_enu_m, pose.quaternion_enu_flu_wxyz)

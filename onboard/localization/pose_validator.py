@@ -1,9 +1,9 @@
-"""Whether a body's stream of poses is believable. Pure.
+"""Checks whether the poses of a body are believable. Pure.
 
-It notices jumps, repetitions, lateness, clocks that jump, and old samples after an outage. The
-estimator has a gate of its own, wide enough for a stalled process. This validator is narrower:
-between two samples a vehicle moves only as far as it can accelerate. A rejected sample reaches
-neither the estimate nor PX4.
+It detects jumps, repetitions, late samples, clocks that jump, and old samples after an outage. The
+Kalman filter has its own gate for jumps, wide enough for a stalled process. This validator is
+stricter: between two samples a vehicle moves only as far as its acceleration allows. A rejected
+sample reaches neither the estimate nor PX4.
 """
 
 from __future__ import annotations
@@ -15,29 +15,29 @@ from operator import mul
 
 from onboard.tuples import Wxyz, Xyz
 
-# Shares of a new sample in the low-passed values.
-_LATE_SHARE = 0.2  # of the delay: over five samples
+# weights of a new sample in the low-passed values
+_LATE_SHARE = 0.2  # of the delay
 _NOISE_SHARE = 0.05
 _VELOCITY_SHARE = 0.3
 
-# So near to the expected path, and so soon, a sample is possible whatever came between: a single
-# wild sample must not cost the good ones after it.
+# After a jump, a sample this near to the expected path of before, and this soon, is accepted even
+# if PX4 contradicts it: a single wild sample must not exclude the good ones after it.
 _ON_PATH_M = 0.3
 _ON_PATH_S = 0.5
 
-_NOISE_RAD = 0.3  # of the attitude
-_NOISES = 6.0  # a sample may lie so many times the noise beside the expected path
-_LEAST_SPEED_2_M2_S2 = 0.01  # below it a velocity has no direction; square of 0.1 m/s
+_NOISE_RAD = 0.3  # noise of the attitude
+_NOISES = 6.0  # largest distance from the expected path, in multiples of the noise
+_LEAST_SPEED_2_M2_S2 = 0.01  # a velocity below 0.1 m/s has no direction; this is its square
 
 
-# After an outage the first sample may be an old one with a new stamp, and the vehicle can have
-# moved anywhere meanwhile. Samples count when so many in a row agree with each other.
+# After an outage the first sample may be an old one with a new stamp, and the vehicle may have
+# moved anywhere. So samples are accepted only after this many in a row agree with each other.
 _CONFIRMED_BY = 2
-_CONFIRMED_AGAINST_PX4_BY = 25  # where PX4's own position excludes them: half a second
+_CONFIRMED_AGAINST_PX4_BY = 25  # the same if PX4's position contradicts them: half a second
 
 
 class PoseVerdict(IntEnum):
-    """Judgement of one sample."""
+    """Result of the check of one sample."""
 
     ACCEPTED = 0
     JUMPED = 1  # farther than the vehicle can have moved
@@ -49,16 +49,16 @@ class PoseVerdict(IntEnum):
 class PoseBounds:
     """Bounds of a believable body."""
 
-    max_speed_m_s: float = 6.0  # of a vehicle, with reserve for gusts and knocks
-    max_acceleration_m_s2: float = 15.0  # of a vehicle, with reserve for gusts and knocks
-    noise_m: float = 0.01  # least noise of a sample; more is learned
-    max_turn_rad_s: float = 12.0  # of the attitude
-    outage_s: float = 0.2  # without a believed sample, after which one has to be confirmed
-    # for so long bit-identical samples may come; a tracked body always has noise
+    max_speed_m_s: float = 6.0  # with a reserve for gusts and collisions
+    max_acceleration_m_s2: float = 15.0  # with a reserve for gusts and collisions
+    noise_m: float = 0.01  # least noise of a sample; a larger one is learned
+    max_turn_rad_s: float = 12.0  # largest angular rate
+    outage_s: float = 0.2  # after this time without an accepted sample, samples must be confirmed
+    # time after which identical samples mean a lost body: a tracked body always has noise
     frozen_after_s: float = 0.075
     late_after_s: float = 0.09  # mean delay above which samples are late
     clock_jump_s: float = 0.25  # change of the delay that shows a jump of a clock, if it lasts
-    # samples that are only late, as on a busy machine, are soon in time again
+    # for this time; samples that are merely late, on a busy machine, are soon on time again
     clock_jump_lasts_s: float = 0.3
 
 
@@ -68,28 +68,28 @@ class PoseValidator:
 
     bounds: PoseBounds = field(default_factory=PoseBounds)
 
-    jumps: int = 0  # samples in a row that were no possible movement
-    jumped_to_enu_m: Xyz | None = None  # position of the last of them
-    frozen_s: float = 0.0  # for so long the same numbers have come
+    jumps: int = 0  # number of impossible samples in a row
+    jumped_to_enu_m: Xyz | None = None  # position of the newest of them; None without one
+    frozen_s: float = 0.0  # time for which the same numbers have come
     delay_s: float = 0.0  # mean time from measurement to arrival
-    clock_jump_ns: int = 0  # when the delay changed so much that a clock must have jumped; 0 never
+    clock_jump_ns: int = 0  # time of the last jump of a clock, by the delay; 0 never
 
-    # the last accepted sample; no stamp without one
+    # the last accepted sample; the stamp is 0 without one
     _position: Xyz = (0.0, 0.0, 0.0)
     _velocity: Xyz = (0.0, 0.0, 0.0)
     _quaternion: Wxyz = (1.0, 0.0, 0.0, 0.0)
     _stamp_ns: int = 0
 
-    # after an outage: the newest sample, and how many in a row agree up to it
+    # the newest sample, and how many samples in a row up to it agree; needed after an outage
     _candidate: Xyz = (0.0, 0.0, 0.0)
     _candidate_ns: int = 0
     _agreeing: int = 0
 
     _last: tuple[Xyz, Wxyz] | None = None  # newest sample, accepted or not
     _same_since_ns: int = 0  # stamp of the first sample with these numbers
-    _usual_delay_s: float = 0.0  # of a sample, by the clocks as they are
-    _unusual_since_ns: int = 0  # when delays began that are far from it; 0 while they are near
-    _noise_m: float = 0.0  # learned, of a position
+    _usual_delay_s: float = 0.0  # usual delay of a sample
+    _unusual_since_ns: int = 0  # since when delays are far from the usual one; 0: they are near
+    _noise_m: float = 0.0  # learned noise of a position
 
     @property
     def is_frozen(self) -> bool:
@@ -110,11 +110,11 @@ class PoseValidator:
         *,
         is_contradicted: bool = False,
     ) -> PoseVerdict:
-        """Judge one sample; a rejected one does not change the expected motion.
+        """Return whether one sample is accepted; a rejected one does not change the memory's path.
 
-        The reach grows with the time since the last accepted sample, so that a body that really is
-        elsewhere after a gap is accepted again; after a jump only if PX4's own position does not
-        contradict it (``is_contradicted``).
+        The allowed distance grows with the time since the last accepted sample. So a body that
+        really moved in a gap is accepted again. After a jump this holds only if PX4's own position
+        does not contradict the sample (``is_contradicted``).
         """
         self._follow_delay(stamp_ns, received_ns)
         self._follow_repetitions(position_enu_m, quaternion_wxyz, stamp_ns)
@@ -123,7 +123,7 @@ class PoseValidator:
 
         gap_s = (stamp_ns - self._stamp_ns) * 1e-9
         if self._stamp_ns and gap_s <= 0.0:
-            self._stamp_ns = 0  # another clock from here on: the expected motion is void
+            self._stamp_ns = 0  # the source's clock has changed: the expected path is not valid
 
         agreeing = self._follow_agreement(position_enu_m, stamp_ns)
         if self._stamp_ns and gap_s > self.bounds.outage_s:
@@ -146,7 +146,7 @@ class PoseValidator:
         return PoseVerdict.ACCEPTED
 
     def _follow_delay(self, stamp_ns: int, received_ns: int) -> None:
-        """Follow the delay of the samples, and notice a jump of a clock."""
+        """Update the mean delay of the samples, and detect a jump of a clock."""
         delay_s = (received_ns - stamp_ns) * 1e-9
         if self._last is None:
             self.delay_s = delay_s
@@ -169,7 +169,7 @@ class PoseValidator:
             self._unusual_since_ns = 0
 
     def _follow_repetitions(self, position: Xyz, quaternion: Wxyz, stamp_ns: int) -> None:
-        """Follow for how long the same numbers have come."""
+        """Update the time for which the same numbers have come."""
         sample = (position, quaternion)
         if sample != self._last:
             self._same_since_ns = stamp_ns
@@ -177,7 +177,7 @@ class PoseValidator:
         self.frozen_s = (stamp_ns - self._same_since_ns) * 1e-9
 
     def _follow_agreement(self, position: Xyz, stamp_ns: int) -> int:
-        """Return how many samples in a row agree with each other, this one included."""
+        """Return the number of samples in a row that agree with each other, this one included."""
         gap_s = (stamp_ns - self._candidate_ns) * 1e-9
         noise_m = max(self.bounds.noise_m, self._noise_m)
         reach_m = _NOISES * noise_m + self.bounds.max_speed_m_s * max(0.0, gap_s)
@@ -191,7 +191,10 @@ class PoseValidator:
     def _is_possible(
         self, position: Xyz, quaternion: Wxyz, gap_s: float, is_contradicted: bool
     ) -> bool:
-        """Whether the vehicle can have moved so in ``gap_s``; learns velocity and noise if so."""
+        """Whether the vehicle can have made this motion in ``gap_s``.
+
+        If so, the velocity and the noise are updated.
+        """
         bounds = self.bounds
         x, y, z = position
         last_x, last_y, last_z = self._position
@@ -200,8 +203,8 @@ class PoseValidator:
         dy = y - last_y
         dz = z - last_z
 
-        # The expected path goes on at the last velocity. A vehicle that hits something stops at
-        # once: any point on the path is as possible as its end.
+        # The expected path continues with the last velocity. A vehicle that hits something stops at
+        # once, so every point of the path is as possible as its end.
         speed_2 = vx * vx + vy * vy + vz * vz
         share_of_path = 1.0
         if speed_2 > _LEAST_SPEED_2_M2_S2:
@@ -220,8 +223,8 @@ class PoseValidator:
         if half_turn_cosine < math.cos(0.5 * reach_rad):
             return False
 
-        # After a jump a sample within reach may still be of the wrong place: PX4 knows better,
-        # unless the sample continues the path from before the jump.
+        # After a jump, a sample within reach may still be at a wrong position. PX4 excludes such a
+        # sample, unless it continues the path from before the jump.
         is_on_path = miss_m < _ON_PATH_M and gap_s < _ON_PATH_S
         if self.jumps > 0 and is_contradicted and not is_on_path:
             return False

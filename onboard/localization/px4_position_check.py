@@ -1,11 +1,11 @@
-"""PX4's own position beside the motion capture's.
+"""PX4's own position, as a check of the motion capture's.
 
-It contradicts poses that jumped, and remains when poses are lost. It lags and drifts, so nothing
-flies by it while there are poses. But PX4 measures accelerations: it would have felt a jump of the
-vehicle. Rejected poses never reach PX4, so they cannot change its position either.
+It contradicts poses that jumped, and it is left when poses are lost. It lags and drifts, so no
+vehicle flies by it while poses come. But PX4 measures accelerations, so a real jump of the vehicle
+would change its position. Rejected poses are not sent to PX4, so they cannot change it.
 
-A vehicle that comes down while its poses are rejected counts as lying where it came down, until a
-pose agrees. Before a flight PX4's position does not count, since people carry vehicles about.
+If a vehicle lands while its poses are rejected, its landing position counts until a pose agrees.
+Before a flight PX4's position does not count, since people carry vehicles.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from onboard.tuples import Xyz
 STD_M = 0.3
 STD_M_S = 0.3
 
-_TRUSTED_S = 12.0  # without poses it is dead reckoning; by then most vehicles are down
+_TRUSTED_S = 12.0  # time without poses after which it does not count; most have landed by then
 _OFFSET_TIME_S = 1.0  # time constant of the offset of PX4's frame
 
-# Largest error: at first, and growing with the time without poses, for most of which it is the own
-# dead reckoning's.
+# Largest error: _ERROR_M, plus _ERROR_M_S2 times the square of the time without poses. For most of
+# that time the own dead reckoning corrects it.
 _ERROR_M = 0.3
 _ERROR_M_S2 = 0.02
 
@@ -39,14 +39,14 @@ class Px4PositionCheck:
     """PX4's position of one vehicle, in the fleet's frame once poses have shown the offset."""
 
     _offset_m: Xyz | None = None  # PX4's frame minus the fleet's; None while not known
-    _learned_ns: int = 0  # when the offset was last compared with a pose
+    _learned_ns: int = 0  # last time at which the offset was compared with a pose
     _position_m: Xyz = (0.0, 0.0, 0.0)  # ENU, PX4's frame
     _velocity_m_s: Xyz = (0.0, 0.0, 0.0)  # ENU
-    _stamp_ns: int = 0  # of both
-    _is_up: bool = False  # armed and not on the ground
-    # where it came down while poses were rejected, in the fleet's frame
+    _stamp_ns: int = 0  # time of both
+    _is_up: bool = False  # whether the vehicle is armed and not on the ground
+    # position, in the fleet's frame, at which it landed while poses were rejected
     _landed_m: Xyz | None = None
-    _landed_blind_s: float = 0.0  # time without poses until then
+    _landed_blind_s: float = 0.0  # time without poses before that landing
 
     def update(
         self,
@@ -59,11 +59,11 @@ class Px4PositionCheck:
         """Take one tick.
 
         Args:
-            snapshot: newest of PX4.
-            believed_enu_m: the vehicle's position, None while its poses are not believed.
+            snapshot: newest snapshot of PX4.
+            believed_enu_m: the vehicle's estimated position; None if it cannot be trusted.
             now_ns: time of the tick.
-            is_reckoned: that position rests on own dead reckoning, which is better than PX4's but
-                for the height.
+            is_reckoned: whether that position is dead reckoning. Horizontally it is then still
+                better than PX4's, but not in height.
         """
         has_pose = believed_enu_m is not None and not is_reckoned
         self._follow_landing(snapshot, has_pose, now_ns)
@@ -79,7 +79,7 @@ class Px4PositionCheck:
             self._learn_offset(believed_enu_m, dt_s, now_ns, is_reckoned)
 
     def _follow_landing(self, snapshot: Snapshot, has_pose: bool, now_ns: int) -> None:
-        """Remember where the vehicle came down without poses; forget it with the next pose."""
+        """Remember where the vehicle landed without poses; forget it with the next pose."""
         is_up = snapshot.is_armed and snapshot.landed is not Landed.ON_GROUND
         if is_up or has_pose:
             self._landed_m = None
@@ -92,17 +92,18 @@ class Px4PositionCheck:
     def _learn_offset(
         self, believed_enu_m: Xyz, dt_s: float, now_ns: int, is_reckoned: bool
     ) -> None:
-        """Compare PX4's position with the believed one."""
+        """Update the offset of PX4's frame from PX4's position and the estimated one."""
         x, y, z = believed_enu_m
         east, north, up = self._position_m
         offset = (east - x, north - y, up - z)
         known = self._offset_m
 
         if is_reckoned:
-            if known is not None:  # horizontally only
+            if known is not None:  # dead reckoning corrects the horizontal part only
                 self._offset_m = (offset[0], offset[1], known[2])
             return
 
+        # a large change means that PX4 has moved its origin
         has_moved_origin = known is None or math.dist(offset, known) > _ERROR_M
         if known is None or has_moved_origin:
             self._offset_m = offset
@@ -116,10 +117,7 @@ class Px4PositionCheck:
         self._learned_ns = now_ns
 
     def motion(self, now_ns: int) -> tuple[Xyz, Xyz] | None:
-        """Return position and velocity in the fleet's frame.
-
-        None while PX4 sends none, or none that can be trusted.
-        """
+        """Return PX4's position and velocity in the fleet's frame, or None if it does not count."""
         if self._landed_m is not None:
             return self._landed_m, (0.0, 0.0, 0.0)
         if not self._is_up or self._offset_m is None:
@@ -141,7 +139,7 @@ class Px4PositionCheck:
         return position_m, (vx, vy, vz)
 
     def contradicts(self, position_enu_m: Xyz, now_ns: int) -> bool:
-        """Whether PX4's position excludes this one."""
+        """Whether PX4's position is farther from this one than its largest error."""
         motion = self.motion(now_ns)
         if motion is None:
             return False

@@ -1,8 +1,8 @@
-"""The relay between an agent and its PX4.
+"""Relays MAVLink packets between an agent and its PX4.
 
-It signs the packets that leave, and lets in only packets that this PX4 has sent. A thread receives
-them; it belongs to the agent's process and ends with it. No packet is kept to be sent later or once
-more: it leaves in the call that made it, or never.
+It signs the packets that it sends, and accepts only packets from this PX4. A thread of the agent's
+process receives them. A packet is sent in the call that makes it; none is kept to be sent later or
+again.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from onboard.px4.transport import Address, Transport, open_transport
 from onboard.security.mavlink_key import signing_time
 
 _HEARTBEAT = 0
-_ANOTHER_NS = 3_000_000_000  # of silence, after which PX4 may send from another address
-_GREET_NS = 900_000_000  # from one greeting to the next, at least
+_ANOTHER_NS = 3_000_000_000  # silence after which PX4 may send from another address
+_GREET_NS = 900_000_000  # shortest time between two greetings
 _GREETING = bytes((0, 0, 0, 0, 18, 8, 0, 4, 3))  # HEARTBEAT of an onboard controller
 
-# what is counted for a signature that is not right: a field of ``Refused``
+# verdict about a wrong signature -> field of ``Refused`` that counts it
 _BY_VERDICT = {
     SignatureVerdict.UNSIGNED: "unsigned",
     SignatureVerdict.FORGED: "forged",
@@ -37,20 +37,20 @@ log = logging.getLogger("covey.agent")
 
 
 class Ids(NamedTuple):
-    """MAVLink's ids of both ends."""
+    """MAVLink's ids of an agent."""
 
-    system: int  # of the vehicle
-    component: int  # of this end; the other one is the autopilot
+    system: int  # system id of the vehicle, which agent and PX4 share
+    component: int  # component id of the agent
 
 
 class MavlinkRelay:
     """One autopilot's packets.
 
     Args:
-        endpoint: of the fleet file.
-        ids: of this vehicle.
-        signer: where packets are signed; None for a vehicle that does not sign.
-        on_packet: takes what was let in, on the relay's thread.
+        endpoint: endpoint of the fleet file.
+        ids: ids of this agent.
+        signer: signs and checks packets; None for a vehicle that does not sign.
+        on_packet: called with each accepted packet, on the relay's thread.
     """
 
     def __init__(
@@ -63,24 +63,24 @@ class MavlinkRelay:
 
         self._transport: Transport | None = None  # while it is open
         self._thread: threading.Thread | None = None
-        self._sending = threading.Lock()  # several threads send
-        self._sequence = 0  # of the packets sent
+        self._sending = threading.Lock()  # needed because several threads send
+        self._sequence = 0  # sequence of the next packet that is sent
 
-        self._rest = b""  # of a serial device: the begin of a packet
-        self._peer: Address | None = None  # where PX4 sends from
-        self._peer_ns = 0  # when it last did
-        self._greeted_ns = 0
+        self._rest = b""  # begin of a packet whose rest a serial device has not delivered yet
+        self._peer: Address | None = None  # address from which PX4 sends
+        self._peer_ns = 0  # time of PX4's newest packet
+        self._greeted_ns = 0  # time of the last greeting
 
-        self.other_system_id: int | None = None  # of another autopilot that is heard here
-        self.refused = Refused()  # what was not let in
-        self.is_signed = False  # whether the newest packet that was let in had a signature
-        self.has_wrong_clock = False  # PX4's timestamps are far ahead of this computer's clock
+        self.other_system_id: int | None = None  # system id of another autopilot that is heard
+        self.refused = Refused()  # counts of refused packets
+        self.is_signed = False  # whether the newest accepted packet had a signature
+        self.has_wrong_clock = False  # whether PX4's timestamps are far ahead of our clock
 
     def start(self) -> None:
         """Open the endpoint, and receive from now on.
 
         Raises:
-            LinkError: it cannot be opened.
+            LinkError: The endpoint cannot be opened.
         """
         try:
             self._transport = open_transport(self._endpoint)
@@ -104,11 +104,11 @@ class MavlinkRelay:
             self._thread.join()
 
     def send(self, number: int, payload: bytes) -> None:
-        """Send one message now; while PX4's address is not known, nothing is sent.
+        """Send one message now; nothing is sent while PX4's address is not known.
 
         Args:
-            number: kind of the message.
-            payload: its bytes.
+            number: id of the message's kind.
+            payload: bytes of its payload.
         """
         self._send(number, payload, self._peer)
 
@@ -126,50 +126,50 @@ class MavlinkRelay:
             self._sequence = (self._sequence + 1) & 0xFF
             transport.send(data, address)
 
-    # -- what comes in, on the relay's thread ------------------------------------------------------
+    # -- receiving, on the relay's thread ----------------------------------------------------------
 
     def _run(self, transport: Transport) -> None:
         while self._transport is transport:
             data, address = transport.receive()
             if data:
                 self._take(data, address)
-            else:  # PX4 may wait for somebody to speak
+            else:  # PX4 may send nothing before it has received a packet
                 self._greet(self._peer)
 
     def _take(self, data: bytes, address: Address | None) -> None:
-        """Take a datagram, or what came over a cable, where packets may be cut anywhere."""
-        is_cable = address is None
-        whole = self._rest + data
+        """Take a datagram, or bytes from a serial device, which may end within a packet."""
+        is_serial = address is None
+        pending = self._rest + data
         self._rest = b""
 
-        while whole:
-            left_bytes = 0  # at the end, as :func:`cut` counts them
-            for packet in cut(whole):
-                if isinstance(packet, Packet):
-                    self._judge(packet, address)
+        while pending:
+            left_bytes = 0  # number of bytes after the last packet, see :func:`cut`
+            for packet_or_left in cut(pending):
+                if isinstance(packet_or_left, Packet):
+                    self._judge(packet_or_left, address)
                 else:
-                    left_bytes = packet
+                    left_bytes = packet_or_left
             begins_a_packet = left_bytes > 0
             is_junk = left_bytes < 0
 
-            # the rest of a packet comes over a cable later, in a datagram never
-            if begins_a_packet and is_cable:
-                self._rest = whole[-left_bytes:]
+            # a serial device delivers the rest of a packet later; a datagram has no rest
+            if begins_a_packet and is_serial:
+                self._rest = pending[-left_bytes:]
             elif begins_a_packet or is_junk:
                 self._refuse("malformed", address)
 
-            # behind junk on a cable more packets may follow
-            if is_junk and is_cable:
-                whole = _from_next_magic(whole[left_bytes:])
+            # on a serial device more packets may follow after junk
+            if is_junk and is_serial:
+                pending = _from_next_magic(pending[left_bytes:])
             else:
-                whole = b""
+                pending = b""
 
     def _judge(self, packet: Packet, address: Address | None) -> None:
-        """Let a packet in, or count it."""
+        """Accept a packet, or count it as refused."""
         if not is_read(packet.number):
             return
 
-        # of another vehicle, or of another component of this one
+        # packets of another vehicle, or of another component of this one
         if packet.component_id != AUTOPILOT_COMPONENT or packet.system_id != self._ids.system:
             if packet.number == _HEARTBEAT and packet.component_id == AUTOPILOT_COMPONENT:
                 self.other_system_id = packet.system_id
@@ -184,16 +184,16 @@ class MavlinkRelay:
             self._refuse("other_address", address)
         elif self._is_fresh(packet, address):
             if address != self._peer:
-                log.info("PX4 sends from %s", _words(address) or self._endpoint)
+                log.info("PX4 sends from %s", _in_words(address) or self._endpoint)
             self._peer = address
             self._peer_ns = now_ns
             self.is_signed = packet.is_signed
             self._on_packet(packet)
 
     def _is_fresh(self, packet: Packet, address: Address | None) -> bool:
-        """Whether a packet may be taken: where packets are signed, whether its signature is right.
+        """Whether a packet's signature is right and new; always True for a vehicle without a key.
 
-        A wrong one is counted.
+        A packet with a wrong signature is counted.
         """
         if self._signer is None:
             return True
@@ -205,7 +205,7 @@ class MavlinkRelay:
             return True
 
         self._refuse(_BY_VERDICT[verdict], address)
-        # After a start PX4's timestamps are old until it has heard those of another system.
+        # After its start PX4's timestamps are old, until it has received those of another system.
         if verdict is SignatureVerdict.OLD:
             self._greet(address)
         return False
@@ -223,13 +223,13 @@ class MavlinkRelay:
             refused,
             **{reason: getattr(refused, reason) + 1},
             newest=reason,
-            source=_words(address),
+            source=_in_words(address),
             newest_ns=time.monotonic_ns(),
         )
 
 
 def _from_next_magic(data: bytes) -> bytes:
-    """Return the bytes from the next one at which a packet may begin; empty where there is none."""
+    """Return the bytes from the next possible begin of a packet on; empty if there is none."""
     indices = (data.find(b"\xfd", 1), data.find(b"\xfe", 1))
     begins = [index for index in indices if index > 0]
     if not begins:
@@ -237,7 +237,8 @@ def _from_next_magic(data: bytes) -> bytes:
     return data[min(begins) :]
 
 
-def _words(address: Address | None) -> str:
+def _in_words(address: Address | None) -> str:
+    """Return an address for people; empty for a serial device, which has none."""
     if address is None:
         return ""
     return f"{address[0]} port {address[1]}"

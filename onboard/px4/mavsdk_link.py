@@ -1,11 +1,13 @@
 """The agent's link to its PX4; the only file of onboard that imports mavsdk.
 
-Setpoints, poses and commands leave by the relay in the call that makes them: MAVSDK's offboard
-plugin repeats the last setpoint from a thread of its own, so that PX4 would not notice a hung loop,
-and MAVSDK cannot sign. MAVSDK finds PX4 and reads and sets its parameters, through the same relay.
-Modes and arming are plain commands without waiting for an answer, since PX4 accepts commands that
-it then does not execute; HEARTBEAT shows the result. Parameters are the only blocking calls and
-belong on an executor of their own (:meth:`Px4Link.apply_params`).
+Setpoints, poses and commands go through the relay, in the call that makes them. MAVSDK's offboard
+plugin is not used: it repeats the last setpoint from its own thread, so that PX4 would not notice a
+hung loop, and it cannot sign. MAVSDK finds PX4, and reads and sets its parameters, through the same
+relay.
+
+Modes and arming are plain commands. No answer is awaited, since PX4 may accept a command and not
+execute it; HEARTBEAT shows the result. Only the calls about parameters block; call them on an
+executor (:meth:`Px4Link.apply_params`).
 """
 
 from __future__ import annotations
@@ -46,7 +48,7 @@ from onboard.types import AttitudeSetpoint
 
 _COMPONENT_ID = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 
-# Two links that start at once in one process crash MAVSDK 4.1 now and then.
+# two links that start at the same time in one process sometimes crash MAVSDK 4.1
 _ONE_AT_A_TIME = threading.Lock()
 
 # Numbers of messages.
@@ -66,8 +68,9 @@ _RATES_HZ = {
     _EXTENDED_SYS_STATE: 10.0,
     _BATTERY_STATUS: 2.0,
     _ESTIMATOR_STATUS: 5.0,
-    # The sticks that PX4 has selected, of a radio control or of a joystick: PX4 sends it while it
-    # hears them, and once more when it has lost them. RC_CHANNELS goes on with a lost transmitter.
+    # The sticks that PX4 has selected, of a radio control or of a joystick. PX4 sends this message
+    # while it hears them, and once more when it has lost them. RC_CHANNELS is no substitute: PX4
+    # sends it with a lost transmitter, too.
     _MANUAL_CONTROL: 5.0,
 }
 
@@ -75,7 +78,7 @@ _RATES_HZ = {
 # time: ATTITUDE, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW, VFR_HUD, targets, HIGHRES_IMU,
 # DISTANCE_SENSOR, ALTITUDE, ODOMETRY.
 _UNUSED = (30, 33, 36, 74, 83, 85, 87, 105, 132, 141, 331)
-_STOP_US = -1.0  # interval of a message that is not to be sent
+_STOP_US = -1.0  # interval that stops a message
 
 # Values of fields of SET_ATTITUDE_TARGET and ODOMETRY.
 _TYPE_MASK_ATTITUDE_AND_THRUST = 7  # ignore all rates
@@ -85,19 +88,19 @@ _ESTIMATOR_TYPE_VISION = 2
 _QUALITY_PERCENT = 100
 _ATTITUDE_VARIANCE_RAD2 = 1e-4  # of roll, pitch and yaw each
 
-_TUNE = "MFT180O4L8CEGO5CP4O4CEGO5C"  # up a chord, twice; at most 29 characters
+_TUNE = "MFT180O4L8CEGO5CP4O4CEGO5C"  # a rising chord, twice; at most 29 characters
 
-# Indoors any position will do: only PX4's global frame depends on it. Its altitude must be 0: PX4
-# takes heights of a mocap for altitudes, and its local height would be wrong by the altitude of the
-# origin.
+# Indoors any latitude and longitude will do, because only PX4's global frame depends on them. The
+# altitude must be 0: PX4 treats heights of a mocap as altitudes, and its local height would be
+# wrong by the altitude of the origin.
 _ORIGIN = (47.397742, 8.545594, 0.0)  # latitude [deg], longitude [deg], altitude [m]
-_ORIGIN_TOLERANCE_M = 0.01  # of its altitude, as PX4 confirms it
-_PAUSE_NS = 1_000_000_000  # without poses, before an origin is set
+_ORIGIN_TOLERANCE_M = 0.01  # of the altitude that PX4 confirms
+_PAUSE_NS = 1_000_000_000  # time without poses before an origin is set
 
 _NAN = math.nan
 _UNKNOWN_VELOCITY = (_NAN,) * 6  # linear and angular
 _UNKNOWN_COVARIANCE = (_NAN,) * 21  # upper triangle of 6 x 6
-_ATTEMPTS = 2  # to set a parameter
+_ATTEMPTS = 2  # number of attempts to set a parameter
 
 
 def _pose_covariance(std_m: float) -> list[float]:
@@ -115,7 +118,7 @@ def _pose_covariance(std_m: float) -> list[float]:
 
 
 def _silent(*_: Any) -> bool:
-    """Keep MAVSDK from logging to stdout, which belongs to the agent."""
+    """Keep MAVSDK from logging to stdout, which the agent uses; True means: handled."""
     return True
 
 
@@ -130,9 +133,9 @@ class Px4Link:
         endpoint: for instance ``udpin://127.0.0.1:14540``.
         system_id: MAVLink id that the fleet file gives this vehicle; another id on the endpoint is
             refused.
-        position_hz: rate at which PX4 is to send its own position.
-        satellites_hz: rate at which PX4 is to tell whether it has a fix; 0: not at all.
-        key: of MAVLink signing; None for a vehicle that does not sign.
+        position_hz: rate at which PX4 sends its own position.
+        satellites_hz: rate at which PX4 sends its fix; 0: never.
+        key: key of MAVLink signing; None for a vehicle that does not sign.
     """
 
     def __init__(
@@ -159,32 +162,35 @@ class Px4Link:
         self._relay = MavlinkRelay(endpoint, Ids(system_id, _COMPONENT_ID), signer, self._receive)
 
         self._mavsdk: Mavsdk | None = None  # while the link is open
-        self._system: Any = None  # MAVSDK's, once PX4 has been heard
-        self._param: Param | None = None  # the same
+        self._system: Any = None  # MAVSDK's system; None before PX4 has been heard
+        self._param: Param | None = None  # MAVSDK's parameters; None before PX4 has been heard
 
-        # newest message of each kind, not yet parsed: bytes, arrival
+        # name of a message -> its newest payload that is not yet parsed, and its arrival
         self._unread: dict[str, tuple[bytes, int]] = {}
         # arrivals of the two newest messages about a pilot's sticks
         self._sticks_ns = 0
         self._sticks_before_ns = 0
-        self._lock = threading.Lock()  # of the newest values
+        self._lock = threading.Lock()  # protects the newest snapshot
         self._newest = Snapshot()
 
-        # covariance of poses for the standard deviation that was sent last
+        # last standard deviation of a pose, and the covariance that follows from it
         self._covariance: tuple[float, list[float]] = (math.nan, [])
         self._start_ns = 0
-        self._poses_ns = 0  # last pose sent to PX4, by this program or one before it
-        self.withholds_poses = False  # while PX4 is disarmed: see settle_global_origin
-        # Takes PX4's answers to requests for its logs, on the relay's thread.
+        # time of the last pose that was sent to PX4; at first the start, because another program
+        # may have sent poses before
+        self._poses_ns = 0
+        # whether a disarmed PX4 gets no poses, see settle_global_origin
+        self.withholds_poses = False
+        # called on the relay's thread with PX4's replies to requests for its logs
         self.on_log_answer: Callable[[Packet], object] = _ignored
 
     # -- life --------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Open the endpoint; PX4 need not be there yet.
+        """Open the endpoint; PX4 need not run yet.
 
         Raises:
-            LinkError: port taken or endpoint not usable.
+            LinkError: The port is taken, or the endpoint cannot be used.
         """
         if self._mavsdk is not None:
             return
@@ -209,16 +215,16 @@ class Px4Link:
         self._poses_ns = self._start_ns
 
     def connect(self, timeout_s: float) -> bool:
-        """Wait until PX4 has been heard, then request all that the agent needs.
+        """Wait until PX4 has been heard, then request all messages that the agent needs.
 
         It blocks: call it on an executor.
 
         Args:
-            timeout_s: for which it waits.
+            timeout_s: longest time to wait.
         Returns:
             Whether PX4 has been heard, now or before.
         Raises:
-            LinkError: another system id answers.
+            LinkError: A PX4 with another system id answers.
         """
         if self._param is not None:
             return True
@@ -244,7 +250,7 @@ class Px4Link:
     def stop(self) -> None:
         """Close the link; a second call does nothing.
 
-        No call to this object may be under way in another thread.
+        No other thread may use this object at the same time.
         """
         mavsdk = self._mavsdk
         self._mavsdk = None
@@ -273,9 +279,9 @@ class Px4Link:
         return self._newest
 
     def _receive(self, packet: Packet) -> None:
-        """Keep a message on the relay's thread; :meth:`snapshot` parses it.
+        """Keep a message, on the relay's thread; :meth:`snapshot` parses it.
 
-        MAVSDK gets what it reads.
+        MAVSDK gets the messages that it needs.
         """
         name = NAMES.get(packet.number)
         if name is not None:
@@ -293,7 +299,7 @@ class Px4Link:
             self.on_log_answer(packet)
 
     def _read(self, known: Snapshot) -> Snapshot:
-        """Return the values after the messages that have come since."""
+        """Return the snapshot with all messages that have come since the known one."""
         changes: dict[str, Any] = {}
         newest_ns = 0
         while self._unread:
@@ -355,7 +361,7 @@ class Px4Link:
         self._command(modes.CMD_REQUEST_MESSAGE, float(_HEARTBEAT))
 
     def reboot(self) -> None:
-        """PREFLIGHT_REBOOT_SHUTDOWN of the autopilot alone; PX4 refuses while it is armed."""
+        """PREFLIGHT_REBOOT_SHUTDOWN of the autopilot only; PX4 refuses while it is armed."""
         self._command(modes.CMD_REBOOT, 1.0)
 
     def play_tune(self) -> None:
@@ -379,13 +385,13 @@ class Px4Link:
     ) -> None:
         """ODOMETRY in the fleet's axes as NED, without velocity, which a mocap does not measure.
 
-        Nothing is sent to a disarmed PX4 that has yet to take its global origin.
+        Nothing is sent to a disarmed PX4 that does not have its global origin yet.
         """
         if self.withholds_poses and not self.snapshot().is_armed:
             return
         self._poses_ns = time.monotonic_ns()
 
-        # PX4 ignores the heading of a quaternion whose norm is not 1 to five digits
+        # PX4 ignores the heading if the norm of the quaternion differs from 1 by 1e-5 or more
         w, x, y, z = quaternion_enu_flu_wxyz
         norm = math.hypot(w, x, y, z)
         unit_quaternion = (w / norm, x / norm, y / norm, z / norm)
@@ -411,7 +417,7 @@ class Px4Link:
     def set_global_origin(self) -> None:
         """Give PX4 a global origin.
 
-        Without one it refuses its position modes, its hold and land among them.
+        Without one PX4 refuses its position modes, for instance its hold and land.
         """
         latitude_deg, longitude_deg, altitude_m = _ORIGIN
         self._send(
@@ -428,16 +434,16 @@ class Px4Link:
 
         Call it once a second on the ground.
 
-        PX4 sends its origin by itself only when it sets it, and a datagram may be lost. An origin
-        that comes while PX4 v1.18 fuses poses moves its local position by thousands of kilometres
-        for good: it counts the move as an error of the poses. So poses are withheld until PX4 has
-        ours, and ours is set only when none came for a second.
+        PX4 sends its origin by itself only when it sets it, and that datagram may be lost. If PX4
+        v1.18 gets an origin while it fuses poses, its local position moves by thousands of
+        kilometres and stays there: it counts the move as an error of the poses. Therefore no poses
+        are sent until PX4 has our origin, and our origin is set only after a second without poses.
 
         Args:
-            sets_ours: the height comes from a mocap, which requires an origin at altitude 0.
+            sets_ours: whether PX4 needs our origin: a height from a mocap needs altitude 0.
 
         Returns:
-            Whether PX4 has an origin, ours if it is to have ours.
+            Whether PX4 has an origin; with ``sets_ours``, whether it has ours.
         """
         known = self.snapshot().global_origin
         if known is None:
@@ -455,14 +461,14 @@ class Px4Link:
         return is_settled
 
     def forget_global_origin(self) -> None:
-        """PX4 has restarted: it has no origin any more."""
+        """Forget PX4's origin: after a restart PX4 has none."""
         with self._lock:
             self._newest = replace(self._newest, global_origin=None)
 
     def request_rates(self) -> None:
-        """Request rates of what the agent reads, and PX4's version.
+        """Request the rates of all messages that the agent reads, and PX4's version.
 
-        PX4's default rates are too slow for close flight.
+        PX4's default rates are too low for flight close to others.
         """
         for number, rate_hz in self._rates_hz.items():
             interval_us = _STOP_US
@@ -476,7 +482,7 @@ class Px4Link:
         self.request_version()
 
     def request_version(self) -> None:
-        """Request PX4's version, which it sends only then."""
+        """Request PX4's version, which PX4 sends on request only."""
         self._command(modes.CMD_REQUEST_MESSAGE, float(_AUTOPILOT_VERSION))
 
     # -- parameters: blocking, for an executor -----------------------------------------------------
@@ -485,9 +491,9 @@ class Px4Link:
         """Read parameters.
 
         Args:
-            names: name -> any value of the parameter's type.
+            names: Name -> any value of the parameter's type.
         Returns:
-            name -> value; None where PX4 did not answer.
+            Name -> value; None if PX4 did not answer.
         """
         return {name: self._read_param(name, like) for name, like in names.items()}
 
@@ -504,14 +510,14 @@ class Px4Link:
                 break
 
     def _set_param(self, param: Param, name: str, value: float | int) -> None:
-        """Set a parameter as the type that PX4 has it in."""
+        """Set a parameter, converted to the type that PX4 uses for it."""
         if isinstance(self._read_param(name, value), int):
             param.set_param_int(name, int(value))
         else:
             param.set_param_float(name, float(value))
 
     def _read_param(self, name: str, like: float | int) -> float | int | None:
-        """Return a parameter, asked for as the type of ``like`` first; None without an answer."""
+        """Return a parameter; None if PX4 does not answer. The type of ``like`` is tried first."""
         param = self._param
         if param is None:
             return None
@@ -530,8 +536,8 @@ class Px4Link:
             try:
                 return read()
             except ParamError as error:
-                # PX4 does not know it (v1.18 and later say so), or is silent for seconds: another
-                # type changes nothing.
+                # PX4 does not know the parameter (v1.18 and later say so), or was silent for
+                # seconds: another type would not help
                 if error.result in (ParamResult.DOES_NOT_EXIST, ParamResult.TIMEOUT):
                     return None
         return None
@@ -566,7 +572,7 @@ class Px4Link:
         self._relay.send(message.number, message.layout.pack(*values))
 
     def _send_for_mavsdk(self, data: bytes) -> None:
-        """Send what MAVSDK sends, on its thread: heartbeats, and requests of parameters."""
+        """Send MAVSDK's packets, on its thread: heartbeats, and requests of parameters."""
         keep_thread_state()
         for packet in cut(data):
             if isinstance(packet, Packet) and packet.number in MAVSDK_SENDS:

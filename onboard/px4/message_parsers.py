@@ -1,7 +1,8 @@
-"""Parsers of PX4's messages: fields of a message and its arrival -> fields of a snapshot.
+"""Parsers of PX4's messages: from the fields of a message to the fields of a snapshot.
 
-A parser returns the fields of :class:`onboard.autopilot.Snapshot` that the message changes; none
-where its numbers mean nothing.
+A parser takes the fields of a message and its arrival [ns]. It returns the fields of
+:class:`onboard.autopilot.Snapshot` that the message changes. If the message's numbers cannot be
+used, it returns none.
 """
 
 from __future__ import annotations
@@ -14,13 +15,14 @@ from onboard.autopilot import Landed
 from onboard.frames import enu_flu_from_ned_frd
 from onboard.px4 import modes
 
-# AUTOPILOT_VERSION.uid of a PX4 that was built for simulation is this number (the letters
-# SIMULATIONID0000, BOARD_OVERRIDE_UUID of PX4's board px4_sitl) plus the system id less one.
+# AUTOPILOT_VERSION.uid of a PX4 that was built for simulation is this number plus the system id
+# minus one. The number comes from the letters SIMULATIONID0000, which are BOARD_OVERRIDE_UUID of
+# PX4's board px4_sitl.
 _SIMULATION_UID = 0x4954414C44494E4F
 _MOST_SYSTEM_IDS = 255
-_FIX_3D = 3  # GPS_FIX_TYPE; more is better
+_FIX_3D = 3  # GPS_FIX_TYPE of a three-dimensional fix; larger values are better fixes
 _SATELLITES_UNKNOWN = 255
-_NO_CELL_MV = 65535  # voltage of a cell that is not there
+_NO_CELL_MV = 65535  # voltage that stands for an absent cell
 
 
 def _attitude(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
@@ -134,7 +136,7 @@ def _sys_status(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
 
 
 def _version(fields: dict[str, Any], _: int) -> dict[str, Any]:
-    # a byte each, from the highest: major, minor, patch, kind of release
+    # four bytes, from the highest: major, minor, patch, kind of release; 0: not known
     number = int(fields["flight_sw_version"])
     version: tuple[int, int] | None = None
     if number != 0:

@@ -1,4 +1,4 @@
-"""PX4's modes as HEARTBEAT carries them, and the numbers of the commands that the link uses.
+"""PX4's modes as in HEARTBEAT, and the numbers of the commands that the link uses.
 
 The numbers are those of MAVLink's common.xml and of PX4's ``px4_custom_mode.h``.
 """
@@ -32,7 +32,7 @@ _MAIN = {
     8: "RATTITUDE",
     11: "ALTITUDE_CRUISE",
 }
-_AUTO_MAIN = 4  # main mode whose submodes are these
+_AUTO_MAIN = 4  # main mode that has the following submodes
 _AUTO = {
     1: "READY",
     2: "TAKEOFF",

@@ -1,6 +1,7 @@
-"""What PX4 does of its own accord with a vehicle in OFFBOARD, and how this fleet treats each case.
+"""PX4's own failsafes that may act in OFFBOARD, and how the fleet treats each of them.
 
-The table stands in ``own_failsafes.toml``. Preflight demands its values, docs/px4.md prints it.
+The table is the file ``own_failsafes.toml``. The preflight check demands its values, and
+docs/px4.md prints it.
 """
 
 from __future__ import annotations
@@ -24,41 +25,45 @@ LAST: Version = (99, 0)  # newer than every PX4
 class Treatment(Enum):
     """Treatment of one of PX4's failsafes by the fleet."""
 
-    DEMANDED = "demanded"  # PX4 has to have values by which it does not interfere
-    NET = "net"  # PX4's own net, which stays
-    ROW = "row"  # PX4 asks no parameter; the agent answers what it does
+    DEMANDED = "demanded"  # PX4's parameters have to be set so that it does not interfere
+    NET = "net"  # it stays active, as a safety net
+    ROW = "row"  # it has no parameter; the agent's failsafe table reacts to its action
 
 
 @dataclass(frozen=True, slots=True)
 class OwnParameter:
     """One parameter of a failsafe; without ``demand`` it may have any value."""
 
-    name: str  # as PX4 has it
-    since: Version = FIRST  # PX4 knows it from this version on,
-    before: Version = LAST  # and only before this one
-    demand: Value | None = None  # what it is set to when it is wrong
-    reason: str = ""  # what follows from the demanded value
-    accepts: tuple[Value, ...] = ()  # as good,
-    least: Value | None = None  # as every value from here on
-    most: Value | None = None  # to here
-    without_bits: int = 0  # as every value that has none of these bits
-    bound: str = ""  # name of what gives least or most for one vehicle
-    file_least: Value | None = None  # a fleet file may demand another value instead, from here
-    file_most: Value | None = None  # to here
-    is_optional: bool = False  # some PX4s of a version have it, and some do not
+    name: str  # PX4's name of the parameter
+    since: Version = FIRST  # first version of PX4 that has it
+    before: Version = LAST  # first version of PX4 that does not have it any more
+    demand: Value | None = None  # value that a wrong one is replaced by
+    reason: str = ""  # effect of the demanded value
+
+    # other values that are as good
+    accepts: tuple[Value, ...] = ()  # each of these values
+    least: Value | None = None  # every value from this one on ...
+    most: Value | None = None  # ... to this one
+    without_bits: int = 0  # every value that has none of these bits
+    bound: str = ""  # name of the vehicle's limit from which least or most follows
+
+    # range of values that a fleet file may demand instead
+    file_least: Value | None = None
+    file_most: Value | None = None
+    is_optional: bool = False  # True: not every PX4 of a version has it
 
 
 @dataclass(frozen=True, slots=True)
 class OwnFailsafe:
     """One failsafe of PX4 that acts, or could act, in OFFBOARD."""
 
-    flags: tuple[str, ...]  # PX4's own names of it in its versions
-    holds: str  # when it acts
+    flags: tuple[str, ...]  # names that PX4's versions have for it
+    holds: str  # condition under which it acts
     acts: str  # what PX4 then does in OFFBOARD
     treated: Treatment
-    rows: tuple[Condition, ...]  # of the failsafe table, that follow from it
+    rows: tuple[Condition, ...]  # conditions of the agent's failsafe table that follow from it
     parameters: tuple[OwnParameter, ...]
-    why: str = ""  # it is left as PX4's own net
+    why: str = ""  # why it is left as a safety net
     since: Version = FIRST
     before: Version = LAST
 
@@ -105,13 +110,13 @@ _TABLE = tomllib.loads(
 
 OWN_FAILSAFES: tuple[OwnFailsafe, ...] = tuple(_failsafe(entry) for entry in _TABLE["failsafe"])
 
-# Parameters of the same families, and flags, that take no vehicle out of OFFBOARD.
+# related parameters and flags that never take a vehicle out of OFFBOARD
 WITHOUT_ACTION: frozenset[str] = frozenset(_TABLE["no_action"]["names"])
 FLAGS_WITHOUT_ACTION: frozenset[str] = frozenset(_TABLE["no_action"]["flags"])
 
 
 def demanded_parameters() -> Iterator[OwnParameter]:
-    """Yield every parameter that has to have certain values."""
+    """Yield every parameter for which certain values are demanded."""
     for failsafe in OWN_FAILSAFES:
         for parameter in failsafe.parameters:
             if parameter.demand is not None:

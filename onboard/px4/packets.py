@@ -1,7 +1,7 @@
 """MAVLink packets as bytes: headers, checksums, and the messages that the agent reads. Pure.
 
-The format: https://mavlink.io/en/guide/serialization.html. Fields stand in the order of the wire,
-the largest types first, and not in the order of MAVLink's XML files.
+https://mavlink.io/en/guide/serialization.html describes the format. Fields are listed in the order
+of the wire, with the largest types first. MAVLink's XML files have another order.
 """
 
 from __future__ import annotations
@@ -27,12 +27,13 @@ _HEAD = struct.Struct("<BBBBBBBHB")
 
 
 class MessageLayout(NamedTuple):
-    """One kind of message, without extensions that are not used."""
+    """One kind of message, without the extensions that are not used."""
 
     number: int  # id of the kind
     checksum_seed: int  # CRC_EXTRA of the kind
-    layout: struct.Struct  # of its values, in the order of the wire
-    fields: tuple[tuple[str, int, int], ...]  # name, index of the first value, number of values
+    layout: struct.Struct  # layout of its values, in the order of the wire
+    # name of each field, index of its first value, number of its values
+    fields: tuple[tuple[str, int, int], ...]
 
 
 def _message(number: int, seed: int, layout: str, fields: str = "") -> MessageLayout:
@@ -41,8 +42,8 @@ def _message(number: int, seed: int, layout: str, fields: str = "") -> MessageLa
     Args:
         number: id of the kind.
         seed: CRC_EXTRA of the kind.
-        layout: of its values, as :mod:`struct` writes it.
-        fields: names in the order of the wire; ``NAME*10`` for an array of ten values.
+        layout: layout of its values, in the notation of :mod:`struct`.
+        fields: names of the fields in the order of the wire; ``NAME*10`` is an array of ten values.
     """
     indexed: list[tuple[str, int, int]] = []
     index = 0
@@ -96,7 +97,7 @@ READ = {
     "STATUSTEXT": _message(253, 83, "B50s", "severity text"),
 }
 
-# Messages that the agent writes; what is packed stands above each.
+# Messages that the agent writes. The comment above each lists its values.
 SENT = {
     # latitude, longitude, altitude, system, time
     "SET_GPS_GLOBAL_ORIGIN": _message(48, 41, "iiiBQ"),
@@ -111,7 +112,8 @@ SENT = {
     "ODOMETRY": _message(331, 91, "Q55fBBBBb"),
 }
 
-# What MAVSDK needs besides, and what it may send; nothing else of it leaves. Number -> seed.
+# Messages that MAVSDK needs, and messages of MAVSDK that are sent; its others are dropped.
+# Number -> CRC_EXTRA.
 MAVSDK_READS = {
     0: 50,  # HEARTBEAT
     22: 220,  # PARAM_VALUE
@@ -158,12 +160,12 @@ class Packet(NamedTuple):
 
     @property
     def is_right(self) -> bool:
-        """Whether the checksum is right; never for a kind that nobody here reads or sends."""
+        """Whether the checksum is right; False for a kind that is neither read nor sent here."""
         seed = _SEEDS.get(self.number)
         if seed is None:
             return False
 
-        end = len(self.data) - _CHECKSUM_BYTES  # of what the checksum covers
+        end = len(self.data) - _CHECKSUM_BYTES  # end of the bytes that the checksum covers
         if self.is_signed:
             end -= SIGNATURE_BYTES
         return checksum(self.data[1:end], seed) == self.data[end : end + _CHECKSUM_BYTES]
@@ -177,12 +179,12 @@ def is_read(number: int) -> bool:
 def checksum(data: bytes, seed: int) -> bytes:
     """Return the two bytes of MAVLink's checksum.
 
-    It is CRC-16/MCRF4XX. The standard library has its mirrored form, which is fed with mirrored
-    bytes.
+    It is CRC-16/MCRF4XX. The standard library has the CRC with mirrored bits, so bytes are mirrored
+    before and after.
 
     Args:
-        data: packet without its first byte.
-        seed: of the kind of message.
+        data: bytes of a packet, without its first byte and its checksum.
+        seed: CRC_EXTRA of the kind of message.
     """
     mirrored = crc_hqx((data + bytes((seed,))).translate(_REVERSED), 0xFFFF)
     return mirrored.to_bytes(2, "big").translate(_REVERSED)
@@ -192,10 +194,10 @@ def cut(data: bytes) -> Iterator[Packet | int]:
     """Cut bytes into packets.
 
     Args:
-        data: a datagram, or what came over a cable, beginning anywhere.
+        data: a datagram, or bytes from a serial device, which may begin anywhere.
     Yields:
-        each packet; last the number of bytes at the end that are no whole packet, negative when
-        they never become one.
+        Each packet. If bytes are left at the end that are no whole packet, their number comes last.
+        It is negative if they cannot be the begin of a packet.
     """
     start = 0
     while start < len(data):
@@ -241,8 +243,8 @@ def fields_of(name: str, payload: bytes) -> dict[str, Any]:
     """Return the fields of a message.
 
     Args:
-        name: one of :data:`READ`.
-        payload: as it came, with or without the zeros and the extensions at its end.
+        name: name of a message in :data:`READ`.
+        payload: received payload, with or without the zeros and the extensions at its end.
     """
     layout = READ[name].layout
     values = layout.unpack(payload.ljust(layout.size, b"\0")[: layout.size])
@@ -265,17 +267,17 @@ def packed(
     *,
     is_signed: bool = False,
 ) -> bytes:
-    """Return a packet of MAVLink 2, to which the signature is yet to be added.
+    """Return a packet of MAVLink 2; the caller appends the signature, if any.
 
     Args:
-        number: of a message that is sent here.
-        payload: zeros at its end are cut off.
-        sequence: counts the packets of a sender, 0 to 255.
-        system_id: of the sender.
-        component_id: of the sender.
-        is_signed: whether a signature follows.
+        number: id of the message's kind.
+        payload: payload; zeros at its end are removed.
+        sequence: number of the packet among those of its sender, 0 to 255.
+        system_id: system id of the sender.
+        component_id: component id of the sender.
+        is_signed: whether the caller appends a signature.
     """
-    payload = payload.rstrip(b"\0") or b"\0"
+    payload = payload.rstrip(b"\0") or b"\0"  # MAVLink 2 keeps at least one byte
     incompatible_flags = _SIGNED if is_signed else 0
     compatible_flags = 0
     head = _HEAD.pack(

@@ -1,8 +1,8 @@
-"""One agent per autopilot.
+"""Ensures that only one agent uses an autopilot's endpoint.
 
-Two programs at one port, or at one serial device, would get some of its packets each. Ports belong
-to a network namespace: containers that share a temporary folder have ports of their own each, and
-serial devices together.
+Two programs at one port, or at one serial device, would each get a part of its packets. A lock file
+in the temporary folder prevents that. Ports belong to a network namespace, but serial devices do
+not: containers that share a temporary folder have separate ports and common serial devices.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from pathlib import Path
 
 from onboard.autopilot import LinkError
 
-_NAMESPACE = "/proc/self/ns/net"  # namespaces(7): its inode tells namespaces apart
+_NAMESPACE = "/proc/self/ns/net"  # its inode identifies the network namespace, see namespaces(7)
 
 
 class PortClaim:
-    """An autopilot's endpoint that only this process uses, until :meth:`release`.
+    """Claim of an autopilot's endpoint for this process, until :meth:`release`.
 
-    A file lock excludes other agents; binding the UDP port once finds other programs.
+    A file lock excludes other agents. Binding the UDP port once detects other programs.
     """
 
     def __init__(self, endpoint: str) -> None:
@@ -35,7 +35,7 @@ class PortClaim:
         A second call does nothing.
 
         Raises:
-            LinkError: another process has it.
+            LinkError: Another process uses the endpoint.
         """
         if self._lock_fd is not None:
             return
@@ -68,9 +68,9 @@ class PortClaim:
 
 
 def _key(endpoint: str) -> str:
-    """Return a file name for the resource.
+    """Return a file name for the endpoint's resource.
 
-    It is a local port, a remote endpoint, or a device whatever its baud rate.
+    The resource is a local port, a remote endpoint, or a serial device at any baud rate.
     """
     kind, _, address = endpoint.partition("://")
     if kind == "udpin":
@@ -87,7 +87,7 @@ def _as_file_name(text: str) -> str:
 
 
 def _network_namespace() -> int:
-    """Return the number of this process's network namespace; 0 where the kernel tells none."""
+    """Return the number of this process's network namespace; 0 if the kernel has none."""
     try:
         return os.stat(_NAMESPACE).st_ino
     except OSError:

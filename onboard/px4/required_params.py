@@ -1,6 +1,7 @@
-"""PX4 parameters that close flight requires, the reason for each, and a vehicle's differences.
+"""PX4 parameters that the fleet requires, with their reasons, and the differences of a vehicle.
 
-Those about PX4's own failsafes come from ``own_failsafes.toml``.
+The parameters of PX4's own failsafes come from ``own_failsafes.toml``. The preflight check refuses
+a take-off with wrong ones, and ``covey px4 params`` lists and sets them.
 """
 
 from __future__ import annotations
@@ -20,13 +21,14 @@ Value = float | int
 FUSES_POSITION = 1
 FUSES_HEADING = 8
 
-# Charge at which PX4's simulated battery stops emptying [%]; required of nobody.
+# charge at which PX4's simulated battery stops emptying [%]; it is read, but no value is required
 BATTERY_FLOOR = "SIM_BAT_MIN_PCT"
 
 _SILENCE = "COM_OF_LOSS_T"
-# The agent's landing begins so far above PX4's critical level.
+# the agent's landing level is above PX4's critical level by at least this
 _BATTERY_GAP_FRAC = 0.005
-# An attitude that is commanded in steps is exceeded by a tenth; the rest is for gusts.
+# PX4's tilt limit is above max_tilt_deg by at least this: a commanded step is exceeded by a tenth,
+# and the rest is for gusts
 _TILT_MARGIN_DEG = 15
 
 
@@ -34,30 +36,33 @@ _TILT_MARGIN_DEG = 15
 class RequiredParam:
     """One required parameter."""
 
-    name: str  # as PX4 has it
-    value: Value  # that PX4 must have
-    reason: str  # what follows from the value
-    needs_restart: bool = False  # PX4 reads it only when it starts
-    # another value costs quality, not safety: it refuses nothing, and only covey px4 params --apply
-    # sets it
+    name: str  # PX4's name of the parameter
+    value: Value  # required value
+    reason: str  # effect of the value
+    needs_restart: bool = False  # True: PX4 reads it only at its start
+    # True: another value affects quality, not safety. It does not refuse a take-off, and only
+    # `covey px4 params --apply` sets it.
     is_advice: bool = False
-    tolerance: float = 0.0  # a value within it is as good,
-    accepts: tuple[Value, ...] = ()  # as each of these,
-    least: Value | None = None  # as every value from here on
-    most: Value | None = None  # to here,
-    without_bits: int = 0  # as every value that has none of these bits
-    is_optional: bool = False  # a PX4 that does not know it needs none
-    since: Version = FIRST  # PX4 knows it from this version on,
-    before: Version = LAST  # and only before this one
+
+    # other values that are as good
+    tolerance: float = 0.0  # every value within this of the required one
+    accepts: tuple[Value, ...] = ()  # each of these values
+    least: Value | None = None  # every value from this one on ...
+    most: Value | None = None  # ... to this one
+    without_bits: int = 0  # every value that has none of these bits
+
+    is_optional: bool = False  # True: a PX4 without this parameter is all right
+    since: Version = FIRST  # first version of PX4 that has it
+    before: Version = LAST  # first version of PX4 that does not have it any more
 
     def is_for(self, version: Version | None) -> bool:
-        """Whether PX4 of this version knows it; of an unknown version, whether all do."""
+        """Whether a PX4 of this version has it; if the version is unknown, whether all have it."""
         if version is None:
             return self.since == FIRST and self.before == LAST
         return self.since <= version < self.before
 
     def is_met(self, value: Value | None) -> bool:
-        """Whether PX4's value is good enough; None is not."""
+        """Whether PX4's value is as required, or as good; False for None."""
         if value is None:
             return False
         if any(_is_close(value, good, self.tolerance) for good in (self.value, *self.accepts)):
@@ -79,7 +84,7 @@ class RequiredParam:
 
     @property
     def words(self) -> str:
-        """The value, and what is as good, in words."""
+        """The required value and the values that are as good, in words."""
         others = [f"{value:g}" for value in self.accepts]
         if self.without_bits:
             others.append(f"any without bit {self.without_bits}")
@@ -97,7 +102,7 @@ def _is_close(value: Value, good: Value, tolerance: float) -> bool:
 
 
 def _required(parameter: OwnParameter) -> RequiredParam:
-    """Return what a failsafe of PX4 demands of every vehicle."""
+    """Return the requirement for a parameter of one of PX4's own failsafes."""
     assert parameter.demand is not None
     return RequiredParam(
         name=parameter.name,
@@ -158,7 +163,7 @@ _MOCAP_ADVICE = (
     ),
 )
 
-# Of a vehicle with a mocap; docs/deployment.md lists them.
+# all for a vehicle with a mocap; docs/deployment.md lists them
 BUILT_IN = (*FAILSAFES, *_MOCAP, *_MOCAP_ADVICE)
 
 
@@ -173,7 +178,7 @@ def all_params(
     Args:
         fleet: the fleet file.
         vehicle: one of its vehicles.
-        version: of its PX4, as reported; None when it is not known.
+        version: version that its PX4 has reported; None if it is not known.
     """
     version = plausible_version(version)
     hover_throttle = RequiredParam(
@@ -199,7 +204,7 @@ def all_params(
 
 
 def _bounded(demand: RequiredParam, fleet: FleetConfig, vehicle: Vehicle) -> RequiredParam:
-    """Return a demand with the bound that the fleet file gives this vehicle."""
+    """Return a demand with the bound that follows from the fleet file for this vehicle."""
     bound = _OWN[demand.name].bound
     if bound == "below battery_land_pct":
         most_frac = 0.01 * fleet.fleet.battery_land_pct - _BATTERY_GAP_FRAC
@@ -263,18 +268,18 @@ def required_params(
 
 
 def silence_s(vehicle: Vehicle) -> float:
-    """Return for how long PX4 follows the last setpoint before it lands [s]."""
+    """Return the time [s] for which PX4 follows the last setpoint before it lands."""
     return float(vehicle.px4_params.get(_SILENCE, _OWN[_SILENCE].demand or 0.0))
 
 
 def unmet(
     required: Iterable[RequiredParam], actual: Mapping[str, Value | None]
 ) -> list[RequiredParam]:
-    """Return the demands that PX4 does not meet, of those whose parameter it has.
+    """Return the demands that PX4 does not meet; parameters that PX4 did not send are left out.
 
     Args:
         required: demands.
-        actual: name -> PX4's value; None where PX4 did not send it.
+        actual: name -> PX4's value; None if PX4 did not send it.
     """
     wrong = []
     for demand in required:
@@ -291,7 +296,7 @@ def differences(
 
     Args:
         required: demands.
-        actual: name -> PX4's value; None where PX4 did not send it.
+        actual: name -> PX4's value; None if PX4 did not send it.
     """
     sentences: list[str] = []
     for demand in required:

@@ -1,4 +1,4 @@
-"""PX4's SYS_STATUS: sensors that are unhealthy, and whether a radio control is heard."""
+"""Evaluates PX4's SYS_STATUS: unhealthy sensors, and whether PX4 hears a radio control."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from onboard.autopilot import Snapshot
 
 _RC_RECEIVER = 0x10000
 
-# MAV_SYS_STATUS_SENSOR: bit, name, required for flight with a mocap (None: not reported), and
-# without one. The prearm bit is left out: in HOLD without satellites PX4 keeps it low and arms all
-# the same when setpoints arrive.
+# Each row: bit of MAV_SYS_STATUS_SENSOR, name, whether a flight with a mocap requires it (None: it
+# is not even reported), and whether a flight without one does. The prearm bit is left out: in HOLD
+# without satellites PX4 keeps it low, but arms nevertheless when setpoints arrive.
 _SENSORS: tuple[tuple[int, str, bool | None, bool], ...] = (
     (0x1, "gyroscope", True, True),
     (0x2, "accelerometer", True, True),
@@ -31,10 +31,10 @@ def unhealthy(snapshot: Snapshot, has_mocap: bool) -> tuple[tuple[str, bool], ..
     """Return the sensors that are enabled and not healthy.
 
     Args:
-        snapshot: newest of PX4.
+        snapshot: newest snapshot of PX4.
         has_mocap: whether the vehicle flies by a mocap.
     Returns:
-        name of each, and whether this flight requires it.
+        The name of each of them, and whether this flight requires it.
     """
     if snapshot.sensors_ns == 0:
         return ()

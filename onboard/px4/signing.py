@@ -1,7 +1,7 @@
-"""Signatures of MAVLink 2 packets: made, and checked as MAVLink's standard says. Pure.
+"""Makes and checks signatures of MAVLink 2 packets. Pure: the caller passes the time.
 
-The caller has the clock. The standard: https://mavlink.io/en/guide/message_signing.html. A
-signature is a link id, a timestamp [10 us since 2015], and the first bytes of a SHA-256.
+https://mavlink.io/en/guide/message_signing.html is the standard. A signature is a link id, a
+timestamp [10 us since 2015], and the first bytes of a SHA-256.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from onboard.px4.packets import SIGNATURE_BYTES, Packet
 
 _DIGEST_BYTES = 6
 _STAMP_BYTES = 6
-_MINUTE_STEPS = 60 * 100_000  # in steps of 10 us
-_NEW_STREAM_STEPS = _MINUTE_STEPS  # a sender that was not heard before may be so far behind
-_WRONG_CLOCK_STEPS = _MINUTE_STEPS
+_MINUTE_STEPS = 60 * 100_000  # a minute in steps of 10 us
+_NEW_STREAM_STEPS = _MINUTE_STEPS  # by which the first timestamp of a new sender may be behind
+_WRONG_CLOCK_STEPS = _MINUTE_STEPS  # our clock is wrong if another sender is ahead by more
 
 
 class SignatureVerdict(Enum):
-    """What a signature is worth."""
+    """Result of the check of a signature."""
 
     FRESH = "fresh"
     UNSIGNED = "not signed"
@@ -29,42 +29,43 @@ class SignatureVerdict(Enum):
 
 
 class Signer:
-    """Signs for one sender and checks what others signed with the same key.
+    """Signs packets of one sender, and checks packets that others signed with the same key.
 
-    Its timestamps follow the clock but never go back: they are also above every one that PX4 has
-    shown, so that a clock which is behind locks nobody out.
+    Its timestamps follow the clock, but they never decrease, and they are greater than every
+    timestamp that it has checked. So PX4 accepts its packets even if this computer's clock is
+    behind.
 
     Args:
-        key: 32 bytes.
-        link_id: tells senders with the same system and component apart.
+        key: key of 32 bytes.
+        link_id: distinguishes senders with the same system and component.
     """
 
     def __init__(self, key: bytes, link_id: int) -> None:
         self._key = key
         self._link_id = link_id
-        self._newest = 0  # timestamp of this sender and of all that it has checked
+        self._newest = 0  # newest timestamp that this sender has used or checked
 
-        # newest timestamp of each sender: system, component, link id
+        # (system, component, link id) of a sender -> its newest timestamp
         self._streams: dict[tuple[int, int, int], int] = {}
-        self.behind = 0  # steps by which the clock was behind another sender's at last
+        self.behind = 0  # steps by which our clock was behind the last checked sender's
 
     def sign(self, packet: bytes, clock: int) -> bytes:
         """Return a packet with its signature.
 
         Args:
-            packet: with the flag of a signed one.
-            clock: now [10 us since 2015].
+            packet: packet with the flag of a signed one.
+            clock: present time [10 us since 2015].
         """
         self._newest = max(clock, self._newest + 1)
         data = packet + bytes((self._link_id,)) + self._newest.to_bytes(_STAMP_BYTES, "little")
         return data + self._digest(data)
 
     def check(self, packet: Packet, clock: int) -> SignatureVerdict:
-        """Judge a packet, and remember its timestamp if it is fresh.
+        """Check a packet's signature, and remember its timestamp if it is fresh.
 
         Args:
-            packet: as it came.
-            clock: now [10 us since 2015].
+            packet: received packet.
+            clock: present time [10 us since 2015].
         """
         if not packet.is_signed:
             return SignatureVerdict.UNSIGNED
@@ -79,12 +80,12 @@ class Signer:
         stamp = int.from_bytes(signature[1 : 1 + _STAMP_BYTES], "little")
 
         stream = (packet.system_id, packet.component_id, link_id)
-        last = self._streams.get(stream)
-        if last is None:
-            oldest = max(clock, self._newest) - _NEW_STREAM_STEPS
+        last_stamp = self._streams.get(stream)
+        if last_stamp is None:
+            oldest_stamp = max(clock, self._newest) - _NEW_STREAM_STEPS
         else:
-            oldest = last + 1
-        if stamp < oldest:
+            oldest_stamp = last_stamp + 1
+        if stamp < oldest_stamp:
             return SignatureVerdict.OLD
 
         self._streams[stream] = stamp

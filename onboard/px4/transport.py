@@ -1,6 +1,6 @@
 """The transport to one autopilot: a UDP socket or a serial device.
 
-Sending never waits; what cannot leave at once is lost.
+Sending never waits: bytes that cannot be sent at once are lost.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from typing import Protocol
 from onboard.serial_device import open_serial
 
 Address = tuple[str, int]  # host and port
-_LARGEST = 65_535  # bytes that are received at once
-_SOCKET_WAIT = struct.pack("ll", 1, 0)  # C's struct timeval: s, us
-_SERIAL_WAIT_MS = 200  # short, because a serial device wakes nobody when it is closed
+_LARGEST = 65_535  # number of bytes that are received at once
+_SOCKET_WAIT = struct.pack("ll", 1, 0)  # one second, as C's struct timeval (s, us)
+_SERIAL_WAIT_MS = 200  # short, because closing a serial device does not end a waiting read
 
 
 class Transport(Protocol):
@@ -29,15 +29,15 @@ class Transport(Protocol):
         """Wait for bytes.
 
         Returns:
-            the bytes, none after a second without any and after :meth:`stop`; and the address that
-            they come from, if the transport tells.
+            The bytes, and the address of their sender if the transport knows it. The bytes are
+            empty after a second without any, and after :meth:`stop`.
         """
 
     def send(self, data: bytes, address: Address | None) -> bool:
-        """Send bytes at once, to an address where the transport has several.
+        """Send bytes at once; a transport with several peers needs the address.
 
         Returns:
-            False when they are lost.
+            False if the bytes are lost.
         """
 
     def stop(self) -> None:
@@ -50,8 +50,8 @@ def open_transport(endpoint: str) -> Transport:
     Args:
         endpoint: ``udpin://HOST:PORT``, ``udpout://HOST:PORT`` or ``serial://DEVICE:BAUD``.
     Raises:
-        ValueError: it is written wrongly.
-        OSError: it cannot be opened.
+        ValueError: The endpoint is written wrongly.
+        OSError: The endpoint cannot be opened.
     """
     match = re.fullmatch(r"(udpin|udpout)://(.+):(\d{1,5})", endpoint)
     if match is None:
@@ -62,7 +62,7 @@ def open_transport(endpoint: str) -> Transport:
 
 
 class _Datagrams:
-    """A UDP socket, which listens for anybody, or is connected with one address."""
+    """A UDP socket that listens to all senders, or is connected to one address."""
 
     def __init__(self, address: Address, *, listens: bool) -> None:
         family, _, _, _, resolved = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
@@ -81,7 +81,7 @@ class _Datagrams:
     def receive(self) -> tuple[bytes, Address | None]:
         try:
             data, address = self._socket.recvfrom(_LARGEST)
-        except OSError:  # nothing came, or nobody is there (ICMP), or it was closed
+        except OSError:  # nothing came, the peer does not exist (ICMP), or the socket was closed
             return b"", None
         if self._is_connected or not address:
             return data, None
@@ -100,7 +100,8 @@ class _Datagrams:
         return True
 
     def stop(self) -> None:
-        with contextlib.suppress(OSError):  # not connected, but a waiting receive ends
+        # an error only says that the socket is not connected; a waiting receive ends nevertheless
+        with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         self._socket.close()
 

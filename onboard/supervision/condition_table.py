@@ -96,7 +96,7 @@ class Cause:
 
 @dataclass(frozen=True, slots=True)
 class ConditionRow:
-    """How one condition is detected and reported."""
+    """Detection and report of one condition."""
 
     condition: Condition
     causes: tuple[Cause, ...]  # any is enough; the last one that holds gives the detail

@@ -45,7 +45,7 @@ class ConditionReport(NamedTuple):
 
 
 class FailsafeDecision(NamedTuple):
-    """What follows from the conditions of one tick."""
+    """Consequence of the conditions of one tick."""
 
     action: Action = Action.GO_ON
     cause: str = ""  # sentence about the condition that demands the action; empty without one
