@@ -1,8 +1,8 @@
-"""Areas that vehicles stay in or out of: their geometry. Pure, in plain floats.
+"""Geometry of the areas that vehicles stay in or out of. Pure, in plain floats.
 
-An area is a polygon or a circle, seen from above, with heights from which to which it counts. The
-corners of a polygon go round such that vehicles are allowed on the left of each edge:
-counterclockwise to stay in, clockwise to stay out.
+An area is a polygon or a circle, seen from above, and counts between two heights. The corners of a
+polygon are ordered so that vehicles are allowed on the left of each edge: counterclockwise for an
+area to stay in, clockwise for an area to stay out of.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from onboard.tuples import Xyz
 
 Point = tuple[float, float]  # east, north [m]
 
-BELOW_FLOOR_M = 0.5  # measured heights on the ground may lie so far below the floor of a fence
+BELOW_FLOOR_M = 0.5  # by which a height measured on the ground may be below the floor of a fence
+_ON_EDGE_M = 1e-9  # a position nearer to an edge, or to a centre, has no direction from it
 
 
 class Area(NamedTuple):
@@ -23,12 +24,12 @@ class Area(NamedTuple):
 
     name: str
     keeps_in: bool  # vehicles stay in it; False: they stay out of it
-    corners_enu_m: tuple[Point, ...]  # allowed is on the left; empty for a circle
-    center_enu_m: Point  # of a circle
-    radius_m: float  # of a circle
-    low_m: float  # height from which on it counts
-    high_m: float  # height up to which it counts
-    buffer_m: float  # goals and ways keep so far from its edge
+    corners_enu_m: tuple[Point, ...]  # the allowed side is on the left; empty for a circle
+    center_enu_m: Point  # centre of a circle
+    radius_m: float  # radius of a circle
+    low_m: float  # least height at which it counts
+    high_m: float  # largest height at which it counts
+    buffer_m: float  # distance that goals and flights keep from its edge
 
 
 class Nearest(NamedTuple):
@@ -36,10 +37,10 @@ class Nearest(NamedTuple):
 
     x: float
     y: float
-    # unit vector from there into what is allowed
+    # unit vector from that point into the allowed space
     normal_x: float
     normal_y: float
-    room_m: float  # distance of the position; negative where it is not allowed
+    room_m: float  # distance of the position; negative if the position is not allowed
 
 
 def edges_of(corners: Sequence[Point]) -> Iterator[tuple[Point, Point]]:
@@ -53,7 +54,7 @@ def edges_of(corners: Sequence[Point]) -> Iterator[tuple[Point, Point]]:
 
 
 def area_m2(corners: Sequence[Point]) -> float:
-    """Return the area of a polygon; negative where its corners go round clockwise.
+    """Return the area of a polygon; negative if its corners are in clockwise order.
 
     Args:
         corners: in order.
@@ -86,7 +87,7 @@ def is_in_polygon(corners: Sequence[Point], x: float, y: float) -> bool:
     is_inside = False
     x1, y1 = corners[-1]
     for x2, y2 in corners:
-        # a ray to the east leaves a polygon once more often than it enters it
+        # a point is inside if a ray to the east crosses the outline an odd number of times
         if (y1 > y) != (y2 > y) and x < x1 + (y - y1) / (y2 - y1) * (x2 - x1):
             is_inside = not is_inside
         x1 = x2
@@ -108,7 +109,7 @@ def do_cross(one: tuple[Point, Point], two: tuple[Point, Point]) -> bool:
     if max(ay, by) < min(cy, dy) or max(cy, dy) < min(ay, by):
         return False
 
-    # each segment has the other's ends on both of its sides, or on itself
+    # they cross if each segment has the other's ends on different sides, or on itself
     c_of_ab = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     d_of_ab = (bx - ax) * (dy - ay) - (by - ay) * (dx - ax)
     a_of_cd = (dx - cx) * (ay - cy) - (dy - cy) * (ax - cx)
@@ -128,7 +129,7 @@ def self_crossing(corners: Sequence[Point]) -> tuple[int, int] | None:
             two = edges[second]
             is_next = second == first + 1
             is_before = first == 0 and second == len(edges) - 1
-            # edges that share a corner cross only where the second goes back over the first
+            # edges that share a corner cross only if one of them goes back over the other
             if is_next:
                 is_crossing = _folds_back(one, two)
             elif is_before:
@@ -185,7 +186,7 @@ def nearest(area: Area, x: float, y: float) -> Nearest:
     nearest_x, nearest_y, along_x, along_y = nearest_edge
     is_allowed = is_in_polygon(area.corners_enu_m, x, y) == area.keeps_in
     sign = 1.0 if is_allowed else -1.0
-    if least_m > 1e-9:
+    if least_m > _ON_EDGE_M:
         normal_x = sign * (x - nearest_x) / least_m
         normal_y = sign * (y - nearest_y) / least_m
     else:
@@ -203,7 +204,7 @@ def _nearest_of_circle(area: Area, x: float, y: float) -> Nearest:
     distance_m = math.hypot(to_x, to_y)
     outwards_x = 1.0
     outwards_y = 0.0
-    if distance_m > 1e-9:
+    if distance_m > _ON_EDGE_M:
         outwards_x = to_x / distance_m
         outwards_y = to_y / distance_m
 
@@ -218,11 +219,11 @@ def _nearest_of_circle(area: Area, x: float, y: float) -> Nearest:
 
 
 def is_allowed(area: Area, position_enu_m: Xyz) -> bool:
-    """Whether an area allows a position; a finite one.
+    """Whether an area allows a position.
 
     Args:
-        area: any.
-        position_enu_m: the position.
+        area: any area.
+        position_enu_m: a finite position.
     """
     x, y, z = position_enu_m
     if area.keeps_in:
@@ -242,9 +243,9 @@ def _is_within(area: Area, x: float, y: float) -> bool:
 
 
 def _is_polygon_crossed(corners: Sequence[Point], leg: tuple[Point, Point]) -> bool:
-    """Whether a way has a point in common with an edge.
+    """Whether a straight line has a point in common with an edge.
 
-    Most edges lie wholly north or south of the way, and are left out by that.
+    Most edges lie completely north or south of the line, which is checked first.
     """
     south_m = min(leg[0][1], leg[1][1])
     north_m = max(leg[0][1], leg[1][1])
@@ -259,12 +260,12 @@ def _is_polygon_crossed(corners: Sequence[Point], leg: tuple[Point, Point]) -> b
 
 
 def counts_at(area: Area, low_m: float, high_m: float) -> bool:
-    """Whether an area's edge counts for a way between two heights, with the buffer.
+    """Whether an area counts for a flight between two heights, including its buffer.
 
     Args:
-        area: any.
-        low_m: least height of the way.
-        high_m: largest height of the way.
+        area: any area.
+        low_m: least height of the flight.
+        high_m: largest height of the flight.
     """
     if area.keeps_in:
         return True
@@ -272,12 +273,12 @@ def counts_at(area: Area, low_m: float, high_m: float) -> bool:
 
 
 def is_crossed(area: Area, begin_enu_m: Xyz, end_enu_m: Xyz) -> bool:
-    """Whether a straight way crosses an area's edge, seen from above, at a height that counts.
+    """Whether a straight line crosses an area's edge, seen from above, at a height that counts.
 
     Args:
-        area: any.
-        begin_enu_m: where the way begins.
-        end_enu_m: where it ends.
+        area: any area.
+        begin_enu_m: begin of the line.
+        end_enu_m: end of the line.
     """
     if not area.keeps_in:
         low_m = min(begin_enu_m[2], end_enu_m[2])
@@ -289,7 +290,7 @@ def is_crossed(area: Area, begin_enu_m: Xyz, end_enu_m: Xyz) -> bool:
     if area.corners_enu_m:
         return _is_polygon_crossed(area.corners_enu_m, leg)
 
-    # a way crosses a circle where its nearest point is inside and an end is outside
+    # a line crosses a circle if its nearest point is inside and one of its ends is outside
     (x1, y1), (x2, y2) = leg
     center_x, center_y = area.center_enu_m
     length_2 = (x2 - x1) ** 2 + (y2 - y1) ** 2

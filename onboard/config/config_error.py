@@ -5,13 +5,13 @@ _KEPT = 300  # letters at each end of a longer line
 
 
 class ConfigError(ValueError):
-    """Wrong input from a person: a sentence with file, key, bound and what to do. Exit status 2.
+    """Wrong input from a person. Commands end with exit status 2.
 
-    A value of the file that it quotes may be of any length. So the middle of a line that nobody
-    would read is left out.
+    The message is a sentence with the file, the key, the bound and what to do. It may quote a value
+    of any length, so the middle of a very long line is left out.
 
     Args:
-        sentence: of one line or more.
+        sentence: message of one or more lines.
     """
 
     def __init__(self, sentence: str) -> None:

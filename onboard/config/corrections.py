@@ -1,8 +1,9 @@
-"""``[corrections]`` of a fleet file: where RTK corrections come from, and what flights ask of them.
+"""``[corrections]`` of a fleet file: the source of RTK corrections, and what a flight requires.
 
-One node (``covey corrections``) reads the source and publishes it once on the bus; each agent gives
-it to its own PX4. The password of an NTRIP caster never stands in this file: the node reads it from
-a file of its own or from its environment. Only what the agents judge by is in the fleet's hash.
+One node (``covey corrections``) reads the source and publishes it once on the bus. Each agent gives
+the corrections to its own PX4. The password of an NTRIP caster is never in the fleet file: the node
+reads it from another file or from its environment. The fleet's hash contains only the values that
+agents use in their decisions.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import msgspec
 from onboard.config.earth import Origin, is_on_earth
 from onboard.config.toml_reading import bound_problems
 
-PASSWORD_VARIABLE = "COVEY_NTRIP_PASSWORD"  # of the node's environment
+PASSWORD_VARIABLE = "COVEY_NTRIP_PASSWORD"  # environment variable of the node
 BAUDS = (9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600)
 
 BOUNDS: dict[str, tuple[float, float]] = {
@@ -29,7 +30,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
 
 _HOST_AND_PORT = re.compile(r"(?:[A-Za-z0-9._-]{1,253}|\[[0-9A-Fa-f:.]{2,45}\]):(\d{1,5})")
 _MOUNTPOINT = re.compile(r"[A-Za-z0-9_.-]{1,100}")
-_USER = re.compile(r"[!-9;-~]{1,100}")  # what stands before the colon of HTTP's authentication
+_USER = re.compile(r"[!-9;-~]{1,100}")  # printable, without the colon that ends a user in HTTP
 _OF_NTRIP = ("mountpoint", "user", "password_file", "tls", "sends_position")
 
 
@@ -65,7 +66,7 @@ class CorrectionsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 
     @property
     def judged(self) -> tuple[object, ...]:
-        """Values that the agents judge by: equal on all vehicles of a fleet."""
+        """Values that agents use in their decisions: equal on all vehicles of a fleet."""
         return (
             self.fix,
             self.max_age_s,
@@ -109,7 +110,7 @@ def problems(corrections: CorrectionsConfig | None, origin: Origin | None) -> It
 
 
 def _source_problems(corrections: CorrectionsConfig, origin: Origin | None) -> Iterator[str]:
-    """Yield a sentence about a source that cannot be opened as it is written."""
+    """Yield a sentence for each mistake in the keys of the source."""
     source = corrections.source
     if source in ("ntrip", "tcp"):
         match = _HOST_AND_PORT.fullmatch(corrections.address)
@@ -152,5 +153,5 @@ def _source_problems(corrections: CorrectionsConfig, origin: Origin | None) -> I
 
 
 def beside(fleet_path: str, path: str) -> str:
-    """Return a path that a fleet file names, which counts from the file's own folder."""
+    """Return a path that a fleet file names; it is relative to the folder of that file."""
     return os.path.join(os.path.dirname(os.path.abspath(fleet_path)), path)

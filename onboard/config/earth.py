@@ -1,7 +1,8 @@
-"""Places on Earth in metres of the fleet frame, and back.
+"""Converts latitude and longitude to metres of the fleet frame, and back.
 
-Azimuthal equidistant on PX4's sphere: the projection that PX4 uses for its local positions
-(``MapProjection`` of its ``lib/geo``). East and north of a place are those that a vehicle flies by.
+The projection is azimuthal equidistant on PX4's sphere, as PX4 uses it for its local positions
+(``MapProjection`` of its ``lib/geo``). So the result agrees with the positions that vehicles fly
+by.
 """
 
 from __future__ import annotations
@@ -10,8 +11,8 @@ import math
 
 import msgspec
 
-EARTH_RADIUS_M = 6_371_000.0  # of the sphere that PX4 projects its local frame from
-_SAME_RAD = 1e-7  # below it the arc is as long as its chord
+EARTH_RADIUS_M = 6_371_000.0  # radius of PX4's sphere
+_SAME_RAD = 1e-7  # below this angle an arc is as long as its chord
 
 
 class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -23,7 +24,7 @@ class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def is_on_earth(latitude_deg: float, longitude_deg: float) -> bool:
-    """Return whether these are finite, and a latitude and a longitude."""
+    """Return whether two numbers are a latitude and a longitude; False for NaN."""
     return abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0
 
 
@@ -31,21 +32,21 @@ def east_north_m(origin: Origin, latitude_deg: float, longitude_deg: float) -> t
     """Return east and north [m] of a place on Earth from the fleet's origin.
 
     Args:
-        origin: of the fleet.
-        latitude_deg: of the place.
-        longitude_deg: of the place; the date line is no edge.
+        origin: origin of the fleet.
+        latitude_deg: latitude of the place.
+        longitude_deg: longitude of the place, also beyond the date line.
     """
     origin_latitude = math.radians(origin.latitude_deg)
     latitude = math.radians(latitude_deg)
     turn = math.radians(longitude_deg - origin.longitude_deg)
 
-    # angle between both, seen from the centre of the Earth
+    # angle between the two places, seen from the centre of the Earth
     cosine = math.sin(origin_latitude) * math.sin(latitude) + math.cos(origin_latitude) * math.cos(
         latitude
     ) * math.cos(turn)
     angle = math.acos(min(1.0, max(-1.0, cosine)))
 
-    stretch = 1.0  # of the chord to the arc
+    stretch = 1.0  # length of the arc over that of its chord
     if angle > _SAME_RAD:
         stretch = angle / math.sin(angle)
     scale_m = EARTH_RADIUS_M * stretch

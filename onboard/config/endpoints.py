@@ -1,4 +1,4 @@
-"""Endpoints of the fleet file: the host in one, and whether it is this computer alone. Pure."""
+"""Parses endpoints of the fleet file: host, port, and whether other computers reach it. Pure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ def host_of(endpoint: str) -> str:
     """Return the name or address in an endpoint.
 
     Args:
-        endpoint: such as ``quic/10.0.0.11:7460`` or ``udpin://127.0.0.1:14540``.
+        endpoint: an endpoint, for instance ``quic/10.0.0.11:7460`` or ``udpin://127.0.0.1:14540``.
     """
     return endpoint.partition("/")[2].lstrip("/").rpartition(":")[0]
 
@@ -18,14 +18,14 @@ def split_host_and_port(address: str) -> tuple[str, int]:
     """Return the host and the port of ``HOST:PORT``; an IPv6 address without its brackets.
 
     Args:
-        address: as in the fleet file, and checked there.
+        address: a checked address of the fleet file.
     """
     host, _, port = address.rpartition(":")
     return host.strip("[]"), int(port)
 
 
 def is_loopback(host: str) -> bool:
-    """Whether a host name or address means this computer and nothing else.
+    """Whether a host name or address means this computer only.
 
     Args:
         host: name or address, an IPv6 address with or without its brackets.
@@ -39,9 +39,9 @@ def is_loopback(host: str) -> bool:
 
 
 def is_on_network(endpoint: str) -> bool:
-    """Whether other computers reach an endpoint: it is neither a cable nor of this computer alone.
+    """Whether other computers reach an endpoint: it is no serial device and no loopback address.
 
     Args:
-        endpoint: as in the fleet file.
+        endpoint: an endpoint of the fleet file.
     """
     return not endpoint.startswith("serial://") and not is_loopback(host_of(endpoint))

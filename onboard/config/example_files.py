@@ -1,6 +1,6 @@
-"""The example fleets and missions of ``configs/``.
+"""Finds the example fleets and missions of ``configs/``.
 
-They are installed with the product and known by name.
+They are installed with the product, and commands accept their names in place of a path.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import os
 
 from onboard.config.config_error import ConfigError
 
-# in the repository a link to configs/
+# in the repository this is a link to configs/
 EXAMPLES = os.path.join(os.path.dirname(os.path.realpath(__file__)), "examples")
 
 # kind of file -> folders of the examples, in the order in which they are searched
@@ -29,7 +29,7 @@ def example_names(kind: str) -> list[str]:
     Args:
         kind: "fleet file", "mission file" or "fleet or mission file".
     Returns:
-        names without ending, sorted.
+        The names without their endings, sorted.
     """
     names: set[str] = set()
     for folder in _FOLDERS[kind]:
@@ -44,12 +44,13 @@ def existing_file(path: str | os.PathLike[str], kind: str) -> str:
     """Return the path of a file that exists, or of the example of that name.
 
     Args:
-        path: of a file; or the name of an example, ``paper``; or its path in the repository.
-        kind: as in :func:`example_names`.
+        path: path of a file; or the name of an example, for instance ``paper``; or the path of an
+            example in the repository.
+        kind: kind of the file, as in :func:`example_names`.
     Returns:
-        a path that exists.
+        A path that exists.
     Raises:
-        ConfigError: there is neither.
+        ConfigError: There is neither such a file nor such an example.
     """
     name = os.fspath(path)
     if os.path.isfile(name):
@@ -68,7 +69,7 @@ def existing_file(path: str | os.PathLike[str], kind: str) -> str:
             if os.path.isfile(example):
                 return example
 
-    if os.path.exists(name):  # a folder: whoever reads it says so
+    if os.path.exists(name):  # a folder: the reader of the file reports that
         return name
     raise ConfigError(
         f"{name}: there is no such {kind}. Give the path of an existing one, or the name of an "

@@ -1,8 +1,9 @@
-"""Fences of a fleet file: polygons and circles to stay in and to stay out of.
+"""Fences of a fleet file: polygons and circles to stay in or to stay out of.
 
-They lie within the box ``fleet.geofence_m``, which stays the outer limit, and all of them hold at
-once. Points are metres of the fleet frame, or latitude and longitude where the file has an origin.
-The hash of a fleet has them as they are written, since computers round a projection differently.
+They lie in the box ``fleet.geofence_m``, which is the outer limit, and all of them hold at the same
+time. Points are in metres of the fleet frame, or in latitude and longitude if the file has an
+origin. A fleet's hash contains the points as they are written, because two computers may round a
+projection differently.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from onboard.config.areas import Area, Point
 from onboard.config.earth import Origin, east_north_m, is_on_earth
 from onboard.tuples import Xyz
 
-FARTHEST_M = 1e4  # of a point from 0, 0
+FARTHEST_M = 1e4  # largest distance of a point from 0, 0
+_SAME_POINT_M = 0.01  # corners nearer to each other than this are the same point
 MOST_CORNERS = 200
 MOST_FENCES = 50
 _MOST_BUFFER_M = 100.0
@@ -120,12 +122,12 @@ def problems(
 
 
 def fence_fault(fence: Fence, origin: Origin | None, key: str) -> str | None:
-    """Return a sentence about a fence that is no area; None for one that is.
+    """Return a sentence about the mistake in a fence, or None if it is an area.
 
     Args:
-        fence: any.
-        origin: of the fleet frame on Earth, if there is one.
-        key: of the fence, for the sentence.
+        fence: any fence.
+        origin: origin of the fleet frame on Earth, if there is one.
+        key: key of the fence, for the sentence.
     """
     label = f"'{key}' ({fence.name[:40]})"
     shapes = [fence.polygon_enu_m, fence.polygon_deg, fence.circle]
@@ -147,7 +149,7 @@ def fence_fault(fence: Fence, origin: Origin | None, key: str) -> str | None:
 
 
 def _number_fault(fence: Fence, label: str) -> str | None:
-    if not 0.0 <= fence.buffer_m <= _MOST_BUFFER_M:  # not finite, either
+    if not 0.0 <= fence.buffer_m <= _MOST_BUFFER_M:  # also True for NaN
         return (
             f"{label}: buffer_m is {fence.buffer_m:g}; it must lie between 0 and "
             f"{_MOST_BUFFER_M:g} m."
@@ -205,7 +207,7 @@ def _circle_fault(circle: FenceCircle, origin: Origin | None, label: str) -> str
             f"{label}: its circle needs one centre. Write center_enu_m = [x, y], or "
             "center_deg = [latitude, longitude]."
         )
-    if not 0.0 < circle.radius_m <= FARTHEST_M:  # not finite, either
+    if not 0.0 < circle.radius_m <= FARTHEST_M:  # also True for NaN
         return (
             f"{label}: its circle's radius_m is {circle.radius_m:g}; it must lie above 0 and up to "
             f"{FARTHEST_M:g} m."
@@ -220,7 +222,7 @@ def _polygon_fault(corners: Sequence[Point], label: str) -> str | None:
         return f"{label} has a coordinate beyond {FARTHEST_M:g} m, or not finite. Correct it."
 
     for number, (begin, end) in enumerate(areas.edges_of(corners), 1):
-        if math.dist(begin, end) < 0.01:
+        if math.dist(begin, end) < _SAME_POINT_M:
             following = number % len(corners) + 1
             return (
                 f"{label}: corners {number} and {following} are the same point. Leave one out; the "

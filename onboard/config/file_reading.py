@@ -1,13 +1,13 @@
-"""Files of others are opened here: within limits of size, kind and depth.
+"""Opens files that other people or programs wrote, within limits of size, kind and depth.
 
-Shows, paths, pictures, fleet files, missions, parameters, keys and results come from other people
-and other programs. A small file can be made such that its reader needs gigabytes, takes hours,
-waits for ever or ends with a traceback. So one table says how large each kind of file may be, only
-regular files are opened (a pipe has no end, and a device may do something when it is opened), and
-what is read as TOML, JSON or Python is nested only so deep, with numbers that a float can hold.
+Shows, paths, pictures, fleet files, missions, parameters, keys and results come from others. A
+small file can be made so that its reader needs gigabytes, takes hours, waits for ever or ends with
+a traceback. Therefore one table says how large each kind of file may be. Only regular files are
+opened: a pipe has no end, and opening a device may have an effect. TOML, JSON and Python may be
+nested only to a limit, and their numbers must fit a float.
 
-Everything else is a ConfigError that says which file, what is wrong with it, and what to do. What a
-file means is judged where it is read; this module knows bytes and values only.
+Everything else is a ConfigError. It says which file is wrong, what is wrong with it, and what to
+do. This module knows bytes and values only; the readers of the files check their meaning.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ _MB = 1_000_000
 
 
 class FileKind(NamedTuple):
-    """One kind of file that others write."""
+    """One kind of file."""
 
-    words: str  # what it is called in a sentence
-    most_bytes: int | None  # None: as large as the disk, since it is read in parts
-    remedy: str = "Give the path of an existing one."  # what to do where it cannot be read
+    words: str  # its name in a sentence
+    most_bytes: int | None  # largest size; None: no limit, because it is read in parts
+    remedy: str = "Give the path of an existing one."  # what to do if it cannot be read
 
 
 # 255 vehicles take 100 kB; a million numbers take the reader of TOML 10 s.
@@ -65,17 +65,17 @@ SIMULATION_FILE = FileKind("file", 1 * _MB, "Fly the mission anew.")
 ULOG = FileKind("log of PX4", 1_000 * _MB, "Fetch it with covey log fetch.")
 RECORD = FileKind("record", None, "Give the folder of a recorded flight.")
 
-DEEPEST = 32  # tables and lists within each other; missions use 23 at most
-MOST_KEY_PARTS = 24  # of a name with dots, which makes as many tables
-_MOST_WHOLE = 2**63  # whole numbers from here on are refused, as TOML demands
+DEEPEST = 32  # largest depth of nested tables and lists; missions use 23 at most
+MOST_KEY_PARTS = 24  # largest number of parts of a TOML key with dots; each part makes a table
+_MOST_WHOLE = 2**63  # whole numbers must be smaller, as TOML demands
 _CONTAINERS = (dict, list, tuple, set)
 
-# A JSON text is refused by what it would become: a value of a list takes up to 64 bytes, and a
-# table as much as four of them. 6 million take 480 MB at most.
+# A JSON text is limited by the memory that its values take. A value of a list takes up to 64 bytes,
+# and a table as much as four of them. 6 million values take 480 MB at most.
 MOST_JSON_VALUES = 6_000_000
 _TABLE_VALUES = 4
 
-# What no reader waits for or sets off.
+# kinds of files that are not opened, with their names
 _NO_REGULAR_FILE = (
     (stat.S_ISDIR, "a folder"),
     (stat.S_ISFIFO, "a pipe"),
@@ -96,14 +96,14 @@ def opened(path: str | os.PathLike[str], kind: FileKind) -> BinaryIO:
     """Return a regular file, opened for reading.
 
     Args:
-        path: of the file.
-        kind: of file, with its largest size.
+        path: path of the file.
+        kind: kind of the file, with its largest size.
     Raises:
-        ConfigError: there is none, it is a pipe or a device, too large, or cannot be read.
+        ConfigError: The file does not exist, is no regular file, is too large, or cannot be read.
     """
     name = os.fspath(path)
     try:
-        # looked at before it is opened, since opening a device may do something
+        # checked before it is opened, because opening a device may have an effect
         _check_status(name, os.stat(name), kind)
         descriptor = os.open(name, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
     except (OSError, ValueError) as error:
@@ -111,9 +111,9 @@ def opened(path: str | os.PathLike[str], kind: FileKind) -> BinaryIO:
 
     file = os.fdopen(descriptor, "rb")
     try:
-        # and again, since it may have been another one by then
+        # checked again, because the path may have become another file meanwhile
         _check_status(name, os.fstat(descriptor), kind)
-        # some files of the kernel count as regular ones, and have no bytes at a place
+        # fails for files of the kernel that look regular but cannot be read at a position
         os.pread(descriptor, 1, 0)
     except OSError as error:
         file.close()
@@ -137,7 +137,7 @@ def read_bytes(path: str | os.PathLike[str], kind: FileKind) -> bytes:
     assert kind.most_bytes is not None
     with opened(name, kind) as file:
         try:
-            # a file of the kernel has no size, and another one may grow
+            # reads one byte more than allowed, because the size may be unknown or may grow
             data = file.read(kind.most_bytes + 1)
         except OSError as error:
             raise _cannot_be_read(name, kind, error) from None
@@ -153,7 +153,7 @@ def read_text(path: str | os.PathLike[str], kind: FileKind) -> str:
         path: of the file.
         kind: of file, with its largest size.
     Raises:
-        ConfigError: as :func:`opened`, or it is no text.
+        ConfigError: As for :func:`opened`; or the file is not UTF-8 text.
     """
     name = os.fspath(path)
     try:
@@ -169,10 +169,10 @@ def toml_values(text: str, name: str) -> dict[str, Any]:
     """Return the values of a TOML text.
 
     Args:
-        text: of a file.
-        name: of the file, for the sentences.
+        text: content of a file.
+        name: name of the file, for messages.
     Raises:
-        ConfigError: it is no TOML, nested too deeply, or has a number that is not finite.
+        ConfigError: The text is no TOML, is nested too deeply, or has a number that is not finite.
     """
     long_key = _LONG_KEY.search(text)
     if long_key is not None:
@@ -196,10 +196,10 @@ def json_values(data: bytes | str, name: str) -> Any:
 
     Args:
         data: the text.
-        name: where it stands, for the sentences.
+        name: name of its source, for messages.
     Raises:
-        ConfigError: it is no JSON, nested too deeply, of too many values, or has a number that is
-            not finite.
+        ConfigError: The text is no JSON, is nested too deeply, has too many values, or has a number
+            that is not finite.
     """
     if json_size(data) > MOST_JSON_VALUES:
         raise ConfigError(f"{name} has more than {MOST_JSON_VALUES} values. Write a smaller one.")
@@ -216,20 +216,20 @@ def json_values(data: bytes | str, name: str) -> Any:
 
 
 def json_size(data: bytes | str) -> int:
-    """Return about how many values a JSON text has; a table counts as several."""
+    """Return an upper estimate of the number of values of a JSON text; tables count more."""
     if isinstance(data, str):
         return data.count(",") + data.count("[") + _TABLE_VALUES * data.count("{")
     return data.count(b",") + data.count(b"[") + _TABLE_VALUES * data.count(b"{")
 
 
 def python_tree(text: str, name: str) -> ast.Module:
-    """Return the syntax tree of a Python text, which is not run.
+    """Return the syntax tree of a Python text; the text is not executed.
 
     Args:
-        text: of a file.
-        name: of the file, for the sentences.
+        text: content of a file.
+        name: name of the file, for messages.
     Raises:
-        ConfigError: it is no Python, or nested too deeply.
+        ConfigError: The text is no Python, or is nested too deeply.
     """
     try:
         return ast.parse(text, name)
@@ -240,13 +240,14 @@ def python_tree(text: str, name: str) -> ast.Module:
 
 
 def check_values(value: Any, name: str) -> None:
-    """Refuse values that are nested too deeply, and numbers that no quantity has.
+    """Refuse values that are nested too deeply, and numbers that no quantity can have.
 
     Args:
-        value: as TOML or Python gives it: tables, lists, texts, numbers.
-        name: of the file, for the sentences.
+        value: tables, lists, texts and numbers, as a parser returns them.
+        name: name of the file, for messages.
     Raises:
-        ConfigError: it is nested too deeply, or a number is not finite or has more than 64 bits.
+        ConfigError: The value is nested too deeply, or a number is not finite or has more than 64
+            bits.
     """
     _check_depth(value, name)
     for number in _numbers(value):
@@ -260,38 +261,39 @@ def check_values(value: Any, name: str) -> None:
 
 def _numbers(value: Any) -> list[int | float]:
     """Return all numbers of a value that is not nested too deeply."""
-    found: list[int | float] = []
-    level = [value]
+    numbers: list[int | float] = []
+    level = [value]  # all parts at one depth
     while level:
-        inner: list[Any] = []
+        next_level: list[Any] = []
         for part in level:
             if isinstance(part, dict):
-                inner += part.values()
+                next_level += part.values()
             elif isinstance(part, _CONTAINERS):
-                inner += part
+                next_level += part
             elif isinstance(part, int | float):
-                found.append(part)
-        level = inner
-    return found
+                numbers.append(part)
+        level = next_level
+    return numbers
 
 
 def _check_depth(value: Any, name: str) -> None:
-    level = [value]
+    """Refuse a value with more than DEEPEST tables or lists within each other."""
+    level = [value]  # all tables and lists at one depth
     for _ in range(DEEPEST + 1):
-        inner = []
+        next_level = []
         for part in level:
             if isinstance(part, dict):
-                inner += [one for one in part.values() if isinstance(one, _CONTAINERS)]
+                next_level += [child for child in part.values() if isinstance(child, _CONTAINERS)]
             elif isinstance(part, _CONTAINERS):
-                inner += [one for one in part if isinstance(one, _CONTAINERS)]
-        if not inner:
+                next_level += [child for child in part if isinstance(child, _CONTAINERS)]
+        if not next_level:
             return
-        level = inner
+        level = next_level
     raise _too_deep(name)
 
 
 def _whole_number(text: str) -> int:
-    # 19 digits and a sign
+    # a number of 64 bits has at most 19 digits and a sign
     if len(text) > 20 or not -_MOST_WHOLE <= int(text) < _MOST_WHOLE:
         raise ValueError(f"{text[:20]}... has more than 64 bits")
     return int(text)
@@ -305,14 +307,14 @@ def _number(text: str) -> float:
 
 
 def _shown(number: int | float) -> str:
-    """Return a number as text; the digits of a very large one would be refused by Python."""
+    """Return a number as text; Python refuses to print the digits of a very large one."""
     if isinstance(number, int):
         return f"a whole number of {number.bit_length()} bits"
     return str(number)
 
 
 def _check_status(name: str, status: os.stat_result, kind: FileKind) -> None:
-    """Refuse what is no regular file, or too large."""
+    """Refuse a file that is not regular, or too large."""
     for is_one, words in _NO_REGULAR_FILE:
         if is_one(status.st_mode):
             raise ConfigError(

@@ -1,8 +1,8 @@
-"""Fleet files: frozen values, validated when loaded; the door of this room.
+"""Loads fleet files as frozen, validated values; other packages import this module.
 
-Unknown keys are errors that name file, key and remedy. Precedence: a vehicle's own key, then its
-type's, then ``[defaults]``. Nothing here does I/O but :func:`load_fleet`, and the search for a law
-of one's own that a file names. No code that a fleet file names runs when the file is loaded.
+An unknown key is an error that names file, key and remedy. A vehicle's own key has precedence over
+its type's, and that over ``[defaults]``. Only :func:`load_fleet` and the search for a user's own
+law do I/O. Loading a fleet file never runs code that the file names.
 """
 
 from __future__ import annotations
@@ -55,14 +55,14 @@ def load_fleet(path: str | os.PathLike[str], *, finds_law: bool = True) -> Fleet
     """Read and validate a fleet file.
 
     Args:
-        path: of the file, or the name of an example: ``paper``.
-        finds_law: whether a law of somebody's own that the file names must be there; False where
-            nothing will fly. It is not imported: see :meth:`FleetConfig.import_law`.
+        path: path of the file, or the name of an example: ``paper``.
+        finds_law: whether the user's own law that the file names must exist; False if nothing will
+            fly. The law is not imported: see :meth:`FleetConfig.import_law`.
     Returns:
-        its values.
+        The values of the file.
     Raises:
-        ConfigError: file missing, not TOML, unknown key, wrong type, value out of bounds,
-            duplicated id.
+        ConfigError: The file is missing or no TOML, or has an unknown key, a wrong type, a value
+            out of bounds or a duplicated id.
     """
     data, text, name = read_toml(path, "fleet file")
     return fleet_from_mapping(data, path=name, text=text, finds_law=finds_law)
@@ -74,12 +74,12 @@ def fleet_from_mapping(
     """Resolve and validate the content of a fleet file.
 
     Args:
-        data: of the file.
-        path: of the file, for the sentences.
-        text: of the file, kept beside the values.
+        data: tables of the file.
+        path: path of the file, for messages.
+        text: text of the file, kept with the values.
         finds_law: see :func:`load_fleet`.
     Returns:
-        the values.
+        The values of the file.
     Raises:
         ConfigError: see :func:`load_fleet`.
     """

@@ -1,4 +1,7 @@
-"""The values of a fleet file, frozen: the fleet's, each vehicle's, and both together."""
+"""The frozen values of a fleet file: ``[fleet]``, each vehicle, and the whole file.
+
+docs/fleet-file.md is printed from the comments beside the fields.
+"""
 
 from __future__ import annotations
 
@@ -25,11 +28,15 @@ from onboard.config.sitl import SitlProfile
 from onboard.config.toml_reading import ConfigError
 from onboard.tuples import Xyz
 
-PX4_VERSIONS = ("1.16", "1.17", "1.18")  # that Covey was measured with
+PX4_VERSIONS = ("1.16", "1.17", "1.18")  # versions of PX4 with which Covey was measured
 
-_TICKS_PER_S = 50  # of the control loop
-_BELOW_SEPARATION_M = 0.25  # the law acts 0.20 m early, and heights are held to some 0.05 m
-_PARKING_MARGIN_M = 0.10  # measured: slots nearer than that are reached late or never
+_TICKS_PER_S = 50  # rate of the control loop
+# height on top of the vertical separation for hovering above each other: the law acts 0.20 m early,
+# and vehicles hold their heights to some 0.05 m
+_BELOW_SEPARATION_M = 0.25
+# on top of the design distance for hovering side by side: slots nearer than that are reached late
+# or never (measured)
+_PARKING_MARGIN_M = 0.10
 
 
 class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -45,14 +52,14 @@ class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Args:
             position_enu_m: the point.
         Returns:
-            True inside; below the floor there is a tolerance of 0.5 m.
+            True for a point in the box, and up to 0.5 m below its floor.
         """
         x, y, z = position_enu_m
         is_in_plan = self.x[0] <= x <= self.x[1] and self.y[0] <= y <= self.y[1]
         return is_in_plan and self.z[0] - BELOW_FLOOR_M <= z <= self.z[1]
 
     def nearest_inside(self, position_enu_m: Xyz, inside_m: float) -> Xyz:
-        """Return the nearest point that is so far inside every wall.
+        """Return the nearest point that keeps a distance from every wall, on the inside.
 
         Args:
             position_enu_m: any point.
@@ -99,14 +106,14 @@ class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def height_share(self) -> float:
-        """Metres of separation that a metre of height counts: 0 without a vertical separation."""
+        """Metres of separation that one metre of height counts as; 0 without a vertical one."""
         if self.vertical_separation_m is None:
             return 0.0
         return self.safety_distance_m / self.vertical_separation_m
 
     @property
     def global_origin(self) -> Origin | None:
-        """Position of the fleet frame on Earth; None where the file does not give one."""
+        """Position of the fleet frame on Earth; None if the file has none."""
         if isinstance(self.origin, Origin):
             return self.origin
         return None
@@ -176,30 +183,30 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def lag_s(self) -> float:
         """Time over which the law predicts: dead time plus 2 zeta / wn of the attitude response.
 
-        A response of second order follows a ramp late by 2 zeta / wn.
+        A second-order response follows a ramp with a delay of 2 zeta / wn.
         """
         return self.attitude_delay_s + 2.0 * self.attitude_zeta / self.attitude_wn_rad_s
 
 
 class FleetConfig(msgspec.Struct, frozen=True):
-    """A whole fleet file, resolved."""
+    """A whole fleet file, with all values resolved."""
 
-    path: str  # of the file
+    path: str  # path of the file
     fleet: FleetSection
     law: LawConfig
     formations: dict[str, dict[str, Xyz]]  # formation -> vehicle -> its slot
     vehicles: dict[str, Vehicle]  # by name, in the order of the file
-    text: str  # of the file
+    text: str  # text of the file
     obstacles: tuple[obstacles.Obstacle, ...] = ()
-    fences: tuple[fences.Fence, ...] = ()  # areas to stay in and out of, within the box
+    fences: tuple[fences.Fence, ...] = ()  # areas to stay in or out of, inside the box
     mocap: MocapConfig = MocapConfig()
-    # further formations; slots are the ground's matter, so not in the hash
+    # formations by shape; only the ground uses them, so they are not in the hash
     shapes: dict[str, FormationShape] = {}
-    # the channel that all share; only its expected lateness is in the hash
+    # the radio channel; only its expected lateness is in the hash
     radio: RadioConfig | None = None
-    # RTK; what the agents do not judge by is not in the hash
+    # RTK corrections; only the values that agents use in their decisions are in the hash
     corrections: CorrectionsConfig | None = None
-    own_law: OwnLaw | None = None  # that law.name names; None for Covey's laws
+    own_law: OwnLaw | None = None  # the user's own law that law.name names; None for Covey's laws
 
     @property
     def namespace(self) -> str:
@@ -207,10 +214,10 @@ class FleetConfig(msgspec.Struct, frozen=True):
         return f"covey/{self.fleet.name}"
 
     def with_law(self, name: str | None) -> FleetConfig:
-        """Return the same fleet under another law; None leaves the file's.
+        """Return the same fleet with another law; None keeps the file's law.
 
         Raises:
-            ConfigError: there is no such law.
+            ConfigError: There is no such law.
         """
         if name is None:
             return self
@@ -220,11 +227,10 @@ class FleetConfig(msgspec.Struct, frozen=True):
     def with_own_law(self) -> FleetConfig:
         """Return the same fleet with the law that its file names.
 
-        A law that is none of Covey's is found and hashed, and not imported: see
-        :meth:`import_law`.
+        A user's own law is found and hashed, but not imported: see :meth:`import_law`.
 
         Raises:
-            ConfigError: there is no such law.
+            ConfigError: There is no such law.
         """
         own_law: OwnLaw | None = None
         if self.law.is_own:
@@ -233,28 +239,28 @@ class FleetConfig(msgspec.Struct, frozen=True):
         return msgspec.structs.replace(self, own_law=own_law)
 
     def import_law(self) -> None:
-        """Import a law of somebody's own, which runs its code; without one this does nothing.
+        """Import the user's own law, if there is one; this runs its code.
 
-        Called before something flies by it, so that a mistake in it is told in words.
+        It is called before a vehicle flies by the law, so that a mistake is reported in words.
 
         Raises:
-            ConfigError: it cannot be imported, or is no law.
+            ConfigError: The law cannot be imported, or is no law.
         """
         if self.own_law is not None:
             self.own_law.load()
 
     @property
     def config_hash(self) -> str:
-        """Hash of all values: equal on all vehicles that read the same ones.
+        """Hash of all values that have to be equal on all vehicles.
 
-        Preflight refuses to take off beside a vehicle with another hash.
+        The preflight check refuses a take-off if another vehicle has another hash.
         """
-        # where keys and laws lie, and which router is nearest, may differ from computer to computer
+        # the folders of keys and laws, and the nearest router, may differ between computers
         fleet = msgspec.structs.replace(self.fleet, keys="keys", routers=())
         law = msgspec.structs.replace(self.law, folder=".")
         source = "" if self.own_law is None else self.own_law.source_hash
 
-        # of the radio only the time by which a vehicle counts as silent later
+        # of the radio only the lateness counts: it changes when a neighbour counts as silent
         late_s = self.expected_radio.lateness_s
 
         parts = [
@@ -267,33 +273,34 @@ class FleetConfig(msgspec.Struct, frozen=True):
             self.mocap,
             late_s,
         ]
-        if self.fences:  # a file without them keeps the hash that it had before there were any
+        # added only if present, so that files without them keep the hash of earlier versions
+        if self.fences:
             parts.append(self.fences)
-        if self.corrections is not None:  # likewise
+        if self.corrections is not None:
             parts.append(self.corrections.judged)
         values = msgspec.json.encode(parts, order="deterministic")
         return hashlib.sha256(values).hexdigest()[:12]
 
     def takes_corrections(self, vehicle: Vehicle) -> bool:
-        """Whether corrections are given to a vehicle's PX4: it flies by satellites."""
+        """Whether a vehicle's PX4 gets corrections: if the fleet has them, and by satellites."""
         by_satellites = not vehicle.mocap_required and vehicle.px4_position == "gps"
         return self.corrections is not None and by_satellites
 
     @property
     def expected_radio(self) -> RadioConfig:
-        """``[radio]``, or its defaults where the file has none."""
+        """``[radio]``, or its defaults if the file has none."""
         return self.radio or RadioConfig()
 
     @property
     def state_ticks(self) -> int:
-        """Ticks of the control loop from one state for the near neighbours to the next."""
+        """Number of ticks between two states of a vehicle for its near neighbours."""
         if self.radio is None:
             return 1
         return _TICKS_PER_S // self.radio.states_hz
 
     @property
     def has_keys(self) -> bool:
-        """Whether nodes of the bus prove who they are: the endpoints then say so."""
+        """Whether the nodes of the bus authenticate with keys; the scheme of endpoints says so."""
         return any(
             vehicle.agent.startswith(("quic/", "tls/")) for vehicle in self.vehicles.values()
         )
@@ -330,10 +337,10 @@ class FleetConfig(msgspec.Struct, frozen=True):
 
     @property
     def pose_endpoints(self) -> tuple[str, str]:
-        """Endpoints at which poses and truth are offered.
+        """Endpoints of the nodes that publish poses and true positions.
 
-        At the first one a relay offers them, or the emulator of a whole fleet. At the port below it
-        does the emulator of a part of the fleet, whose other part has a relay.
+        The first one is that of a mocap relay, or of the emulator of a whole fleet. If only a part
+        of the fleet is emulated, the emulator uses the port below.
         """
         host, _, port = self.simulator_endpoint.rpartition(":")
         return self.simulator_endpoint, f"{host}:{int(port) - 1}"
@@ -344,13 +351,13 @@ class FleetConfig(msgspec.Struct, frozen=True):
         """Select vehicles by name or by index in the file.
 
         Args:
-            vehicles: ``a,b``, ``0-2`` or ``all``, or a list of such; None or empty for all that are
-                enabled.
-            exclude: in the same form.
+            vehicles: ``a,b``, ``0-2`` or ``all``, or a list of these. None or empty: all enabled
+                vehicles.
+            exclude: vehicles to leave out, in the same form.
         Returns:
-            names without doubles, in the order given.
+            The names without doubles, in the given order.
         Raises:
-            ConfigError: an unknown name or index.
+            ConfigError: There is no vehicle of a name or an index.
         """
         text = vehicles if isinstance(vehicles, str) else ",".join(vehicles or ())
         selected = self.enabled_names
@@ -397,12 +404,12 @@ class FleetConfig(msgspec.Struct, frozen=True):
 
 
 def above_words(config: FleetConfig) -> str:
-    """Return in words which height difference does instead of a horizontal distance.
+    """Return in words which difference in height replaces the horizontal distance.
 
     Args:
         config: the fleet.
     Returns:
-        the end of a sentence; empty where no height does.
+        The end of a sentence; empty if the fleet has no vertical separation.
     """
     share = parking_height_share(config)
     if share <= 0.0:
@@ -411,15 +418,14 @@ def above_words(config: FleetConfig) -> str:
 
 
 def parking_height_share(config: FleetConfig, accuracy_m: float = 0.0) -> float:
-    """Return how many metres of :func:`parking_distance_m` a metre of height counts.
+    """Return how many metres of :func:`parking_distance_m` one metre of height counts as.
 
-    It is that of vehicles that hover above each other. The law begins to act 0.20 m before the
-    vertical separation, and vehicles hold their heights to some 5 cm.
+    It is for vehicles that hover above each other.
 
     Args:
         config: the fleet.
-        accuracy_m: by which the law widens the vertical separation because of the vehicles'
-            positions.
+        accuracy_m: height by which the law widens the vertical separation because of the
+            accuracy of the vehicles' positions.
     """
     vertical_m = config.fleet.vertical_separation_m
     if vertical_m is None:
@@ -430,13 +436,14 @@ def parking_height_share(config: FleetConfig, accuracy_m: float = 0.0) -> float:
 def parking_distance_m(config: FleetConfig) -> float:
     """Return the smallest spacing at which two vehicles can hover under the configured law.
 
-    Paper-exact law: sqrt(d_inf^2 + d_inf v_perp / kappa_3), since (8) forbids to hover closer.
-    Covey's law: the design distance plus 0.10 m.
+    For the paper's law it is sqrt(d_inf^2 + d_inf v_perp / kappa_3), since (8) forbids to hover
+    nearer. For Covey's law it is the design distance plus 0.10 m. Without a law it is the diameter
+    of a body.
 
     Args:
         config: the fleet.
     Returns:
-        horizontal distance [m] between centres.
+        Horizontal distance [m] between centres.
     """
     law = config.law
     d_inf = config.fleet.safety_distance_m

@@ -1,7 +1,7 @@
-"""The space that a fleet may fly in: the box, and the areas to stay in and out of. Pure.
+"""The space that a fleet may fly in: the box, and the areas to stay in or out of. Pure.
 
-All of them hold at once. It is breached where a vehicle has crossed an edge; goals and ways
-keep the area's buffer from it besides.
+All of them hold at the same time. A vehicle breaches the space when it crosses an edge. Goals and
+flights keep each area's buffer from its edge in addition.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from onboard.config.earth import Origin
 from onboard.config.fleet_config import FleetConfig, Geofence
 from onboard.tuples import Xyz
 
-_ROUNDS = 8  # in which a point is moved inside all areas
-_AS_GOOD_AS_M = 1e-6
-_ROUND_CORNERS = 48  # of a circle in a picture
+_ROUNDS = 8  # largest number of rounds in which a point is moved into all areas
+_AS_GOOD_AS_M = 1e-6  # the rounds end when the point moves by less
+_ROUND_CORNERS = 48  # number of corners of a circle in a picture
 
 
 class Outline(NamedTuple):
@@ -27,8 +27,8 @@ class Outline(NamedTuple):
 
     name: str
     keeps_in: bool
-    corners_enu_m: tuple[Point, ...]  # of a circle enough to look round
-    low_m: float  # as far as the box reaches
+    corners_enu_m: tuple[Point, ...]  # corners; for a circle enough of them to look round
+    low_m: float  # both heights are limited to those of the box
     high_m: float
 
 
@@ -39,22 +39,22 @@ class FlightSpace(NamedTuple):
     areas: tuple[Area, ...]
 
     def contains(self, position_enu_m: Xyz) -> bool:
-        """Whether no edge is crossed.
+        """Whether a position is inside the box, and allowed by every area.
 
         Args:
-            position_enu_m: of a vehicle.
+            position_enu_m: position of a vehicle.
         """
         if not self.box.contains(position_enu_m):
             return False
         return all(areas.is_allowed(area, position_enu_m) for area in self.areas)
 
     def refusal(self, position_enu_m: Xyz) -> str:
-        """Return how a goal lies, if it lies wrong: "outside the fence 'field'"; else nothing.
+        """Return how a goal violates an area or its buffer, for instance "outside the fence 'a'".
 
-        The box is judged by whoever asks; here are the areas with their buffers.
+        The result is empty for a goal that violates none. The caller checks the box.
 
         Args:
-            position_enu_m: of the goal.
+            position_enu_m: position of the goal.
         """
         for area in self.areas:
             words = _refusal(area, position_enu_m)
@@ -63,10 +63,10 @@ class FlightSpace(NamedTuple):
         return ""
 
     def nearest_inside(self, position_enu_m: Xyz, inside_m: float) -> Xyz:
-        """Return a point near a position that is so far inside every wall and every buffer.
+        """Return a point near a position that keeps a distance from every wall and every buffer.
 
-        It is the nearest one where a single edge is in the way. Where areas and buffers leave no
-        room it is the last one tried.
+        If only one edge is in the way, it is the nearest such point. If areas and buffers leave no
+        space, it is the last point that was tried.
 
         Args:
             position_enu_m: any point.
@@ -101,10 +101,12 @@ class FlightSpace(NamedTuple):
         )
 
     def room_m(self, position_enu_m: Xyz) -> tuple[float, str]:
-        """Return the distance to the nearest buffer, and its area; infinite without areas.
+        """Return the distance [m] to the nearest buffer, and the area's name.
+
+        The distance is infinite without areas.
 
         Args:
-            position_enu_m: of a spot.
+            position_enu_m: position of a spot.
         """
         least_m = math.inf
         name = ""
@@ -135,7 +137,7 @@ def _flight_space_of(
 
 
 def _around(area: Area) -> tuple[Point, ...]:
-    """Return points of a circle."""
+    """Return points on the outline of a circle."""
     x, y = area.center_enu_m
     angles = [2.0 * math.pi * corner / _ROUND_CORNERS for corner in range(_ROUND_CORNERS)]
     return tuple(
@@ -145,11 +147,11 @@ def _around(area: Area) -> tuple[Point, ...]:
 
 
 def _room_m(area: Area, position_enu_m: Xyz) -> float:
-    """Return the distance to an area's buffer; negative within it or beyond."""
+    """Return the distance [m] to an area's buffer; negative inside the buffer or beyond it."""
     x, y, z = position_enu_m
     room_m = areas.nearest(area, x, y).room_m - area.buffer_m
     if area.keeps_in:
-        return min(room_m, area.high_m - z)  # downwards there is the ground
+        return min(room_m, area.high_m - z)  # the floor does not count: the ground is there
 
     above_m = z - area.high_m - area.buffer_m
     below_m = area.low_m - area.buffer_m - z
@@ -190,6 +192,7 @@ def _too_near(area: Area, room_m: float) -> str:
 
 
 def _moved_inside(area: Area, position_enu_m: Xyz, inside_m: float) -> Xyz:
+    """Return a position after it is moved to a distance inside one area and its buffer."""
     x, y, z = position_enu_m
     if area.keeps_in and area.high_m - inside_m > area.low_m:
         z = min(max(z, area.low_m), area.high_m - inside_m)

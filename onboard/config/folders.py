@@ -1,13 +1,12 @@
-"""Folders that a fleet file names: its keys, and a law of somebody's own.
+"""Checks the folders that a fleet file names: that of its keys, and that of a user's own law.
 
-A fleet file may come from somebody else, and ``covey agent deploy`` makes the folder of keys on the
-companions, in a remote shell. So a folder is relative to the fleet file, stays below it, and is
-written in characters that no shell gives a meaning to.
+A fleet file may come from another person, and ``covey agent deploy`` creates the folder of keys on
+the companions, in a remote shell. Therefore a folder must be relative to the fleet file, must not
+be above it, and must contain only characters without a meaning in a shell.
 
-Covey itself writes copies of fleet files into other folders: for a simulated flight, for a show
-that was imported. A copy names the folder of its original by an absolute path. Such a path is
-accepted where it is that of a folder on this computer which holds already what is looked for; on
-any other computer, or for making something new, it is refused.
+Covey itself writes copies of fleet files into other folders, for instance for a simulated flight or
+an imported show. A copy names the folder of its original by an absolute path. Such a path is
+accepted only if the folder exists on this computer and already contains keys, or may contain a law.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ _PATTERN = re.compile(r"[A-Za-z0-9_./-]+")
 
 
 def keys_problems(folder: str) -> Iterator[str]:
-    """Yield a sentence where ``fleet.keys`` is no folder for keys."""
+    """Yield a sentence if ``fleet.keys`` cannot be the folder of the keys."""
     has_certificates = os.path.isfile(os.path.join(folder, "ca.pem"))
     has_mavlink_keys = bool(glob.glob(os.path.join(glob.escape(folder), "*.mavlink.key")))
     holds_keys = has_certificates or has_mavlink_keys
@@ -29,7 +28,7 @@ def keys_problems(folder: str) -> Iterator[str]:
 
 
 def law_problems(folder: str) -> Iterator[str]:
-    """Yield a sentence where ``law.folder`` is no folder for a law."""
+    """Yield a sentence if ``law.folder`` cannot be the folder of a law."""
     yield from _problems("law.folder", folder, is_there=os.path.isdir(folder), example="laws")
 
 

@@ -1,6 +1,6 @@
-"""Formations that are given by a shape instead of a slot for each vehicle.
+"""Values of formations that have a shape instead of a slot for each vehicle.
 
-Here are the values only; the ground makes the slots.
+The ground station computes the slots from them.
 """
 
 from __future__ import annotations
@@ -55,15 +55,15 @@ class FormationShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 
 
 def split(data: dict[str, Any], path: str) -> tuple[dict[str, Any], dict[str, FormationShape]]:
-    """Separate the formations of a file: those with slots, and those with a shape.
+    """Separate the formations with slots from those with a shape.
 
     Args:
         data: the tables of ``[formations]``.
-        path: of the file, for the sentences.
+        path: path of the file, for messages.
     Returns:
-        tables with slots, and shapes.
+        The tables with slots, and the shapes.
     Raises:
-        ConfigError: a wrong key or value of a shape.
+        ConfigError: A shape has a wrong key or value.
     """
     slots: dict[str, Any] = {}
     shapes: dict[str, FormationShape] = {}

@@ -1,23 +1,24 @@
-"""The ground of a fleet, and how low above it vehicles may be sent. Pure.
+"""The height of a fleet's ground, and the least height of goals above it. Pure.
 
-The floor of the geofence is no ground: where heights are PX4's own it lies a metre below it, so
-that an error of the height breaches nothing.
+The floor of the geofence is not the ground. For vehicles that fly by PX4's height it is a metre
+below the ground, so that an error of the height does not breach the fence.
 """
 
 from __future__ import annotations
 
 from onboard.config.fleet_config import FleetConfig, Vehicle
 
-# Goals and paths keep so far above the ground. PX4's own height errs by 0.28 m in standard
-# deviation with satellites: below half a metre a vehicle may stand while it reads that it flies.
+# Least height of goals and paths above the ground. PX4's own height has an error with a standard
+# deviation of 0.28 m with satellites: at less than half a metre, a vehicle may stand on the ground
+# although its height says that it flies.
 _LEAST_BY_POSES_M = 0.2
 _LEAST_BY_PX4_M = 0.5
 
 
 def ground_m(fleet: FleetConfig) -> float:
-    """Return the height of the lowest ground that the fleet file knows [m].
+    """Return the height [m] of the lowest ground that the fleet file knows.
 
-    It is that of the lowest start, or 0 where all start higher: on tables, for instance.
+    It is that of the lowest start, or 0 if all vehicles start higher, for instance on tables.
     """
     starts_m = [fleet.vehicles[name].start_enu_m[2] for name in fleet.enabled_names]
     return min(0.0, *starts_m)
@@ -29,7 +30,7 @@ def floor_m(fleet: FleetConfig) -> float:
 
 
 def least_height_m(vehicle: Vehicle) -> float:
-    """Return how far above the ground a vehicle's goals have to be [m]."""
+    """Return the least height [m] of a vehicle's goals above the ground."""
     if vehicle.mocap_required:
         return _LEAST_BY_POSES_M
     return _LEAST_BY_PX4_M

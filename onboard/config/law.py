@@ -1,7 +1,4 @@
-"""The avoidance law's values and policies, as a fleet file's ``[law]`` gives them.
-
-It is the one place of their defaults.
-"""
+"""``[law]`` of a fleet file: the values and policies of the avoidance law, with their defaults."""
 
 from __future__ import annotations
 
@@ -11,8 +8,8 @@ import msgspec
 
 BuiltInLaw = Literal["covey", "paper", "off"]
 BUILT_IN: tuple[BuiltInLaw, ...] = ("covey", "paper", "off")
-QUICK_LAG_S = 0.15  # of a vehicle that needs no more margin than design_margin_m
-# variants of Covey's law, for comparison in simulation: real vehicles fly the defaults
+QUICK_LAG_S = 0.15  # up to this lag a vehicle needs no more margin than design_margin_m
+# fields that choose variants of Covey's law, for simulations only: real vehicles fly the defaults
 POLICIES = ("responsibility", "prediction", "margin", "rotation", "direction", "jam")
 
 
@@ -83,15 +80,14 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def is_own(self) -> bool:
-        """Whether the name is that of a law of somebody's own."""
+        """Whether the name is that of a user's own law."""
         return self.name not in BUILT_IN
 
     @property
     def built_in(self) -> BuiltInLaw:
-        """Covey's law of that name.
+        """Covey's law of that name; ``covey`` for a user's own law.
 
-        Beside a law of somebody's own it is ``covey``, which is computed as well: it takes over
-        where that law fails.
+        Covey's law is computed beside a user's own law, and takes over if that one fails.
         """
         for name in BUILT_IN:
             if name == self.name:
@@ -105,11 +101,9 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return tuple(name for name in POLICIES if getattr(self, name) != getattr(default, name))
 
     def margin_m(self, lag_s: float) -> float:
-        """Margin above the safety distance that a vehicle keeps while estimates are good.
+        """Margin [m] on top of the safety distance that a vehicle keeps while estimates are good.
 
         Args:
-            lag_s: of the vehicle, from command to acceleration.
-        Returns:
-            margin [m].
+            lag_s: lag of the vehicle, from command to acceleration.
         """
         return self.design_margin_m + self.lag_margin_m_s * max(0.0, lag_s - QUICK_LAG_S)

@@ -1,9 +1,8 @@
-"""A law of somebody's own: found by its name in a fleet file, told apart by its source, imported.
+"""Finds a user's own law by the name in a fleet file, hashes its source, and imports it.
 
-Finding a law runs none of its code: its file is read and hashed, and nothing else. A fleet file of
-a stranger can therefore be loaded and judged. The law is imported when something is to fly by it,
-or when a person asks for it; its code then has the rights of whoever does that. The protocol of a
-law is in docs/own-law.md.
+Finding a law does not run its code: its file is only read and hashed. So a fleet file of a stranger
+can be loaded and checked. The law is imported when a vehicle flies by it, or when a person asks for
+it. Its code then has the rights of that process. docs/own-law.md describes the interface of a law.
 """
 
 from __future__ import annotations
@@ -26,37 +25,37 @@ from onboard.config.file_reading import LAW_SOURCE, read_bytes
 from onboard.config.law import BUILT_IN
 from onboard.config.toml_reading import ConfigError
 
-GROUP = "covey.laws"  # of entry points
+GROUP = "covey.laws"  # group of entry points
 
 LawFunction = Callable[[Any, Any], Any]  # law(memory, inputs)
 
-# (file, hash of its source) -> what was made of it, once in a process
+# (file, hash of its source) -> imported module; a file is imported once in a process
 _modules: dict[tuple[str, str], ModuleType] = {}
 
 
 class OwnLaw(msgspec.Struct, frozen=True):
-    """A law that a fleet file names; none of its code has run."""
+    """A law that a fleet file names; its code has not run yet."""
 
-    name: str  # as the fleet file has it
-    source: str  # file of its module
-    source_hash: str  # of that file, or of all of its package
-    load: Callable[[], LawFunction]  # runs the code of its module; raises ConfigError
+    name: str  # name in the fleet file
+    source: str  # file of its module; empty for a module without a file
+    source_hash: str  # hash of that file, or of all files of its package
+    load: Callable[[], LawFunction]  # imports the law, which runs its code; raises ConfigError
 
 
 class LawImport(msgspec.Struct, frozen=True):
     """Imports a law when it is called, which runs the code of its module."""
 
-    where: str  # begin of the sentences: fleet file and name of the law
+    where: str  # begin of messages: fleet file and name of the law
     module_name: str
     function_name: str
-    file: str | None  # of a module beside the fleet file; None for an installed one
-    folders: tuple[str, ...]  # where else the law's own imports are looked for
+    file: str | None  # file of a module beside the fleet file; None for an installed module
+    folders: tuple[str, ...]  # further folders in which the law's own imports are searched
 
     def __call__(self) -> LawFunction:
         """Return the law's function.
 
         Raises:
-            ConfigError: the module cannot be imported, or has no such law.
+            ConfigError: The module cannot be imported, or has no such function.
         """
         module = self._module()
         function = getattr(module, self.function_name, None)
@@ -74,7 +73,8 @@ class LawImport(msgspec.Struct, frozen=True):
         return law
 
     def _module(self) -> ModuleType:
-        # what a law imports may lie beside it; after all installed, so that it hides nothing
+        # modules that the law imports may be beside it; these folders come last in sys.path, so
+        # that they hide no installed module
         for folder in self.folders:
             if folder not in sys.path:
                 sys.path.append(folder)
@@ -90,7 +90,7 @@ class LawImport(msgspec.Struct, frozen=True):
                 f"{self.where}: the module {self.module_name} cannot be imported ({error}). It "
                 f"imports {error.name}: install that package into the Python of Covey."
             ) from None
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever somebody's module does
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - a user's module may raise anything
             raise ConfigError(
                 f"{self.where}: the module {self.module_name} cannot be imported "
                 f"({type(error).__name__}: {error}). Correct it; try it alone with: "
@@ -99,16 +99,14 @@ class LawImport(msgspec.Struct, frozen=True):
 
 
 def find_own_law(name: str, folders: Sequence[str], path: str) -> OwnLaw:
-    """Find a law and hash its source, without running any of its code.
+    """Find a law and hash its source, without running its code.
 
     Args:
         name: ``module:function``, or an entry point of the group ``covey.laws``.
-        folders: where the module is looked for before the installed ones.
-        path: of the fleet file, for the sentences.
-    Returns:
-        the law.
+        folders: folders in which the module is searched before the installed modules.
+        path: path of the fleet file, for messages.
     Raises:
-        ConfigError: no law has that name, or its module is not there.
+        ConfigError: There is no law of that name, or its module does not exist.
     """
     where = f"{path}: 'law.name' is {name!r}"
     folders = [os.path.abspath(folder) for folder in folders]
@@ -146,11 +144,9 @@ def _not_found(
 
 
 def _installed_source(module_name: str, folders: Sequence[str]) -> str | None:
-    """Return the file of an installed module.
+    """Return the file of an installed module: empty if it has none, None if there is no module.
 
-    Empty for a module without a file; None where there is no such module.
-
-    ``importlib.util.find_spec`` imports the packages around a module. This does not.
+    Unlike ``importlib.util.find_spec``, this does not import the packages around the module.
     """
     importlib.invalidate_caches()
     package, *inner = module_name.split(".")
@@ -171,6 +167,7 @@ def _installed_source(module_name: str, folders: Sequence[str]) -> str | None:
 
 
 def _spec_of(full_name: str, path: Sequence[str] | None) -> ModuleSpec | None:
+    """Return the spec of a module without importing its package; None if there is none."""
     for finder in sys.meta_path:
         spec = finder.find_spec(full_name, path)
         if spec is not None:
@@ -205,7 +202,7 @@ def _target(name: str, where: str) -> str:
 
 
 def _import_file(name: str, file: str) -> ModuleType:
-    """Import a file by itself: another fleet's file of the same name is another module."""
+    """Import a file as a module of its own, since two fleets may have files of the same name."""
     source_hash = _source_hash(file)
     key = (os.path.realpath(file), source_hash)
     if key in _modules:
@@ -216,7 +213,7 @@ def _import_file(name: str, file: str) -> ModuleType:
         raise ImportError(f"{file} is no Python module")
     module = importlib.util.module_from_spec(spec)
 
-    sys.modules[module.__name__] = module  # dataclasses look themselves up there
+    sys.modules[module.__name__] = module  # dataclasses need their module there
     try:
         spec.loader.exec_module(module)
     except BaseException:
@@ -235,7 +232,7 @@ def _import_module(name: str) -> ModuleType:
 def _check_signature(function: Callable[..., Any], where: str) -> None:
     try:
         signature = inspect.signature(function)
-    except (TypeError, ValueError):  # of compiled code nothing is known
+    except (TypeError, ValueError):  # compiled code may have no known signature
         return
     try:
         signature.bind(None, None)
@@ -247,7 +244,7 @@ def _check_signature(function: Callable[..., Any], where: str) -> None:
 
 
 def _source_hash(source: str, *, is_in_package: bool = False) -> str:
-    """Return the hash of a module's source: of its file, or of all Python files of its package."""
+    """Return the hash of a module's file, or of all Python files of its package."""
     folder = os.path.dirname(source)
     files: list[str] = []
     if is_in_package or os.path.basename(source) == "__init__.py":

@@ -1,4 +1,4 @@
-"""``[mocap]`` of a fleet file: which motion capture, who reads it, and how its frame lies."""
+"""``[mocap]`` of a fleet file: the motion capture, the program that reads it, and its frame."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "max_rate_hz": (20.0, 1000.0),
 }
 
-# Keys that say how a system is read; for poses from the bus they mean nothing.
+# keys that say how a system is read; they have no meaning if poses come from the bus
 _OF_A_SYSTEM = ("type", "hostname", "options", "direct", "up", "yaw_deg", "offset_m")
 
 
@@ -67,7 +67,7 @@ def problems(mocap: MocapConfig, bodies: Mapping[str, str | None]) -> Iterator[s
 
 
 def _system_problems(mocap: MocapConfig) -> Iterator[str]:
-    """Yield a sentence about a system that is half described, or described for nothing."""
+    """Yield a sentence for each missing key of a system, and for each key without a meaning."""
     if mocap.source == "bus":
         default = MocapConfig()
         for key in _OF_A_SYSTEM:
@@ -86,7 +86,7 @@ def _system_problems(mocap: MocapConfig) -> Iterator[str]:
 
 
 def _body_problems(bodies: Mapping[str, str | None]) -> Iterator[str]:
-    """Yield a sentence about each body that is not a vehicle's own, or has no proper name."""
+    """Yield a sentence for each body that two vehicles share, or that has an invalid name."""
     owners: dict[str, str] = {}  # body -> vehicle
     for vehicle, body in bodies.items():
         if body is None:

@@ -1,4 +1,4 @@
-"""Static obstacles of a fleet file: circles and polygons that stand still, of any height."""
+"""``[[obstacles]]`` of a fleet file: static circles and polygons, without a limit of height."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import msgspec
 
 Capsule = tuple[float, float, float, float, float]  # x1, y1, x2, y2, radius [m]: a thick segment
-_LARGEST_M = 1e4  # of a coordinate or a radius
+_LARGEST_M = 1e4  # largest coordinate or radius
 
 
 class Circle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -28,7 +28,7 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def capsules_enu_m(self) -> tuple[Capsule, ...]:
-        """The outline as segments (x1, y1, x2, y2) and a radius; a circle is one without length."""
+        """The outline as capsules; the segment of a circle has no length."""
         if self.circle is not None:
             x, y = self.circle.center_enu_m
             return ((x, y, x, y, self.circle.radius_m),)
@@ -38,12 +38,10 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return tuple((*begin, *end, 0.0) for begin, end in zip(corners, ends, strict=True))
 
     def distance_m(self, position_enu_m: Sequence[float]) -> float:
-        """Return the distance from a position to the outline.
+        """Return the horizontal distance [m] from a position to the outline; negative inside.
 
         Args:
-            position_enu_m: at least x and y.
-        Returns:
-            horizontal distance [m]; negative inside.
+            position_enu_m: position, at least x and y.
         """
         x = position_enu_m[0]
         y = position_enu_m[1]
@@ -62,7 +60,7 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             to_north_m = y - y1 - share * (y2 - y1)
             nearest_m = min(nearest_m, math.hypot(to_east_m, to_north_m) - radius_m)
 
-            # a ray to the east leaves a polygon once more often than it enters it
+            # a position is inside if a ray to the east crosses the outline an odd number of times
             crosses_height = (y1 > y) != (y2 > y)
             if crosses_height and x < x1 + (y - y1) / (y2 - y1) * (x2 - x1):
                 is_inside = not is_inside
@@ -127,7 +125,7 @@ def _shape_fault(obstacle: Obstacle, key: str) -> str | None:
 
     for capsule in obstacle.capsules_enu_m:
         for value in capsule:
-            if not abs(value) <= _LARGEST_M:  # not finite, either
+            if not abs(value) <= _LARGEST_M:  # also True for NaN
                 return (
                     f"'{key}' ({obstacle.name}) has a coordinate beyond {_LARGEST_M:g} m, or not "
                     "finite. Correct it."

@@ -1,12 +1,10 @@
-"""The separation of a pair, as everything in Covey judges it. Pure.
+"""The separation of two vehicles, as law, checks, alarms, verdict and console use it. Pure.
 
-Law, checks, alarms, verdict and console use it.
-
-Vehicles are apart when their horizontal distance is at least ``safety_distance_m``, or their
-heights differ by ``vertical_separation_m``. One number says both: the larger of the horizontal
-distance and of the height difference, which counts so much a metre that the vertical separation is
-as good as the safety distance. Without a vertical separation a metre of height counts nothing, and
-the number is the horizontal distance.
+Two vehicles are apart if their horizontal distance is at least ``safety_distance_m``, or if their
+heights differ by at least ``vertical_separation_m``. The separation combines both in one number: it
+is the larger of the horizontal distance and the scaled difference of the heights. The scale
+``height_share`` makes the vertical separation equal to the safety distance. Without a vertical
+separation the scale is 0, and the separation is the horizontal distance.
 """
 
 from __future__ import annotations
@@ -26,9 +24,9 @@ def separation_m(
     """Return the separation of two vehicles [m].
 
     Args:
-        one_enu_m: position of the one [m], ENU.
-        other_enu_m: position of the other [m], ENU.
-        height_share: what a metre of height counts, ``FleetSection.height_share``.
+        one_enu_m: position of one vehicle [m], ENU.
+        other_enu_m: position of the other vehicle [m], ENU.
+        height_share: metres that one metre of height counts as, ``FleetSection.height_share``.
     """
     horizontal_m = math.dist(one_enu_m[:2], other_enu_m[:2])
     if height_share <= 0.0:
@@ -40,8 +38,8 @@ def separations_m(offset_m: Array, height_share: float) -> Array:
     """Return the separations (...) of many pairs [m].
 
     Args:
-        offset_m: positions of the ones less those of the others (..., 3) [m], ENU.
-        height_share: as above.
+        offset_m: differences of the two positions of each pair (..., 3) [m], ENU.
+        height_share: metres that one metre of height counts as, ``FleetSection.height_share``.
     """
     horizontal_m = np.hypot(offset_m[..., 0], offset_m[..., 1])
     if height_share <= 0.0:

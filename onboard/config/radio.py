@@ -1,6 +1,6 @@
-"""``[radio]`` of a fleet file: the one channel that all share.
+"""``[radio]`` of a fleet file: the radio channel that all nodes share.
 
-``covey check`` and flights in lockstep use it.
+``covey check`` and flights in lockstep use it. The agents use its expected delay and loss.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ import msgspec
 
 from onboard.config.toml_reading import bound_problems
 
-_STATES_S = 0.02  # period of the states; fewer of them do not make a fleet wait longer
-_RARE_LOSS = 0.01  # a run of lost messages that is rarer than this is not planned for
-_USUAL_AGE_S = 0.08  # age of a state by the defaults; neighbours are silent after some 0.25 s
-_MOST_LATENESS_S = 0.45  # neighbours never count as silent later than that much
+_STATES_S = 0.02  # period of the states for the lateness; a lower states_hz does not change it
+_RARE_LOSS = 0.01  # a run of lost messages with a smaller probability is ignored
+_USUAL_AGE_S = 0.08  # age of a state with the defaults, for which neighbours are silent at 0.25 s
+_MOST_LATENESS_S = 0.45  # largest delay until a neighbour counts as silent
 
 BOUNDS: dict[str, tuple[float, float]] = {
     "rate_mbit_s": (6.0, 1000.0),
@@ -59,22 +59,22 @@ class RadioConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def state_age_s(self, period_s: float) -> float:
         """Return the age that a neighbour's newest state reaches.
 
-        It is the delay, and a period for each state that may be lost in a row.
+        It is the delay, plus one period for each state that may be lost in a row.
 
         Args:
-            period_s: between two states.
+            period_s: time between two states.
         Returns:
-            age [s] that is exceeded in one of a hundred cases.
+            The age [s] that is exceeded in one of a hundred cases.
         """
         loss = self.expected_loss_frac
         periods = 1.0
-        if loss > 0.0:  # loss**periods is as rare as _RARE_LOSS
+        if loss > 0.0:  # the number of periods with loss**periods = _RARE_LOSS
             periods = math.log(_RARE_LOSS) / math.log(loss)
         return self.expected_delay_s + period_s * max(1, math.ceil(periods - 1e-9))
 
     @property
     def lateness_s(self) -> float:
-        """Time by which a neighbour counts as silent later than by the defaults; 0 with them."""
+        """Time [s] that is added until a neighbour counts as silent; 0 with the defaults."""
         older_s = self.state_age_s(_STATES_S) - _USUAL_AGE_S
         return min(max(older_s, 0.0), _MOST_LATENESS_S)
 

@@ -1,4 +1,4 @@
-"""``[types.X.sitl]``: values of a vehicle that only the emulator knows, with their bounds."""
+"""``[types.X.sitl]``: values of a vehicle that only the emulator uses, with their bounds."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
-"""Whether one vehicle can stand in for another: what its place asks of it. Pure.
+"""Checks whether a spare vehicle can stand in for another one. Pure.
 
-A place is what the fleet file gives a vehicle's name: its take-off spot, its slots, its paths. A
-spare that stands in for a vehicle flies from that place. So it has to stand on the spot, to find
-its position in the same way, and to fly at least as fast, as hard and as long as the other one: a
-mission was checked with the other one's limits.
+The spare takes the place of the other vehicle: its take-off spot, its slots and its paths. So it
+has to stand on that spot, and to have the same source of positions. It also has to be at least as
+fast, as strong and as enduring, because missions were checked with the other vehicle's limits.
 """
 
 from __future__ import annotations
@@ -14,21 +13,21 @@ from collections.abc import Sequence
 from onboard.config.fleet_config import FleetConfig, Vehicle
 from onboard.config.wind_limit import wind_limit_m_s
 
-# from the middle of the spot, horizontally
-BY_MOCAP_M = 0.5  # as preflight allows it
-BY_SATELLITES_M = 1.5  # a position by satellites is a metre wrong itself
+# largest horizontal distance from the middle of the spot
+BY_MOCAP_M = 0.5  # the same as in the preflight check
+BY_SATELLITES_M = 1.5  # a position by satellites itself has an error of a metre
 
 
 def stand_in_refusal(
     fleet: FleetConfig, spare: str, place: str, position_enu_m: Sequence[float] | None
 ) -> str:
-    """Return why a vehicle cannot stand in at a place; empty where it can.
+    """Return why a vehicle cannot stand in for another one; empty if it can.
 
     Args:
         fleet: the fleet file.
-        spare: name of the vehicle.
-        place: name of the vehicle whose place it is to have.
-        position_enu_m: where the spare stands [m]; None: not known.
+        spare: name of the vehicle that stands in.
+        place: name of the vehicle that it replaces.
+        position_enu_m: position of the spare [m]; None: not known.
     """
     if place not in fleet.vehicles:
         names = ", ".join(fleet.enabled_names)
@@ -56,14 +55,17 @@ def stand_in_refusal(
 
 
 def _tolerance_m(fleet: FleetConfig, spare: str) -> float:
-    """Return how far from its spot a vehicle may be seen [m]."""
+    """Return the largest distance [m] of a vehicle from its spot."""
     if fleet.vehicles[spare].mocap_required:
         return BY_MOCAP_M
     return BY_SATELLITES_M
 
 
 def _difference(fleet: FleetConfig, spare: Vehicle, other: Vehicle) -> str:
-    """Return in which value a spare does not do what the other one does; empty: in none."""
+    """Return in words which requirement of the other vehicle the spare does not meet.
+
+    The result is empty if it meets all of them.
+    """
     if spare.mocap_required != other.mocap_required:
         return "one flies by the mocap, and the other one does not"
     begins_where_it_stands = not spare.mocap_required and fleet.fleet.global_origin is None

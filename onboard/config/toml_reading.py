@@ -1,6 +1,6 @@
-"""TOML files as typed values.
+"""Reads TOML files as typed values.
 
-Everything wrong with one is a ConfigError that names file, key and remedy.
+A mistake in a file is a ConfigError that names the file, the key and the remedy.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from onboard.config.config_error import ConfigError as ConfigError
 from onboard.config.example_files import existing_file
 from onboard.config.file_reading import FLEET_FILE, read_text, toml_values
 
-SCHEMA = 1  # version of the format that is read
+SCHEMA = 1  # version of the file format
 
 
 def read_toml(path: str | os.PathLike[str], kind: str) -> tuple[dict[str, Any], str, str]:
     """Read a TOML file.
 
     Args:
-        path: of the file, or the name of an example.
-        kind: of file: "fleet file", "mission file" or "fleet or mission file".
+        path: path of the file, or the name of an example.
+        kind: "fleet file", "mission file" or "fleet or mission file".
     Returns:
-        its data, its text and its path.
+        The tables of the file, its text and its path.
     Raises:
-        ConfigError: file missing, not readable, too large, or not TOML.
+        ConfigError: The file is missing, not readable, too large, or no TOML.
     """
     name = existing_file(path, kind)
     text = read_text(name, FLEET_FILE._replace(words=kind))
@@ -39,13 +39,11 @@ def read_toml(path: str | os.PathLike[str], kind: str) -> tuple[dict[str, Any], 
 
 
 def package_table(package: str, name: str) -> dict[str, Any]:
-    """Read a table that is part of this software.
+    """Return the tables of a TOML file that is a part of this software.
 
     Args:
-        package: that holds the file.
-        name: of the file.
-    Returns:
-        its data.
+        package: package that contains the file.
+        name: name of the file.
     """
     return tomllib.loads(files(package).joinpath(name).read_text(encoding="utf-8"))
 
@@ -54,10 +52,10 @@ def check_schema(data: Mapping[str, Any], path: str) -> None:
     """Refuse files of another schema version.
 
     Args:
-        data: of the file.
-        path: of the file, for the sentence.
+        data: tables of the file.
+        path: path of the file, for the message.
     Raises:
-        ConfigError: another version, or none.
+        ConfigError: The file has another schema version, or none.
     """
     if data.get("schema") != SCHEMA:
         schema = data.get("schema", "missing")
@@ -71,14 +69,14 @@ def convert(value: Any, kind: Any, path: str, key: str) -> Any:
     """Convert a value of a file to a type.
 
     Args:
-        value: as TOML gives it.
-        kind: type to convert to.
-        path: of the file, for the sentence.
-        key: key path of the value, for the sentence.
+        value: value that TOML gives.
+        kind: type of the result.
+        path: path of the file, for the message.
+        key: key path of the value, for the message.
     Returns:
-        the value as ``kind``.
+        The value as ``kind``.
     Raises:
-        ConfigError: unknown key or wrong type.
+        ConfigError: The value has an unknown key or a wrong type.
     """
     try:
         return msgspec.convert(value, kind)
@@ -87,9 +85,9 @@ def convert(value: Any, kind: Any, path: str, key: str) -> Any:
 
 
 def _sentence(text: str, kind: Any, path: str, key: str) -> str:
-    """Return a sentence about what msgspec says of a value.
+    """Return a sentence made of msgspec's message about a value.
 
-    Its texts end with the position in the value: "... - at `$.circle.radius_m`".
+    Such a message ends with the position in the value: "... - at `$.circle.radius_m`".
     """
     message, _, position = text.partition(" - at `")
     tail = position.rstrip("`").lstrip("$")
@@ -104,7 +102,7 @@ def _sentence(text: str, kind: Any, path: str, key: str) -> str:
 
 
 def _known_keys(kind: Any, tail: str) -> tuple[str, ...]:
-    """Return the keys of a struct, or of the structs of a list; none for what lies deeper."""
+    """Return the keys of a struct, or of the structs in a list; none for deeper positions."""
     if not tail:
         struct = kind
     elif re.fullmatch(r"\[\d+\]", tail):
@@ -118,7 +116,7 @@ def table(value: Any, path: str, key: str) -> dict[str, Any]:
     """Return a value that must be a table.
 
     Raises:
-        ConfigError: it is something else.
+        ConfigError: The value is no table.
     """
     if not isinstance(value, dict):
         raise ConfigError(f"{path}: '{key}' must be a table, not {type(value).__name__}.")
@@ -129,7 +127,7 @@ def tables(value: Any, path: str, key: str) -> dict[str, dict[str, Any]]:
     """Return a value that must be a table of tables.
 
     Raises:
-        ConfigError: it, or one of its values, is something else.
+        ConfigError: The value, or one of its values, is no table.
     """
     return {
         name: table(inner, path, f"{key}.{name}") for name, inner in table(value, path, key).items()
@@ -137,6 +135,6 @@ def tables(value: Any, path: str, key: str) -> dict[str, dict[str, Any]]:
 
 
 def bound_problems(key: str, value: float, low: float, high: float) -> Iterator[str]:
-    """Yield a sentence about a number outside of its bounds."""
+    """Yield a sentence if a number is not finite or not within its bounds."""
     if not (math.isfinite(value) and low <= value <= high):
         yield f"'{key}' is {value}; it must lie between {low:g} and {high:g}."

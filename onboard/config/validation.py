@@ -1,7 +1,7 @@
-"""Checks of a whole fleet file: bounds, names, endpoints, doubles and spacing.
+"""Checks a whole fleet file: bounds, names, endpoints, duplicated values and spacing.
 
-A mistake raises ConfigError. Each check yields sentences without the name of the file; a check may
-rely on those before it, so only the first sentence counts.
+The first mistake raises a ConfigError. Each check yields sentences without the name of the file. A
+check may rely on the checks before it, which is why only the first sentence counts.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from onboard.config.law import LawConfig
 from onboard.config.pair_separation import separation_m
 from onboard.config.toml_reading import ConfigError, bound_problems
 
-# Bounds of numbers; a word names another key, whose value is the bound.
+# bounds of numbers; a string names another key of [fleet], whose value is the bound
 FLEET_BOUNDS: dict[str, tuple[float | str, float | str]] = {
     "safety_distance_m": (0.1, 50.0),
     "vertical_separation_m": (0.04, 50.0),
@@ -55,24 +55,24 @@ VEHICLE_BOUNDS: dict[str, tuple[float, float]] = {
     "max_wind_m_s": (0.1, 30.0),
     "system_id": (1, 255),
 }
-# Bodies between two heights: a vehicle one body above pushes with 8 % of the weight, one two bodies
-# above with 3 %.
+# Least vertical separation in body diameters. The downwash of a vehicle one body above pushes with
+# 8 % of the weight, and that of a vehicle two bodies above with 3 %.
 _LEAST_HEIGHT_BODIES = 2.0
 
 _AGENT_ENDPOINT = re.compile(r"(tcp|quic|tls|udp)/[A-Za-z0-9_.:\[\]-]+:\d{1,5}")
 _AUTOPILOT_ENDPOINT = re.compile(r"(udpin|udpout|serial)://.+")
 _ALL_NETWORKS = re.compile(r"[a-z]+/(0\.0\.0\.0|\[::\]):")
-_KEYED = ("quic/", "tls/")  # begins of endpoints whose links have keys
+_KEYED = ("quic/", "tls/")  # schemes of endpoints whose links use keys
 
-# Names of keys beside the vehicles' own: common names of certificates, and the certificate
-# authority's file.
+# names of keys that no vehicle may have: common names of other certificates, and the file of the
+# certificate authority
 _NODE_NAMES = ("ground", "viewer", "mocap", "corrections", "sitl", "router", "ca")
 
 _WITHOUT_SIGNING = ("1.16", "1.17")  # versions of PX4 that do not sign MAVLink
 
 
 def check_fleet(config: FleetConfig) -> None:
-    """Check everything that concerns more than the type of a value.
+    """Check everything in a fleet file that the types of the values do not ensure.
 
     Args:
         config: a whole fleet file.
@@ -282,7 +282,7 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
 
 
 def _double_problems(config: FleetConfig) -> Iterator[str]:
-    """Yield a sentence about each value that only one vehicle can have, and two do."""
+    """Yield a sentence for each value that two vehicles share although it has to be unique."""
     owners: dict[tuple[str, Any, str], str] = {}  # key, value and computer -> vehicle
     for name, vehicle in config.vehicles.items():
         for key in ("system_id", "agent", "autopilot", "direct", "mocap_body"):
@@ -290,7 +290,7 @@ def _double_problems(config: FleetConfig) -> Iterator[str]:
             if value is None:
                 continue
 
-            # a port of a companion is its own: each has its /dev/ttyAMA0
+            # ports and serial devices have to be unique on one companion computer only
             is_of_the_host = key == "autopilot" and not value.startswith("udpout://")
             host = vehicle.host if is_of_the_host else ""
             owner = owners.setdefault((key, value, host), name)

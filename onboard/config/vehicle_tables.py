@@ -1,4 +1,4 @@
-"""One vehicle of a fleet file: its own keys over its type's over the defaults."""
+"""Merges the tables of one vehicle: its own keys, its type's keys and the defaults."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from onboard.config.fleet_config import PX4_VERSIONS, Vehicle
 from onboard.config.sitl import SitlProfile
 from onboard.config.toml_reading import ConfigError, convert
 
-# Keys that stand in a vehicle's own table only, not in its type's or in the defaults.
+# keys that are allowed in a vehicle's own table only, and not in its type's or in the defaults
 _VEHICLE_ONLY = {
     "system_id",
     "start_enu_m",
@@ -20,8 +20,8 @@ _VEHICLE_ONLY = {
     "emulated",
 }
 _REQUIRED = ("system_id", "start_enu_m", "agent", "autopilot")
-_DERIVED = {"name", "index"}  # fields of a vehicle that are no keys
-_MERGED = ("px4_params", "sitl")  # tables whose own keys are merged one by one
+_DERIVED = {"name", "index"}  # fields of a vehicle that are no keys of the file
+_MERGED = ("px4_params", "sitl")  # tables that are merged key by key
 
 
 def vehicle_from_tables(
@@ -35,16 +35,14 @@ def vehicle_from_tables(
     """Merge the tables of one vehicle.
 
     Args:
-        name: of the vehicle.
+        name: name of the vehicle.
         index: its position in the fleet file.
         own: its own table.
         types: all vehicle types of the file.
         defaults: the file's ``[defaults]``.
-        path: of the file, for the sentences.
-    Returns:
-        the vehicle.
+        path: path of the file, for messages.
     Raises:
-        ConfigError: unknown or missing key, unknown type, wrong kind of value.
+        ConfigError: A key is unknown or missing, the type is unknown, or a value has a wrong type.
     """
     key = f"vehicles.{name}"
     if not re.fullmatch(r"[A-Za-z0-9_-]{1,40}", name):
@@ -85,7 +83,7 @@ def vehicle_from_tables(
                 merged[entry] = value
 
     _check_px4_version(merged.get("px4_version", PX4_VERSIONS[0]), f"{path}: '{key}.px4_version'")
-    # by itself first, because its sentence then names the keys that are known there
+    # converted separately first, because the message then lists the known keys of this table
     convert(merged.get("sitl", {}), SitlProfile, path, f"{key}.sitl")
     return convert({**merged, "name": name, "index": index}, Vehicle, path, key)  # type: ignore[no-any-return]
 

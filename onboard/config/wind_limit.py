@@ -1,8 +1,8 @@
-"""How strong a wind a vehicle can stand: by its tilt, its thrust and its drag.
+"""The strongest wind in which a vehicle may fly, from its tilt, its thrust and its drag.
 
-Wind pushes with drag times its velocity. Against that push a vehicle leans, and what it leans
-against the wind is missing for its trajectory and for avoidance. Two thirds of the horizontal
-acceleration may go against the wind; the disturbance observer learns no more than that.
+Wind pushes a vehicle with an acceleration of drag times wind velocity. The vehicle tilts against
+it, and that tilt is missing for its trajectory and for avoidance. At most two thirds of the
+horizontal acceleration may be used against the wind. The disturbance observer is bounded to that.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from onboard.config.fleet_config import FleetConfig, Vehicle
 
 GRAVITY_M_S2 = 9.80665
 
-# of the horizontal acceleration; the rest stays for the trajectory and for the law
+# share of the horizontal acceleration for the wind; the rest stays for the trajectory and the law
 _WIND_SHARE = 2.0 / 3.0
 
-# the observer of a vehicle that can lean little learns this much all the same: static errors of the
-# attitude are a part of what it learns
+# least bound of the disturbance observer, for a vehicle with little tilt: the observer also learns
+# static errors of the attitude
 _LEAST_PUSH_M_S2 = 1.5
 
-# gusts that belong to a wind of this mean, as a share of it; their standard deviation per axis
+# standard deviation of usual gusts per axis, as a share of the mean wind
 GUST_SHARE = 0.15
 _GUST_SIGMAS = 5.0 / 3.0  # nineteen of twenty gusts are weaker
 
-# the wind with its gusts, as a share of its mean
+# wind with its gusts, as a multiple of the mean wind
 GUSTY = 1.0 + _GUST_SIGMAS * GUST_SHARE
 
 # full throttle, of which a little stays for the attitude
@@ -35,7 +35,7 @@ def tilt_acceleration_m_s2(vehicle: Vehicle) -> float:
     """Return the horizontal acceleration at the largest tilt, with the height kept [m/s^2].
 
     Args:
-        vehicle: tilt and hover throttle count.
+        vehicle: the vehicle; its largest tilt and its hover throttle count.
     """
     by_tilt = GRAVITY_M_S2 * math.tan(math.radians(vehicle.max_tilt_deg))
     full_lift = max(1.0, _MAX_THRUST_FRAC / vehicle.hover_thrust_frac)
@@ -44,24 +44,24 @@ def tilt_acceleration_m_s2(vehicle: Vehicle) -> float:
 
 
 def largest_push_m_s2(vehicle: Vehicle) -> float:
-    """Return the largest disturbance that is learned and leaned against, per axis [m/s^2].
+    """Return the largest disturbance that the vehicle learns and compensates, per axis [m/s^2].
 
     Args:
-        vehicle: tilt and hover throttle count.
+        vehicle: the vehicle; its largest tilt and its hover throttle count.
     """
     return max(_LEAST_PUSH_M_S2, _WIND_SHARE * tilt_acceleration_m_s2(vehicle))
 
 
 def wind_limit_m_s(fleet: FleetConfig, vehicle: Vehicle) -> float:
-    """Return the mean wind in which a vehicle may fly [m/s]; NaN where nobody knows.
+    """Return the mean wind in which a vehicle may fly [m/s]; NaN if it has no known drag.
 
-    It is the least of the fleet's and the vehicle's ``max_wind_m_s``. Where the vehicle has none,
-    it follows from the drag: the push of this wind and of its gusts stays within
-    :func:`largest_push_m_s2`.
+    It is the smaller of the fleet's and the vehicle's ``max_wind_m_s``. If the vehicle has none,
+    its limit follows from the drag: the push of the wind with its gusts must not exceed the share
+    _WIND_SHARE of the horizontal acceleration.
 
     Args:
-        fleet: whose ``max_wind_m_s`` holds for all its vehicles.
-        vehicle: one of them.
+        fleet: the fleet; its ``max_wind_m_s`` holds for all its vehicles.
+        vehicle: one of its vehicles.
     """
     limits_m_s = [
         limit_m_s
@@ -69,7 +69,7 @@ def wind_limit_m_s(fleet: FleetConfig, vehicle: Vehicle) -> float:
         if limit_m_s is not None
     ]
 
-    # without a drag the wind is not measured, and a limit in m/s judges nothing
+    # without a drag the wind cannot be measured, so a limit in m/s is useless
     if vehicle.drag_1_s <= 0.0:
         return math.nan
 

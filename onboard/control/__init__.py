@@ -1,3 +1,1 @@
-"""Trajectory, backstepping, allocation, and the pipeline that calls all stages in their order;
-pure.
-"""
+"""Trajectory, backstepping, allocation, and the pipeline that calls all stages in order. Pure."""

@@ -1,16 +1,14 @@
-"""How much of a radio channel's time a fleet takes: packets, the air time of each, the finding.
+"""Computes the share of a radio channel's time that a fleet takes, and the finding about it. Pure.
 
-Small packets take a channel's time, not its bits: most of what a frame of 802.11 takes is waiting,
-preamble and acknowledgement. So stations of 802.11n and later send what waits for one receiver in
-one aggregate.
+Small packets fill a channel by their number, not by their bits: most of the time of an 802.11 frame
+is waiting, preamble and acknowledgement. Therefore stations of 802.11n and later send all packets
+that wait for one receiver in one aggregate.
 
 The time of a frame is that of the distributed coordination function without collisions: DIFS, half
 of the first contention window, the frame, SIFS and the acknowledgement. For 802.11b it gives the
 throughputs that Cisco publishes for its wireless phones ("Maximum Throughput Calculations for
-802.11b WLAN", table I-2). The values of OFDM are those of IEEE 802.11: slot 9 us, SIFS 16 us,
-symbols of 4 us, preamble and header 36 us in 802.11n, 20 us of an acknowledgement.
-
-Pure.
+802.11b WLAN", table I-2). The values for OFDM are those of IEEE 802.11: slot 9 us, SIFS 16 us,
+symbols of 4 us, preamble and header 36 us in 802.11n, and 20 us in an acknowledgement.
 """
 
 from __future__ import annotations
@@ -23,25 +21,25 @@ from onboard.config.fleet import FleetConfig
 from onboard.config.radio import RadioConfig
 from onboard.feasibility.finding import Finding, at_most
 
-# encoded messages of the bus
+# sizes of encoded messages of the bus
 STATE_BYTES = 270
 POSE_BYTES = 110
 TELEMETRY_BYTES = 450
 CLOCK_BYTES = 60
 
-# a batch of ten ticks is cut into packets
+# a batch of ten ticks is sent in this number of packets, of this size
 TICK_PACKETS = 5
 TICK_BYTES = 1200
 
 OVERHEAD_BYTES = 130  # of IP, UDP, QUIC and Zenoh, and of the frame beyond its first 28 bytes
-MOST_IN_TURN = 32  # packets of one aggregate
+MOST_IN_TURN = 32  # largest number of packets in one aggregate
 
-# of IEEE 802.11
+# sizes of IEEE 802.11
 _MAC_BYTES = 28
 _ACK_BYTES = 14
-_DELIMITER_BYTES = 6  # between the packets of an aggregate
+_DELIMITER_BYTES = 6  # between two packets of an aggregate
 
-_MOST_BYTES = 1400  # of one packet
+_MOST_BYTES = 1400  # largest size of one packet
 
 
 class Phy(NamedTuple):
@@ -50,11 +48,11 @@ class Phy(NamedTuple):
     slot_us: float
     sifs_us: float
     header_us: float  # preamble and header, before the first bit of data
-    ack_header_us: float  # the same of an acknowledgement
-    symbol_us: float  # data come in whole symbols; 0 for single bits
-    extra_bits: float  # service and tail
-    backoff_slots: float  # mean of the first contention window
-    ack_rates_mbit_s: tuple[float, ...]  # of acknowledgements; empty: as fast as the frame
+    ack_header_us: float  # preamble and header of an acknowledgement
+    symbol_us: float  # duration of a symbol: data come in whole symbols; 0: in single bits
+    extra_bits: float  # service and tail bits of a frame
+    backoff_slots: float  # mean backoff: half of the first contention window
+    ack_rates_mbit_s: tuple[float, ...]  # possible rates of acknowledgements; empty: the frame's
 
 
 # 802.11n
@@ -86,11 +84,11 @@ def frame_s(packet_bytes: float, rate_mbit_s: float, phy: Phy = OFDM) -> float:
     """Return the time [s] for which one packet and its acknowledgement keep a channel busy.
 
     Args:
-        packet_bytes: of the packet, with the headers of all layers above 802.11.
-        rate_mbit_s: of the data.
+        packet_bytes: size of the packet, with the headers of all layers above 802.11.
+        rate_mbit_s: rate of the data.
         phy: times of the physical layer.
     """
-    # a receiver acknowledges at the fastest of the basic rates that is no faster than the frame
+    # a receiver acknowledges at the fastest basic rate that is not faster than the frame's
     possible_rates = [rate for rate in phy.ack_rates_mbit_s if rate <= rate_mbit_s]
     ack_mbit_s = max(possible_rates, default=rate_mbit_s)
 
@@ -111,12 +109,12 @@ def _data_us(frame_bytes: float, rate_mbit_s: float, phy: Phy) -> float:
 
 
 def turn_s(packets: int, size_bytes: float, rate_mbit_s: float, phy: Phy = OFDM) -> float:
-    """Return the time [s] of one turn of a station: an aggregate for one receiver, and its answer.
+    """Return the time [s] of one aggregate for one receiver, and its acknowledgement.
 
     Args:
-        packets: of the aggregate.
-        size_bytes: of all of them, with the headers of all layers above 802.11.
-        rate_mbit_s: of the data.
+        packets: number of packets in the aggregate.
+        size_bytes: size of all of them, with the headers of all layers above 802.11.
+        rate_mbit_s: rate of the data.
         phy: times of the physical layer.
     """
     # frame_s adds the header of the first packet
@@ -125,29 +123,30 @@ def turn_s(packets: int, size_bytes: float, rate_mbit_s: float, phy: Phy = OFDM)
 
 
 def message_packets(message_bytes: int) -> int:
-    """Return how many packets a message of the bus makes.
+    """Return the number of packets of a message of the bus.
 
     Args:
-        message_bytes: encoded.
+        message_bytes: size of the encoded message.
     """
     return max(1, math.ceil(message_bytes / _MOST_BYTES))
 
 
 class Flow(NamedTuple):
-    """Packets of one kind, of one vehicle."""
+    """Packets of one kind, from or to one vehicle."""
 
-    what: str  # in words
+    what: str  # the kind in words
     packets_1_s: float
-    message_bytes: int  # of each packet
-    is_to_vehicles: bool  # or between a vehicle and the wired end of an access point
+    message_bytes: int  # size of the message in each packet
+    # True: to other vehicles; False: between a vehicle and the wired end of an access point
+    is_to_vehicles: bool
 
 
 def flows(count: int, near: int, states_hz: float, has_mocap: bool) -> list[Flow]:
-    """Return the packets of one vehicle's radio in a second: those it sends, and its poses.
+    """Return the packets of one vehicle's radio: those it sends, and the poses that it receives.
 
     Args:
-        count: vehicles of the fleet.
-        near: neighbours that receive its states at full rate.
+        count: number of vehicles of the fleet.
+        near: number of neighbours that receive its states at full rate.
         states_hz: that rate.
         has_mocap: whether poses come over the radio.
     """
@@ -180,19 +179,19 @@ def flows(count: int, near: int, states_hz: float, has_mocap: bool) -> list[Flow
 
 
 def airtime_finding(fleet: FleetConfig, radio: RadioConfig, near: int) -> Finding:
-    """Judge whether one channel carries the whole fleet.
+    """Check whether one channel can carry the whole fleet.
 
-    Each vehicle takes a turn for each state that it publishes: one to the access point, which takes
-    one for each of the vehicles in return, or one for each receiver without an access point; poses
-    take one each. All else travels with the states.
+    An aggregate ("turn") is counted for each state that a vehicle publishes. With an access point
+    there are two: one to it, and one from it. Without one there is a turn for each receiver. Each
+    pose takes a turn, too. All other messages travel in the same aggregates.
 
     Args:
         fleet: the fleet file; at least two vehicles.
         radio: the channel.
-        near: neighbours that each vehicle follows at full rate.
+        near: number of neighbours that each vehicle follows at full rate.
     Returns:
-        the finding: a warning beyond ``usable_frac`` of the channel's time, a refusal where there
-            is not enough of it.
+        The finding: a warning beyond ``usable_frac`` of the channel's time, and a refusal beyond
+        all of it.
     """
     names = fleet.enabled_names
     count = len(names)
@@ -228,7 +227,7 @@ def airtime_finding(fleet: FleetConfig, radio: RadioConfig, near: int) -> Findin
             poses_1_s = TOPICS[Topic.MOCAP].rate_hz
         turns_1_s += turns_for_a_state * radio.states_hz + poses_1_s
 
-    # an empty frame costs what each turn costs beside its bits
+    # the time of a turn is that of an empty frame, plus that of its bits
     busy_frac = turns_1_s * frame_s(0.0, radio.rate_mbit_s) + bits_1_s * 1e-6 / radio.rate_mbit_s
 
     return at_most(

@@ -1,9 +1,9 @@
-"""Whether vehicles that lose their poses are down before their dead reckoning is worth too little.
+"""Checks whether vehicles that lose their poses land before their dead reckoning is too inaccurate.
 
-Each of them brakes and sinks by its own reckoning, under the law. That is wrong by 0.09 m (median)
-two seconds after the last pose, and by 0.2 to 0.6 m after three and a half; real PX4s and emulated
-ones agree (docs/px4-sitl.md, sitl/README.md). Flights in lockstep show what it costs: with 3 s to
-the ground hardly any two come below 0.70 m, with more than 4 s they may touch.
+Each of them brakes and sinks by its own dead reckoning, under the law. Its error is 0.09 m (median)
+two seconds after the last pose, and 0.2 to 0.6 m after three and a half seconds, with real and with
+emulated PX4s (docs/px4-sitl.md, sitl/README.md). In lockstep flights with 3 s to the ground, hardly
+any two vehicles came below 0.70 m. With more than 4 s they may touch.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from onboard.feasibility.finding import Finding, at_most, worst
 from onboard.safety.limits import POSITION_STALE_S
 from onboard.tuples import Xyz
 
-_KEPT_S = 3.0  # from the last pose to the ground
-_REFUSED_S = 4.0
+_KEPT_S = 3.0  # longest time from the last pose to the ground; a longer one is a warning
+_REFUSED_S = 4.0  # a longer time is refused
 
 
 def blind_descent_findings(
     fleet: FleetConfig, spots: Mapping[str, Xyz], label: str
 ) -> Iterator[Finding]:
-    """Yield whether all of a constellation are down soon enough when poses stop.
+    """Yield the finding whether all vehicles of a constellation land soon enough without poses.
 
-    A vehicle that flies alone, or by PX4's own position, is not judged.
+    A vehicle that flies alone, or by PX4's own position, is not checked.
 
     Args:
         fleet: the fleet file.

@@ -1,8 +1,8 @@
 """Bounds of the law's performance, in closed form or by small linear algebra. Pure functions.
 
-The checks of this room fill in a fleet's values and add the sentences. The constants of the margin
-are a fit over simulated flights (23 settings, 84 flights each), not a theorem: a design distance of
-``d_inf + 0.05 m + 4.5 sigma_d``.
+The checks of this package call them with a fleet's values, and add the sentences. The constants of
+the margin are a fit over simulated flights (23 settings, 84 flights each), and not a theorem. They
+give a design distance of ``d_inf + 0.05 m + 4.5 sigma_d``.
 """
 
 from __future__ import annotations
@@ -15,33 +15,36 @@ import numpy as np
 from onboard.estimation.accuracies import Accuracy
 from onboard.types import GRAVITY_M_S2, TICK_S
 
-# states that are older than the first require the second for each further second of age
+# Beyond the first age, states require a further margin: the second value for each second of age.
 USUAL_AGE_S = 0.16
 AGE_MARGIN_M_S = 0.5
 
-# largest throttle that is ever sent
+# full throttle, of which a little stays for the attitude
 MAX_THRUST_FRAC = 0.97
 
 # the fit of the margin: floor + sigmas * sigma_d
 _MARGIN_FLOOR_M = 0.05
 _MARGIN_SIGMAS = 4.5
 
-# Euler steps of the vehicle's response in one tick
+# number of Euler steps of the vehicle's response in one tick
 _SUBSTEPS = 4
+
+# simulation of two vehicles that brake: its steps, and the closing speed at which they have stopped
+_BRAKING_STEP_S = 0.002
+_BRAKING_STEPS = 2000
+_STOPPED_M_S = 0.01
 
 
 def distance_spread_m(accuracy: Accuracy, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
-    """Return the standard deviation of a pair's distance that the errors of both estimates cause.
+    """Return the standard deviation sigma_d [m] of a pair's distance, from the estimates' errors.
 
-    Each error passes the second-order filter of the law's row; Phi(tau) is its gain for an error of
-    correlation time tau. See docs/check.md.
+    Each error passes the second-order filter of the law's row. Phi(tau) is the filter's gain for an
+    error with the correlation time tau. See docs/check.md.
 
     Args:
-        accuracy: of both vehicles' estimates.
+        accuracy: accuracy of both vehicles' estimates.
         kappa_1_1_s: gain kappa_1 of the law [1/s].
         kappa_2_1_s: gain kappa_2 of the law [1/s].
-    Returns:
-        sigma_d [m].
     """
     # the row's characteristic polynomial is s^2 + a_1 s + a_0
     a_1 = kappa_1_1_s + kappa_2_1_s
@@ -61,14 +64,12 @@ def distance_spread_m(accuracy: Accuracy, kappa_1_1_s: float, kappa_2_1_s: float
 
 
 def required_margin_m(accuracy: Accuracy, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
-    """Return the margin that the law requires between safety distance and design distance.
+    """Return the margin [m] that the law requires between safety distance and design distance.
 
     Args:
-        accuracy: of both vehicles' estimates.
+        accuracy: accuracy of both vehicles' estimates.
         kappa_1_1_s: gain kappa_1 of the law [1/s].
         kappa_2_1_s: gain kappa_2 of the law [1/s].
-    Returns:
-        margin [m], from the fit over simulated flights.
     """
     return _MARGIN_FLOOR_M + _MARGIN_SIGMAS * distance_spread_m(accuracy, kappa_1_1_s, kappa_2_1_s)
 
@@ -79,12 +80,12 @@ def row_range_m(
     """Return the distance at which a row begins to brake two vehicles that close head-on.
 
     Args:
-        closing_speed_m_s: of both together.
+        closing_speed_m_s: sum of both speeds.
         distance_m: design distance d.
         kappa_1_1_s: gain kappa_1 of the law [1/s].
         kappa_2_1_s: gain kappa_2 of the law [1/s].
     Returns:
-        distance between centres [m]; each must know of the other by then.
+        Distance between centres [m]. The vehicles have to know each other before.
     """
     v = closing_speed_m_s
     s = kappa_1_1_s + kappa_2_1_s
@@ -97,17 +98,16 @@ def row_range_m(
 def braking_m_s2(
     closing_speed_m_s: float, distance_m: float, kappa_1_1_s: float, kappa_2_1_s: float
 ) -> float:
-    """Return the largest acceleration of two vehicles that meet head-on and share the braking.
+    """Return the largest deceleration [m/s^2] of each of two vehicles that meet head-on.
 
-    The two are simulated from the distance at which the row begins to brake until they rest.
+    The two are simulated from the distance at which the row begins to brake until they stop. Each
+    of them does half of the braking.
 
     Args:
-        closing_speed_m_s: of both together.
+        closing_speed_m_s: sum of both speeds.
         distance_m: design distance d.
         kappa_1_1_s: gain kappa_1 of the law [1/s].
         kappa_2_1_s: gain kappa_2 of the law [1/s].
-    Returns:
-        acceleration [m/s^2] of one vehicle.
     """
     s = kappa_1_1_s + kappa_2_1_s
     q = kappa_1_1_s * kappa_2_1_s
@@ -115,32 +115,32 @@ def braking_m_s2(
     gap_m = row_range_m(closing_speed_m_s, distance_m, kappa_1_1_s, kappa_2_1_s)
     gap_rate_m_s = -closing_speed_m_s
 
-    dt_s = 0.002
+    dt_s = _BRAKING_STEP_S
     largest_m_s2 = 0.0
-    for _ in range(2000):
-        missing = (
+    for _ in range(_BRAKING_STEPS):
+        bound = (
             -gap_rate_m_s * gap_rate_m_s
             - s * gap_m * gap_rate_m_s
             - 0.5 * q * (gap_m * gap_m - distance_m**2)
         )
-        required_m_s2 = max(0.0, missing / gap_m)
+        required_m_s2 = max(0.0, bound / gap_m)
         largest_m_s2 = max(largest_m_s2, required_m_s2)
 
         gap_rate_m_s += dt_s * required_m_s2
         gap_m += dt_s * gap_rate_m_s
-        if gap_rate_m_s > -0.01:
+        if gap_rate_m_s > -_STOPPED_M_S:
             break
 
     return 0.5 * largest_m_s2
 
 
 def largest_equal_kappa_1_s(lag_s: float) -> float:
-    """Return the largest kappa_1 = kappa_2 that does not overshoot behind an unpredicted lag.
+    """Return the largest kappa_1 = kappa_2 [1/s] that does not overshoot with an unpredicted lag.
+
+    It is 4 / (27 lag).
 
     Args:
-        lag_s: from command to acceleration.
-    Returns:
-        4 / (27 lag) [1/s].
+        lag_s: lag from command to acceleration.
     """
     return 4.0 / (27.0 * max(lag_s, 1e-6))
 
@@ -167,21 +167,19 @@ def loop_growth_1_s(
     lag_error_s: float = 0.0,
     is_predicted: bool = True,
 ) -> float:
-    """Return the growth rate of the slowest-dying motion of a distance row that is always active.
+    """Return the largest growth rate [1/s] of a motion under a distance row that is always active.
 
-    Model: one axis, sampled at 50 Hz; the row is evaluated at the state predicted over L with the
-    own past commands, and the acceleration follows through dead time and second order. The matrix
-    of one tick is found by flying each unit state for one tick; its largest eigenvalue is the
-    growth in that tick.
+    It is negative if every motion dies out. The model is one axis, sampled at 50 Hz. The row is
+    evaluated at the state that is predicted over L with the own past commands. The acceleration
+    follows with a dead time and a second-order response. The matrix of one tick is found by flying
+    each unit state for one tick. Its largest eigenvalue is the growth in that tick.
 
     Args:
-        response: of the vehicle, as configured.
+        response: configured response of the vehicle.
         kappa_1_1_s: gain kappa_1 of the law [1/s].
         kappa_2_1_s: gain kappa_2 of the law [1/s].
-        lag_error_s: by so much the vehicle is slower than configured; negative: faster.
+        lag_error_s: by how much the vehicle is slower than configured; negative: faster.
         is_predicted: whether the law predicts over the lag.
-    Returns:
-        growth rate [1/s]; negative if every motion dies out.
     """
     # the real vehicle: the configured response, stretched in time
     stretch = max(0.05, (response.lag_s + lag_error_s) / response.lag_s)
@@ -228,13 +226,13 @@ def loop_growth_1_s(
 
 
 def available_acceleration_m_s2(max_tilt_deg: float, hover_thrust_frac: float) -> float:
-    """Return the horizontal acceleration that is available while the height is kept.
+    """Return the horizontal acceleration [m/s^2] that is available while the height is kept.
+
+    The tilt limits it, or the throttle that the weight leaves.
 
     Args:
         max_tilt_deg: largest tilt.
         hover_thrust_frac: throttle at which the vehicle hovers.
-    Returns:
-        acceleration [m/s^2], limited by tilt or by the throttle left beside the weight.
     """
     by_tilt_m_s2 = GRAVITY_M_S2 * math.tan(math.radians(max_tilt_deg))
 
@@ -246,28 +244,24 @@ def available_acceleration_m_s2(max_tilt_deg: float, hover_thrust_frac: float) -
 
 
 def delay_margin_m(age_s: float) -> float:
-    """Return the margin that old states require beside the one for the errors of the estimates.
+    """Return the margin [m] that old states require, on top of the one for the estimates' errors.
 
-    A fit over simulated flights (swap16x and swap8 with 100 to 300 ms of delay and 30 % lost), not
-    a theorem.
+    It is 0 up to :data:`USUAL_AGE_S`. It is a fit over simulated flights (swap16x and swap8 with
+    100 to 300 ms of delay and 30 % lost), and not a theorem.
 
     Args:
-        age_s: that a neighbour's newest state reaches.
-    Returns:
-        margin [m]; 0 up to :data:`USUAL_AGE_S`.
+        age_s: largest age of a neighbour's newest state.
     """
     return AGE_MARGIN_M_S * max(0.0, age_s - USUAL_AGE_S)
 
 
 def stopping_distance_m(speed_m_s: float, acceleration_m_s2: float, reaction_s: float) -> float:
-    """Return the distance flown until rest: reaction at full speed, then braking.
+    """Return the stopping distance [m]: the reaction at full speed, then the braking.
 
     Args:
-        speed_m_s: at first.
-        acceleration_m_s2: of braking.
-        reaction_s: time before it brakes.
-    Returns:
-        distance [m].
+        speed_m_s: initial speed.
+        acceleration_m_s2: deceleration of the braking.
+        reaction_s: time before the braking begins.
     """
     reaction_m = speed_m_s * reaction_s
     braking_m = speed_m_s**2 / (2.0 * max(acceleration_m_s2, 1e-6))

@@ -1,4 +1,4 @@
-"""Findings about the areas that a fleet stays in or out of. Pure."""
+"""The finding about braking before the areas that a fleet stays in or out of. Pure."""
 
 from __future__ import annotations
 
@@ -10,18 +10,22 @@ from onboard.config.flight_space import flight_space_of
 from onboard.config.wind_limit import GUST_SHARE, GUSTY, tilt_acceleration_m_s2, wind_limit_m_s
 from onboard.feasibility.finding import Finding, at_least
 
-_LEAST_BRAKE_M_S2 = 0.05
-_GUST_SIGMAS = 3.0
+_LEAST_BRAKE_M_S2 = 0.05  # no division by zero where the wind takes all of the tilt
+_GUST_SIGMAS = 3.0  # strongest gust, in standard deviations
 _ERRORS_M = 0.10  # measured in light air with the weak drones of paper.toml
+
+# A buffer that is too narrow is only a warning, never a refusal: it is needed in the strongest wind
+# of max_wind_m_s only.
+_NEVER_REFUSED_M = -math.inf
 
 
 def braking_room_m(fleet: FleetConfig, vehicle: Vehicle) -> float:
-    """Return how far beyond the place where the law brakes to, a vehicle gets in the wind [m].
+    """Return by how much a vehicle in wind may overshoot the point where the law stops it [m].
 
-    The row of an edge asks for the top speed's braking and counts the lag: in calm air only errors
-    of lag, gain and position are missing. A wind towards the edge takes a part of the tilt; where
-    less is left than the row asks for, the way grows. A gust moves the vehicle for its lag before
-    it leans against it.
+    The row of an edge requires the braking from the top speed, and includes the lag. So in calm air
+    only the errors of lag, gain and position add to the stopping distance. A wind towards the edge
+    takes a part of the tilt. If the rest is less than the row requires, the stopping distance
+    grows. A gust moves the vehicle for its lag before the vehicle compensates it.
 
     Args:
         fleet: the fleet file.
@@ -29,7 +33,7 @@ def braking_room_m(fleet: FleetConfig, vehicle: Vehicle) -> float:
     """
     params = law_params(fleet, vehicle.name)
     speed_m_s = params.top_speed_m_s
-    asked_m_s2 = params.gains.static_kappa_1_1_s * speed_m_s
+    required_m_s2 = params.gains.static_kappa_1_1_s * speed_m_s
 
     push_m_s2 = 0.0
     gust_m_s2 = 0.0
@@ -38,23 +42,22 @@ def braking_room_m(fleet: FleetConfig, vehicle: Vehicle) -> float:
         push_m_s2 = GUSTY * vehicle.drag_1_s * wind_m_s
         gust_m_s2 = _GUST_SIGMAS * GUST_SHARE * vehicle.drag_1_s * wind_m_s
 
-    left_m_s2 = max(_LEAST_BRAKE_M_S2, tilt_acceleration_m_s2(vehicle) - push_m_s2)
+    available_m_s2 = max(_LEAST_BRAKE_M_S2, tilt_acceleration_m_s2(vehicle) - push_m_s2)
     longer_m = 0.0
-    if left_m_s2 < asked_m_s2:
-        longer_m = 0.5 * speed_m_s * speed_m_s * (1.0 / left_m_s2 - 1.0 / asked_m_s2)
+    if available_m_s2 < required_m_s2:
+        longer_m = 0.5 * speed_m_s * speed_m_s * (1.0 / available_m_s2 - 1.0 / required_m_s2)
 
+    # a gust drifts the vehicle during its lag, and until kappa_2 has removed the gained velocity
     gust_m_s = gust_m_s2 * vehicle.lag_s
     return _ERRORS_M + longer_m + gust_m_s * (0.5 * vehicle.lag_s + 1.0 / params.gains.kappa_2_1_s)
 
 
 def braking_in_wind(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
-    """Check that the narrowest buffer is as wide as braking in the strongest wind needs.
+    """Check that the narrowest buffer suffices for braking in the strongest wind.
 
     Args:
         fleet: the fleet file, with fences.
         vehicle: one of its vehicles.
-    Returns:
-        the finding.
     """
     narrowest = min(flight_space_of(fleet).areas, key=lambda area: area.buffer_m)
     wind_m_s = wind_limit_m_s(fleet, vehicle)
@@ -72,5 +75,5 @@ def braking_in_wind(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
             f"and law.fence_margin_m); {air} {vehicle.name} needs {{relation}} {{bound}}"
         ),
         remedy="Widen buffer_m, or lower max_wind_m_s or max_speed_m_s.",
-        refuse_below=-math.inf,
+        refuse_below=_NEVER_REFUSED_M,
     )

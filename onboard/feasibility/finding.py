@@ -1,8 +1,7 @@
 """Findings of feasibility checks: a quantity, its bound, a status, a sentence and a remedy. Pure.
 
-A check computes one quantity of a fleet and hands it to :func:`at_least` or :func:`at_most` with
-the bound that the quantity must keep. They decide the status and write the numbers into the
-sentence.
+A check computes one quantity of a fleet, and passes it to :func:`at_least` or :func:`at_most` with
+its bound. These functions decide the status and write the numbers into the sentence.
 """
 
 from __future__ import annotations
@@ -14,25 +13,25 @@ from typing import Literal
 Status = Literal["ok", "note", "warning", "refused"]
 Relation = Literal["at least", "at most"]
 
-# the worst status first
-# a note tells what is not known, where the owner of a fleet can change nothing about it
+# The statuses, the worst first. A note says that something is not known; the owner of a fleet
+# cannot change that.
 ORDER: tuple[Status, ...] = ("refused", "warning", "note", "ok")
 
-# a value that misses its bound only by rounding keeps it
+# a value that is beyond its bound by less counts as within it: that is rounding
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One judged quantity: ``value`` must be ``relation`` ``bound``."""
+    """Result of the check of one quantity: ``value`` must be ``relation`` ``bound``."""
 
     name: str
     status: Status
     value: float
     bound: float
-    unit: str  # of value and bound
+    unit: str  # unit of value and bound
     relation: Relation
-    sentence: str  # with value and bound; ends with the remedy unless the status is ok
+    sentence: str  # with value and bound; it ends with the remedy unless the status is ok
     remedy: str
 
 
@@ -40,9 +39,9 @@ def worst_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Sort findings.
 
     Args:
-        findings: any.
+        findings: any findings.
     Returns:
-        refusals, then warnings, then the rest, each in their former order.
+        The refusals, then the warnings, then the others; equal statuses keep their order.
     """
     return tuple(sorted(findings, key=lambda finding: ORDER.index(finding.status)))
 
@@ -51,9 +50,10 @@ def worst(findings: Iterable[Finding]) -> Finding:
     """Return the worst of several findings of one kind.
 
     Args:
-        findings: at least one.
+        findings: at least one finding.
     Returns:
-        the one nearest to its bound or farthest beyond it.
+        The finding with the worst status. Of several, the one nearest to its bound, or farthest
+        beyond it.
     """
     return min(findings, key=_margin)
 
@@ -69,20 +69,18 @@ def at_least(
     refuse_below: float | None = None,
     warn_below: float | None = None,
 ) -> Finding:
-    """Judge a value that must not lie below its bound.
+    """Return the finding about a value that must not be less than its bound.
 
     Args:
-        name: of the finding.
-        value: of the quantity.
-        bound: to compare with.
-        unit: of both.
-        sentence: template without a full stop; ``{value}``, ``{bound}`` and ``{difference}`` stand
+        name: name of the finding.
+        value: value of the quantity.
+        bound: bound of the quantity.
+        unit: unit of both.
+        sentence: template without a full stop. ``{value}``, ``{bound}`` and ``{difference}`` stand
             for the numbers with their unit, ``{relation}`` for "at least".
         remedy: template of the same kind, with a full stop.
-        refuse_below: the flight is refused below it; the bound by default.
-        warn_below: there is a warning below it; the bound by default.
-    Returns:
-        the finding.
+        refuse_below: a smaller value is refused; None: the bound; -inf: no value is refused.
+        warn_below: a smaller value is a warning; None: the bound.
     """
     if refuse_below is None:
         refuse_below = bound
@@ -118,19 +116,17 @@ def at_most(
     refuse_above: float | None = None,
     warn_above: float | None = None,
 ) -> Finding:
-    """Judge a value that must not lie above its bound.
+    """Return the finding about a value that must not be greater than its bound.
 
     Args:
-        name: of the finding.
-        value: of the quantity.
-        bound: to compare with.
-        unit: of both.
+        name: name of the finding.
+        value: value of the quantity.
+        bound: bound of the quantity.
+        unit: unit of both.
         sentence: template as in :func:`at_least`.
         remedy: template as in :func:`at_least`.
-        refuse_above: the flight is refused above it; the bound by default.
-        warn_above: there is a warning above it; the bound by default.
-    Returns:
-        the finding.
+        refuse_above: a greater value is refused; None: the bound; inf: no value is refused.
+        warn_above: a greater value is a warning; None: the bound.
     """
     if refuse_above is None:
         refuse_above = bound
@@ -194,7 +190,7 @@ def _finding(
 
 
 def _margin(finding: Finding) -> tuple[int, float]:
-    """Return a key that is the smaller, the worse a finding is."""
+    """Return a sort key: the worse a finding is, the smaller is its key."""
     kept_by = finding.value - finding.bound
     if finding.relation == "at most":
         kept_by = -kept_by

@@ -1,8 +1,8 @@
-"""Whether a fleet can fly as configured: findings with value, bound, sentence and remedy. Pure.
+"""Checks whether a fleet can fly as configured, and returns findings. Pure.
 
-:func:`fleet_findings` judges the file alone; :func:`spot_findings` judges one constellation:
+:func:`fleet_findings` checks the fleet file. :func:`spot_findings` checks one constellation:
 take-off spots, the goals of a mission's step, or the positions of vehicles. ``covey check`` prints
-the findings, preflight refuses by them.
+the findings, and the preflight check refuses a take-off because of them.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from onboard.types import TICK_S
 
 ErrorClass = Literal["mocap", "vision", "gps"]
 
-OWN_LAW = "own law"  # name of the finding about a law of somebody's own
+OWN_LAW = "own law"  # name of the finding about a user's own law
 
 _OF_EACH_VEHICLE = (
     height_at_tilt,
@@ -63,18 +63,16 @@ _OF_EACH_VEHICLE = (
     own_failsafes,
 )
 
-# nearer to the fence than this, a spot is refused
+# a spot that is nearer to the fence than this is refused
 _FENCE_M = 0.15
 
 
 def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> tuple[Finding, ...]:
-    """Judge a fleet file.
+    """Return all findings about a fleet file, the worst first.
 
     Args:
         fleet: the fleet file.
-        errors: accuracy of the vehicles' positions; by default that of :func:`error_class`.
-    Returns:
-        all findings, the worst first.
+        errors: accuracy class of the vehicles' positions; None: that of :func:`error_class`.
     """
     vehicles = [fleet.vehicles[name] for name in fleet.enabled_names]
     if not vehicles:
@@ -121,7 +119,7 @@ def _nobody(fleet: FleetConfig) -> Finding:
 
 
 def _own_law(fleet: FleetConfig, law: OwnLaw) -> Finding:
-    """Return the warning that a fleet file brings code along."""
+    """Return the warning that a fleet file names code, which will be executed."""
     real = "does not take off"
     if fleet.law.allow_own_law_on_real_vehicles:
         real = "may fly"
@@ -147,7 +145,7 @@ def _own_law(fleet: FleetConfig, law: OwnLaw) -> Finding:
 
 
 def _formation_findings(fleet: FleetConfig, accuracy: Accuracy) -> list[Finding]:
-    """Return the spacing of each formation that two or more of the enabled vehicles fly."""
+    """Return the spacing finding of each formation with at least two enabled vehicles."""
     findings = []
     for name, slots in fleet.formations.items():
         flown = {vehicle: slot for vehicle, slot in slots.items() if vehicle in fleet.enabled_names}
@@ -157,16 +155,14 @@ def _formation_findings(fleet: FleetConfig, accuracy: Accuracy) -> list[Finding]
 
 
 def distinct(vehicles: Iterable[Vehicle]) -> list[Vehicle]:
-    """Return one vehicle of each kind: alike vehicles are judged once.
+    """Return the first vehicle of each kind, because equal vehicles are checked once.
 
     Args:
-        vehicles: any.
-    Returns:
-        the first of each kind.
+        vehicles: any vehicles.
     """
     kinds: dict[object, Vehicle] = {}
     for vehicle in vehicles:
-        # without the values that each vehicle has of its own and no check asks for
+        # without the values that differ between equal vehicles and that no check uses
         alike = msgspec.structs.replace(
             vehicle,
             name="",
@@ -185,15 +181,15 @@ def distinct(vehicles: Iterable[Vehicle]) -> list[Vehicle]:
 def spot_findings(
     fleet: FleetConfig, spots: Mapping[str, Xyz], label: str, *, errors: ErrorClass | None = None
 ) -> tuple[Finding, ...]:
-    """Judge spacing and room of one constellation.
+    """Return all findings about the spacing and the surroundings of one constellation.
 
     Args:
         fleet: the fleet file.
         spots: vehicle -> position [m], fleet ENU.
         label: name of the constellation in the sentences, for instance "take-off spots".
-        errors: accuracy of the vehicles' positions; by default that of :func:`error_class`.
+        errors: accuracy class of the vehicles' positions; None: that of :func:`error_class`.
     Returns:
-        all findings, the worst first.
+        The findings, the worst first.
     """
     findings = []
 
@@ -210,13 +206,12 @@ def spot_findings(
 
 
 def error_class(fleet: FleetConfig) -> ErrorClass:
-    """Return the accuracy class of a fleet.
+    """Return the accuracy class of a fleet: that of its least accurate enabled vehicle.
+
+    The class of a vehicle is ``mocap`` with ``mocap_required``, and otherwise its ``px4_position``.
 
     Args:
         fleet: the fleet file.
-    Returns:
-        the least accurate of the vehicles that take part: ``mocap`` with ``mocap_required``, else
-            ``px4_position``.
     """
     sources = set()
     for name in fleet.enabled_names:
@@ -236,20 +231,19 @@ def error_class(fleet: FleetConfig) -> ErrorClass:
 def start_finding(fleet: FleetConfig, spots: Mapping[str, Xyz], accuracy: Accuracy) -> Finding:
     """Check the initial conditions of the law, for vehicles at rest.
 
-    Proposition 1 requires at t = 0 d^2 >= d_inf^2, its rate >= -kappa_1 (d^2 - d_inf^2) and
-    phi_perp >= d_inf v_perp - kappa_3 (d^2 - d_inf^2). At rest rate and phi_perp are 0: the first
-    two require d >= d_inf, which makes h_1 <= 0 of (20); the third requires d >= sqrt(d_inf^2 +
-    d_inf v_perp / kappa_3), which makes h_2 <= 0 of (21). Covey's rows demand nothing of vehicles
-    at rest from the design distance on, and rotation rows act only where a distance row does.
+    The paper's Proposition 1 requires at t = 0 that d^2 >= d_inf^2, that the rate of d^2 is at
+    least -kappa_1 (d^2 - d_inf^2), and that phi_perp >= d_inf v_perp - kappa_3 (d^2 - d_inf^2). At
+    rest, the rate and phi_perp are 0. Then the first two require d >= d_inf, with which h_1 <= 0 in
+    (20). The third requires d >= sqrt(d_inf^2 + d_inf v_perp / kappa_3), with which h_2 <= 0 in
+    (21). Covey's distance rows require nothing of vehicles at rest beyond the design distance, and
+    its rotation rows act only together with a distance row.
 
     Args:
         fleet: the fleet file.
         spots: vehicle -> take-off spot [m], fleet ENU; at least two.
-        accuracy: of the vehicles' estimates.
-    Returns:
-        the finding.
+        accuracy: accuracy of the vehicles' estimates.
     """
-    # all of them take off from below, so a difference in height does not count
+    # a difference in height does not count, because all vehicles climb from their spots
     spacing_m, pair = _closest(spots, 0.0)
 
     safety_distance_m = fleet.fleet.safety_distance_m
@@ -287,9 +281,7 @@ def spacing_finding(
         fleet: the fleet file.
         spots: vehicle -> position [m], fleet ENU; at least two.
         label: name of the constellation in the sentences.
-        accuracy: of the vehicles' estimates.
-    Returns:
-        the finding.
+        accuracy: accuracy of the vehicles' estimates.
     """
     height_share = parking_height_share(fleet, height_accuracy_m(accuracy))
     spacing_m, pair = _closest(spots, height_share)
@@ -309,14 +301,12 @@ def spacing_finding(
 
 
 def fence_finding(fleet: FleetConfig, spots: Mapping[str, Xyz], label: str) -> Finding:
-    """Check the distance between the spots and the geofence: enough to stop from full speed.
+    """Check that each spot is far enough from the geofence to stop from full speed.
 
     Args:
         fleet: the fleet file.
         spots: vehicle -> position [m], fleet ENU.
         label: name of the constellation in the sentences, for instance "take-off spots".
-    Returns:
-        the finding.
     """
     return worst(_fence_finding(fleet, name, spot, label) for name, spot in spots.items())
 
@@ -326,7 +316,7 @@ def _fence_finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Find
     vehicle = fleet.vehicles[name]
     fence = fleet.fleet.geofence_m
 
-    # downwards there is the ground, not the fence
+    # the floor of the fence does not count: the ground is there
     x, y, z = spot
     room_m = min(x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y, fence.z[1] - z)
     which = "the fence"
@@ -358,14 +348,12 @@ def _fence_finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Find
 
 
 def obstacle_finding(fleet: FleetConfig, spots: Mapping[str, Xyz], label: str) -> Finding:
-    """Check that no spot is nearer to an obstacle than the law lets a vehicle go.
+    """Check that no spot is nearer to an obstacle than the law allows.
 
     Args:
         fleet: the fleet file.
         spots: vehicle -> position [m], fleet ENU.
         label: name of the constellation in the sentences, for instance "take-off spots".
-    Returns:
-        the finding.
     """
     gap_m, name, obstacle = min(
         (obstacle.distance_m(spot), name, obstacle.name)
@@ -388,7 +376,7 @@ def obstacle_finding(fleet: FleetConfig, spots: Mapping[str, Xyz], label: str) -
 
 
 def _closest(spots: Mapping[str, Xyz], height_share: float) -> tuple[float, str]:
-    """Return the smallest separation of any two, and their names."""
+    """Return the smallest separation [m] of any two spots, and the names of the two vehicles."""
     separations = []
     for a, b in itertools.combinations(spots, 2):
         distance_m = separation_m(spots[a], spots[b], height_share)

@@ -1,19 +1,19 @@
-"""The inequality: when two vehicles keep the safety distance, without a flight that shows it. Pure.
+"""The inequality: a condition with which two vehicles keep the safety distance. Pure.
 
-A row of the law keeps the distance r of two vehicles above the design distance, as long as it holds
-for what is true (the paper's equation for h, with both gains). What a vehicle knows differs from
-that in two ways, and the margin between the design distance and the safety distance has to cover
-both of them:
+No flight has to show it. A row of the law keeps the distance r of two vehicles above the design
+distance, if the row is computed from the true motion (the paper's equation for h, with both gains).
+A vehicle's knowledge differs from the true motion in two ways. The margin between the design
+distance and the safety distance has to cover both:
 
-* the errors of both estimates, as the row's own filter passes them on;
-* what a neighbour flies before anybody can know of it. Its newest state is old, a tick passes
-  until it is used, and the lag of the own reaction is known up to an error. In that time T each of
-  the two may change its acceleration by the braking b that the rows ask for at most, so that the
-  distance may be wrong by half of 2 b T^2.
+* the errors of both estimates, after the row's own filter;
+* the motion of a neighbour that cannot be known yet. Its newest state is old, a tick passes before
+  it is used, and the own lag is known with an error. In that time T each of the two may change its
+  acceleration by the braking b, which is the largest one that the rows require. So the distance may
+  be wrong by half of 2 b T^2.
 
-It also has to see the other in time, and to be able to brake: these are findings of their own
-(:mod:`onboard.feasibility.pair_checks`). docs/inequality.md derives it and holds it against the map
-of the law.
+A vehicle also has to receive the other's states in time, and to be able to brake. These are other
+findings (:mod:`onboard.feasibility.pair_checks`). docs/inequality.md derives the condition and
+compares it with the map of the law.
 """
 
 from __future__ import annotations
@@ -27,24 +27,20 @@ from onboard.types import TICK_S
 
 
 def unknown_s(age_s: float) -> float:
-    """Return the time in which a neighbour flies what nobody else can know yet.
+    """Return the time T [s] in which a neighbour's motion cannot be known yet.
 
     Args:
-        age_s: that a neighbour's newest state reaches.
-    Returns:
-        time T [s].
+        age_s: largest age of a neighbour's newest state.
     """
     return age_s + TICK_S + LAG_ERROR_S
 
 
 def margin_for_unknown_m(braking_m_s2: float, age_s: float) -> float:
-    """Return the margin that what is not known yet requires.
+    """Return the margin b T^2 [m] for the motion that cannot be known yet.
 
     Args:
-        braking_m_s2: that a row asks of each vehicle at most.
-        age_s: that a neighbour's newest state reaches.
-    Returns:
-        margin b T^2 [m].
+        braking_m_s2: largest braking that a row requires of each vehicle.
+        age_s: largest age of a neighbour's newest state.
     """
     return braking_m_s2 * unknown_s(age_s) ** 2
 
@@ -57,18 +53,17 @@ def inequality_finding(
     margin_m: float,
     age_s: float,
 ) -> Finding:
-    """Return whether the margin covers all that two such vehicles cannot know.
+    """Return the finding whether the margin covers all that two such vehicles cannot know.
 
-    It refuses nothing: where it promises nothing, the map of flights decides.
+    Its status is ok or a note, and never a refusal: if the inequality does not hold, the map of the
+    law decides.
 
     Args:
         fleet: the fleet file.
-        vehicle: one of it; two like it approach each other head-on with the top speed of the law.
-        accuracy: of their estimates.
-        margin_m: between safety distance and design distance, in flight.
-        age_s: that a neighbour's newest state reaches.
-    Returns:
-        the finding, ok or a note.
+        vehicle: one of its vehicles; two like it approach each other with the law's top speed.
+        accuracy: accuracy of their estimates.
+        margin_m: margin between safety distance and design distance, in flight.
+        age_s: largest age of a neighbour's newest state.
     """
     kappa_1 = fleet.law.kappa_1_1_s
     kappa_2 = fleet.law.kappa_2_1_s

@@ -1,11 +1,11 @@
-"""The map of the law: what simulated flights of harder and easier cells say about a fleet. Pure.
+"""The map of the law: the results of simulated flights, and what they say about a fleet. Pure.
 
-A cell is a number of vehicles, a top speed, a delay and a loss of the radio, and an accuracy of the
-positions. It promises what is easier than it once 500 flights have held the safety distance; it
-refuses what is harder than it as soon as one flight has not.
+A cell of the map is a number of vehicles, a top speed, a delay and a loss of the radio, and an
+accuracy of the positions. If 500 flights of a cell have kept the safety distance, every easier
+fleet is promised to keep it. If a single flight of a cell has not, every harder fleet is refused.
 
-The map is flown by ``covey simulate --map`` and shown in docs/law-map.md; ``law_map.toml`` beside
-this file is its summary.
+``covey simulate --map`` flies the map, and docs/law-map.md shows it. ``law_map.toml`` beside this
+file is its summary.
 """
 
 from __future__ import annotations
@@ -21,14 +21,16 @@ from onboard.feasibility.finding import Finding, Status
 from onboard.feasibility.pair_checks import effective_margin_m
 
 SCHEMA = 1
-PROMISED_FLIGHTS = 500  # a cell with so many flights and none too near is promised
+PROMISED_FLIGHTS = 500  # number of flights, none of them too near, that promise a cell
 
-_NAME = "map of the law"  # of the finding
-_CLASSES = ("mocap", "vision", "gps")  # the harder ones last
+_NAME = "map of the law"  # name of the finding
+_CLASSES = ("mocap", "vision", "gps")  # accuracy classes, the least accurate last
+_ROUNDING = 1e-9  # two axes of cells that differ by less are equal
+_MARGIN_ROUNDING_M = 1e-3  # two margins that differ by less are equal
 _DOCS = "docs/law-map.md shows the map."
 
-# values of the law that may differ from the map's: what they change is compared as margin, or has
-# findings of its own
+# values of the law that may differ from the map's: their effect is compared as margin, or other
+# findings check it
 _FREE = (
     "name",
     "design_margin_m",
@@ -40,7 +42,7 @@ _FREE = (
 
 
 class MapCell(NamedTuple):
-    """One cell of the map, and what came of its flights."""
+    """One cell of the map, and the results of its flights."""
 
     errors: str  # accuracy class of the vehicles' positions
     vehicles: int
@@ -55,26 +57,26 @@ class MapCell(NamedTuple):
 
     @property
     def has_failed(self) -> bool:
-        """Whether vehicles came too near."""
+        """Whether two vehicles came too near in some flight."""
         return self.below > 0
 
     @property
     def is_promised(self) -> bool:
-        """Whether enough was flown, and nobody came too near."""
+        """Whether there are enough flights, and no two vehicles came too near."""
         return self.flights >= PROMISED_FLIGHTS and not self.below
 
     def is_within(self, other: MapCell) -> bool:
-        """Whether this cell is no harder than another one, in each axis.
+        """Whether this cell is not harder than another one in any axis.
 
         Args:
-            other: to compare with.
+            other: the other cell.
         """
         return (
             _CLASSES.index(self.errors) <= _CLASSES.index(other.errors)
             and self.vehicles <= other.vehicles
-            and self.speed_m_s <= other.speed_m_s + 1e-9
-            and self.delay_s <= other.delay_s + 1e-9
-            and self.loss_frac <= other.loss_frac + 1e-9
+            and self.speed_m_s <= other.speed_m_s + _ROUNDING
+            and self.delay_s <= other.delay_s + _ROUNDING
+            and self.loss_frac <= other.loss_frac + _ROUNDING
         )
 
     def __str__(self) -> str:
@@ -87,11 +89,11 @@ class MapCell(NamedTuple):
 
 
 class LawMap(NamedTuple):
-    """The cells that have been flown, and with what."""
+    """The cells that have been flown, and the vehicles and the law that flew them."""
 
-    version: str  # of the law that flew
+    version: str  # version of the law
     safety_distance_m: float
-    lag_s: float  # of its vehicles
+    lag_s: float  # lag of the vehicles
     law: Mapping[str, Mapping[str, object]]  # accuracy class -> values of ``[law]``
     cells: tuple[MapCell, ...]
 
@@ -100,9 +102,9 @@ def law_map_of(table: Mapping[str, Any]) -> LawMap:
     """Return the map of a table.
 
     Args:
-        table: as ``law_map.toml`` has it.
+        table: tables of ``law_map.toml``.
     Raises:
-        ConfigError: of another schema.
+        ConfigError: The tables have another schema.
     """
     if table.get("schema") != SCHEMA:
         raise ConfigError(
@@ -126,26 +128,26 @@ def shipped() -> LawMap:
 
 
 def map_finding(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> Finding:
-    """Look a fleet up in the map.
+    """Return the finding about a fleet from the map.
 
     Args:
         fleet: the fleet file, with two vehicles or more and the law 'covey'.
-        accuracy: of the vehicles' estimates.
+        accuracy: accuracy of the vehicles' estimates.
         law_map: the map.
     Returns:
-        the finding: refused where a cell that is no harder has failed; a warning where a wider
-            margin is promised; a note where the map has flown nothing that is as hard.
+        The finding. It is a refusal if a cell that is not harder has failed, a warning if a harder
+        cell is promised with a wider margin only, and a note if no harder cell was flown enough.
     """
     here = _cell_of(fleet, accuracy)
     promised = [cell for cell in law_map.cells if cell.is_promised]
 
-    # a failure of an easier cell decides, whatever harder cells have held
+    # a failed easier cell decides, even if harder cells are promised
     failed = [cell for cell in law_map.cells if cell.has_failed and cell.is_within(here)]
     if failed:
         return _refusal(here, failed, promised, law_map)
 
     harder = [cell for cell in promised if here.is_within(cell)]
-    covering = [cell for cell in harder if cell.margin_m <= here.margin_m + 1e-3]
+    covering = [cell for cell in harder if cell.margin_m <= here.margin_m + _MARGIN_ROUNDING_M]
     differences = _differences(fleet, accuracy, law_map)
     if covering and not differences:
         return _promise(here, covering, law_map)
@@ -164,7 +166,7 @@ def map_finding(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> Find
 
 
 def _cell_of(fleet: FleetConfig, accuracy: Accuracy) -> MapCell:
-    """Return where a fleet stands in the map; nothing has been flown with it."""
+    """Return the cell of a fleet, without flights."""
     vehicles = [fleet.vehicles[name] for name in fleet.enabled_names]
     return MapCell(
         errors=accuracy.name,
@@ -204,7 +206,7 @@ def _refusal(
 
 
 def _promise(here: MapCell, covering: Sequence[MapCell], law_map: LawMap) -> Finding:
-    """Return the finding that the nearest covering cell holds."""
+    """Return the finding that the nearest covering cell promises."""
     cell = min(covering, key=lambda cell: _distance(here, cell))
     sentence = (
         f"The fleet is {here}. In simulation 0 of {cell.flights} flights came below "
@@ -240,7 +242,7 @@ def _uncovered(here: MapCell, status: Status, reason: str, remedy: str) -> Findi
 
 
 def _remedy(here: MapCell, cells: Sequence[MapCell]) -> str:
-    """Return the nearest of some cells in words."""
+    """Return a remedy that names the nearest of some cells."""
     nearest = min(cells, key=lambda cell: _distance(here, cell), default=None)
     if nearest is None:
         return f"No cell of the map holds. {_DOCS}"
@@ -248,7 +250,7 @@ def _remedy(here: MapCell, cells: Sequence[MapCell]) -> str:
 
 
 def _distance(here: MapCell, cell: MapCell) -> float:
-    """Return how far two cells are apart; a step of the map is about 1 in each axis."""
+    """Return the distance of two cells; one step of the map is about 1 in each axis."""
     classes = _CLASSES.index(here.errors) - _CLASSES.index(cell.errors)
     return (
         10.0 * abs(classes)
@@ -260,7 +262,7 @@ def _distance(here: MapCell, cell: MapCell) -> float:
 
 
 def _differences(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> str:
-    """Return in words what the map was flown with and the fleet is not; empty if it is alike."""
+    """Return in words how the fleet differs from the map's law and vehicles; empty: it does not."""
     different = []
 
     flown = law_map.law.get(accuracy.name, {})
@@ -282,7 +284,7 @@ def values_of(fleet: FleetConfig) -> dict[str, object]:
     """Return the values of a fleet's ``[law]`` that are compared with the map's.
 
     Args:
-        fleet: a fleet of the map.
+        fleet: a fleet that flew the map.
     """
     law = fleet.law
     return {key: getattr(law, key) for key in _compared(law.__struct_fields__)}

@@ -1,7 +1,7 @@
 """Findings about pairs of vehicles under the law. Pure.
 
-They judge margin, range, delay, the inequality, lag, kappas and braking. Each takes its quantity
-from :mod:`onboard.feasibility.bounds` and adds the fleet's values and the sentence.
+They are about margin, range, delay, the inequality, lag, kappas and braking. Each computes its
+quantity with :mod:`onboard.feasibility.bounds` and the fleet's values, and adds the sentence.
 """
 
 from __future__ import annotations
@@ -22,28 +22,35 @@ from onboard.feasibility.inequality import inequality_finding
 from onboard.feasibility.vehicle_checks import GUST_M_S2, available_m_s2
 from onboard.types import TICK_S
 
-# air between two bodies at the safety distance, for downwash and a turned body
+# least gap between two bodies at the safety distance, for downwash and a turned body
 _BODY_GAP_M = 0.10
 
-# form3 and swap8: 0 of 24 flights violate at 0.36 s, 2 of 24 at 0.41 s
+# A longer lag than the first is a warning, and than the second a refusal. In form3 and swap8, 0 of
+# 24 flights violate at 0.36 s, and 2 of 24 at 0.41 s.
 _LONG_LAG_S = 0.35
 _LONGEST_LAG_S = 0.40
 
-# growth of an oscillation between two vehicles: slow ones are a warning, fast ones a refusal
+# growth of an oscillation between two vehicles: beyond the first a warning, beyond the second a
+# refusal
 _SLOW_GROWTH_1_S = 0.0
 _FAST_GROWTH_1_S = 1.5
 
-_USEFUL_NEIGHBOURS = 6  # fewer rows than this cost separation in a crowd, more gain nothing
-_MARGIN_SHARE = 0.8  # of the fitted margin, below which vehicles have come too close in simulation
+# Overshoot of the paper's law is refused only if motions die out more slowly than with this rate.
+_QUICK_DECAY_1_S = -0.5
+
+_USEFUL_NEIGHBOURS = 6  # fewer rows cost separation in a crowd; more rows gain nothing
+# with less than this share of the fitted margin, vehicles have come too close in simulation
+_MARGIN_SHARE = 0.8
+_MARGIN_WARNING_SHARE = 0.95  # less than this share of the fitted margin is a warning
+_BRAKING_WARNING_SHARE = 0.8  # more than this share of the available braking is a warning
+_NEVER_REFUSED = math.inf
 
 
 def response_of(vehicle: Vehicle) -> Response:
-    """Return the response from a command to the acceleration.
+    """Return the configured response of a vehicle, from a command to the acceleration.
 
     Args:
-        vehicle: as configured.
-    Returns:
-        its response.
+        vehicle: the vehicle.
     """
     return Response(
         delay_s=vehicle.attitude_delay_s,
@@ -53,14 +60,12 @@ def response_of(vehicle: Vehicle) -> Response:
 
 
 def pair_findings(fleet: FleetConfig, vehicles: list[Vehicle], accuracy: Accuracy) -> list[Finding]:
-    """Check everything that matters only with more than one vehicle.
+    """Return the findings that matter only with more than one vehicle.
 
     Args:
         fleet: the fleet file.
-        vehicles: one of each kind.
-        accuracy: of their estimates.
-    Returns:
-        the findings.
+        vehicles: one vehicle of each kind.
+        accuracy: accuracy of their estimates.
     """
     findings = [_body_gap(fleet)]
 
@@ -117,7 +122,7 @@ def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
     else:
         of_law = " of law covey"
         subject = "The paper's law has no margin ({value})"
-        # the paper's law flies for comparison only, and a mocap is accurate enough for that
+        # the paper's law is for comparison only, for which a mocap is accurate enough
         if accuracy.name == "mocap":
             refuse_below_m = 0.0
 
@@ -138,7 +143,7 @@ def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
             f"Set law.design_margin_m = {advised_m:.2f}{of_law} and park vehicles {apart_m:.2f} m "
             "apart or more, or fly on a better position."
         ),
-        warn_below=0.95 * required_m,
+        warn_below=_MARGIN_WARNING_SHARE * required_m,
         refuse_below=refuse_below_m,
     )
 
@@ -181,7 +186,7 @@ def _range(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
     design_distance_m = fleet.fleet.safety_distance_m + margin_m
     closing_speed_m_s = 2.0 * fleet.law.avoid_speed_frac * vehicle.max_speed_m_s
 
-    # Covey's law looks ahead by the lag; the paper's acts on the present state
+    # Covey's law predicts over the lag; the paper's law uses the present state
     predicted_s = 0.0
     if fleet.law.built_in == "covey":
         predicted_s = vehicle.lag_s
@@ -220,10 +225,10 @@ def _message_age(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
     spare_m = max(0.0, margin_m - bounds.required_margin_m(accuracy, kappa_1, kappa_2))
     tolerated_s = bounds.USUAL_AGE_S + spare_m / bounds.AGE_MARGIN_M_S
 
-    # the paper's law has no margin at all; the finding "margin" says so
+    # the paper's law has no margin at all, which the finding "margin" already reports
     refuse_above_s = tolerated_s
     if fleet.law.built_in == "paper":
-        refuse_above_s = math.inf
+        refuse_above_s = _NEVER_REFUSED
 
     return at_most(
         name="bus delay",
@@ -244,13 +249,11 @@ def _message_age(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
 
 
 def margin_for_age_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
-    """Return the margin that the errors of the estimates and the age of the states require.
+    """Return the margin [m] for the estimates' errors and the states' age, rounded up to 1 cm.
 
     Args:
         fleet: the fleet file.
-        accuracy: of the vehicles' estimates.
-    Returns:
-        margin [m], rounded up to a centimetre.
+        accuracy: accuracy of the vehicles' estimates.
     """
     kappa_1, kappa_2 = _kappa_values(fleet)
     for_errors_m = bounds.required_margin_m(accuracy, kappa_1, kappa_2)
@@ -260,12 +263,10 @@ def margin_for_age_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
 
 
 def message_age_s(fleet: FleetConfig) -> float:
-    """Return the age that a neighbour's state reaches with the radio that the fleet file expects.
+    """Return the largest age [s] of a neighbour's state with the fleet file's expected radio.
 
     Args:
         fleet: the fleet file.
-    Returns:
-        age [s].
     """
     return fleet.expected_radio.state_age_s(fleet.state_ticks * TICK_S)
 
@@ -344,9 +345,9 @@ def _paper_kappas(vehicle: Vehicle, kappa: float) -> Finding:
     largest = bounds.largest_equal_kappa_1_s(response.lag_s)
     growth_1_s = bounds.loop_growth_1_s(response, kappa, kappa, is_predicted=False)
 
-    # what dies out quickly overshoots a little, which is no reason to refuse
-    refuse_above = math.inf
-    if growth_1_s > -0.5:
+    # motions that die out quickly overshoot only a little, which is no reason to refuse
+    refuse_above = _NEVER_REFUSED
+    if growth_1_s > _QUICK_DECAY_1_S:
         refuse_above = largest
 
     return at_most(
@@ -367,14 +368,12 @@ def _paper_kappas(vehicle: Vehicle, kappa: float) -> Finding:
 
 
 def braking(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
-    """Check that two vehicles that meet head-on can brake as the rows ask.
+    """Check that two vehicles that meet head-on can brake as hard as the rows require.
 
     Args:
         fleet: the fleet file.
-        vehicle: of both.
-        margin_m: in flight.
-    Returns:
-        the finding.
+        vehicle: one of the two equal vehicles.
+        margin_m: margin in flight.
     """
     kappa_1, kappa_2 = _kappa_values(fleet)
     design_distance_m = fleet.fleet.safety_distance_m + margin_m
@@ -394,7 +393,7 @@ def braking(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
             "must brake with {value} each; tilt and thrust leave {bound} beside drag and gusts"
         ),
         remedy="Lower max_speed_m_s or the kappas, or raise max_tilt_deg.",
-        warn_above=0.8 * left_m_s2,
+        warn_above=_BRAKING_WARNING_SHARE * left_m_s2,
     )
 
 
@@ -403,9 +402,7 @@ def crowding(fleet: FleetConfig, vehicles: list[Vehicle]) -> Finding:
 
     Args:
         fleet: the fleet file.
-        vehicles: all that take part.
-    Returns:
-        the finding.
+        vehicles: all enabled vehicles.
     """
     count = len(vehicles)
     law = fleet.law
@@ -424,7 +421,7 @@ def crowding(fleet: FleetConfig, vehicles: list[Vehicle]) -> Finding:
             remedy=f"Set law.max_neighbours = {useful} or more.",
         )
 
-    # in the densest packing of circles each takes sqrt(3)/2 of the square of its diameter
+    # in the densest packing, a circle takes sqrt(3)/2 = sqrt(0.75) times its squared diameter
     fence = fleet.fleet.geofence_m
     area_m2 = (fence.x[1] - fence.x[0]) * (fence.y[1] - fence.y[0])
     for area in flight_space_of(fleet).areas:
@@ -447,13 +444,13 @@ def crowding(fleet: FleetConfig, vehicles: list[Vehicle]) -> Finding:
 
 
 def effective_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
-    """Return the margin that the law keeps above the safety distance in flight.
+    """Return the margin [m] that the law keeps above the safety distance in flight.
+
+    It is the configured margin, or more by the policy ``law.margin``.
 
     Args:
         fleet: the fleet file.
-        accuracy: of the vehicles' estimates.
-    Returns:
-        the configured margin [m], or more by the policy ``law.margin``.
+        accuracy: accuracy of the vehicles' estimates.
     """
     law = fleet.law
     if law.built_in != "covey":
@@ -463,7 +460,7 @@ def effective_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
     if law.margin == "fixed":
         return configured_m
 
-    # the law does not know an error's own correlation time
+    # the law uses accuracy_time_s, because it does not know the errors' correlation times
     known = replace(
         accuracy,
         position_time_s=law.accuracy_time_s,
@@ -475,37 +472,31 @@ def effective_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
 
 
 def least_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
-    """Return the margin below which vehicles have come too close in simulation.
+    """Return the margin [m] below which vehicles have come too close in simulation.
 
     Args:
         fleet: the fleet file.
-        accuracy: of the vehicles' estimates.
-    Returns:
-        margin [m].
+        accuracy: accuracy of the vehicles' estimates.
     """
     kappa_1, kappa_2 = _kappa_values(fleet)
     return _MARGIN_SHARE * bounds.required_margin_m(accuracy, kappa_1, kappa_2)
 
 
 def height_accuracy_m(accuracy: Accuracy) -> float:
-    """Return by how much the law widens the vertical separation.
+    """Return the height [m] by which the law widens the vertical separation.
 
     Args:
-        accuracy: of the vehicles' estimates.
-    Returns:
-        height [m].
+        accuracy: accuracy of the vehicles' estimates.
     """
     return HEIGHT_SIGMAS * math.sqrt(2.0) * accuracy.position_std_m
 
 
 def parking_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
-    """Return the distance at which vehicles can park, with the margin that the accuracy requires.
+    """Return the distance between centres [m] at which vehicles with this accuracy can hover.
 
     Args:
         fleet: the fleet file.
-        accuracy: of the vehicles' estimates.
-    Returns:
-        distance between centres [m].
+        accuracy: accuracy of the vehicles' estimates.
     """
     configured_m = parking_distance_m(fleet)
     if fleet.law.built_in != "covey":

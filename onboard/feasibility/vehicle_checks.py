@@ -1,4 +1,4 @@
-"""Findings about each vehicle alone: thrust, tilt, battery, and PX4 without an agent. Pure."""
+"""Findings about single vehicles: thrust, tilt, wind, battery, and PX4's own failsafes. Pure."""
 
 from __future__ import annotations
 
@@ -18,35 +18,39 @@ from onboard.px4.required_params import silence_s, weakened
 from onboard.safety.gust_margin import gust_margin_m
 from onboard.types import GRAVITY_M_S2
 
-# the disturbance observer has been measured to hold up to such gusts
+# largest gusts for which the disturbance observer was measured
 GUST_M_S2 = 0.3
 
-# upward acceleration that climbing and gusts require
+# least upward acceleration, for climbing and gusts
 _CLIMB_M_S2 = 1.0
 
-# a limit that was derived from the push is not above it by rounding
+# a wind limit that was computed from the largest push may exceed it by rounding
 _ROUNDING_M_S2 = 1e-6
 
-# BAT_CRIT_THR by default: at this level PX4 leaves OFFBOARD, whatever setpoints arrive
+# default of BAT_CRIT_THR: at this level PX4 leaves OFFBOARD, even if setpoints arrive
 _PX4_CRITICAL_FRAC = 0.07
 
 # name of the finding about px4_params that weaken a demand
 OWN_FAILSAFES = "PX4's own failsafes"
 
-# the agent's landing level lies so far above PX4's
+# by which the agent's landing level should be, and has to be, above PX4's critical level
 _BATTERY_GAP_PCT = 3.0
+_LEAST_BATTERY_GAP_PCT = 0.5
+_ADVISED_BATTERY_PCT = 5.0  # further gap in the advice
+
+_LEAST_ACCELERATION_M_S2 = 0.05  # no division by zero for a vehicle that cannot tilt
 
 
 def available_m_s2(vehicle: Vehicle) -> float:
-    """Return the horizontal acceleration that is available while the height is kept.
+    """Return the horizontal acceleration [m/s^2] that is available while the height is kept.
+
+    It is at least 0.05 m/s^2.
 
     Args:
-        vehicle: as configured.
-    Returns:
-        acceleration [m/s^2], at least 0.05.
+        vehicle: the vehicle.
     """
     available = bounds.available_acceleration_m_s2(vehicle.max_tilt_deg, vehicle.hover_thrust_frac)
-    return max(0.05, available)
+    return max(_LEAST_ACCELERATION_M_S2, available)
 
 
 def height_at_tilt(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
@@ -182,7 +186,7 @@ def battery(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     """
     critical_frac = float(vehicle.px4_params.get("BAT_CRIT_THR", _PX4_CRITICAL_FRAC))
     critical_pct = 100.0 * critical_frac
-    advised_pct = critical_pct + _BATTERY_GAP_PCT + 5.0
+    advised_pct = critical_pct + _BATTERY_GAP_PCT + _ADVISED_BATTERY_PCT
 
     return at_least(
         name="battery",
@@ -194,12 +198,12 @@ def battery(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
             f"{critical_pct:.0f} %, so the landing under the law must begin at {{bound}} or above"
         ),
         remedy=f"Set fleet.battery_land_pct = {advised_pct:.0f} or more, or lower BAT_CRIT_THR.",
-        refuse_below=critical_pct + 0.5,
+        refuse_below=critical_pct + _LEAST_BATTERY_GAP_PCT,
     )
 
 
 def silence(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
-    """Check for how long PX4 flies on without setpoints.
+    """Check the time for which PX4 flies on without setpoints.
 
     Args:
         fleet: the fleet file.

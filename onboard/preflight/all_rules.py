@@ -1,8 +1,8 @@
-"""Go or no-go: everything that must be true before take-off. Pure.
+"""The preflight check: all rules that must be passed before a take-off. Pure.
 
-A rule judges the facts: they are fine, cannot be judged yet, or show one of the rule's faults. A
-fault refuses take-off, unless it is advice. Sentences and remedies stand in preflight.toml, so that
-docs/preflight.md is printed from them and an order is refused in the words of the preflight page.
+Each rule checks the facts. It is passed, it cannot be checked yet, or it finds one of its faults. A
+fault refuses a take-off, unless it is only advice. Sentences and remedies are in preflight.toml.
+docs/preflight.md is printed from them, so a refused order has the same words as that page.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ RULES: tuple[PreflightRule, ...] = (
 def checks(
     facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle
 ) -> tuple[PreflightCheck, ...]:
-    """Return the answers of all rules, in the order of the table.
+    """Return the results of all rules, in the order of RULES.
 
     Args:
         facts: about the vehicle, at one tick.
@@ -41,22 +41,22 @@ def checks(
 def reasons(
     facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle, only: Collection[str] | None = None
 ) -> tuple[str, ...]:
-    """Return what refuses take-off.
+    """Return the reasons that refuse a take-off.
 
     Args:
-        facts: about the vehicle, at one tick.
+        facts: facts about the vehicle, at one tick.
         fleet: the fleet file.
-        vehicle: the vehicle of that file.
-        only: names of the rules to judge; all by default.
+        vehicle: the vehicle, from that file.
+        only: names of the rules to check; None: all rules.
     Returns:
-        sentence and remedy of each refusal, in the order of the table; empty when nothing refuses.
+        Sentence and remedy of each fault, in the order of RULES; empty if no rule refuses.
     """
     refusals = []
     for rule in RULES:
         if only is not None and rule.name not in only:
             continue
 
-        # the words are put together only where they are needed: this is judged ten times a second
+        # this runs ten times a second, so sentences are composed for faults only
         key, _ = rule.judge(facts, fleet, vehicle)
         if key not in (OK, SKIP) and not rule.faults[key].is_advice:
             check = rule.check(facts, fleet, vehicle)

@@ -1,4 +1,4 @@
-"""PX4's attitude on the ground: its rate of arrival, and its tilt compared with the mocap's."""
+"""Checks PX4's attitude on the ground: its rate, and its tilt against the mocap's."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from onboard.autopilot import Snapshot
 from onboard.tuples import Wxyz, Xyz
 
-_RATE_OVER_NS = 1_000_000_000
+_RATE_OVER_NS = 1_000_000_000  # time over which attitudes are counted
 _TILT_TIME_S = 0.5  # time constant of the low-pass
-_HANDLED_RAD = math.radians(12.0)  # a vehicle that is tilted more is in somebody's hand
-_WRONG_TILT_RAD = math.radians(10.0)
+_HANDLED_RAD = math.radians(12.0)  # a vehicle that is tilted more is held by a person
+_WRONG_TILT_RAD = math.radians(10.0)  # largest difference of the two tilts at that time
 _UP: Xyz = (0.0, 0.0, 1.0)
 
 
@@ -20,9 +20,9 @@ class AttitudeRate:
     """Counts the attitudes of each second; call :meth:`update` every tick on the ground."""
 
     rate_hz: float | None = None  # None until a second has passed
-    _attitude_ns: int = 0  # arrival of the newest that was counted
+    _attitude_ns: int = 0  # arrival of the newest counted attitude
     _count: int = 0
-    _count_from_ns: int | None = None  # begin of the second that is counted
+    _count_from_ns: int | None = None  # begin of the present second
 
     def update(self, now_ns: int, attitude_ns: int) -> None:
         """Count one tick; ``attitude_ns`` is the arrival of the newest attitude, 0 never."""
@@ -47,15 +47,16 @@ class AttitudeRate:
 
 @dataclass(slots=True)
 class TiltComparison:
-    """Compares the direction of up in the body's axes, by mocap and by PX4.
+    """Compares the direction of up in the body's axes, by the mocap and by PX4.
 
-    This needs no common heading, and shows whether the mocap's body is on this vehicle at all.
+    The comparison needs no common heading. If a person tilts the vehicle, it also shows whether the
+    mocap's body is on this vehicle at all.
     """
 
-    difference_rad: float = 0.0  # between both directions, low-passed
-    has_wrong_tilt: bool = False  # they differed when the vehicle was last tilted by hand
-    _by_mocap: Xyz | None = None  # low-passed; None before the first tick
-    _by_px4: Xyz | None = None
+    difference_rad: float = 0.0  # angle between both directions, low-passed
+    has_wrong_tilt: bool = False  # whether they differed when the vehicle was last tilted by hand
+    _by_mocap: Xyz | None = None  # direction by the mocap, low-passed; None before the first tick
+    _by_px4: Xyz | None = None  # the same by PX4
 
     def update(self, mocap_wxyz: Wxyz, snapshot: Snapshot, dt_s: float) -> None:
         """Take one tick on the ground; ``mocap_wxyz`` is the newest sample's attitude."""

@@ -1,6 +1,6 @@
-"""Lag of the attitude by PX4's version and parameters. Pure.
+"""Computes the lag of PX4's attitude control from its version and parameters. Pure.
 
-It says whether the attitude values of a fleet file hold for the PX4 that flies.
+A preflight rule compares the lags of the fleet file's PX4 version and of the PX4 that flies.
 """
 
 from __future__ import annotations
@@ -10,25 +10,25 @@ from collections.abc import Mapping
 from onboard.autopilot import Version
 
 GAINS = ("MC_ROLL_P", "MC_PITCH_P")
-# default of the gains [1/s]: before PX4 1.17, and from it on
+# default of the gains [1/s], before PX4 1.17 and since then
 _DEFAULT_CHANGED_SINCE: Version = (1, 17)
 _DEFAULT_BEFORE_1_S = 6.5
 _DEFAULT_SINCE_1_S = 4.0
 _LEAST_GAIN_1_S = 0.1
 
-# critically damped filter of attitude setpoints
+# since this version PX4 filters attitude setpoints with a critically damped filter
 _FILTERED_SINCE: Version = (1, 18)
-_FILTER_RAD_S = 50.0  # default of MC_REF_W_N
-_FILTER_RAD = 2.2  # measured: the filter's delay times its natural frequency
+_FILTER_RAD_S = 50.0  # default of MC_REF_W_N, the filter's natural frequency
+_FILTER_RAD = 2.2  # the filter's delay times its natural frequency (measured)
 _LEAST_FILTER_RAD_S = 1.0
 
 
 def lag_s(version: Version, px4_params: Mapping[str, float]) -> float:
-    """Return the lag [s] of the slower of roll and pitch that PX4's attitude control makes.
+    """Return the lag [s] of PX4's attitude control, for the slower one of roll and pitch.
 
     Args:
-        version: of PX4.
-        px4_params: values that are known; the others count as PX4's defaults.
+        version: version of PX4.
+        px4_params: name -> value of the known parameters; others count as PX4's defaults.
     """
     default_1_s = _DEFAULT_SINCE_1_S
     if version < _DEFAULT_CHANGED_SINCE:

@@ -13,10 +13,10 @@ from onboard.px4.required_params import weakened
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation, in_order
 from onboard.safety.limits import AUTOPILOT_SILENT_S
 
-LEAST_ATTITUDE_HZ = 20.0
-USUAL_ATTITUDE_HZ = 35.0
+LEAST_ATTITUDE_HZ = 20.0  # a lower rate of PX4's attitude refuses a take-off
+USUAL_ATTITUDE_HZ = 35.0  # a lower rate is reported as advice
 
-# reasons for which a packet of a vehicle that signs is not let in
+# reasons why a packet is refused that occur only if the vehicle signs
 _OF_SIGNING = ("unsigned", "forged", "old")
 _REASONS = {
     "malformed": "no MAVLink",
@@ -27,7 +27,7 @@ _REASONS = {
 }
 _EVERY_NETWORK = ("", "0.0.0.0", "::", "[::]")
 
-# conditions that another rule shows; for SHUTDOWN, the refusal of the order itself does
+# Conditions that another rule reports. SHUTDOWN is reported by the refusal of the order itself.
 _OF_OTHER_RULES = frozenset(
     {
         Condition.POSITION_STALE,
@@ -53,7 +53,7 @@ _OF_OTHER_RULES = frozenset(
         Condition.FENCE_BREACH_LONG,
     }
 )
-# conditions that a wrong clock brings; the rule "clock" has the sentence
+# conditions that follow from a wrong clock; the rule "clock" reports them
 _OF_A_WRONG_CLOCK = frozenset({Condition.MOCAP_LATE, Condition.CLOCK_JUMPED})
 
 
@@ -197,7 +197,7 @@ def _failsafe(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Ju
 
 
 def _parameters(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
-    # of the fleet file alone, so that it does not wait for PX4
+    # needs the fleet file only, so it is checked before PX4 answers
     weak = weakened(fleet, vehicle)
     if weak:
         return "weakened", {"problems": " ".join(weak)}

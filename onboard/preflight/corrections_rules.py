@@ -48,7 +48,7 @@ def _corrections(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) ->
     is_enough = facts.fix_type is not None and fix.is_enough(facts.fix_type, corrections.fix)
     if is_demanded and not is_enough:
         return "fix", {**words, "demanded": fix.DEMAND_WORDS[corrections.fix]}
-    # the failsafe table looks less often than this rule, and would disarm at once
+    # a condition of the failsafe table may still hold here, and would disarm at once
     if facts.conditions & _CONDITIONS:
         return "settling", words
     if status.too_long_bytes:

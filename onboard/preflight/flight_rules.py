@@ -12,12 +12,13 @@ from onboard.preflight.preflight_facts import PreflightFacts
 from onboard.preflight.preflight_rule import FINE, NO_PX4, OK, SKIP, Judgement, rules
 from onboard.security.certificate_times import SOON_S, flight_s, left_words
 
-HOVER_SHARE = 0.25  # by which the hover throttle may differ
-HOVER_ADVICE_SHARE = 0.10
+HOVER_SHARE = 0.25  # a larger difference of the hover throttle refuses a take-off
+HOVER_ADVICE_SHARE = 0.10  # a larger difference of the hover throttle is reported as advice
 LOWEST_VOLTAGE_V = 2.5
-LATE_LOOP_MS = 30.0
+LATE_LOOP_MS = 30.0  # longest 99th percentile of the control loop's period
 
-# States are sampled at ticks and sent at ticks, and a hundred samples tell a loss by a tenth.
+# Allowed differences to the fleet file's expected delay and loss. States are sent and sampled at
+# ticks, and a hundred samples show a loss with an error of a tenth.
 DELAY_ALLOWANCE_S = 0.04
 LOSS_ALLOWANCE = 0.10
 
@@ -34,7 +35,7 @@ def _neighbours(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> 
 
 
 def _radio(facts: PreflightFacts, fleet: FleetConfig) -> Judgement:
-    """Judge delay and loss by what the fleet file expects."""
+    """Compare delay and loss with those that the fleet file expects."""
     expected = fleet.expected_radio
     measured = facts.radio
     count = len(fleet.enabled_names) - 1
@@ -92,7 +93,7 @@ def _certificates(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -
 
 
 def _law(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
-    # of a fleet that marks none, covey sitl plays all vehicles
+    # if the fleet file marks no vehicle as emulated, an emulator (covey sitl) emulates all of them
     is_emulated = vehicle.emulated or (facts.has_emulator and not fleet.emulated_names)
     may_fly_own = is_emulated or fleet.law.allow_own_law_on_real_vehicles
     if fleet.law.is_own and not may_fly_own:
@@ -101,7 +102,7 @@ def _law(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgeme
         keys = ", ".join(f"law.{name}" for name in fleet.law.changed_policies)
         return "variant", {"keys": keys, "name": vehicle.name}
 
-    # the report is part of the record: so the record tells which source flew
+    # the sentence names the source of a user's law, so that the record shows which one flew
     if not facts.law_refusals:
         if fleet.own_law is None:
             return OK, {"law": facts.law}

@@ -1,4 +1,4 @@
-"""Findings of feasibility that refuse take-off: of the fleet file, and of where vehicles stand."""
+"""Feasibility findings that refuse a take-off: about the fleet file, and about take-off spots."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ from onboard.neighbours.table import NeighbourTable
 from onboard.tuples import Xyz
 
 Refusal = tuple[str, str, str]  # name, sentence, remedy
-# hash of a fleet file -> refusals, for the many agents of a simulation
-_judged: dict[str, tuple[Refusal, ...]] = {}
+# hash of a fleet file -> its refusals; shared by the many agents of a simulation
+_cache: dict[str, tuple[Refusal, ...]] = {}
 
 
 class LawRefusals:
-    """Refusals for one vehicle; the fleet file is judged once, when they are first read."""
+    """Refusals for one vehicle; the fleet file is checked once, when they are first read."""
 
     def __init__(self, fleet: FleetConfig, vehicle: str, neighbours: NeighbourTable) -> None:
         self._fleet = fleet
         self._vehicle = vehicle
         self._neighbours = neighbours
-        self._of_fleet: tuple[Refusal, ...] | None = None  # None: not judged yet
-        self._of_spots: tuple[Refusal, ...] = ()
+        self._fleet_refusals: tuple[Refusal, ...] | None = None  # None: not checked yet
+        self._spot_refusals: tuple[Refusal, ...] = ()
 
     @property
     def current(self) -> tuple[Refusal, ...]:
         """Name, sentence and remedy of each finding that refuses."""
-        if self._of_fleet is None:
-            self._of_fleet = _refusals_of_fleet(self._fleet)
-        return self._of_fleet + self._of_spots
+        if self._fleet_refusals is None:
+            self._fleet_refusals = _refusals_of_fleet(self._fleet)
+        return self._fleet_refusals + self._spot_refusals
 
     def judge_spot(self, position_enu_m: Xyz | None) -> None:
-        """Judge the distance from here to the nearest other vehicle on the ground.
+        """Check the distance to the nearest other vehicle on the ground.
 
         Args:
-            position_enu_m: where the vehicle stands; None while that is not known.
+            position_enu_m: position of the vehicle; None if it is not known.
         """
-        self._of_spots = ()
+        self._spot_refusals = ()
         others = {
             name: telemetry.position_enu_m
             for name, telemetry in self._neighbours.telemetries().items()
@@ -54,21 +54,21 @@ class LawRefusals:
         nearest = min(others, key=lambda name: math.dist(own_x_y_m, others[name][:2]))
         spots = {self._vehicle: position_enu_m, nearest: others[nearest]}
         accuracy = ACCURACIES[error_class(self._fleet)]
-        self._of_spots = _refusals([start_finding(self._fleet, spots, accuracy)])
+        self._spot_refusals = _refusals([start_finding(self._fleet, spots, accuracy)])
 
 
 def _refusals_of_fleet(fleet: FleetConfig) -> tuple[Refusal, ...]:
     key = fleet.config_hash
-    if key not in _judged:
-        _judged.clear()  # agents of one process fly one fleet
-        _judged[key] = _refusals(fleet_findings(fleet))
-    return _judged[key]
+    if key not in _cache:
+        _cache.clear()  # one entry is enough: the agents of one process fly one fleet
+        _cache[key] = _refusals(fleet_findings(fleet))
+    return _cache[key]
 
 
 def _refusals(findings: Iterable[Finding]) -> tuple[Refusal, ...]:
-    """Return the findings that refuse, with the remedy apart from the sentence.
+    """Return the findings that refuse a take-off, with sentence and remedy separated.
 
-    What is refused about px4_params is told by the rule about parameters, under every law.
+    The finding about px4_params is left out: the rule about parameters reports it.
     """
     return tuple(
         (finding.name, finding.sentence.removesuffix(f" {finding.remedy}"), finding.remedy)

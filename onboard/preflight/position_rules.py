@@ -34,7 +34,7 @@ MOVING_M_S = 0.3
 OFF_SPOT_M = 0.5
 UNSEEN_TURN_DEG = 2.0
 
-# samples arrive and are not used: the rule "failsafe" has the sentence
+# conditions with which samples arrive but are rejected; the rule "failsafe" reports them
 _REJECTED = frozenset({Condition.MOCAP_FROZEN, Condition.MOCAP_SWAPPED, Condition.POSITION_JUMPED})
 
 
@@ -83,7 +83,7 @@ def _agreement(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> J
     if not facts.has_position:
         return NO_POSITION
 
-    # comparisons are written so that NaN is not fine
+    # comparisons are written so that NaN is a fault
     heading_deg = math.degrees(facts.heading_miss_rad)
     tilt_deg = math.degrees(facts.tilt_miss_rad)
     words: dict[str, object] = {"heading": heading_deg, "turn": abs(heading_deg), "tilt": tilt_deg}
@@ -107,7 +107,7 @@ def _agreement(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> J
         if not apart_m <= FAR_FROM_PX4_M:
             return "apart", words
 
-    # a heading that PX4 does not take from the mocap only shows what its compass thinks
+    # PX4 does not use the mocap's heading, so a difference only shows an error of its compass
     if is_turned:
         return "compass", words
     return OK, words
@@ -151,21 +151,22 @@ def _frame(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
     if facts.has_flown:
         return SKIP, {"reason": "after a flight"}
 
-    told_m = []
+    planned_m = []
     seen_m = []
     for name, (east_m, north_m, _) in facts.spots_seen_enu_m.items():
         spot_enu_m = fleet.vehicles[name].start_enu_m
-        told_m.append((spot_enu_m[0], spot_enu_m[1]))
+        planned_m.append((spot_enu_m[0], spot_enu_m[1]))
         seen_m.append((east_m, north_m))
 
     fence = fleet.fleet.geofence_m
     std_m = math.hypot(fleet.fleet.placing_m, facts.position_std_m)
-    frame = fit_frame(told_m, seen_m, [(x, y) for x in fence.x for y in fence.y], std_m)
+    corners_m = [(x, y) for x in fence.x for y in fence.y]
+    frame = fit_frame(planned_m, seen_m, corners_m, std_m)
     if frame is None:
         return SKIP, {"reason": "by fewer than two vehicles on their spots"}
 
     words: dict[str, object] = {
-        "count": len(told_m),
+        "count": len(planned_m),
         "turn": math.degrees(frame.turn_rad),
         "shift": frame.shift_m,
         "miss": abs(frame.turn_rad) * frame.far_m,
@@ -196,7 +197,7 @@ def _fence(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
 
 
 def _spot_enu_m(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Xyz:
-    """Return the take-off spot of the vehicle [m]: its own, or of whom it stands in for."""
+    """Return the vehicle's take-off spot [m]: its own, or that of the vehicle it replaces."""
     if facts.place:
         return fleet.vehicles[facts.place].start_enu_m
     return vehicle.start_enu_m

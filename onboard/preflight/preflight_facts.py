@@ -1,4 +1,4 @@
-"""Facts about a vehicle on the ground that the rules of preflight judge. Pure."""
+"""Facts about a vehicle on the ground, which the preflight rules check. Pure."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ from onboard.safety.failsafe_table import Condition
 from onboard.safety.limits import AUTOPILOT_SILENT_S, POSITION_STALE_S
 from onboard.tuples import Xyz
 
-HEARTBEAT_SILENT_S = 3.0
-REFUSED_LATELY_S = 5.0
+HEARTBEAT_SILENT_S = 3.0  # PX4 is silent without a heartbeat for this time
+REFUSED_LATELY_S = 5.0  # a refused packet counts for this time
 
-# delay of a mocap sample, from its stamp to its arrival, that one clock explains
+# Bounds of the delay of a mocap sample, from its stamp to its arrival. Beyond them two clocks
+# differ.
 OLDEST_SAMPLE_S = 0.5
 FUTURE_S = 0.005
 
 
 class RadioMeasured(NamedTuple):
-    """Delay and loss of the neighbours' states, of the worst one each."""
+    """The largest delay and the largest loss of the neighbours' states."""
 
     delay_s: float
     delayed: str  # the vehicle with that delay
@@ -37,82 +38,82 @@ class PreflightFacts:
     Ages are in seconds and infinite before the first message.
     """
 
-    # without a default: what no flight begins without
-    autopilot_age_s: float  # of PX4's newest packet
+    # the facts without a default are needed for every flight
+    autopilot_age_s: float  # age of PX4's newest packet
     heartbeat_age_s: float
     position_age_s: float
     position_enu_m: Xyz
     battery_frac: float  # NaN while PX4 has not published it
-    missing_neighbours: tuple[str, ...]  # not heard on the bus
-    other_hashes: Mapping[str, str]  # vehicle -> its configuration hash, where it differs
+    missing_neighbours: tuple[str, ...]  # required vehicles that are not heard on the bus
+    other_hashes: Mapping[str, str]  # vehicle -> its configuration hash, if that differs
     config_hash: str
-    # sentences; None while PX4's parameters are not read yet
+    # sentences about wrong parameters of PX4; None while they are not read yet
     param_problems: tuple[str, ...] | None
-    is_law_warm: bool  # the control pipeline has run once
+    is_law_warm: bool  # whether the control pipeline has run once
     is_airborne: bool
 
     # PX4
     battery_voltage_v: float = math.nan
     px4_version: Version | None = None
-    px4_nonsense: str = ""  # what is wrong with its newest numbers, as a sentence
-    attitude_hz: float | None = None  # arrival rate of its attitude; None in the first second
-    refused: Refused = NOTHING_REFUSED  # packets at its endpoint that were not let in
-    refused_age_s: float = math.inf  # since the newest of them
-    is_signed: bool = False  # it signs what it sends
-    # this computer's clock is behind that of another one that signs
+    px4_nonsense: str = ""  # sentence about impossible numbers of PX4; empty: there are none
+    attitude_hz: float | None = None  # rate of PX4's attitude; None in the first second
+    refused: Refused = NOTHING_REFUSED  # refused packets at PX4's endpoint
+    refused_age_s: float = math.inf  # age of the newest of them
+    is_signed: bool = False  # whether PX4 signs its packets
+    # whether this computer's clock is behind that of another sender of signed packets
     has_signing_clock_behind: bool = False
     is_armed: bool = False
-    is_landed_told: bool = True  # it has reported lately whether it is on the ground
+    is_landed_told: bool = True  # whether PX4's last report of its landed state is recent
     is_failsafe: bool = False
-    # sensors that it calls unhealthy, and whether this flight needs them
+    # sensors that PX4 reports as unhealthy, and whether this flight requires them
     unhealthy: tuple[tuple[str, bool], ...] = ()
-    has_rc: bool | None = None  # it hears a radio control; None while it is not known
-    px4_position_enu_m: Xyz | None = None  # its own estimate
-    fuses_position: bool = False  # by its required parameters it takes the mocap's position
-    fuses_heading: bool = False  # by its required parameters it takes the mocap's heading
+    has_rc: bool | None = None  # whether PX4 hears a radio control; None: not known
+    px4_position_enu_m: Xyz | None = None  # PX4's own estimate
+    fuses_position: bool = False  # whether PX4, by required parameters, uses the mocap's position
+    fuses_heading: bool = False  # whether PX4, by required parameters, uses the mocap's heading
 
     # satellites
-    fix_type: int | None = None  # of its receiver; None while it is not told
-    corrections: CorrectionsStatus | None = None  # of a vehicle that takes them
+    fix_type: int | None = None  # fix of PX4's receiver; None: not reported lately
+    corrections: CorrectionsStatus | None = None  # None: the vehicle takes no corrections
 
     # mocap
-    # arrival of the newest sample minus its stamp; None without one
+    # arrival of the newest sample minus its stamp; None without a sample
     sample_delay_s: float | None = None
-    sample_age_s: float = math.inf  # since that arrival
-    pose_sources: int = 0  # programs that have sent poses of the own body lately
-    source_problem: str = ""  # of the mocap that is read on this computer, as a sentence
+    sample_age_s: float = math.inf  # time since that arrival
+    pose_sources: int = 0  # number of programs that have sent poses of the own body lately
+    source_problem: str = ""  # problem of a mocap that this computer reads; empty: none
     heading_miss_rad: float = 0.0  # the mocap's heading minus PX4's
-    # angle between the directions of up, by mocap and by PX4, in the body's axes
+    # angle between the directions of up in the body's axes, by the mocap and by PX4
     tilt_miss_rad: float = 0.0
-    # these directions differed when the vehicle was last tilted by hand
+    # whether these directions differed when the vehicle was last tilted by hand
     has_wrong_tilt: bool = False
 
     # the vehicle
-    speed_m_s: float = 0.0  # highest of the last second
-    has_flown: bool = False  # since this agent started, so that the vehicle may stand anywhere
-    hover_frac: float = math.nan  # learned in flight
+    speed_m_s: float = 0.0  # highest speed of the last second
+    has_flown: bool = False  # True: it has flown since this agent started, and may stand anywhere
+    hover_frac: float = math.nan  # hover throttle learned in flight
 
     # bus and computers
     radio: RadioMeasured | None = None  # None until enough states have come
-    has_duplicate: bool = False  # another agent publishes for this vehicle
-    # node -> error of its clock; inf: not measured
+    has_duplicate: bool = False  # whether another agent publishes for this vehicle
+    # node -> largest error of its clock; inf: not measured
     clock_bounds_s: Mapping[str, float] = field(default_factory=dict)
-    # (whose certificate of this computer ends first, seconds until then); None without keys
+    # node whose certificate ends first, and seconds until then; None on a bus without keys
     certificate_left: tuple[str, float] | None = None
     loop_p99_ms: float = 0.0  # 99 % of the control loop's periods are shorter
     has_recorder: bool = False
-    has_emulator: bool = False  # covey sitl is on the bus
+    has_emulator: bool = False  # whether covey sitl is on the bus
 
     # law and failsafes
     law: str = "covey"
-    # (name, sentence, remedy) of the findings that refuse
+    # (name, sentence, remedy) of the feasibility findings that refuse a take-off
     law_refusals: tuple[tuple[str, str, str], ...] = ()
-    conditions: frozenset[Condition] = frozenset()  # of the failsafe table that hold
+    conditions: frozenset[Condition] = frozenset()  # conditions of the failsafe table that hold
 
-    # vehicles on the ground that have not flown yet: where each is seen [m], ENU
+    # vehicle on the ground that has not flown yet -> its seen position [m], ENU
     spots_seen_enu_m: Mapping[str, Xyz] = field(default_factory=dict)
-    place: str = ""  # whose spot it stands on where it stands in for another vehicle
-    position_std_m: float = 0.0  # of the own position, along one axis
+    place: str = ""  # vehicle that this one stands in for; empty: none
+    position_std_m: float = 0.0  # standard deviation of the own position, along one axis
 
     @property
     def has_autopilot(self) -> bool:
@@ -122,14 +123,14 @@ class PreflightFacts:
 
     @property
     def newest_refused(self) -> str:
-        """Reason of the newest packet that was not let in; empty when that was long ago."""
+        """Reason of the newest refused packet; empty if no packet was refused lately."""
         if self.refused_age_s >= REFUSED_LATELY_S:
             return ""
         return self.refused.newest
 
     @property
     def has_wrong_clock(self) -> bool:
-        """Whether mocap samples arrive whose stamps cannot be of our clock."""
+        """Whether mocap samples arrive with stamps that do not fit our clock."""
         delay_s = self.sample_delay_s
         if delay_s is None or self.sample_age_s >= POSITION_STALE_S:
             return False

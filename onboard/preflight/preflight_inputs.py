@@ -1,4 +1,4 @@
-"""Newest reports of the agent's other parts and of the bus, as far as preflight judges them."""
+"""Keeps the newest inputs of the agent that the preflight rules need."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from onboard.neighbours.duplicate_agents import DuplicateAgents
 from onboard.security.node_roles import NodeRole
 from onboard.tuples import Wxyz
 
-RECORDER = "recorder"  # first word of the bus node of a recorder
-EMULATOR = NodeRole.EMULATOR.value  # the same of an emulator
-_DUPLICATE_FOR_NS = 3_000_000_000
-_POSE_SOURCE_NS = 500_000_000  # a program that has sent no pose for so long is no source
+RECORDER = "recorder"  # first word of a recorder's node name
+EMULATOR = NodeRole.EMULATOR.value  # first word of an emulator's node name
+_DUPLICATE_FOR_NS = 3_000_000_000  # another agent for this vehicle counts for this time
+_POSE_SOURCE_NS = 500_000_000  # a program counts as a source for this time after a pose
 
 
 class MocapSample(NamedTuple):
@@ -44,22 +44,22 @@ class PreflightInputs:
 
     vehicle: str
     body: str | None  # mocap body of this vehicle
-    boot_id: int  # of this agent
+    boot_id: int  # number of this start of the agent
 
     sample: MocapSample | None = None
     param_problems: tuple[str, ...] | None = None  # None until PX4's parameters are read
-    dropped: Snapshot = field(default_factory=Snapshot)  # newest of PX4 that was nonsense
+    dropped: Snapshot = field(default_factory=Snapshot)  # newest snapshot with impossible numbers
     loop_p99_ms: float = 0.0
-    source_problem: str = ""  # of the mocap that is read here
-    certificate: CertificateChecked | None = None  # None for a bus without keys
-    # node on another host -> error of its clock
+    source_problem: str = ""  # problem of a mocap that this computer reads; empty: none
+    certificate: CertificateChecked | None = None  # None on a bus without keys
+    # node on another host -> largest error of its clock
     clock_bounds_s: dict[str, float] = field(default_factory=dict)
     duplicates: DuplicateAgents = field(default_factory=DuplicateAgents)
 
-    # sender's boot id -> arrival of its last pose here
+    # sender's boot id -> arrival of its last pose
     _pose_sources: dict[int, int] = field(default_factory=dict)
-    _nodes: set[str] = field(default_factory=set)  # on the bus
-    _duplicate_ns: int | None = None  # when another agent was last heard for this vehicle
+    _nodes: set[str] = field(default_factory=set)  # nodes on the bus
+    _duplicate_ns: int | None = None  # arrival of the last message of another agent of this vehicle
 
     @property
     def has_recorder(self) -> bool:
@@ -85,7 +85,7 @@ class PreflightInputs:
         return self._duplicate_ns is not None and now_ns - self._duplicate_ns < _DUPLICATE_FOR_NS
 
     def hear(self, event: AgentInput) -> None:
-        """Take an input; most kinds change nothing here."""
+        """Take an input of any kind; many kinds change nothing here."""
         match event:
             case PoseReceived(pose, received_ns):
                 if pose.body == self.body and pose.is_tracked:
@@ -115,7 +115,7 @@ class PreflightInputs:
                 self.source_problem = sentence
 
     def _take_message(self, message: StateMessage | Telemetry, received_ns: int) -> None:
-        """Look whether two agents publish for one vehicle, for this one or another."""
+        """Detect two agents that publish for the same vehicle."""
         if message.vehicle == self.vehicle:
             if message.boot_id != self.boot_id:
                 self._duplicate_ns = received_ns
@@ -127,7 +127,7 @@ class PreflightInputs:
                 self._duplicate_ns = received_ns
 
     def _take_pose(self, pose: MocapPose, received_ns: int) -> None:
-        """Keep the newest sample, and who has sent one lately."""
+        """Keep the newest sample, and the programs that have sent one lately."""
         self.sample = MocapSample(
             quaternion_enu_flu_wxyz=pose.quaternion_enu_flu_wxyz,
             received_ns=received_ns,

@@ -1,4 +1,8 @@
-"""Go or no-go of one vehicle on the ground: its facts, their judgement, a report once a second."""
+"""The preflight check of one vehicle on the ground: gathers facts, checks them, and reports.
+
+The core calls :meth:`PreflightReporter.update` at each tick on the ground, and publishes the report
+of :meth:`PreflightReporter.due` once a second.
+"""
 
 from __future__ import annotations
 
@@ -32,14 +36,14 @@ from onboard.tuples import Xyz
 from onboard.types import TICK_S
 
 _REPORT_EVERY_NS = 1_000_000_000
-_JUDGE_EVERY_NS = 90_000_000  # every fifth tick: one judgement takes 0.1 ms
-_AT_REST_NS = 1_000_000_000
-_DROPPED_LATELY_S = 1.0
+_JUDGE_EVERY_NS = 90_000_000  # every fifth tick, because a check takes 0.1 ms
+_AT_REST_NS = 1_000_000_000  # time over which the highest speed is taken
+_DROPPED_LATELY_S = 1.0  # impossible numbers of PX4 count for this time
 _BEFORE_FLIGHT = frozenset(("waiting", "ready", "armed"))
 
 
 class PreflightReporter:
-    """Judges before take-off whether one vehicle may fly."""
+    """Checks before a take-off whether one vehicle may fly."""
 
     def __init__(
         self,
@@ -57,7 +61,7 @@ class PreflightReporter:
         self._neighbours = neighbours
         self._flight = flight
         self._config_hash = fleet.config_hash
-        self._fused = 0  # bits of EKF2_EV_CTRL: what PX4 takes of the mocap
+        self._fused = 0  # bits of EKF2_EV_CTRL: which values PX4 uses of the mocap
         if vehicle.mocap_required:
             self._fused = int(required_params(fleet, vehicle)["EKF2_EV_CTRL"].value)
 
@@ -67,19 +71,19 @@ class PreflightReporter:
         self._refusals = LawRefusals(fleet, vehicle.name, neighbours)
         self._state_ages = StateAges(fleet.state_ticks * TICK_S)
 
-        self.not_ready: tuple[str, ...] = ()  # sentences that refuse take-off now
-        self.is_warm = False  # set by the shell when it has run the pipeline once
-        self._facts: PreflightFacts | None = None  # of this tick, not yet reported
-        self._place = vehicle.name  # whose spot it stands on
+        self.not_ready: tuple[str, ...] = ()  # sentences that refuse a take-off now
+        self.is_warm = False  # set by the shell once it has run the pipeline
+        self._facts: PreflightFacts | None = None  # newest facts that are not yet reported
+        self._place = vehicle.name  # vehicle whose take-off spot this one uses
         self._has_flown = False
         self._fastest_m_s = 0.0  # highest speed of the last second
-        self._fastest_ns = 0  # when that was
+        self._fastest_ns = 0  # time of that speed
         self._sequence = 0
-        self._reported_ns = 0
-        self._judged_ns = 0
+        self._reported_ns = 0  # time of the last report
+        self._judged_ns = 0  # time of the last check
 
     def hear(self, event: AgentInput) -> None:
-        """Take an input of the agent, of whatever kind."""
+        """Take an input of the agent, of any kind."""
         self.inputs.hear(event)
 
     def update(
@@ -93,18 +97,16 @@ class PreflightReporter:
         corrections: CorrectionsStatus | None = None,
         place: str = "",
     ) -> tuple[str, ...]:
-        """Judge one tick on the ground.
+        """Take one tick on the ground; return the sentences that refuse a take-off.
 
         Args:
-            view: what the flight sees of its vehicle.
-            dt_s: since the last tick.
-            is_airborne: by PX4, or by the flight.
+            view: what the flight knows of its vehicle.
+            dt_s: time since the last tick.
+            is_airborne: whether the vehicle is in the air, by PX4 or by the flight.
             hover_frac: hover throttle learned so far.
-            conditions: of the failsafe table that hold.
-            corrections: of a vehicle that takes them.
-            place: whose spot it stands on; empty: its own.
-        Returns:
-            the sentences that refuse take-off.
+            conditions: conditions of the failsafe table that hold.
+            corrections: status of the corrections; None: the vehicle takes none.
+            place: vehicle whose take-off spot this one uses; empty: its own.
         """
         self._observe(view, dt_s)
         now_ns = view.now_ns
@@ -120,7 +122,7 @@ class PreflightReporter:
         return self.not_ready
 
     def _observe(self, view: FlightView, dt_s: float) -> None:
-        """Take what has to be seen at every tick."""
+        """Update the values that need every tick: rate and tilt of the attitude, highest speed."""
         now_ns = view.now_ns
         self._attitude.update(now_ns, view.snapshot.attitude_ns)
         if self.inputs.sample is not None:
@@ -139,7 +141,7 @@ class PreflightReporter:
         return all_rules.reasons(facts, self._fleet, self._vehicle, takeover.RULES)
 
     def due(self, now_ns: int) -> PreflightReport | None:
-        """Return the report once a second, while :meth:`update` is called."""
+        """Return the report if it is due: once a second, if there are new facts; else None."""
         facts = self._facts
         self._facts = None
         if facts is None or now_ns - self._reported_ns < _REPORT_EVERY_NS:
@@ -245,9 +247,10 @@ class PreflightReporter:
         )
 
     def _spots_seen(self, view: FlightView) -> dict[str, Xyz]:
-        """Return where vehicles are seen that stand where people have put them [m], ENU.
+        """Return the positions [m], ENU, of the vehicles that stand where people have put them.
 
-        The names are those of their places. One that is out of service may have been carried away.
+        A vehicle that stands in for another one has that one's name here. Vehicles out of service
+        are left out, because they may have been carried away.
         """
         spots: dict[str, Xyz] = {}
         if self._own.age_s < POSITION_STALE_S and not self._has_flown:
@@ -257,12 +260,12 @@ class PreflightReporter:
             if not is_put_down or not telemetry.is_position_valid or telemetry.disabled_by:
                 continue
             place = telemetry.stands_in_for or name
-            if place in self._fleet.vehicles:  # what a message says may be no name of the fleet
+            if place in self._fleet.vehicles:  # a message may contain any name
                 spots[place] = telemetry.position_enu_m
         return spots
 
     def _missing(self, now_ns: int) -> tuple[str, ...]:
-        """Return vehicles that must be there and are not heard; nobody waits for one swapped."""
+        """Return required vehicles that are not heard, except those that others stand in for."""
         swapped = {self._place}
         for telemetry in self._neighbours.telemetries().values():
             if not telemetry.disabled_by:
@@ -271,12 +274,12 @@ class PreflightReporter:
 
 
 def _fix_type(snapshot: Snapshot, now_ns: int) -> int | None:
-    """Return the newest fix; None where PX4 has told none lately."""
+    """Return the type of the newest fix; None if PX4 has reported none lately."""
     if snapshot.fix_ns == 0 or now_ns - snapshot.fix_ns > FIX_KNOWN_NS:
         return None
     return snapshot.fix_type
 
 
 def _age_s(now_ns: int, then_ns: int) -> float:
-    """Return the age of what came then; infinite when nothing came yet (0)."""
+    """Return the time since ``then_ns`` [s]; infinite if that is 0 (never)."""
     return (now_ns - then_ns) * 1e-9 if then_ns else math.inf

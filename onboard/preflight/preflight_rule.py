@@ -1,4 +1,4 @@
-"""One rule of preflight: its judgement of the facts, and the words for each result. Pure."""
+"""One preflight rule: its check of the facts, and the sentence for each result. Pure."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _WORDS = package_table("onboard.preflight", "preflight.toml")
 OK = "ok"
 SKIP = "skip"
 
-# OK, SKIP or the key of a fault; and the numbers for its sentence
+# the key of the result (OK, SKIP or that of a fault), and the values for its sentence
 Judgement = tuple[str, Mapping[str, object]]
 PreflightJudge = Callable[[PreflightFacts, FleetConfig, Vehicle], Judgement]
 
@@ -28,21 +28,21 @@ NO_MOCAP: Judgement = (SKIP, {"reason": "for a vehicle that flies on PX4's own p
 
 @dataclass(frozen=True, slots=True)
 class PreflightCheck:
-    """Answer of one rule."""
+    """Result of one rule, in words."""
 
     name: str
-    is_ok: bool  # not ok refuses take-off
+    is_ok: bool  # False refuses a take-off
     sentence: str
-    remedy: str = ""  # ok with a remedy is advice
+    remedy: str = ""  # if is_ok is True, a remedy is advice
 
 
 @dataclass(frozen=True, slots=True)
 class RuleFault:
-    """One fault that a rule can name: sentence and remedy as templates."""
+    """One fault that a rule can find, with templates of sentence and remedy."""
 
     sentence: str
     remedy: str
-    is_advice: bool = False  # does not refuse take-off
+    is_advice: bool = False  # True: it does not refuse a take-off
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,17 +51,17 @@ class PreflightRule:
 
     name: str
     demand: str  # what must be true, for docs/preflight.md
-    passes: str  # sentence when it is true, as a template
-    faults: Mapping[str, RuleFault]  # by the keys of the judgement
+    passes: str  # template of the sentence for a passed rule
+    faults: Mapping[str, RuleFault]  # key of a result -> fault
     judge: PreflightJudge
 
     def check(self, facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> PreflightCheck:
-        """Return the rule's answer: its judgement of the facts, in words.
+        """Return the rule's result in words.
 
         Args:
-            facts: about the vehicle, at one tick.
+            facts: facts about the vehicle, at one tick.
             fleet: the fleet file.
-            vehicle: the vehicle of that file.
+            vehicle: the vehicle, from that file.
         """
         key, numbers = self.judge(facts, fleet, vehicle)
         words = {
@@ -94,11 +94,11 @@ def coordinates(position: Xyz) -> str:
 
 
 def rules(judges: Mapping[str, PreflightJudge], **constants: float) -> tuple[PreflightRule, ...]:
-    """Return rules with their words of preflight.toml.
+    """Return rules with their sentences from preflight.toml.
 
     Args:
-        judges: by the rule's name, in the order of the page.
-        constants: bounds that the demands name.
+        judges: name of a rule -> function that checks the facts, in the order of the page.
+        constants: values for the templates of the demands.
     """
     made = []
     for name, judge in judges.items():

@@ -1,4 +1,4 @@
-"""Delay and loss of the neighbours' states on the ground, from the ages of the newest ones."""
+"""Measures delay and loss of the neighbours' states on the ground, from the states' ages."""
 
 from __future__ import annotations
 
@@ -7,23 +7,24 @@ from collections.abc import Mapping
 
 from onboard.preflight.preflight_facts import RadioMeasured
 
-# for each neighbour; there are eleven a second
+# number of samples for each neighbour; there are eleven a second
 _SAMPLES = 120
 _LEAST_SAMPLES = 60
-_LEFT_S = 1.0  # a neighbour that is silent for so long is missing, and no matter of the radio
-_LATE_PERIODS = 0.99  # beyond the delay: one state has been lost, or is late
+_LEFT_S = 1.0  # a neighbour that is silent for longer is missing, and does not count here
+# a state whose age exceeds the delay by this many periods shows that one was lost, or is late
+_LATE_PERIODS = 0.99
 
 
 class StateAges:
     """Ages of the newest state of each neighbour, sampled while the vehicle stands."""
 
     def __init__(self, period_s: float) -> None:
-        """Begin without samples; ``period_s`` is the time from one state to the next."""
+        """Begin without samples; ``period_s`` is the time between two states of a neighbour."""
         self._period_s = period_s
         self._ages_s: dict[str, deque[float]] = {}
 
     def update(self, ages_s: Mapping[str, float]) -> None:
-        """Take a sample of the neighbours that are followed."""
+        """Take a sample of the ages of the followed neighbours."""
         self._ages_s = {name: self._ages_s.get(name, deque(maxlen=_SAMPLES)) for name in ages_s}
         for name, age_s in ages_s.items():
             if age_s < _LEFT_S:
@@ -31,10 +32,10 @@ class StateAges:
 
     @property
     def measured(self) -> RadioMeasured | None:
-        """The worst of all neighbours; None until there are enough samples.
+        """The largest delay and loss of all neighbours; None until there are enough samples.
 
-        The youngest age of a neighbour is its delay. Where the newest state is older than that by a
-        period or more, one has been lost or is late.
+        The smallest age of a neighbour is its delay. A sample whose age is larger than that by a
+        period shows that a state was lost, or is late.
         """
         delays_s: dict[str, float] = {}
         losses: dict[str, float] = {}

@@ -1,10 +1,11 @@
-"""One tick of many vehicles at once, by the drone's own pipeline and filter.
+"""Runs one tick of many vehicles at once, with the drone's own pipeline and filter.
 
 Arrays are (F, N): F flights of N vehicles, one row per vehicle (:mod:`onboard.rollout.rows`).
 
-This is the only place that compiles, by numba. Where numba is not installed, or ``COVEY_NUMBA=0``,
-the same functions are interpreted: with the same results, some hundred times slower. numba keeps
-compiled code on disk beside the source, or in the user's cache folder where that is read-only.
+Only this module compiles code, with numba. If numba is not installed, or with ``COVEY_NUMBA=0``,
+the same functions are interpreted. The results are the same, but it is some hundred times slower.
+numba keeps compiled code on disk beside the source, or in the user's cache folder if the source is
+read-only.
 """
 
 from __future__ import annotations
@@ -45,13 +46,13 @@ Compiled = Callable[..., Any]
 
 
 class _Loops(NamedTuple):
-    """The loops over all vehicles, compiled where possible."""
+    """The loops over all vehicles, compiled if possible."""
 
     step: Compiled
     estimate: Compiled
 
 
-# whose functions compiled code may call
+# modules whose functions compiled code may call
 _MODULES: tuple[ModuleType, ...] = (
     vectors,
     frames,
@@ -102,7 +103,7 @@ FILTER_PARAMS = Layout(kalman.KalmanParams())
 FILTER = Layout(EstimatorMemory(kalman.initial(ZERO_3, kalman.KalmanParams()), wind.initial()))
 _LAYOUTS = (STATE, GOAL, NEIGHBOUR, TICK, OBSTACLE, PARAMS, MEMORY, FILTER_PARAMS, FILTER)
 
-# compiled code calls functions by a global name
+# global names, because compiled code cannot call attributes
 _read_state = STATE.read
 _write_state = STATE.write
 _read_goal = GOAL.read
@@ -116,7 +117,8 @@ _read_filter_params = FILTER_PARAMS.read
 _read_filter = FILTER.read
 _write_filter = FILTER.write
 
-# what a vehicle publishes of its estimate, and of its law's output: equally named in Neighbour
+# published fields of a vehicle's estimate, and of its law's output; they have the same names in
+# Neighbour
 _PUBLISHED_OF_STATE = (
     "position_enu_m",
     "velocity_enu_m_s",
@@ -135,7 +137,7 @@ _PUBLISHED_OF_LAW = (
 
 
 class PassRows(NamedTuple):
-    """Inputs of one pass of the pipeline of many vehicles; neighbours may be missing."""
+    """Inputs of one pass of the pipeline of many vehicles; some neighbours may be absent."""
 
     states: Rows  # (..., N)
     goals: Rows  # (..., N)
@@ -145,33 +147,30 @@ class PassRows(NamedTuple):
 
 
 class Controller(Protocol):
-    """A control of a whole batch.
-
-    It takes estimates, goals and neighbours, and returns every vehicle's tick.
-    """
+    """Interface of the control of a whole batch."""
 
     def step(
         self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float
     ) -> Rows:
-        """Return the ticks (F, N).
+        """Return the ticks (F, N) of all vehicles.
 
         Args:
-            states, goals: (F, N).
-            neighbours, is_present: (F, N, K).
+            states, goals: estimates and goals (F, N).
+            neighbours, is_present: neighbours, and whether each exists (F, N, K).
             dt_s: length of the tick.
         """
 
     def keep(self, flights: IntArray) -> None:
-        """Go on with these flights of the batch only."""
+        """Keep only these flights of the batch, by index."""
 
 
 class FleetPipeline:
     """The pipelines of all vehicles: a :class:`Controller`.
 
     Args:
-        params: N of them.
-        start_enu_m: (F, N, 3), where the vehicles hover [m].
-        obstacles: the same for all.
+        params: parameters of the N vehicles.
+        start_enu_m: positions (F, N, 3) at which the vehicles hover [m].
+        obstacles: static obstacles, the same for all.
     """
 
     def __init__(
@@ -204,7 +203,7 @@ class FleetPipeline:
         return step(self._memories, inputs, self._obstacles, self._params, dt_s)
 
     def keep(self, flights: IntArray) -> None:
-        """Go on with these flights of the batch only."""
+        """Keep only these flights of the batch, by index."""
         self._memories = self._memories[flights]
 
 
@@ -212,8 +211,8 @@ class FleetEstimator:
     """The filters of all vehicles, hovering at the start.
 
     Args:
-        params: N of them.
-        start_enu_m: (F, N, 3), known positions [m].
+        params: parameters of the N filters.
+        start_enu_m: known positions (F, N, 3) [m].
     """
 
     def __init__(self, params: Sequence[kalman.KalmanParams], start_enu_m: Array) -> None:
@@ -240,12 +239,12 @@ class FleetEstimator:
         """Return the states (F, N) one tick later.
 
         Args:
-            quaternion_wxyz: attitude flown (F, N, 4), FLU to ENU.
-            thrust_frac: throttle sent last (F, N).
-            hover_thrust_frac: throttle that carries the weight (F, N).
-            sample_enu_m: measured positions (F, N, 3) of ``age_s`` ago.
+            quaternion_wxyz: flown attitudes (F, N, 4), FLU to ENU.
+            thrust_frac: throttles that were sent last (F, N).
+            hover_thrust_frac: throttles that carry the weight (F, N).
+            sample_enu_m: positions (F, N, 3) that were measured ``age_s`` ago.
             yaw_rad: headings (F, N).
-            age_s: of the samples.
+            age_s: age of the samples.
             dt_s: length of the tick.
         """
         shape = self._memories.shape
@@ -268,7 +267,7 @@ class FleetEstimator:
         return states
 
     def keep(self, flights: IntArray) -> None:
-        """Go on with these flights of the batch only."""
+        """Keep only these flights of the batch, by index."""
         self._memories = self._memories[flights]
 
 
@@ -276,17 +275,17 @@ def step(memories: Rows, inputs: PassRows, obstacles: Rows, params: Rows, dt_s: 
     """Return the ticks of many vehicles: ``pipeline.step`` of each.
 
     Args:
-        memories: (..., N), changed in place.
-        inputs: of each vehicle.
-        obstacles: (O,), the same for all.
-        params: (N,).
+        memories: memories (..., N), which are changed in place.
+        inputs: inputs of each vehicle.
+        obstacles: static obstacles (O,), the same for all.
+        params: parameters (N,) of the vehicles.
         dt_s: length of the tick [s].
     """
     ticks = TICK.rows(inputs.states.shape)
     size = ticks.size
     most = inputs.neighbours.shape[-1]
 
-    # numba makes other code for arrays that may not be written, and that would be compiled, too
+    # writable arrays, because numba would compile the code once more for read-only ones
     is_present = np.require(inputs.is_present, requirements=["C", "W"])
     modes = np.require(inputs.modes, np.int64, ["C", "W"])
     flat_inputs = (
@@ -308,13 +307,13 @@ def step(memories: Rows, inputs: PassRows, obstacles: Rows, params: Rows, dt_s: 
 
 
 def message(states: Rows, ticks: Rows | None) -> Rows:
-    """Return what each vehicle publishes, as rows of Neighbour.
+    """Return the message of each vehicle, as rows of Neighbour.
 
-    Before the first tick it commands nothing and stays.
+    Before the first tick a vehicle publishes no command, and its present position as prediction.
 
     Args:
-        states: (F, N).
-        ticks: (F, N) of the pipeline; None before the first.
+        states: estimates (F, N).
+        ticks: ticks (F, N) of the pipeline; None before the first.
     """
     out = NEIGHBOUR.rows(states.shape)
     for name in _PUBLISHED_OF_STATE:
@@ -332,18 +331,18 @@ def message(states: Rows, ticks: Rows | None) -> Rows:
 
 
 def all_others(count: int) -> IntArray:
-    """Return the senders (N, N - 1) where every vehicle hears every other one."""
-    everybody = np.arange(count)
-    return np.array([np.delete(everybody, own) for own in range(count)]).reshape(count, -1)
+    """Return the senders (N, N - 1) if every vehicle receives from every other one."""
+    all_vehicles = np.arange(count)
+    return np.array([np.delete(all_vehicles, own) for own in range(count)]).reshape(count, -1)
 
 
 def received(inbox: Rows, age_s: Array, senders: IntArray, is_cooperative: BoolArray) -> Rows:
     """Return the neighbours (F, N, K) from the newest messages (F, receiver, sender).
 
     Args:
-        inbox: rows of :func:`message`.
-        age_s, is_cooperative: (F, receiver, sender).
-        senders: (N, K) or (F, N, K), those that each receiver regards.
+        inbox: newest message of each sender at each receiver, as rows of :func:`message`.
+        age_s, is_cooperative: age and cooperation (F, receiver, sender).
+        senders: indices (N, K) or (F, N, K) of the senders that each receiver uses.
     """
     flight_count, vehicle_count = inbox.shape[:2]
     flight = np.arange(flight_count)[:, None, None]
@@ -365,18 +364,18 @@ def is_compiled() -> bool:
 
 
 def warm_up() -> bool:
-    """Compile, or load from numba's cache, all that batches use.
+    """Compile all functions of batches, or load them from numba's cache.
 
-    Takes about a second from the cache, and some twenty seconds of a processor the first time on a
-    machine.
+    It takes about a second from the cache, and some twenty seconds of a processor the first time on
+    a machine.
 
     Returns:
-        False where nothing is to be compiled.
+        False if nothing is compiled.
     """
     if not is_compiled():
         return False
 
-    # types decide what is compiled, and not sizes: no flight of one vehicle with one neighbour
+    # numba compiles by types, not by sizes: zero flights of one vehicle with one neighbour suffice
     no_numbers = np.zeros((0, 1))
     no_vectors = np.zeros((0, 1, 1))
 
@@ -403,14 +402,14 @@ def warm_up() -> bool:
 
 
 def _flat(rows: Rows) -> Array:
-    """Return the numbers (size, width); the rows must be contiguous where they are written."""
+    """Return the numbers (size, width) of rows; to be written to, the rows must be contiguous."""
     return floats(rows).reshape(rows.size, rows.dtype.itemsize // 8)
 
 
 def _step_rows(
     memories: Any, inputs: Any, obstacles: Any, params: Any, ticks: Any, dt_s: float
 ) -> None:
-    """Write the tick of each vehicle, and its memory after that."""
+    """Compute and write the tick of each vehicle, and its memory after that tick."""
     states, goals, neighbours, is_present, modes = inputs
     walls = [_read_obstacle(obstacles[k]) for k in range(obstacles.shape[0])]
 
@@ -438,7 +437,7 @@ def _step_rows(
 def _estimate_rows(
     memories: Any, inputs: Any, params: Any, states: Any, age_s: float, dt_s: float
 ) -> None:
-    """Write the state of each vehicle, and the memory of its filter after that."""
+    """Compute and write the state of each vehicle, and the memory of its filter after that."""
     for m in range(memories.shape[0]):
         own_params = _read_filter_params(params[m % params.shape[0]])
         i = inputs[m]  # see FleetEstimator.step
@@ -457,7 +456,7 @@ def _estimate_rows(
 
 @lru_cache(maxsize=1)
 def _numba() -> Any:
-    """Return the module, or None where nothing is to be compiled."""
+    """Return the module numba, or None if nothing is to be compiled."""
     if os.environ.get("COVEY_NUMBA", "") == "0":
         return None
     try:
@@ -469,12 +468,12 @@ def _numba() -> Any:
 
 @lru_cache(maxsize=1)
 def _loops() -> _Loops:
-    """Return the loops of the pipeline and of the filter, compiled where possible."""
+    """Return the loops of the pipeline and of the filter, compiled if possible."""
     numba = _numba()
     if numba is None:
         return _Loops(step=_step_rows, estimate=_estimate_rows)
 
-    # none of these is called from Python: without wrappers they compile faster
+    # Python calls none of these functions, and without wrappers they compile faster
     register = numba.extending.register_jitable(no_cpython_wrapper=True, no_cfunc_wrapper=True)
     for function in _functions():
         register(function)
@@ -491,12 +490,12 @@ def _jit(numba: Any, function: Compiled, version: int) -> Compiled:
 
     def run(*arguments: Any) -> int:
         function(*arguments)
-        return version  # numba looks for its cached code by the values in this closure
+        return version  # in the closure, because numba's cache depends on the closure's values
 
     options = {"nogil": True, "fastmath": False}
     try:
         return numba.njit(cache=True, **options)(run)  # type: ignore[no-any-return]
-    except RuntimeError:  # no folder to keep the code in
+    except RuntimeError:  # there is no folder for the cache
         return numba.njit(**options)(run)  # type: ignore[no-any-return]
 
 
@@ -518,7 +517,7 @@ def _functions() -> list[FunctionType]:
 def _digest() -> int:
     """Return a number that changes with any function or constant that compiled code uses.
 
-    numba itself compares one file only.
+    It is needed because numba's cache notices changes of one file only.
     """
     constants = []
     for module in _MODULES:
@@ -532,10 +531,10 @@ def _digest() -> int:
 
 
 def _parts(code: CodeType) -> list[object]:
-    """Return what a function does, equal in every process.
+    """Return the content of a function's code, which is equal in every process.
 
-    ``marshal`` would tell code that was read from a .pyc file from the same code that was compiled
-    just now: the law would be compiled twice on a new machine.
+    ``marshal`` is not used: for code from a .pyc file it gives other bytes than for the same code
+    compiled just now, so that the law would be compiled twice on a new machine.
     """
     parts: list[object] = [code.co_code, code.co_names, code.co_freevars]
     for constant in code.co_consts:

@@ -1,7 +1,8 @@
-"""The closed loop of the pipeline over emulated vehicles, batched over flights and vehicles.
+"""Flies the pipeline in a closed loop with vehicle models, for many flights and vehicles at once.
 
-Each vehicle flies on its own estimate from noisy, late mocap samples, and receives the others late
-and with losses. Flights are repeatable: each draws from its own seed, alone or in a batch.
+Each vehicle flies by its own estimate from noisy, late mocap samples. It receives the messages of
+the others late and with losses. Flights are repeatable: each one draws its random numbers from its
+own seed, alone as well as in a batch.
 """
 
 from __future__ import annotations
@@ -32,13 +33,13 @@ class Scenario:
     A leg ends when all have arrived, or when its time is over.
     """
 
-    start_enu_m: Array  # (F, N, 3)
-    legs_enu_m: Array  # (F, L, N, 3) goals
-    duration_s: Array  # (L,) commanded for each leg
-    timeout_s: float = 40.0  # of each leg
-    is_parked: tuple[bool, ...] = ()  # (N,) stands on the ground all the while; empty: nobody does
+    start_enu_m: Array  # (F, N, 3) starts
+    legs_enu_m: Array  # (F, L, N, 3) goals of each leg
+    duration_s: Array  # (L,) commanded duration of each leg
+    timeout_s: float = 40.0  # longest time of a leg
+    is_parked: tuple[bool, ...] = ()  # (N,) whether a vehicle stands all the time; empty: none does
 
-    # a vehicle has arrived when it has stayed so near for so long
+    # a vehicle has arrived when it has been within this distance of its goal for this time
     arrival_m: float = 0.15
     settle_s: float = 1.0
 
@@ -47,17 +48,17 @@ class Scenario:
 class FleetModel:
     """The vehicles of a fleet as :func:`fly` takes them."""
 
-    params: Sequence[pipeline.PipelineParams]  # N
-    plants: Sequence[Plant]  # N
+    params: Sequence[pipeline.PipelineParams]  # parameters of the N pipelines
+    plants: Sequence[Plant]  # dynamics of the N vehicles
     obstacles: tuple[Capsule, ...] = ()
-    height_share: float = 0.0  # what a metre of height counts in a separation
+    height_share: float = 0.0  # metres of separation that one metre of height counts as
 
 
 @dataclass(frozen=True, slots=True)
 class RolloutResult:
     """Outcome of F flights."""
 
-    # (F, L) time from a leg's start to the last vehicle's arrival; inf: not in time
+    # (F, L) time from the begin of a leg to the last vehicle's arrival; inf: not in time
     arrival_s: Array
 
     # (T, F, N, 3) true positions after each tick, until the last flight has ended
@@ -71,10 +72,10 @@ class RolloutResult:
 
     @property
     def min_separation_m(self) -> Array:
-        """Smallest true separation of any two vehicles (F,); infinite for one alone."""
+        """Smallest true separation of any two vehicles (F,); infinite for a single vehicle."""
         first, second = np.triu_indices(self.trace_enu_m.shape[2], 1)
 
-        # tick by tick, because all pairs of a long flight would fill the memory
+        # computed tick by tick, because all pairs of a long flight would fill the memory
         least_m = []
         for position_enu_m in self.trace_enu_m:
             gap_m = position_enu_m[:, first] - position_enu_m[:, second]
@@ -88,10 +89,10 @@ def fleet_model(fleet: FleetConfig, names: Sequence[str], law: str | None = None
 
     Args:
         fleet: the fleet file.
-        names: of vehicles.
-        law: "covey", "paper" or "off"; overrides the fleet file's choice.
+        names: names of the vehicles.
+        law: "covey", "paper" or "off", in place of the fleet file's choice.
     Raises:
-        ValueError: ``law`` is another word.
+        ValueError: There is no law of that name.
     """
     return FleetModel(
         params=[pipeline.pipeline_params(fleet, name, law) for name in names],
@@ -110,10 +111,10 @@ def fly(
     """Fly a scenario once per seed, all flights at once.
 
     Args:
-        scenario: leading axis F of one entry per seed.
-        model: N vehicles.
-        seeds: F seeds.
-        perturbation: errors of the flights; by default those of a lab.
+        scenario: scenario whose leading axis F has one entry per seed.
+        model: the N vehicles.
+        seeds: the F seeds.
+        perturbation: errors of the flights; None: those of a lab.
     """
     errors = perturbation
     if errors is None:
@@ -160,7 +161,7 @@ def fly(
 
 
 class _Sensing:
-    """Mocap samples, late and noisy, through the drone's own filter."""
+    """Estimates of all vehicles: the drone's own filter with late and noisy mocap samples."""
 
     def __init__(self, model: FleetModel, start_enu_m: Array, errors: Perturbation) -> None:
         filters = []
@@ -177,7 +178,7 @@ class _Sensing:
         depth = errors.mocap_delay_ticks + 1
         self._samples = deque([start_enu_m] * depth, depth)  # newest first
 
-        # throttle sent last, and the one that carries the weight (F, N)
+        # throttle that was sent last, and throttle that carries the weight (F, N)
         hover_frac = [params.hover_thrust.configured_frac for params in model.params]
         self._hover = np.broadcast_to(hover_frac, start_enu_m.shape[:2])
         self._throttle = self._hover
@@ -196,13 +197,13 @@ class _Sensing:
         )
 
     def sent(self, ticks: Rows) -> None:
-        """Take the throttle that was sent last and the hover thrust estimated with it."""
+        """Take the throttle and the hover thrust of the newest tick, for the next estimate."""
         self._throttle = ticks["attitude"]["thrust_frac"]
         self._hover = ticks["hover_thrust_frac"]
 
 
 class _Radio:
-    """The newest message of every vehicle at every other one, late and with losses."""
+    """Messages between all vehicles, with delay and losses."""
 
     def __init__(self, states: Rows, is_parked: BoolArray, errors: Perturbation) -> None:
         first = batch.message(states, None)
@@ -222,7 +223,7 @@ class _Radio:
         self._is_present = np.ones((flights, *self._others.shape), bool)
 
     def receive(self, link_draws: Array) -> tuple[Rows, BoolArray]:
-        """Return the neighbours (F, N, K) of this tick, and that all of them are known."""
+        """Return the neighbours (F, N, K) of this tick, and whether each is known: all are."""
         is_received = link_draws >= self._errors.message_loss
         arriving = floats(self._sent[-1])[:, None]
         np.copyto(floats(self._inbox), arriving, where=is_received[..., None])
@@ -247,12 +248,12 @@ class _Legs:
         self.is_parked = np.array(scenario.is_parked or [False] * vehicles)
         self.arrival_s = np.full((flights, legs), np.inf)
 
-        # of each flight: the leg that it flies, and for how long
+        # of each flight: its present leg, the time since that began, and whether the flight goes on
         self._leg = np.zeros(flights, np.int64)
         self._time_s = np.zeros(flights)
         self._is_open = np.ones(flights, bool)
 
-        # for how long each vehicle has been near its goal (F, N)
+        # time for which each vehicle has been near its goal (F, N)
         self._near_s = np.zeros((flights, vehicles))
 
     def goals(self) -> Rows:
@@ -278,7 +279,7 @@ class _Legs:
         has_arrived = np.asarray(has_settled[:, ~self.is_parked].all(-1))
         is_late = self._time_s >= scenario.timeout_s
 
-        # a vehicle had arrived when it began to settle
+        # the arrival is at the begin of the time for which the vehicle has settled
         done = np.flatnonzero(self._is_open & (has_arrived | is_late))
         arrival_s = np.where(has_arrived[done], self._time_s[done] - scenario.settle_s, np.inf)
         self.arrival_s[done, self._leg[done]] = arrival_s

@@ -1,4 +1,4 @@
-"""Many vehicles in flight by a law of somebody's own: interpreted, vehicle by vehicle."""
+"""Runs the pipelines of many vehicles with a user's own law: interpreted, one by one."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class OwnLawFleet:
     """The pipelines of all vehicles with that law: a :class:`onboard.rollout.batch.Controller`.
 
     Args:
-        law: that the fleet file names.
-        params: N of them.
-        start_enu_m: (F, N, 3), where the vehicles hover [m].
-        obstacles: the same for all.
+        law: the law that the fleet file names.
+        params: parameters of the N vehicles.
+        start_enu_m: positions (F, N, 3) at which the vehicles hover [m].
+        obstacles: static obstacles, the same for all.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class OwnLawFleet:
             self._flights.append(vehicles)
         self._numbers = list(range(len(self._flights)))
 
-        # number of a flight -> why its first vehicle went on by Covey's law
+        # number of a flight -> reason of its first vehicle that changed to Covey's law
         self.refusals: dict[int, str] = {}
 
     def step(
@@ -84,7 +84,7 @@ class OwnLawFleet:
         return batch.TICK.packed(ticks).reshape(states.shape)
 
     def keep(self, flights: IntArray) -> None:
-        """Go on with these flights of the batch only."""
+        """Keep only these flights of the batch, by index."""
         chosen = np.asarray(flights).tolist()
         self._flights = [self._flights[flight] for flight in chosen]
         self._numbers = [self._numbers[flight] for flight in chosen]

@@ -1,9 +1,9 @@
-"""NamedTuples as rows of floats: where each number stands, and how to read and write a value.
+"""Packs NamedTuples into rows of floats, and back.
 
-A batch holds one row per vehicle. The layout of a row is a numpy dtype, so that
-``rows["law"]["status"]`` is an array over all vehicles; the functions turn one row into the
-NamedTuple that a stage takes, and back. Their text is made from the types once, since compiled code
-cannot walk over fields.
+A batch has one row per vehicle. The layout of a row is a numpy dtype, so that
+``rows["law"]["status"]`` is an array over all vehicles. Two functions of a layout convert one row
+to the NamedTuple that a stage takes, and back. Their source text is generated once from the type,
+because compiled code cannot loop over fields.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Layout:
 
     Attributes:
         dtype: names and shapes of the numbers; every number is a float.
-        width: numbers in a row.
+        width: number of floats in a row.
         read: function (row of floats) -> value.
         write: function (value, row of floats).
     """
@@ -38,7 +38,7 @@ class Layout:
         self.dtype = np.dtype(_dtype(example))
         self.width = self.dtype.itemsize // 8
 
-        types: dict[str, Any] = {}  # that the text names
+        types: dict[str, Any] = {}  # name -> type, for all types that the text names
         expression, _ = _expression(example, 0, "", types)
         lines, _ = _written(example, "value", 0, "")
         text = "\n".join(
@@ -52,7 +52,7 @@ class Layout:
             ]
         )
 
-        # the functions find the types among their globals
+        # the types are the globals of the functions
         exec(compile(text, f"<rows of {type(example).__name__}>", "exec"), types)
         self.read: Callable[[Sequence[float]], Any] = types["read"]
         self.write: Callable[[Any, Any], None] = types["write"]
@@ -77,14 +77,14 @@ class Layout:
 def floats(rows: Rows) -> Array:
     """Return the numbers (..., width) of rows (...).
 
-    They are the same memory where the rows are contiguous and writable.
+    The result shares its memory with the rows if these are contiguous and writable.
     """
     whole = np.require(rows, requirements=["C", "W"])
     return whole.view(np.float64).reshape(*whole.shape, whole.dtype.itemsize // 8)
 
 
 def zero(kind: Any) -> Any:
-    """Return the value of a NamedTuple type (of fixed length) whose numbers are all zero."""
+    """Return the value of a NamedTuple type, of fixed length, with zero for all numbers."""
     if get_origin(kind) is tuple:
         return tuple(zero(part) for part in get_args(kind))
     if not issubclass(kind, tuple):
@@ -99,12 +99,12 @@ def _is_number(example: Any) -> bool:
 
 
 def _is_plain_sequence(example: Any) -> bool:
-    """Whether it is a list, or a tuple without names."""
+    """Whether a value is a list, or a tuple without field names."""
     return isinstance(example, (list, tuple)) and not hasattr(example, "_fields")
 
 
 def _parts(example: Any) -> dict[str, Any]:
-    """Return the parts of a value by the text that reaches them."""
+    """Return the parts of a value: text that accesses a part (".x" or "[0]") -> part."""
     if hasattr(example, "_fields"):
         return {f".{name}": getattr(example, name) for name in example._fields}
     return {f"[{index}]": part for index, part in enumerate(example)}
@@ -122,20 +122,20 @@ def _dtype(example: Any) -> Any:
 
 
 def _width(example: Any) -> int:
-    """Return how many numbers a value has."""
+    """Return the number of floats of a value."""
     return int(np.dtype(_dtype(example)).itemsize) // 8
 
 
 def _expression(example: Any, at: int, offset: str, types: dict[str, Any]) -> tuple[str, int]:
-    """Return the text that makes a value of ``row[at + offset]`` and of what follows.
+    """Return the expression that makes a value from a row, beginning at ``row[at + offset]``.
 
     Args:
-        example: of the value.
-        at: number of the row with which the value begins.
-        offset: text that is added to that within a loop.
-        types: is given the types that the text names.
+        example: a value of the same type.
+        at: index in the row at which the value begins.
+        offset: text that is added to each index inside a loop.
+        types: all types that the text names are added to it.
     Returns:
-        Text, and the number of the row after the value's last one.
+        The text, and the index after the value's last number.
     """
     if _is_number(example):
         return _number_expression(example, f"row[{at}{offset}]"), at + 1
@@ -159,7 +159,7 @@ def _expression(example: Any, at: int, offset: str, types: dict[str, Any]) -> tu
 
 
 def _number_expression(example: bool | int | float, number: str) -> str:
-    """Return the text that makes a number of the example's type of a float."""
+    """Return the text that converts a float to a number of the example's type."""
     if isinstance(example, bool):
         return f"{number} != 0.0"
     if isinstance(example, int):
@@ -168,15 +168,15 @@ def _number_expression(example: bool | int | float, number: str) -> str:
 
 
 def _written(example: Any, value: str, at: int, offset: str) -> tuple[list[str], int]:
-    """Return the lines that write ``value`` to ``row[at + offset]`` and behind.
+    """Return the lines that write ``value`` to a row, beginning at ``row[at + offset]``.
 
     Args:
-        example: of the value.
-        value: text that reaches it.
-        at: number of the row with which the value begins.
-        offset: text that is added to that within a loop.
+        example: a value of the same type.
+        value: text that accesses the value.
+        at: index in the row at which the value begins.
+        offset: text that is added to each index inside a loop.
     Returns:
-        Lines, and the number of the row after the value's last one.
+        The lines, and the index after the value's last number.
     """
     if _is_number(example):
         return [f"row[{at}{offset}] = {value}"], at + 1

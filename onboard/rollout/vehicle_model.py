@@ -1,8 +1,8 @@
-"""Model of the vehicle for rollouts, with its own errors, seeded.
+"""Model of the vehicles' motion in rollouts, with errors drawn at random from a seed.
 
-A point mass under a thrust whose direction follows the attitude setpoint through dead time and a
-second-order lag (with a static gain and a bias that the control does not know) and whose size
-follows the throttle through the motors.
+Each vehicle is a point mass that its thrust moves. The direction of the thrust follows the
+attitude setpoint through dead time and a second-order lag, with a static gain and a bias that the
+control does not know. The size of the thrust follows the throttle through the motors' lag.
 """
 
 from __future__ import annotations
@@ -18,32 +18,34 @@ from onboard.config.fleet import Vehicle
 from onboard.rollout.rows import Rows
 from onboard.types import GRAVITY_M_S2, TICK_S
 
-_SUBSTEPS = 4
-_NOISE_BLOCK_TICKS = 100
+_SUBSTEPS = 4  # integration steps of the motion in one control tick
+_NOISE_BLOCK_TICKS = 100  # ticks for which random numbers are drawn at once
 
 
 @dataclass(frozen=True, slots=True)
 class Plant:
     """Properties of a vehicle as they really are.
 
-    The control knows the configured part of them at best.
+    The control knows at best those that the fleet file configures.
     """
 
+    # response of the tilt to its setpoint: natural frequency, damping ratio, dead time
     wn_rad_s: float
     zeta: float
     delay_s: float
-    drag_1_s: float
+
+    drag_1_s: float  # deceleration per speed
     hover_thrust_frac: float
-    static_gain: float = 1.0
+    static_gain: float = 1.0  # slope in the steady state over the slope of the setpoint
     tilt_bias_deg: float = 0.0
-    motor_lag_s: float = 0.05
+    motor_lag_s: float = 0.05  # time constant
 
 
 @dataclass(frozen=True, slots=True)
 class Perturbation:
-    """Errors of a flight, as a lab has them."""
+    """Sizes of the errors in a flight, as a lab has them."""
 
-    # half widths of uniform errors, as shares of the vehicle's own values
+    # half widths of uniform errors, as shares of the plant's values
     lag_share: float = 0.10
     gain_share: float = 0.05
     drag_share: float = 0.15
@@ -62,7 +64,7 @@ class Perturbation:
 
 
 def plant_of(vehicle: Vehicle) -> Plant:
-    """Return the plant that a vehicle's configuration describes, with the emulator's part."""
+    """Return the plant that the fleet file describes for a vehicle, its table ``sitl`` included."""
     return Plant(
         wn_rad_s=vehicle.attitude_wn_rad_s,
         zeta=vehicle.attitude_zeta,
@@ -76,27 +78,28 @@ def plant_of(vehicle: Vehicle) -> Plant:
 
 
 class Noise:
-    """Random numbers of F flights, each from its own seed, in blocks of ticks."""
+    """Random numbers of F flights with N vehicles each; every flight draws from its own seed."""
 
     def __init__(self, seeds: Sequence[int], count: int) -> None:
         self.generators = [np.random.default_rng(seed) for seed in seeds]
         self.count = count
 
+        # eight properties of each vehicle; `VehicleModels` uses the first six of them
         constants = [rng.uniform(-1.0, 1.0, (8, count)) for rng in self.generators]
         self.constants = np.stack(constants, axis=1)
         self.starts = np.stack([rng.normal(size=(count, 2)) for rng in self.generators])
-        self.tick = _NOISE_BLOCK_TICKS  # of the block; the next one is drawn at its end
+        self.tick = _NOISE_BLOCK_TICKS  # index in the block; at its end the next block is drawn
 
     def constant(self, index: int) -> Array:
-        """Return the uniform numbers (F, N) in [-1, 1) of one property."""
+        """Return the uniform numbers (F, N) in [-1, 1) of the property with this index."""
         return np.asarray(self.constants[index])
 
     def next(self) -> tuple[Array, Array, Array]:
         """Return the numbers of one tick.
 
         Returns:
-            Standard normal ones for mocap and for gusts (F, N, 3), and uniform ones for links
-            (F, N, N).
+            standard normal numbers for the mocap and for the gusts, both (F, N, 3), and uniform
+            numbers in [0, 1) for the links between vehicles (F, N, N).
         """
         if self.tick == _NOISE_BLOCK_TICKS:
             self._draw_block()
@@ -116,7 +119,7 @@ class Noise:
 
 
 class VehicleModels:
-    """True motion of F x N vehicles; the one mutable thing in here."""
+    """True motion of F x N vehicles, changed in place by :meth:`advance`."""
 
     def __init__(
         self, start: Array, plants: Sequence[Plant], noise: Noise, perturbation: Perturbation
@@ -125,8 +128,8 @@ class VehicleModels:
         p = perturbation
 
         def values(name: str) -> Array:
-            own = np.array([getattr(plant, name) for plant in plants], dtype=np.float64)
-            return np.broadcast_to(own, shape)
+            by_vehicle = np.array([getattr(plant, name) for plant in plants], dtype=np.float64)
+            return np.broadcast_to(by_vehicle, shape)
 
         # motion
         self.position = start.copy()
@@ -134,8 +137,8 @@ class VehicleModels:
         self.drag = values("drag_1_s") * (1.0 + p.drag_share * noise.constant(2))
         self.gust = np.zeros_like(start)
 
-        # Horizontal response: the slopes (tangents of the tilt) to east and north follow the
-        # setpoint's.
+        # horizontal response: the slopes (tangents of the tilt) to east and north follow those of
+        # the attitude setpoint
         self.wn = values("wn_rad_s") * (1.0 + p.lag_share * noise.constant(0))
         self.zeta = values("zeta")
         self.gain = values("static_gain") * (1.0 + p.gain_share * noise.constant(1))
@@ -151,7 +154,8 @@ class VehicleModels:
         self.motor_lag = values("motor_lag_s")
         self.thrust = np.full(shape, GRAVITY_M_S2)
 
-        # dead time in substeps, and the setpoints sent, newest first: slopes and throttle
+        # dead times in substeps, and the setpoints of the last substeps, newest first: slopes to
+        # east and north, and throttle
         self.delay = [round(plant.delay_s * _SUBSTEPS / TICK_S) for plant in plants]
         depth = max(self.delay) + 1
         self.queue = np.zeros((depth, *shape, 3))
@@ -170,9 +174,9 @@ class VehicleModels:
         """Move all vehicles by one control tick.
 
         Args:
-            attitude: setpoints (F, N).
+            attitude: attitude setpoints (F, N).
             gust_noise: standard normal numbers (F, N, 3).
-            p: holds the gusts.
+            p: gives the gusts' size and correlation time.
             dt_s: length of the tick.
         """
         q = attitude["quaternion_wxyz"]
