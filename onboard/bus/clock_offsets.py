@@ -1,24 +1,25 @@
 """Offsets of other hosts' monotonic clocks from ours, measured over the bus. Pure: times are passed
 in.
 
-Twice a second every node publishes its clock, and the arrival times of the others' clock messages.
-A message sent at t1 by their clock that arrives at t2 by ours shows that their clock is ahead by at
-least t1 - t2, since nothing arrives before it is sent. The arrival times that they publish of our
-messages bound it from above in the same way. Both bounds are true whatever the delays are, however
-different in the two directions; the quickest messages of each direction make them narrow. A bound
-widens as it ages, because clocks drift apart. Nothing is averaged, and no wall clock takes part, so
-a wall clock that jumps changes nothing.
+Twice a second every node publishes the time by its clock, and when by its clock it received the
+others' last clock messages. A message that another node sends at t1 by its clock and that arrives
+at t2 by ours shows that its clock is ahead of ours by at least t1 - t2, since nothing arrives
+before it is sent. In the same way, the arrival times that the other node publishes of our messages
+bound that offset from above. Both bounds hold whatever the delays are, even if they differ between
+the two directions; the quickest messages in each direction make them narrow. A bound widens as it
+ages, because clocks drift apart. Nothing is averaged, and no wall clock takes part, so a wall clock
+that jumps changes nothing.
 
-Each node also tells what time it is in the world, by its own computer. That is only compared, for
-starts at a time of day; no stamp is converted by it.
+Each node also publishes the time of day by its computer's wall clock. That is only compared with
+ours, for starts at a time of day; no stamp is converted by it.
 
-Nodes that share a clock (one kernel, one boot, one time namespace) know that from each other's host
-id.
+Nodes that share a clock (one kernel, one boot, one time namespace) recognise that by their equal
+host ids.
 
-A message that contradicts what is known of its sender may be false. So what is known stays in use
-while messages agree with it. Beside it stands what the contradicting messages say. Once no message
-has agreed with what is known for a while, and several in a row have agreed on something else, that
-takes its place: the sender has probably started anew.
+A message that contradicts the known bounds of its sender may be false. So the known bounds stay in
+use while messages agree with them, and the contradicting messages are collected beside them. Once
+no message has agreed with the known bounds for a while, and several in a row have agreed on other
+bounds, these replace the known ones: the sender has probably started anew.
 """
 
 from __future__ import annotations
@@ -29,27 +30,28 @@ from onboard.bus.schema import ClockMessage, HeardClock
 
 # Crystals are within 100 ppm; a host whose wall clock is being disciplined slews its monotonic
 # clock too, by up to 500.
-DRIFT = 1e-3
-_UNKNOWN_DELAY_NS = 20_000_000  # assumed while nothing is measured
-_SAME_CLOCK_NS = 500_000_000  # a stamp this far before its arrival may be of our own clock
+DRIFT = 1e-3  # by which two such clocks run apart at most, per time
+_UNKNOWN_DELAY_NS = 20_000_000  # delay of a message that is assumed while nothing is measured
+_SAME_CLOCK_NS = 500_000_000  # a stamp at most this long before its arrival may be by our own clock
 _FORGET_NS = 60_000_000_000  # without a message, after which a node makes room for another one
 _MAX_NODES = 64
-_SILENT_NS = 1_800_000_000  # without a message that agrees: three are missing
-_CONFIRMATIONS = 3  # messages in a row that agree on something new
+_SILENT_NS = 1_800_000_000  # without a message that agrees with the known bounds: three are missing
+_CONFIRMATIONS = 3  # contradicting messages in a row that must agree with each other
 
 
 @dataclass(frozen=True, slots=True)
 class Peer:
     """One other node, and the bounds of its clock minus ours."""
 
-    host: int
-    sent_ns: int  # of its newest message, by its clock
-    received_ns: int  # of its newest message, by ours
+    host: int  # host id: equal for nodes that share a clock
+    sent_ns: int  # when it sent its newest message, by its clock
+    received_ns: int  # when that message arrived, by our clock
     low_ns: int  # lower bound of its clock minus ours
-    low_at_ns: int  # when that bound was true, by ours
-    high_ns: int | None = None  # upper bound; None while it has published no arrival of ours
-    high_at_ns: int = 0  # when that bound was true, by ours
-    # the world's clock, as its computer has it, minus its monotonic clock; None: not told
+    low_at_ns: int  # when that bound was measured, by our clock
+    # upper bound; None while the node has published no arrival of one of our messages
+    high_ns: int | None = None
+    high_at_ns: int = 0  # when that bound was measured, by our clock
+    # its computer's wall clock minus its monotonic clock; None: not published
     world_offset_ns: int | None = None
 
     def bounds_ns(self, now_ns: int) -> tuple[int, int | None]:
@@ -69,10 +71,10 @@ class Peer:
         return low_ns, high_ns
 
     def raised_low(self, low_ns: int, now_ns: int) -> Peer:
-        """Return the peer with a new lower bound, where that is the narrower one.
+        """Return the peer with a new lower bound if that is narrower than the known one.
 
         Args:
-            low_ns: what a message that arrives now shows.
+            low_ns: bound that follows from a message that arrives now.
             now_ns: our clock.
         Returns:
             the same peer or a changed copy.
@@ -83,10 +85,10 @@ class Peer:
         return replace(self, low_ns=low_ns, low_at_ns=now_ns)
 
     def lowered_high(self, high_ns: int, at_ns: int) -> Peer:
-        """Return the peer with a new upper bound, where that is the narrower one.
+        """Return the peer with a new upper bound if that is narrower than the known one.
 
         Args:
-            high_ns: what their arrival time of our message shows.
+            high_ns: bound that follows from the time at which one of our messages reached it.
             at_ns: when we sent that message, by our clock.
         Returns:
             the same peer or a changed copy.
@@ -99,7 +101,7 @@ class Peer:
     def is_contradictory(self, now_ns: int) -> bool:
         """Whether no offset fulfils both bounds.
 
-        A clock stood still (a suspended host), or a message is false.
+        Then a clock stood still (a suspended host), or a message is false.
 
         Args:
             now_ns: our clock.
@@ -114,9 +116,9 @@ class Clocks:
 
     node: str  # our own name on the bus
     host: int  # our own host id
-    restarts: int = 0  # nodes of which something else was believed, after a contradiction
+    restarts: int = 0  # how often the bounds of a node were replaced after a contradiction
     _peers: dict[str, Peer] = field(default_factory=dict)
-    # what messages say that contradict what is known of a node, and how many in a row agree on it
+    # node -> peer by messages that contradict the known one, and how many in a row agree on it
     _contradictions: dict[str, tuple[Peer, int]] = field(default_factory=dict)
     _sequence: int = 0
 
@@ -125,7 +127,7 @@ class Clocks:
 
         Args:
             now_ns: our clock.
-            world_ns: the world's clock at the same time, since 1970; 0: not told.
+            world_ns: our computer's wall clock at the same time, since 1970; 0: not published.
         Returns:
             the message to publish at once.
         """
@@ -157,7 +159,7 @@ class Clocks:
         if node not in self._peers and not self._has_room(received_ns):
             return
 
-        # who says that it shares our clock has to be right about the time
+        # a node that claims to share our clock must have sent at a time that our clock confirms
         age_ns = received_ns - message.sent_ns
         if message.host == self.host and not 0 <= age_ns < _SAME_CLOCK_NS:
             return
@@ -181,10 +183,10 @@ class Clocks:
             self._peers[node], _ = self._contradictions.pop(node)
 
     def _contradiction(self, message: ClockMessage, received_ns: int) -> tuple[Peer, int] | None:
-        """Return what a message says that contradicts what is known, and how many agree on that.
+        """Return the peer by a message that contradicts the known one, and how many agree on it.
 
-        It agrees with the contradicting messages before it, or is the first of a new row. None for
-        a message that contradicts itself.
+        Such a message either agrees with the contradicting messages before it or is the first of a
+        new row. None for a message that contradicts itself.
         """
         earlier, count = self._contradictions.get(message.node, (None, 0))
         peer = self._merged(earlier, message, received_ns)
@@ -196,9 +198,9 @@ class Clocks:
         return peer, count + 1
 
     def _merged(self, peer: Peer | None, message: ClockMessage, received_ns: int) -> Peer | None:
-        """Return what is known of a node with one more message of it.
+        """Return a peer with one more of its messages taken into account.
 
-        None if the message contradicts what was known.
+        None if the message contradicts the peer.
         """
         # another boot is another clock
         if peer is not None and peer.host != message.host:
@@ -228,8 +230,8 @@ class Clocks:
             )
 
         for heard in message.heard:
-            is_of_ours = heard.node == self.node and heard.host == self.host
-            if is_of_ours and heard.sent_ns <= received_ns:
+            is_our_message = heard.node == self.node and heard.host == self.host
+            if is_our_message and heard.sent_ns <= received_ns:
                 peer = peer.lowered_high(heard.received_ns - heard.sent_ns, heard.sent_ns)
 
         if peer.is_contradictory(received_ns):
@@ -237,26 +239,26 @@ class Clocks:
         return peer
 
     def _has_room(self, now_ns: int) -> bool:
-        """Whether one more node can be remembered; one that was silent for a minute makes room."""
+        """Whether one more node can be remembered; forgets one that was silent for a minute."""
         if len(self._peers) >= _MAX_NODES:
             oldest, peer = min(tuple(self._peers.items()), key=lambda item: item[1].received_ns)
             if now_ns - peer.received_ns < _FORGET_NS:
                 return False
-            self._peers.pop(oldest, None)  # another thread may have been as quick
+            self._peers.pop(oldest, None)  # another thread may have removed it already
         return True
 
     def own_ns(self, node: str, stamp_ns: int, received_ns: int) -> int:
         """Convert a stamp of another node to our clock.
 
-        While nothing is known of the node, a stamp shortly before its arrival counts as one of our
-        own clock; any other is replaced by its arrival, less a usual delay.
+        While nothing is known of the node, a stamp shortly before its arrival counts as one by our
+        own clock; any other is replaced by its arrival, less an assumed delay.
 
         Args:
             node: whose clock made the stamp.
             stamp_ns: by that clock.
             received_ns: arrival of the message, by our clock.
         Returns:
-            the earliest time [ns] by our clock that the stamp can mean, and never after its
+            the earliest time [ns] by our clock that the stamp can mean, never later than its
             arrival.
         """
         peer = self._peers.get(node)
@@ -309,15 +311,15 @@ class Clocks:
     def world_ahead_s(
         self, node: str, now_ns: int, world_offset_ns: int
     ) -> tuple[float, float] | None:
-        """Compare the world's clock of a node's computer with that of ours.
+        """Compare the wall clock of a node's computer with that of ours.
 
         Args:
             node: its name on the bus.
             now_ns: our clock.
-            world_offset_ns: the world's clock, as our computer has it, minus our clock.
+            world_offset_ns: our computer's wall clock minus our monotonic clock.
         Returns:
             by how much [s] theirs is ahead of ours, and the largest error [s] of that; None while
-            it is not measured, and for a node that does not tell it.
+            it is not measured, and for a node that does not publish its wall clock.
         """
         peer = self._peers.get(node)
         offset = self.offset_s(node, now_ns)

@@ -1,8 +1,8 @@
-"""The clocks of the fleet for one process.
+"""Clock synchronisation of one process with the others on the bus.
 
-It publishes its own clock and what time of the world its computer has, receives the others'
-(``clock_offsets.py`` compares them), and converts the stamps of messages to its own clock. It knows
-which other processes share its clock by the id of its host.
+The process publishes its monotonic clock and its computer's wall clock, receives those of the
+others (``clock_offsets.py`` compares them), and converts the stamps of messages to its own clock.
+It recognises processes that share its clock by the host id that they publish.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from onboard.bus.schema import (
 from onboard.bus.topics import Topic
 
 BEAT_S = 0.5  # from one clock message to the next
-_WARN_AFTER_NS = 5_000_000_000  # with poses that cannot be used
+_WARN_AFTER_NS = 5_000_000_000  # since the first pose that cannot be used
 
 log = logging.getLogger("covey.clock")
 Stamped = TypeVar("Stamped", StateMessage, MocapPose, Corrections)
 
 
 def host_id() -> int:
-    """Return a number that exactly those processes share that read the same monotonic clock.
+    """Return the id of this host: equal for all processes that read the same monotonic clock.
 
     Returns:
         48 bits of a hash of the kernel's boot id and the time namespace.
@@ -46,7 +46,7 @@ def host_id() -> int:
     boot = Path("/proc/sys/kernel/random/boot_id").read_text()
     try:
         namespace = os.stat("/proc/self/ns/time").st_ino
-    except OSError:  # a kernel without time namespaces has one time
+    except OSError:  # on a kernel without time namespaces all processes share one clock
         namespace = 0
     digest = hashlib.sha256(f"{boot}{namespace}".encode()).digest()
     return int.from_bytes(digest[:6], "little")
@@ -63,9 +63,9 @@ class ClockNode:
         self._bus = bus
         self.clocks = Clocks(bus.node, host_id())
 
-        # sources of poses that cannot be used, because their clock is not known: since when
+        # source of poses that cannot be used, because its clock is not known -> since when
         self._unknown_since_ns: dict[str, int] = {}
-        self._warned: set[str] = set()  # those of them that the log has named
+        self._warned: set[str] = set()  # those of them that a warning has named
 
     def start(self) -> None:
         """Subscribe to the others' clocks; the bus must be open."""
@@ -159,7 +159,7 @@ class ClockNode:
         self._bus.publish(Topic.CLOCK, self._bus.node, message)
 
     async def keep(self) -> None:
-        """Start, and beat until cancelled, for callers with an event loop."""
+        """Start, and publish the clock twice a second until cancelled, on an event loop."""
         self.start()
         while True:
             self.beat()

@@ -1,4 +1,7 @@
-"""Bytes <-> message. Input from outside never raises: it decodes, or it is :class:`Malformed`."""
+"""Encoding and decoding of messages.
+
+Bytes from outside never raise an error: they decode to a message or to :class:`Malformed`.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,8 @@ MessageT = TypeVar("MessageT", bound=Message)
 MAX_BYTES = 65_536  # of one message
 
 _encoder = msgspec.msgpack.Encoder()
-_decoders: dict[type[Message], msgspec.msgpack.Decoder[Message]] = {}  # made when first needed
+# type of message -> its decoder, which is made when it is first needed
+_decoders: dict[type[Message], msgspec.msgpack.Decoder[Message]] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +42,7 @@ def encode(message: Message) -> bytes:
 
 
 def decode(data: bytes, kind: type[MessageT]) -> MessageT | Malformed:
-    """Decode a message. Whether its numbers are finite is for :func:`is_finite` to say.
+    """Decode a message; its numbers need not be finite, see :func:`is_finite`.
 
     Args:
         data: as received.
@@ -76,4 +80,5 @@ def is_finite(*vectors: tuple[float, ...]) -> bool:
     Returns:
         True if all numbers and their sum are finite.
     """
-    return math.isfinite(sum(map(sum, vectors)))  # any number that is not finite makes the sum so
+    # a sum is not finite as soon as one of its numbers is not
+    return math.isfinite(sum(map(sum, vectors)))

@@ -1,8 +1,8 @@
-"""Who has control of a fleet: liveliness tokens, and the rules that agents and grounds share. Pure.
+"""Control of a fleet: the liveliness tokens that show who has it, and the rules for them. Pure.
 
-A ground that operates declares the token ``operator.TERM.NODE.AUTHOR``. One that requests control
-declares ``asks...``. An operator who refuses a request declares ``keeps...`` with the node of the
-request.
+Agents and grounds share these rules. A ground that operates the fleet declares the token
+``operator.TERM.NODE.AUTHOR``. One that requests control declares ``asks.TERM.NODE.AUTHOR``. An
+operator who refuses a request declares ``keeps.TERM.NODE.AUTHOR`` with the node that requested.
 
 A token vanishes with its process, so a ground that has ended cannot stay the operator. Grounds are
 connected to agents only, not to each other. Therefore every agent publishes in its telemetry the
@@ -20,13 +20,15 @@ from onboard.bus.schema import Order, OrderKind
 ControlClaim = Literal["operator", "asks", "keeps"]
 CONTROL_CLAIMS: tuple[ControlClaim, ...] = get_args(ControlClaim)
 
-EMERGENCY: tuple[OrderKind, ...] = ("land", "hold", "kill")  # orders that end what is flown
+EMERGENCY: tuple[OrderKind, ...] = ("land", "hold", "kill")  # orders that end a flight or a path
 OPEN_TO_ALL: tuple[OrderKind, ...] = (*EMERGENCY, "pause")  # orders that anybody may send
-# A script or a mission operates in its own process while its person watches from another one: these
-# orders are open to every ground of the person who operates. Home is a move that lands.
+# Orders that are open to every ground of the person who operates, because a script or a mission
+# operates in its own process while its person watches from another one. To fly home, a move that
+# lands, is open in the same way.
 _OF_THE_PERSON: tuple[OrderKind, ...] = ("resume", "skip")
 
-# How a vehicle ends the refusal of a mission's order that would replace a person's newer one.
+# End of the sentence with which a vehicle refuses a mission's order, because that would replace a
+# newer order of a person. Grounds recognise the refusal by it.
 ORDER_STAYS = "that order stays."
 
 GROUND = "ground"  # first word of the nodes that may order
@@ -40,9 +42,9 @@ _MAX_PART_LENGTH = 60  # characters of a node's or an author's name within a tok
 
 @dataclass(frozen=True, slots=True)
 class ControlToken:
-    """What one ground declares about control of the fleet."""
+    """Declaration of one ground about control of the fleet."""
 
-    claim: ControlClaim
+    claim: ControlClaim  # it operates, requests control, or refuses a request
     term: int  # grows each time that control is taken by force
     node: str  # of the ground; for "keeps" the node that requested control
     author: str  # name of the user
@@ -56,30 +58,31 @@ class ControlToken:
         return f"{self.author} ({self.node})"
 
     def is_of(self, author: str) -> bool:
-        """Whether a person of this name declares it, as their computer names them."""
+        """Whether the person with this user name has declared it."""
         return self.author == _token_part(author)
 
     def follows(self, other: ControlToken) -> bool:
-        """Whether this token takes control from the other by force, because its term is the next.
+        """Whether this token takes control from the other by force: its term is the next one.
 
         Args:
             other: token of the other ground.
         Returns:
-            True for the next term only. If any later term counted, a false claim with the last term
-            could never be followed.
+            True for the next term only. If any later term counted, nobody could take control from a
+            false claim with the last term.
         """
         return self.term == next_term(other.term)
 
     def beats(self, other: ControlToken) -> bool:
-        """Whether this token wins where two grounds operate at once.
+        """Whether this token wins when two grounds operate at once.
 
-        The later term wins; among equal terms the lower node.
+        The later term wins; with equal terms the node that sorts first.
 
         Args:
             other: token of the other ground.
         Returns:
             True if this token wins.
         """
+        # terms begin anew after the last one: less than half a round ahead counts as later
         terms_ahead = (self.term - other.term) % LAST_TERM
         if terms_ahead == 0:
             return self.node < other.node
@@ -103,9 +106,9 @@ def parse_control_token(name: str) -> ControlToken | None:
     if len(parts) != 4:
         return None
 
-    written_claim, term, node, author = parts
+    first_word, term, node, author = parts
     for claim in CONTROL_CLAIMS:
-        if claim == written_claim and _TERM.fullmatch(term) and node:
+        if claim == first_word and _TERM.fullmatch(term) and node:
             return ControlToken(claim, int(term), node, author)
     return None
 
@@ -113,8 +116,8 @@ def parse_control_token(name: str) -> ControlToken | None:
 class ControlTokens:
     """The control tokens that one agent sees, and the operator that follows from them.
 
-    The operator stays the operator while its token lives, whoever claims later, unless that claim
-    has the next term.
+    The operator stays the operator while its token lives, unless another ground claims control with
+    the next term.
     """
 
     def __init__(self) -> None:
@@ -141,7 +144,7 @@ class ControlTokens:
         self._choose_holder()
 
     def _drop_the_oldest_of_too_many(self) -> None:
-        """Make room, so that false names cannot exclude the tokens that come after them."""
+        """Forget one token of too many, so that false ones cannot keep out those after them."""
         if len(self._tokens) <= _MAX_TOKENS:
             return
         oldest = next(name for name, token in self._tokens.items() if token != self.holder)
@@ -171,15 +174,15 @@ class ControlTokens:
         return tuple(sorted(name for name, token in self._tokens.items() if token != self.holder))
 
     def refusal(self, order: Order) -> str | None:
-        """Judge whether the sender of an order may give it.
+        """Return why the sender of an order may not give it.
 
-        Orders that make a flight safer are open to everybody; what follows a pause (to go on, to
-        skip, to go home) to every ground of the person who operates.
+        Orders that make a flight safer are open to everybody. Orders that follow a pause (to go on,
+        to skip, to go home) are open to every ground of the person who operates.
 
         Args:
             order: as received.
         Returns:
-            the sentence that refuses it; None when it is allowed.
+            the sentence that refuses the order; None when it is allowed.
         """
         holder = self.holder
         if holder is None or order.kind in OPEN_TO_ALL or order.node == holder.node:

@@ -1,7 +1,7 @@
 """Publishes the poses of a motion capture: each under its body's name, and all of them together.
 
-A vehicle subscribes to its own body. From the poses that come together, less often, it learns where
-the others really are.
+A vehicle subscribes to the poses of its own body. From the messages with all bodies, which come
+less often, it learns where the mocap sees the other vehicles.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from onboard.bus.protocol import Bus
 from onboard.bus.schema import MocapPose, MocapPoses
 from onboard.bus.topics import TOPICS, Topic
 
-_PERIOD_NS = round(1e9 / TOPICS[Topic.ALL_POSES].rate_hz)  # of the poses together
-_MOST_TOGETHER = 10  # so many fit into one datagram
+_PERIOD_NS = round(1e9 / TOPICS[Topic.ALL_POSES].rate_hz)  # of the messages with all bodies
+_MOST_TOGETHER = 10  # poses that fit into one datagram
 
 
 class PosePublisher:
@@ -23,7 +23,8 @@ class PosePublisher:
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
-        self._newest: dict[str, MocapPose] = {}  # of each body, since they were published together
+        # body -> its newest pose since all bodies were last published together
+        self._newest: dict[str, MocapPose] = {}
         self._due_ns = 0  # when they are published together next
 
     def publish(self, pose: MocapPose) -> None:
@@ -34,7 +35,8 @@ class PosePublisher:
         """
         self._bus.publish(Topic.MOCAP, pose.body, pose)
 
-        # Stamps may also jump, back or far ahead; then the poses together are due at once.
+        # a time until then that is not within one period shows that it has come, or that the stamps
+        # have jumped, back or far ahead; in both cases all bodies are published at once
         until_due_ns = self._due_ns - pose.stamp_ns
         if not 0 <= until_due_ns <= _PERIOD_NS:
             self._due_ns = pose.stamp_ns + _PERIOD_NS

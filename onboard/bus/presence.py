@@ -1,25 +1,23 @@
-"""Names on the bus, each of which several nodes may declare at once. Pure."""
+"""The names that are present on the bus. Several nodes may declare the same name at once. Pure."""
 
 from __future__ import annotations
 
 from onboard.bus.protocol import OnAlive
 
-_MAX_TOKENS = 20_000  # of all names together; those beyond it are ignored
+_MAX_TOKENS = 20_000  # of all names together; further ones are ignored
 
 
 class Presence:
-    """Counts the nodes behind each name.
-
-    A second node of a name does not take the name along when it leaves.
+    """Counts the nodes behind each name: a name stays present until its last node has left.
 
     Args:
-        on_alive: called with the name and whether it is there, only when that changes.
+        on_alive: called with a name and whether it is present, only when that changes.
     """
 
     def __init__(self, on_alive: OnAlive) -> None:
         self._on_alive = on_alive
-        self._instances: dict[str, set[str]] = {}  # name -> the nodes that declare it
-        self._count = 0  # of all of them
+        self._instances: dict[str, set[str]] = {}  # name -> instances of the nodes that declare it
+        self._count = 0  # of the instances of all names
 
     def see(self, token: str, is_alive: bool) -> None:
         """Take a liveliness token that appeared or vanished.

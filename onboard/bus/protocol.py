@@ -1,4 +1,4 @@
-"""The bus as everybody uses it: the protocol of the Zenoh session and of the simulated bus."""
+"""The interface of the bus, which the Zenoh session and the simulated bus both implement."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from onboard.bus.topics import Topic
 # Zenoh closes a connection that has been silent for this long. Over QUIC it waits longer:
 # onboard/bus/zenoh_settings.py.
 LEASE_MS = 1000
-MAX_COLLECTED = 1000  # messages of one collected topic that wait for delivery, by default
+MAX_COLLECTED = 1000  # default for the messages of one collected topic that wait for delivery
 
 RefusalCode = Literal[
     "unsigned", "forged", "foreign", "role", "replayed", "late", "other start", "flood"
@@ -22,49 +22,51 @@ RefusalCode = Literal[
 
 @dataclass(frozen=True, slots=True)
 class UntrustedOrder:
-    """An order that a fleet with keys does not believe: counted, answered, and not obeyed.
+    """An order whose signature a fleet with keys does not accept: counted, answered, not obeyed.
 
-    In a flood nobody is answered. A true order may be among these: its ground hears nothing, and
-    land and kill then go straight to PX4.
+    In a flood of orders nobody is answered. A genuine order may be among them: its ground gets no
+    reply, and then sends land and kill straight to PX4.
     """
 
     code: RefusalCode  # for programs and for counts
     sentence: str  # for people
-    order_id: str = ""  # as far as it could be read
+    order_id: str = ""  # empty if it could not be read
 
     @property
     def is_answered(self) -> bool:
-        """Whether its sender hears that it was refused."""
+        """Whether its sender gets a reply that refuses it."""
         return self.code != "flood"
 
 
 class OrderSignatures(Protocol):
-    """Signs the orders that a node gives, and judges those that it receives."""
+    """Signs the orders that a node sends, and verifies those that it receives."""
 
     def seal(self, key_expression: str, order: bytes) -> bytes:
-        """Return the bytes that travel beside an order; empty for a node that signs none.
+        """Return the seal of an order: the bytes with its signature, which are sent beside it.
 
         Args:
-            key_expression: on the bus, to which the order is sent.
-            order: its bytes.
+            key_expression: key of the bus to which the order is sent.
+            order: bytes of the order.
+        Returns:
+            the seal; empty for a node that signs no orders.
         """
 
     def refusal(self, key_expression: str, order: bytes, seal: bytes) -> UntrustedOrder | None:
-        """Judge an order that arrives now.
+        """Verify an order that arrives now.
 
         Args:
-            key_expression: on the bus, at which it arrived.
-            order: its bytes.
-            seal: the bytes beside it; empty without.
+            key_expression: key of the bus at which the order arrived.
+            order: bytes of the order.
+            seal: bytes that were sent beside it; empty if there were none.
         Returns:
-            what is wrong with its signature; None for a right one.
+            the fault of its signature; None if the signature is right.
         """
 
 
 class NodeCredentials(Protocol):
-    """What a node of a bus with keys shows to the others and demands of them.
+    """Certificate and key of a node on a bus with keys, and the access that it allows to others.
 
-    The bus is given it; ``onboard/security/credentials.py`` makes it from files.
+    ``onboard/security/credentials.py`` makes them from files; whoever opens the bus passes them in.
     """
 
     @property
@@ -73,7 +75,7 @@ class NodeCredentials(Protocol):
 
     @property
     def certificate(self) -> str:
-        """Path of the node's certificate; empty without."""
+        """Path of the node's certificate; empty if it has none."""
 
     @property
     def key(self) -> str:
@@ -81,10 +83,10 @@ class NodeCredentials(Protocol):
 
     @property
     def access(self) -> dict[str, object]:
-        """Zenoh's ``access_control``: what may come in from the holder of which certificate."""
+        """Zenoh's ``access_control``: the messages accepted from the holder of each certificate."""
 
     def order_signatures(self) -> OrderSignatures:
-        """Return what signs this node's orders and judges those that it receives."""
+        """Return the object that signs this node's orders and verifies those that it receives."""
 
 
 OnMessage = Callable[[Topic, str, Message | Malformed], None]
@@ -106,17 +108,17 @@ class NoRouterError(BusError):
 class Bus(Protocol):
     """One node on the fleet's bus.
 
-    Callbacks may run on a thread of the bus: they must only hand over, and must not call the bus.
-    The exception is :meth:`deliver`, which runs callbacks on the caller's thread.
+    Callbacks may run on a thread of the bus: they must only hand over to another thread, and must
+    not call the bus. The exception is :meth:`deliver`, which runs callbacks on the caller's thread.
     """
 
     @property
     def node(self) -> str:
-        """Return this node's name; others see it on the bus while one node has it."""
+        """Return this node's name, which the others see while the node is on the bus."""
 
     @property
     def is_simulated(self) -> bool:
-        """Whether time on this bus is simulated: there are then no other clocks to measure."""
+        """Whether time on this bus is simulated; then there are no other clocks to measure."""
 
     def start(self) -> None:
         """Open the bus and declare the liveliness token; a second call does nothing.
@@ -134,7 +136,7 @@ class Bus(Protocol):
         This never blocks for topics with LATEST delivery.
 
         Args:
-            topic: row of the table of topics; it decides the delivery.
+            topic: row of the table of topics, which also determines the delivery.
             name: vehicle, mocap body or node that the message is about.
             message: of the topic's type.
         """
@@ -159,16 +161,15 @@ class Bus(Protocol):
             topic: row of the table of topics.
             name: one name, or ``*`` for all.
             on_message: called with topic, name and the message, or :class:`Malformed`.
-            most: number of messages kept; of more, the newest.
+            most: number of messages that are kept: the newest ones.
         """
 
     def follow(self, topic: Topic, names: Iterable[str], on_message: OnMessage) -> None:
-        """Collect a topic of exactly these names.
+        """Collect a topic of exactly these names: subscribe to new ones, drop all others.
 
-        New names are subscribed to, all others are dropped.
-
-        A message that nobody follows is not sent at all. Not for the control loop, since each
-        change of the names is sent to every peer. Only one thread may call this.
+        A publisher does not even send a message that no node follows. Each change of the names is
+        sent to every peer, so do not change them in the control loop. Only one thread may call
+        this.
 
         Args:
             topic: row of the table of topics.
@@ -185,9 +186,9 @@ class Bus(Protocol):
 
         Args:
             vehicle: name of the vehicle.
-            on_order: called on a thread of the bus with the order, or what is wrong with it, and a
-                function that sends the reply. That function must be called once, from any other
-                thread.
+            on_order: called on a thread of the bus with the order, or with an object that says what
+                is wrong with it, and with a function that sends the reply. That function must be
+                called once, from any other thread.
         """
 
     def serve_faults(self, on_fault: OnFault) -> None:
@@ -225,23 +226,23 @@ class Bus(Protocol):
     def claim(self, token: str) -> None:
         """Declare another liveliness token of this node, for a role.
 
-        :mod:`onboard.bus.control_token` says what it is for.
+        :mod:`onboard.bus.control_token` describes the roles.
 
         Args:
-            token: name of the token; a second claim of the same one does nothing.
+            token: name of the token; a second claim of the same token does nothing.
         """
 
     def release(self, token: str) -> None:
         """Take back a token of :meth:`claim`.
 
         Args:
-            token: name of the token; one that is not claimed is ignored.
+            token: name of the token; a token that is not claimed is ignored.
         """
 
     def watch_alive(self, on_alive: OnAlive) -> None:
         """Call back for every name of a node or role that appears or vanishes.
 
         Args:
-            on_alive: called with the name and whether a node has it; first for all that are there
-                already.
+            on_alive: called with the name and whether a node has it; first for all names that are
+                present already.
         """

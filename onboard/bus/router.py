@@ -1,4 +1,4 @@
-"""A router of the bus: Zenoh's own, with the endpoints and the access control of its fleets."""
+"""A router of the bus: Zenoh's router with the endpoints and the access control of its fleets."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from onboard.config.fleet import ConfigError, FleetConfig
 
 
 def router_endpoint(fleets: Sequence[FleetConfig], endpoint: str | None = None) -> str:
-    """Return where the router of this computer listens.
+    """Return the endpoint at which the router of this computer listens.
 
     Args:
-        fleets: whose messages it passes on; all of their files name its endpoint.
-        endpoint: where it is to listen; None for the one of the fleet files that is of this
-            computer.
+        fleets: fleets whose messages it passes on; the files of all of them must name its endpoint.
+        endpoint: endpoint that a person has chosen; None for the only one in the fleet files that
+            is an address of this computer.
     Raises:
-        ConfigError: there is no such endpoint, or none that is clear.
+        ConfigError: there is no such endpoint, or there are several.
     """
     own = endpoint or _only_endpoint_of_this_computer(fleets[0])
     for fleet in fleets:
@@ -41,8 +41,8 @@ def router_settings(
     """Return zenoh's settings for a router of this computer.
 
     Args:
-        fleets: whose messages it passes on.
-        endpoint: of :func:`router_endpoint`.
+        fleets: fleets whose messages it passes on.
+        endpoint: result of :func:`router_endpoint`.
         credentials: of the router, with the access control of all fleets; None without keys.
     """
     others: list[str] = []
@@ -57,7 +57,7 @@ class Router:
     """One router.
 
     Args:
-        settings: of :func:`router_settings`.
+        settings: result of :func:`router_settings`.
     """
 
     def __init__(self, settings: Sequence[Setting]) -> None:
@@ -66,7 +66,7 @@ class Router:
         self._session: Any = None  # of zenoh, while it runs
 
     def start(self) -> None:
-        """Listen, and pass on.
+        """Listen, and pass messages on, on threads of zenoh.
 
         Raises:
             BusError: the endpoint is taken or not of this computer.
@@ -75,7 +75,7 @@ class Router:
         self._sockets.start()
 
     def stop(self) -> None:
-        """End: the clients look for another router."""
+        """Close the router; its clients then look for another one."""
         self._sockets.stop()
         if self._session is not None:
             self._session.close()
@@ -116,7 +116,7 @@ def _is_of_this_computer(host: str) -> bool:
             try:
                 probe.bind(address)
             except OSError as error:
-                if error.errno != errno.EADDRINUSE:  # an address in use is of this computer, too
+                if error.errno != errno.EADDRINUSE:  # only an own address can be in use here
                     continue
             return True
     return False

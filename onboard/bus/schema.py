@@ -1,6 +1,6 @@
-"""Messages on the bus: frozen, with a schema version, units and frames in every field name.
+"""Messages on the bus: frozen, with a schema version, and units and frames in the field names.
 
-Fields that many messages have, with one meaning:
+Fields that many messages have, with the same meaning in all of them:
 
 * ``vehicle``: the name in the fleet file of the vehicle that the message is about.
 * ``boot_id``: a number of the sender's process. It changes when the sender starts anew, so that
@@ -9,8 +9,8 @@ Fields that many messages have, with one meaning:
 * ``stamp_ns``: the sender's monotonic clock, in nanoseconds, when the message was made.
 * ``..._enu_...``: east, north, up of the fleet's frame.
 
-Messages are only data, without numpy, so that any process can read the bus cheaply. They travel as
-arrays: a new field goes to the end of its class and has a default.
+Messages are only data, without numpy, so that any process can read the bus cheaply. They are sent
+as arrays without field names, so a new field must go to the end of its class and have a default.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ SCHEMA_VERSION = 1
 AgentState = Literal[
     "waiting", "ready", "armed", "taking off", "flying", "holding", "landing", "landed", "failed"
 ]
-# "identify" is the former name of "locate": records and older grounds have it
+# "identify" is the former name of "locate": records and older grounds still use it
 LOCATE = ("locate", "identify")
 OrderKind = Literal[
     "arm",
@@ -50,14 +50,16 @@ OrderKind = Literal[
     "enable",
     "stand_in",
 ]
-# they change how a path, or another vehicle, is followed
+# orders that change how a vehicle follows a path or another vehicle
 ON_PATHS = ("pause", "resume", "skip")
-# whether a vehicle takes part in flights, and from whose place
+# orders that determine whether a vehicle takes part in flights, and which vehicle it stands in for
 SERVICE = ("disable", "enable", "stand_in")
-BESIDE = (*LOCATE, "load_path", *ON_PATHS, *SERVICE)  # orders that begin nothing, and end no other
-# Reasons of an order; without one a person gives it, to the vehicles that he names.
-BY_MISSION = "mission"  # a mission or a script gives it, at its end or in its course
-TO_EVERYBODY = "everybody"  # a person gives it to all, as LAND ALL does
+# orders that begin no flight and end no other order
+BESIDE = (*LOCATE, "load_path", *ON_PATHS, *SERVICE)
+# Values of ``Order.reason``. An order without a reason comes from a person, to the vehicles that he
+# names.
+BY_MISSION = "mission"  # a mission or a script sends it, at its end or in its course
+TO_EVERYBODY = "everybody"  # a person sends it to all vehicles, as LAND ALL does
 OrderOutcome = Literal["accepted", "done", "refused", "superseded", "failed", "timed out"]
 Severity = Literal["debug", "info", "warning", "critical"]
 
@@ -65,12 +67,12 @@ Severity = Literal["debug", "info", "warning", "critical"]
 class Message(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
     """Base of all messages."""
 
-    # first, so that a receiver can refuse a version before it reads the rest
+    # the first field, so that a receiver can refuse another version before it reads the rest
     schema: int = SCHEMA_VERSION
 
 
 class StateMessage(Message, frozen=True, array_like=True, kw_only=True):
-    """State of one vehicle for its neighbours, at up to 50 Hz: as it is, and as it will be."""
+    """State of one vehicle for its neighbours, at up to 50 Hz: its motion now and after its lag."""
 
     vehicle: str
     boot_id: int
@@ -78,7 +80,7 @@ class StateMessage(Message, frozen=True, array_like=True, kw_only=True):
     stamp_ns: int
 
     is_valid: bool  # the sender knows its own position
-    is_airborne: bool  # the others have to reckon with it in the air
+    is_airborne: bool  # the others have to avoid it: it is in the air, or may be
     is_cooperative: bool  # it takes its share of avoiding
 
     # its own estimate, at ``stamp_ns``
@@ -86,10 +88,10 @@ class StateMessage(Message, frozen=True, array_like=True, kw_only=True):
     velocity_enu_m_s: Xyz
     acceleration_enu_m_s2: Xyz
 
-    # where its lag brings it, whatever it commands from now on
+    # motion when a command of now takes effect: no command can change it any more
     predicted_position_enu_m: Xyz
     predicted_velocity_enu_m_s: Xyz
-    commanded_acceleration_enu_m_s2: Xyz  # what it commands at this tick
+    commanded_acceleration_enu_m_s2: Xyz  # its command at this tick
     lead_time_s: float  # from ``stamp_ns`` to the time of the prediction
 
     position_std_m: float  # standard deviation of its estimate's position
@@ -110,8 +112,8 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     state: AgentState
     reason: str  # why it is in this state; a sentence, or empty
     not_ready: tuple[str, ...]  # sentences that refuse take-off
-    is_armed: bool  # by PX4
-    is_airborne: bool  # the others have to reckon with it in the air
+    is_armed: bool  # as PX4 reports it
+    is_airborne: bool  # the others have to avoid it: it is in the air, or may be
     mode: str  # flight mode of PX4
 
     # where it is and where it goes
@@ -122,7 +124,7 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     setpoint_position_enu_m: Xyz  # of the trajectory, at this tick
     goal_position_enu_m: Xyz  # of the order
 
-    # of its PX4
+    # as its PX4 reports them
     battery_frac: float  # charge, 0 to 1; NaN while PX4 has not reported it
     battery_voltage_v: float
 
@@ -130,18 +132,18 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     law: str  # name of the law that it flies
     law_status: str  # of the last tick
     intervention_m_s2: float  # by how much the law changes the thrust
-    nearest_vehicle: str  # empty while it hears none
+    nearest_vehicle: str  # empty while it receives no other's state
     nearest_distance_m: float  # between the centres
 
     # the newest order
     order_id: str
     order_kind: str
-    order_phase: str  # how far it is
+    order_phase: str  # how far the vehicle is with it
 
-    # time since the newest of each kind arrived
-    state_age_s: float  # own position
-    autopilot_age_s: float  # packet of PX4
-    neighbour_age_s: float  # state of the neighbour that has been silent for longest
+    # time since the newest one arrived
+    state_age_s: float  # of its own position
+    autopilot_age_s: float  # of the packets from PX4
+    neighbour_age_s: float  # of the states of that neighbour which has been silent for longest
 
     # control loop: median, 99th percentile and maximum of the last ten seconds
     loop_period_p50_ms: float
@@ -151,57 +153,60 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     malformed_messages: int  # since the start: see onboard/message_counts.py
 
     hover_thrust_frac: float  # throttle that hovers, as learned so far
-    config_hash: str  # of the fleet file and the law: equal on all that fly together
+    config_hash: str  # of the fleet file and the law: equal on all vehicles that fly together
     system_id: int  # MAV_SYS_ID of its PX4
 
-    conditions: tuple[str, ...] = ()  # of the failsafe table that hold now, in words
-    action: str = ""  # of the failsafe table, in words
+    conditions: tuple[str, ...] = ()  # those of the failsafe table that hold now, in words
+    action: str = ""  # that the failsafe table demands now, in words
     operator: str = ""  # token of the operator, as this vehicle sees it: control_token.py
-    roles: tuple[str, ...] = ()  # the other role tokens
+    roles: tuple[str, ...] = ()  # the other tokens of control_token.py
     loop_lateness_p99_ms: float = 0.0  # how far behind its schedule a tick began
     missed_ticks: int = 0  # since the start
-    avoids: str = ""  # neighbour that the law intervenes mostly for; empty while it does not
-    doubles: tuple[str, ...] = ()  # vehicles for which this one hears two agents
+    avoids: str = ""  # neighbour because of which the law mostly intervenes; empty: none
+    doubles: tuple[str, ...] = ()  # vehicles of which two agents publish at the same time
     mocap_delay_s: float = 0.0  # mean time from a pose's measurement to its arrival
 
     # the path that it follows
     show_id: str = ""  # empty without one
     path_time_s: float = 0.0  # on the path's clock
-    path_rate_frac: float = 1.0  # of that clock
-    path_lag_m: float = 0.0  # distance from where the path is at that time
-    is_behind: bool = False  # asks all to slow the clock
+    path_rate_frac: float = 1.0  # rate of that clock: 1 is real time
+    path_lag_m: float = 0.0  # distance from the path's point at that time
+    is_behind: bool = False  # it asks all vehicles to slow the clock
 
-    # orders that were not believed -> how many, since this agent's start
+    # reason -> number of orders since this agent's start that were refused for it, because they
+    # were not trusted or not the operator's
     refused_orders: dict[str, int] = {}
     # since this agent's start: see onboard/message_counts.py
     refused_messages: int = 0
     dropped_messages: int = 0
     late_messages: int = 0
 
-    # mean velocity of the air that it feels, east and north; NaN: not known
+    # mean velocity of the air, as estimated in flight, east and north; NaN: not known
     wind_enu_m_s: tuple[float, float] = (math.nan, math.nan)
     gust_m_s: float = math.nan  # standard deviation of the gusts, per axis; NaN: not known
-    max_wind_m_s: float = math.nan  # its limit of the mean; NaN: not known
+    max_wind_m_s: float = math.nan  # limit of that mean for this vehicle; NaN: not known
 
-    is_flown_by_hand: bool = False  # its PX4 is in a pilot's mode and hears his sticks
-    # the newest order that it has taken, also after its end; `locate` and parts of paths are none
+    is_flown_by_hand: bool = False  # its PX4 is in a pilot's mode and receives his sticks
+    # the newest order that it has accepted, also after that order's end; `locate` and parts of
+    # paths do not count
     taken_order_id: str = ""
     taken_order_kind: str = ""
     taken_order_from: str = ""  # author and node
 
-    # an order has stopped its path's clock, and so everybody's; or it follows nobody until `resume`
+    # an order has stopped the clock of its path, and thereby of all vehicles on that show; or has
+    # interrupted its following of another vehicle until `resume`
     is_path_paused: bool = False
-    disabled_by: str = ""  # who has ordered that it takes part in no flight; empty: it does
+    disabled_by: str = ""  # who has ordered that it takes part in no flight; empty: nobody
 
-    # of a vehicle that flies by satellites
-    fix: str = ""  # of its PX4's receiver, in words; empty while it is not known
-    satellites: int = -1  # that the receiver uses; -1: not known
-    # of corrections, where the fleet has some
-    corrections_age_s: float = math.nan  # since the newest were given to PX4; NaN: never
-    base_id: int = -1  # station of those corrections; -1: none is known
+    # only for a vehicle that flies by satellites
+    fix: str = ""  # kind of its receiver's fix, in words; empty while it is not known
+    satellites: int = -1  # number that the receiver uses; -1: not known
+    # only where the fleet has corrections
+    corrections_age_s: float = math.nan  # since the newest went to PX4; NaN: none has yet
+    base_id: int = -1  # station that sent those corrections; -1: not known
     base_distance_m: float = math.nan  # from the vehicle to that station; NaN: not known
 
-    # the vehicle whose spot, slots and paths it has instead of its own; empty: its own
+    # the vehicle whose spot, slots and paths it uses instead of its own; empty: its own
     stands_in_for: str = ""
     follows: str = ""  # the vehicle that its goals follow, paused or not; empty: none
 
@@ -213,8 +218,9 @@ class PreflightReport(Message, frozen=True, array_like=True, kw_only=True):
     boot_id: int
     sequence: int
     stamp_ns: int
-    # (name, is_ok, sentence, remedy) in the order in which a person looks for the fault. Not ok
-    # refuses take-off; ok with a remedy is advice; ok without one needs no action.
+    # (name, is_ok, sentence, remedy), in the order in which a person looks for a fault. A check
+    # that is not ok refuses take-off; one that is ok with a remedy is advice; one that is ok
+    # without a remedy needs no action.
     checks: tuple[tuple[str, bool, str, str], ...]
     px4_version: tuple[int, int] | None = None  # as this vehicle's PX4 reports it
 
@@ -246,7 +252,7 @@ class TickSample(Message, frozen=True, array_like=True, kw_only=True):
     thrust_baseline_enu_m_s2: Xyz
     thrust_safe_enu_m_s2: Xyz
 
-    # own motion when a command of now takes effect
+    # own motion when a command of this tick takes effect
     predicted_position_enu_m: Xyz
     predicted_velocity_enu_m_s: Xyz
     commanded_acceleration_enu_m_s2: Xyz
@@ -255,11 +261,11 @@ class TickSample(Message, frozen=True, array_like=True, kw_only=True):
     law_status: str
     intervention_m_s2: float  # by how much it changes the thrust
     slack_m_s2: float  # by how much its constraints had to be relaxed
-    active_neighbour: str  # that it intervenes mostly for; empty while it does not
+    active_neighbour: str  # because of which it mostly intervenes; empty while it does not
     neighbour_distances_m: dict[str, float]  # vehicle -> distance
     neighbour_ages_s: dict[str, float]  # vehicle -> age of its state
 
-    # attitude and throttle: what PX4 is sent, and what it reports
+    # attitude and throttle: setpoints that PX4 is sent, and values that it reports
     setpoint_quaternion_enu_flu_wxyz: Wxyz
     setpoint_thrust_frac: float
     attitude_quaternion_enu_flu_wxyz: Wxyz
@@ -284,12 +290,15 @@ class Event(Message, frozen=True, array_like=True, kw_only=True):
     severity: Severity
     code: str  # for programs
     sentence: str  # for people
-    order_id: str = ""  # of the order that ends with it; empty for other events
+    order_id: str = ""  # of the order that has ended; empty for all other events
     order_outcome: OrderOutcome | Literal[""] = ""  # how that order ended
 
 
 class PathOrder(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
-    """The part of an order that is about a path: its bytes in parts, or the begin of its flight."""
+    """The part of an order that is about a path: a part of its bytes, or the start of its flight.
+
+    Kind ``load_path`` sends a part; ``follow_path`` starts the flight.
+    """
 
     path_id: str  # of the whole path: see onboard/control/path.py
 
@@ -299,70 +308,77 @@ class PathOrder(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
     data: bytes = b""  # of this part
 
     # follow_path only
-    show_id: str = ""  # equal for all that follow their paths by one clock
+    show_id: str = ""  # equal for all vehicles that follow their paths by the same clock
     start_ns: int = 0  # time 0 of the path, on the sender's monotonic clock
-    on_lag: Literal["land", "hold"] = "land"  # what a vehicle does that falls behind for too long
+    on_lag: Literal["land", "hold"] = "land"  # action of a vehicle that is behind for too long
 
 
 class Order(Message, frozen=True, array_like=True, kw_only=True):
-    """Ground to one vehicle; answered at once by an :class:`OrderReply`, ended by an event."""
+    """Order of a ground to one vehicle.
 
-    order_id: str  # no two orders have the same
-    author: str  # the person, as their computer names them
+    The vehicle answers at once with an :class:`OrderReply`, and publishes an :class:`Event` when
+    the order ends.
+    """
+
+    order_id: str  # unique
+    author: str  # user name of the person who sends it
     kind: OrderKind
     stamp_ns: int
-    deadline_ns: int  # after which the order must not begin, on the sender's monotonic clock
-    # move only: the vehicle's own goal, its slot's offset added by the ground
+    # after which the order must not begin, on the sender's monotonic clock; 0: no deadline
+    deadline_ns: int
+    # move only: the vehicle's own goal, to which the ground has added the offset of its slot
     position_enu_m: Xyz | None = None
     height_m: float | None = None  # takeoff only: above the fleet's origin
     duration_s: float = 0.0  # 0: as fast as the limits allow
-    node: str = ""  # the sender on the bus, by which the operator is known
+    node: str = ""  # the sender on the bus, by which vehicles recognise the operator
     path: PathOrder | None = None  # load_path and follow_path only
-    # move only: heading to turn to, counterclockwise from east; None: as it is
+    # move only: heading to turn to, counterclockwise from east; None: keep the heading
     yaw_deg: float | None = None
-    then_land: bool = False  # move only: lands at the goal, and has ended when it is down
-    # of the newest telemetry that the sender had of this vehicle, hence by the vehicle's own clock:
-    # a fleet with keys obeys no order that was signed more than some seconds ago, whatever other
-    # clocks say
+    then_land: bool = False  # move only: land at the goal; the order ends on the ground
+    # Boot id and stamp of the newest telemetry that the sender has received from this vehicle. The
+    # stamp is by the vehicle's own clock, so that the vehicle can refuse an order that was signed
+    # more than some seconds ago without trusting any other clock (only in a fleet with keys).
     heard_boot_id: int = 0
     heard_ns: int = 0
-    # BY_MISSION, TO_EVERYBODY, or empty: a person's to the vehicles that he names. A landing with a
-    # reason is refused while a pilot flies the vehicle by hand.
+    # BY_MISSION, TO_EVERYBODY, or empty for an order of a person to the vehicles that he names. A
+    # landing with a reason is refused while a pilot flies the vehicle by hand.
     reason: str = ""
-    stands_in_for: str = ""  # stand_in only: whose place the vehicle takes, maybe its own again
+    # stand_in only: the vehicle whose spot, slots and paths this one uses from now on; itself, to
+    # use its own again
+    stands_in_for: str = ""
     follows: str = ""  # move only: the vehicle whose motion this goal follows
 
     @property
     def text(self) -> str:
-        """Kind, author and sender, in a few words: others may have written them."""
+        """Kind, author and sender; names are cut off, because anybody may have written them."""
         return f"{self.kind} of {self.author[:60]} (from {self.node[:60]})"
 
 
 class FaultOrder(Message, frozen=True, array_like=True, kw_only=True):
-    """Ground to the emulator in simulated flights: inject a fault; answered by a reply.
+    """Order of a ground to the emulator in simulated flights: inject a fault.
 
-    The reply is an :class:`OrderReply`.
+    The emulator answers with an :class:`OrderReply`.
     """
 
-    order_id: str  # no two orders have the same
-    author: str  # the person, as their computer names them
+    order_id: str  # unique
+    author: str  # user name of the person who sends it
     stamp_ns: int
     vehicle: str
-    fault: str  # name of its kind
+    fault: str  # name of the kind of fault
     parameters: dict[str, float | str]  # of that kind
-    after_s: float = 0.0  # simulated time from now
-    duration_s: float = 0.0  # 0: until the end
-    is_rehearsal: bool = False  # only say whether it could be done
+    after_s: float = 0.0  # simulated time from now until the fault begins
+    duration_s: float = 0.0  # of the fault; 0: until the end of the simulation
+    is_rehearsal: bool = False  # only answer whether the fault could be injected
 
 
 class OrderReply(Message, frozen=True, array_like=True, kw_only=True):
-    """Accepted, or refused with a reason."""
+    """Reply to an order: accepted, or refused with a reason."""
 
     order_id: str  # of the order
     vehicle: str
     is_accepted: bool
-    # of a refusal, as a sentence; of an order that is accepted: what it leads to, where its name
-    # does not say it
+    # sentence: why the order is refused; or what an accepted order leads to, if its kind does not
+    # show that; may be empty
     reason: str
 
 
@@ -386,7 +402,7 @@ class MocapPoses(Message, frozen=True, array_like=True, kw_only=True):
 
 
 class Corrections(Message, frozen=True, array_like=True, kw_only=True):
-    """One RTCM 3 frame of the fleet's base, as its source sent it, for every vehicle's PX4."""
+    """One RTCM 3 frame from the fleet's base, exactly as received, for every vehicle's PX4."""
 
     source: str  # the node whose clock stamps it
     boot_id: int
@@ -411,23 +427,23 @@ class HeardClock(msgspec.Struct, frozen=True, array_like=True):
     """Arrival of another node's clock message."""
 
     node: str  # the sender of that message
-    host: int  # of the sender's clock, see :class:`ClockMessage`
-    sent_ns: int  # by its own clock
-    received_ns: int  # by the clock of the node that publishes this
+    host: int  # the sender's host id, see :class:`ClockMessage`
+    sent_ns: int  # when it was sent, by the sender's clock
+    received_ns: int  # when it arrived, by the clock of the node that publishes this
 
 
 class ClockMessage(Message, frozen=True, array_like=True, kw_only=True):
-    """A node's monotonic clock, and arrivals of the others', twice a second.
+    """A node's monotonic clock, and arrivals of the others' clock messages, twice a second.
 
-    ``onboard/bus/clock_offsets.py`` makes offsets of them.
+    ``onboard/bus/clock_offsets.py`` calculates the offsets between the clocks from them.
     """
 
     node: str
-    host: int  # equal for all that share one clock; another boot is another host
+    host: int  # host id: equal for all nodes that share a clock; a reboot changes it
     sequence: int
     sent_ns: int  # by the node's own clock
-    heard: tuple[HeardClock, ...] = ()  # the newest of each other node
-    world_ns: int = 0  # of the world's clock then, as this computer has it, since 1970; 0: not told
+    heard: tuple[HeardClock, ...] = ()  # the newest message of each other node
+    world_ns: int = 0  # the computer's wall clock at ``sent_ns``, since 1970; 0: not published
 
 
 class Light(Message, frozen=True, array_like=True, kw_only=True):
@@ -439,7 +455,7 @@ class Light(Message, frozen=True, array_like=True, kw_only=True):
 
 
 class Truth(Message, frozen=True, array_like=True, kw_only=True):
-    """Ground truth, simulation only: for records and expectations; no agent listens."""
+    """True motion of a vehicle in a simulation, for records and expectations; no agent listens."""
 
     vehicle: str
     stamp_ns: int
@@ -448,7 +464,6 @@ class Truth(Message, frozen=True, array_like=True, kw_only=True):
     quaternion_enu_flu_wxyz: Wxyz
     is_on_ground: bool
     is_collided: bool  # it has touched another vehicle
-    # first contacts with the ground after flights, so far; 0 also where nobody counts them
-    touchdowns: int = 0
-    touchdown_m_s: float = 0.0  # vertical speed at the newest of them
-    had_thrust: bool = True  # its motors had all their thrust then
+    touchdowns: int = 0  # first contacts with the ground after flights, so far; 0 if not counted
+    touchdown_m_s: float = 0.0  # vertical speed at the newest touchdown
+    had_thrust: bool = True  # its motors had all their thrust at that touchdown

@@ -1,6 +1,6 @@
 """The bus over Zenoh; the only file of the project that imports zenoh.
 
-Callbacks run on zenoh's threads and must only hand over
+Callbacks run on zenoh's threads and must only hand their message over to another thread
 (:meth:`asyncio.AbstractEventLoop.call_soon_threadsafe`); calling a session's method from inside a
 callback can deadlock.
 """
@@ -37,9 +37,9 @@ from onboard.bus.topics import TOPICS, Delivery, Topic, key, topic_and_name
 from onboard.bus.zenoh_settings import Setting, of_client, of_node
 from onboard.native_threads import keep_thread_state
 
-# One thread for all of the network. By default zenoh has five, and one of them wakes up another for
-# every message; the wake-up costs more than the reading. Zenoh reads this when the first session
-# opens.
+# One thread for all network work: each of zenoh's five runtimes hands its work over to `net`. By
+# default each has a thread, and one of them wakes up another for every message, which costs more
+# than to read the message. Zenoh reads this variable when the first session opens.
 _RUNTIMES = (
     "rx: (handover: net)",
     "tx: (handover: net)",
@@ -49,27 +49,27 @@ _RUNTIMES = (
 )
 os.environ.setdefault("ZENOH_RUNTIME", f"({', '.join(_RUNTIMES)})")
 
-# a subscriber that keeps the newest samples, and the function for each
+# a subscriber that keeps the newest samples, and the function that is called for each of them
 _Collector = tuple[Any, Callable[[Any], None]]
 
 _MAX_NAMES = 1000  # names of one topic that are remembered by their keys
 _MAX_FOLLOWED = 16  # samples of one followed name that wait for delivery
-_FAULT_NAME = "fault"
+_FAULT_NAME = "fault"  # last part of the key for fault orders
 _EVERY_NAME = "*"
 
-# Messages whose sender may block have a queue of their own: in a shared one, a peer that hangs
-# would hold up the control loop's messages too.
+# Priority of messages whose sender may block. Zenoh has a queue for each priority, so that such a
+# message to a peer that hangs does not hold up the control loop's messages.
 _BLOCKING_PRIORITY = zenoh.Priority.INTERACTIVE_HIGH
 
 # Topics that overtake all others on a link.
 _URGENT = (Topic.STATE, Topic.MOCAP)
 
-# Topics that all others overtake: on a full radio they are dropped first.
+# Topics that all others overtake: on a radio without free capacity they are dropped first.
 _LAST = (Topic.CORRECTIONS, Topic.LOG_PIECES)
 
-# Topics whose messages fit into one datagram. Over QUIC nothing of a larger one arrives, so all
-# others, ticks and preflight reports among them, travel in streams. A publisher of the newest still
-# drops rather than waits.
+# Topics whose messages fit into one datagram. Over QUIC a larger message would not arrive at all,
+# so the messages of all other topics, such as ticks and preflight reports, are sent in streams. A
+# publisher with LATEST delivery drops a message in a stream, too, rather than wait.
 _IN_DATAGRAMS = (Topic.STATE, Topic.FAR, Topic.MOCAP, Topic.ALL_POSES, Topic.TRUTH)
 
 
@@ -82,12 +82,11 @@ class BusSession:
             number.
         listen: endpoints to listen at, for instance ``["tcp/127.0.0.1:7460"]``; empty for the
             ground.
-        connect: endpoints of the others; retried for ever, so that the order of starting does not
-            matter.
+        connect: endpoints of the others; retried for ever, so that nodes may start in any order.
         credentials: of this node, for ``quic/`` and ``tls/``; None for a bus without keys.
-        routers: endpoints of the fleet's routers; where there are any, the node connects to one of
-            them only, and listens nowhere.
-        router_timeout_s: for which :meth:`start` looks for a router.
+        routers: endpoints of the fleet's routers; if there are any, the node connects only to one
+            of them, and listens nowhere.
+        router_timeout_s: time for which :meth:`start` looks for a router.
     """
 
     is_simulated = False
@@ -118,16 +117,16 @@ class BusSession:
 
         self._session: zenoh.Session | None = None
         self._sockets = PromptSockets()
-        self._instance = secrets.token_hex(4)  # tells two nodes of one name apart
+        self._instance = secrets.token_hex(4)  # distinguishes two nodes with the same name
         self._token: Any = None  # liveliness token of the node, while the bus is open
 
         self._publishers: dict[tuple[Topic, str], zenoh.Publisher] = {}
         self._followed: dict[tuple[Topic, str], _Collector] = {}
         self._collected: list[_Collector] = []
-        self._collectors: tuple[_Collector, ...] = ()  # all of both
+        self._collectors: tuple[_Collector, ...] = ()  # those of both, for :meth:`deliver`
         self._claims: dict[str, Any] = {}  # further liveliness tokens of this node, by their names
 
-        # subscribers, queryables and tokens live as long as they are referred to
+        # subscribers and queryables, which zenoh ends when nothing refers to them any more
         self._declared: list[Any] = []
 
     def start(self) -> None:
@@ -159,8 +158,8 @@ class BusSession:
         self._collected.clear()
         self._collectors = ()
 
-        # Over QUIC closing waits for attempts to reach nodes that are not there: the others hear
-        # now that this node leaves.
+        # Over QUIC, `close` waits for attempts to reach nodes that are not there. So the tokens are
+        # taken back first, and the others learn now that this node leaves.
         for token in (self._token, *self._claims.values()):
             token.undeclare()
         self._claims.clear()
@@ -207,7 +206,7 @@ class BusSession:
             congestion_control=congestion_control,
             reliability=reliability,
             priority=priority,
-            # a subscriber to all need not take its own messages
+            # a node that subscribes to all names must not receive its own messages
             allowed_destination=zenoh.Locality.REMOTE,
         )
 
@@ -224,12 +223,15 @@ class BusSession:
     def collect(
         self, topic: Topic, name: str, on_message: OnMessage, *, most: int = MAX_COLLECTED
     ) -> None:
-        """Keep messages until :meth:`deliver`; of more than ``most`` the newest."""
+        """Keep messages, at most the newest ``most``, until :meth:`deliver`."""
         self._collected.append(self._collector(topic, name, on_message, most))
         self._collectors = (*self._collected, *self._followed.values())
 
     def follow(self, topic: Topic, names: Iterable[str], on_message: OnMessage) -> None:
-        """Collect ``topic`` of exactly these names; the publisher's own node knows who listens."""
+        """Collect ``topic`` of exactly these names.
+
+        Publishers learn of each change, and do not send what nobody follows.
+        """
         followed = {(topic, name) for name in names}
 
         dropped: list[_Collector] = []
@@ -240,7 +242,7 @@ class BusSession:
         for pair in sorted(followed - self._followed.keys()):
             self._followed[pair] = self._collector(topic, pair[1], on_message, _MAX_FOLLOWED)
 
-        # taken from :meth:`deliver`, which another thread may call, before they are undeclared
+        # replaced before the dropped ones are undeclared, since another thread may call `deliver`
         self._collectors = (*self._collected, *self._followed.values())
 
         for subscriber, _ in dropped:
@@ -263,7 +265,7 @@ class BusSession:
     def _receiver(
         self, topic: Topic, name: str, on_message: OnMessage
     ) -> Callable[[zenoh.Sample], None]:
-        """Return a function that decodes a sample of one name, or of every name, and calls back."""
+        """Return a function that decodes a sample and calls back, for one name or for all."""
         kind = TOPICS[topic].message
         assert kind is not None, f"{topic} carries no message"
 
@@ -295,7 +297,7 @@ class BusSession:
         self._serve(key(self.namespace, Topic.ORDER, vehicle), Order, on_order, self._signatures)
 
     def serve_faults(self, on_fault: OnFault) -> None:
-        """Answer fault orders for the emulator, in the same way."""
+        """Answer fault orders for the emulator, as :meth:`serve_orders` does orders."""
         self._serve(key(self.namespace, Topic.SIM, _FAULT_NAME), FaultOrder, on_fault)
 
     def _serve(
@@ -305,7 +307,7 @@ class BusSession:
         on_query: Callable[..., None],
         signatures: OrderSignatures | None = None,
     ) -> None:
-        """Answer queries of one kind; where there are signatures, each query needs a right one."""
+        """Answer queries of one kind; with ``signatures``, each query needs a valid one."""
 
         def receive(query: zenoh.Query) -> None:
             payload = _bytes_of(query.payload)
@@ -336,7 +338,7 @@ class BusSession:
     def fault(
         self, order: FaultOrder, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd
     ) -> None:
-        """Send a fault order to the emulator, in the same way; without one, nobody answers."""
+        """Send a fault order to the emulator, as :meth:`order` does to a vehicle."""
         self._query(key(self.namespace, Topic.SIM, _FAULT_NAME), order, timeout_s, on_reply, on_end)
 
     def _query(
@@ -348,7 +350,7 @@ class BusSession:
         on_end: OnEnd,
         signatures: OrderSignatures | None = None,
     ) -> None:
-        """Send a query; where there are signatures, with a signature beside it."""
+        """Send a query; with ``signatures``, its signature is sent beside it."""
         payload = encode(message)
         seal: bytes | None = None
         if signatures is not None:
@@ -371,7 +373,7 @@ class BusSession:
         )
 
     def claim(self, token: str) -> None:
-        """Declare another liveliness token of this node; a second claim of it does nothing."""
+        """Declare another liveliness token of this node, unless it is claimed already."""
         if token not in self._claims:
             self._claims[token] = self._declare_token(token)
 
@@ -384,7 +386,7 @@ class BusSession:
     def watch_alive(self, on_alive: OnAlive) -> None:
         """Call ``on_alive(name, is_alive)`` for every name on the bus.
 
-        The names that are there already are reported first.
+        The names that are present already are reported first.
         """
         presence = Presence(on_alive)
         prefix = key(self.namespace, Topic.ALIVE, "")
@@ -402,8 +404,8 @@ class BusSession:
     def _declare_token(self, name: str) -> Any:
         """Declare a liveliness token of this node.
 
-        Two nodes of one name declare different tokens; otherwise the one that leaves would take the
-        other's along.
+        Nodes with the same name declare different tokens; otherwise the token would vanish when the
+        first of them leaves.
         """
         return self._open.liveliness().declare_token(
             key(self.namespace, Topic.ALIVE, f"{name}/{self._instance}")
@@ -440,11 +442,12 @@ def open_zenoh(settings: Iterable[Setting]) -> zenoh.Session:
 
 
 def _listed(endpoints: Sequence[str]) -> str:
-    """Return endpoints for a sentence, as they stand in the fleet file."""
+    """Return endpoints for a sentence, as they are written in the fleet file."""
     return ", ".join(endpoint.partition("?")[0] for endpoint in endpoints) or "no endpoint"
 
 
 def _reason(error: zenoh.ZError) -> str:
+    """Return the reason of an error of zenoh, without the place in zenoh's source."""
     text = str(error)
     if "in use" in text:
         return "the address is in use"
@@ -458,9 +461,9 @@ def _bytes_of(payload: zenoh.ZBytes | None) -> bytes:
 
 
 def _callback(function: Callable[[Any], None], on_end: Callable[[], None] | None = None) -> Any:
-    """Return a handler that runs on zenoh's own network thread.
+    """Return a handler that zenoh calls on its own network thread.
 
-    So there is no Python thread for each subscriber and each query.
+    Otherwise there would be a Python thread for each subscriber and each query.
     """
 
     def call(value: Any) -> None:

@@ -1,11 +1,11 @@
 """Sockets that close at once.
 
-Zenoh gives each of its TCP sockets ten seconds to deliver what is left at its end. For so long
-``close()`` blocks the thread that calls it, and that is the thread of all network work: one peer
-that hangs, or whose cable is cut, would take the bus away from all others.
+Zenoh sets a linger time of ten seconds on each of its TCP sockets: for so long ``close()`` may wait
+until the bytes that are left have been delivered. It blocks the thread of all network work, so one
+peer that hangs, or whose cable is cut, would cut off all others from the bus.
 
-Zenoh has no option for it, so it is changed from outside, on every socket of the process. The
-kernel then delivers what is left, and nobody waits.
+Zenoh has no option for the linger time, so it is switched off here, on every socket of the process.
+The kernel then delivers the bytes that are left, and no thread waits.
 """
 
 from __future__ import annotations
@@ -17,26 +17,26 @@ import threading
 
 _LINGER = struct.Struct("ii")  # C's struct linger: on or off, seconds
 
-# A peer is given up a second after it was heard last, hence later than its socket is seen here. A
-# stranger who opens hundreds of connections is closed at once: until his sockets are seen here, his
-# slow end of each holds up all others. So new sockets are looked for often, and more often after
-# some were found (an agent has about twenty files: a look costs 0.1 ms).
+# Times from one search for new sockets to the next: in general, and after some were found. A peer's
+# link is closed a second after its last message, hence always later than its socket is found here.
+# But connections of a stranger are closed at once: until their sockets are found here, each closing
+# holds up all other links. One search costs an agent, with about twenty open files, 0.1 ms.
 _PERIOD_S = 0.1
 _SOON_S = 0.01
 
 
 class PromptSockets:
-    """Lets all sockets of the process close at once, future ones included, until it is stopped."""
+    """Lets all sockets of the process close at once, also those that are opened later."""
 
     def __init__(self) -> None:
         self._ended = threading.Event()
 
     def start(self) -> None:
-        """Begin, in a thread of its own."""
+        """Begin to search for sockets, in a thread."""
         threading.Thread(target=self._run, name="bus-sockets", daemon=True).start()
 
     def stop(self) -> None:
-        """Change the sockets that there are, and end."""
+        """Change the sockets that there are now, and end the search."""
         self._ended.set()
         let_all_close_at_once()
 
@@ -52,7 +52,7 @@ def let_all_close_at_once() -> int:
     """Let every socket that the process has now close at once.
 
     Returns:
-        how many of them would have waited.
+        number of sockets that had a linger time before.
     """
     changed = 0
     for number in os.listdir("/proc/self/fd"):
@@ -70,6 +70,6 @@ def let_all_close_at_once() -> int:
         except OSError:
             continue  # no socket, or closed meanwhile
         finally:
-            borrowed.detach()  # it stays zenoh's: it must not be closed here
+            borrowed.detach()  # the descriptor belongs to zenoh: it must not be closed here
 
     return changed

@@ -1,7 +1,7 @@
-"""The whole bus in one table: topic -> message, rate, stale-after, delivery and direction.
+"""The whole bus in one table: topic -> message, rate, greatest age, delivery and direction.
 
-A key is ``covey/<fleet>/<topic>/<name>``; ``name`` is a vehicle, a mocap body or a node. A sample
-older than ``stale_after_s`` is stale, for every receiver.
+A key is ``covey/<fleet>/<topic>/<name>``; ``name`` is a vehicle, a mocap body or a node. For every
+receiver a sample older than ``stale_after_s`` is stale.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from onboard.bus import schema
 
 
 class Topic(str, Enum):
-    """Second last part of a key; the values are part of the format of the bus."""
+    """Part of a key before the name; the values are part of the format of the bus."""
 
-    STATE = "state"  # of a vehicle, for those near it
-    FAR = "far"  # the same, for those far away
+    STATE = "state"  # of a vehicle, for vehicles near it
+    FAR = "far"  # the same message, for vehicles far away
     TELEMETRY = "telemetry"  # of a vehicle, for people
-    SLOW_TELEMETRY = "brief"  # the same, for the other vehicles
+    SLOW_TELEMETRY = "brief"  # the same message, for the other vehicles
     TICK = "tick"  # every intermediate value of the pipeline
     EVENT = "event"  # sentences, and ends of orders
     PREFLIGHT = "preflight"  # go or no-go of a vehicle
@@ -49,8 +49,8 @@ class TopicSpec:
     """One row of the table."""
 
     message: type[schema.Message] | None  # None for a liveliness token
-    rate_hz: float  # 0: on event
-    stale_after_s: float
+    rate_hz: float  # 0: sent on events only
+    stale_after_s: float  # greatest age at which a sample may be used
     delivery: Delivery
     from_to: str  # who sends it to whom, in words
 
@@ -199,11 +199,11 @@ def key(namespace: str, topic: Topic, name: str) -> str:
 
 
 def topic_and_name(namespace: str, key_expression: str) -> tuple[Topic, str] | None:
-    """Take a key apart; the inverse of :func:`key`.
+    """Split a key into topic and name; the inverse of :func:`key`.
 
     Args:
         namespace: ``covey/<fleet name>``.
-        key_expression: of a sample.
+        key_expression: key of a sample.
     Returns:
         topic and name; None for a key that is not in the table.
     """

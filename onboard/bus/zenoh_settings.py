@@ -16,28 +16,32 @@ Setting = tuple[str, Any]  # path in zenoh's configuration, value
 # Times between two attempts to connect.
 RETRY = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5}
 
-# Of a node or router with several routers to choose from: half of LEASE_MS. Without its router a
-# node hears nobody, so it changes over soon.
+# A lease is the silence after which the other end closes a link. This one is that of a router which
+# is not the only one, half of LEASE_MS: without its router a node receives nothing, so it must
+# change to another one soon.
 ROUTER_LEASE_MS = 500
 
-# Over QUIC a link that was closed is opened anew at once; when that first packet is lost, too, the
-# next one follows a second later. So a link is closed a little after an outage of a second is over,
-# not at its very end: as often as keep-alives come, that is between 0.99 s and 1.10 s of silence.
+# Over QUIC a link that was closed is opened anew at once; if the first packet of that is lost, too,
+# the next one follows only a second later. So after an outage of one second a link should be closed
+# a little after the outage has ended, not just before. Keep-alives come every 0.11 s, hence the
+# others close the link between 0.99 s and 1.10 s after the outage has begun.
 QUIC_LEASE_MS = 1100
-_KEEP_ALIVES = 10  # of a silent link, in one lease
+_KEEP_ALIVES = 10  # sent on a silent link in one lease
 
-# Time to open a link: QUIC needs three round trips, TLS four. Over QUIC a node that is not there
-# refuses nothing, so an attempt to reach it, and the end of a node that makes one, take this long.
+# Longest time to open a link: QUIC needs three round trips, TLS four. Over QUIC a node that is not
+# there does not refuse an attempt to reach it, so the attempt takes all of this time, and so does
+# the closing of a node that makes the attempt.
 _OPEN_MS = 3000
 
-# The same where there are several routers: the next one is tried after it.
+# The same with several routers: after this time the next one is tried.
 _ROUTER_OPEN_MS = 500
 
-# Round trips over which links open, with half of the time to spare over QUIC.
+# Longest round trips over which a link can be opened, with half of the time to spare over QUIC; the
+# second one with several routers.
 LONGEST_ROUND_TRIP_S = 0.6
 LONGEST_ROUND_TRIP_OF_ROUTERS_S = 0.15
 
-# A connection to a peer that takes nothing for so long is closed.
+# A connection to a peer that reads nothing for so long is closed.
 _CLOSE_AFTER_US = 1_000_000
 
 
@@ -48,8 +52,7 @@ def of_node(
 
     Args:
         listen: endpoints to listen at.
-        connect: endpoints of the others; retried for ever, so that the order of starting does not
-            matter.
+        connect: endpoints of the others; retried for ever, so that nodes may start in any order.
         credentials: of the node; None for a bus without keys.
     """
     return [
@@ -66,12 +69,12 @@ def of_client(
 ) -> list[Setting]:
     """Return the settings of a node behind routers.
 
-    It is linked with the first router that answers; when that one is lost, with the next. A single
-    router is given more time, since there is nobody else to try.
+    It connects to the first router that answers, and to the next one when that link is lost. A
+    single router has more time to answer, since there is no other to try.
 
     Args:
         routers: endpoints, in the order in which they are tried.
-        timeout_s: to find one at the start; one that is lost later is looked for for ever.
+        timeout_s: longest search for a router at the start; later searches have no end.
         credentials: of the node; None for a bus without keys.
     """
     open_ms = _OPEN_MS
@@ -93,8 +96,8 @@ def of_router(
     """Return the settings of a router.
 
     Args:
-        endpoint: where it listens.
-        others: endpoints of the other routers, which it is linked with.
+        endpoint: at which it listens.
+        others: endpoints of the other routers, to which it connects.
         credentials: of the router; None for a bus without keys, where it passes on everything.
     """
     router_lease_ms = lease_ms([endpoint])
@@ -112,10 +115,10 @@ def of_router(
 
 
 def lease_ms(endpoints: Iterable[str]) -> int:
-    """Return the silence after which a node's links are closed by the others [ms].
+    """Return the silence [ms] after which the other ends close a node's links.
 
     Args:
-        endpoints: of the links.
+        endpoints: endpoints of these links.
     """
     if any(endpoint.startswith("quic/") for endpoint in endpoints):
         return QUIC_LEASE_MS
@@ -123,7 +126,7 @@ def lease_ms(endpoints: Iterable[str]) -> int:
 
 
 def longest_round_trip_s(routers: Sequence[str]) -> float:
-    """Return the longest way there and back over which links open [s].
+    """Return the longest round trip [s] over which a link can be opened.
 
     Args:
         routers: endpoints of the fleet's routers.
@@ -134,7 +137,7 @@ def longest_round_trip_s(routers: Sequence[str]) -> float:
 
 
 def nested(settings: Iterable[Setting]) -> dict[str, Any]:
-    """Return settings as one object, as a configuration file of zenoh holds them."""
+    """Return settings as one nested object, the form of zenoh's configuration file."""
     whole: dict[str, Any] = {}
     for path, value in settings:
         *tables, last = path.split("/")
@@ -161,10 +164,10 @@ def _common(credentials: NodeCredentials | None, link_lease_ms: int) -> list[Set
         ("transport/link/tx/lease", link_lease_ms),
         ("transport/link/tx/keep_alive", _KEEP_ALIVES),
         ("transport/unicast/open_timeout", _OPEN_MS),
-        # Messages are small, and the threads and the memory of shared memory are not free.
+        # Messages are small, and shared memory would cost threads and memory.
         ("transport/shared_memory/enabled", False),
-        # A peer that hangs fills its queue. The publisher then drops at once, because it may be the
-        # control loop, which must not wait.
+        # The queue to a peer that hangs becomes full. The publisher then drops the message at once,
+        # because it may be the control loop, which must not wait.
         (f"{drop}/wait_before_drop", 0),
         (f"{drop}/max_wait_before_drop_fragments", 0),
         (f"{block}/wait_before_close", _CLOSE_AFTER_US),
@@ -172,10 +175,10 @@ def _common(credentials: NodeCredentials | None, link_lease_ms: int) -> list[Set
 
 
 def _with_datagrams(endpoint: str) -> str:
-    """Return an endpoint as zenoh needs it.
+    """Return an endpoint of the fleet file in zenoh's form.
 
-    QUIC carries what may be lost in datagrams, beside its streams; other protocols have no such
-    choice.
+    Over QUIC, messages that may be lost are sent in datagrams and the others in streams
+    (``mixed_rel``); other protocols have no such choice.
     """
     if endpoint.startswith("quic/"):
         return f"{endpoint}?mixed_rel=1"
@@ -189,14 +192,14 @@ def _security(credentials: NodeCredentials | None) -> list[Setting]:
 
     tls = "transport/link/tls"
     if not credentials.certificate:
-        # it knows whom it talks to, and cannot prove who it is: no fleet with keys lets it in
+        # it can check the others, but not prove who it is: a fleet with keys refuses its links
         return [(f"{tls}/root_ca_certificate", credentials.authority)]
 
     return [
         (f"{tls}/root_ca_certificate", credentials.authority),
         (f"{tls}/enable_mtls", True),
-        # The certificates of a fleet end in one second: it must not lose all links in flight.
-        # onboard/security/certificate_times.py says who ends the links, and when.
+        # The certificates of a fleet end in the same second, and a fleet in flight must not lose
+        # all links then. onboard/security/certificate_times.py says when links end instead.
         (f"{tls}/close_link_on_expiration", False),
         (f"{tls}/listen_certificate", credentials.certificate),
         (f"{tls}/connect_certificate", credentials.certificate),

@@ -1,10 +1,10 @@
-"""Where the base of the corrections is, and whether it may be there. Pure.
+"""Check of the position that the base of the corrections reports. Pure.
 
-A receiver places its vehicle by the place that the base says it has: a base that says a place ten
-metres aside moves all vehicles by ten metres. So a base that is elsewhere than where it was
-surveyed is not believed, and neither is one that moves, or is replaced by another one, while this
-vehicle flies. On the ground a new place is taken; nobody takes off until it has been steady for a
-while.
+A receiver calculates its vehicle's position from the position that the base reports for itself. If
+that is wrong by ten metres, all vehicles fly ten metres aside. So a base is not trusted if it is
+not at the position where it was surveyed, and neither is one that moves, or is replaced by another
+one, while this vehicle flies. On the ground a new position is accepted; then nobody takes off until
+it has been steady for a while.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ FINE = BaseJudgement()
 
 
 class BaseWatch:
-    """Judges the positions of a base.
+    """Checks the positions that a base reports.
 
     Args:
         corrections: of the fleet file.
     """
 
     def __init__(self, corrections: CorrectionsConfig) -> None:
-        self.base: BasePosition | None = None  # the one that is believed
+        self.base: BasePosition | None = None  # the position that is trusted
         self.base_deg: tuple[float, float] = (math.nan, math.nan)  # its latitude and longitude
-        self.judgement = FINE  # of the newest position
+        self.judgement = FINE  # result for the newest reported position
         self._corrections = corrections
-        self._moved_ns: int | None = None  # when the believed position changed last
+        self._moved_ns: int | None = None  # when the trusted position changed last
 
     def hear(self, position: BasePosition, now_ns: int, *, is_on_ground: bool) -> bool:
-        """Judge a position; return whether it is believed.
+        """Check a position; return whether it is trusted.
 
         Args:
-            position: as the base says it.
+            position: as the base reports it.
             now_ns: the time.
-            is_on_ground: whether this vehicle stands, disarmed.
+            is_on_ground: whether this vehicle stands on the ground, disarmed.
         """
         self.judgement = self._judge(position, is_on_ground=is_on_ground)
         if self.judgement.fault is not None:
@@ -63,6 +63,7 @@ class BaseWatch:
         return max(0.0, moved_s)
 
     def _is_another(self, position: BasePosition) -> bool:
+        """Whether a position differs from the trusted one, or is another station's."""
         assert self.base is not None
         moved_m = math.dist(position.ecef_m, self.base.ecef_m)
         is_moved = moved_m > self._corrections.base_tolerance_m
@@ -86,7 +87,7 @@ class BaseWatch:
         return FINE
 
     def _off_m(self, position: BasePosition) -> float:
-        """Return how far a base is from where it was surveyed; 0 where nobody has surveyed it."""
+        """Return a position's distance from the surveyed one; 0 if the base was not surveyed."""
         surveyed_deg = self._corrections.base_deg
         if surveyed_deg is None:
             return 0.0

@@ -1,4 +1,4 @@
-"""The fix of a satellite receiver: its words, and whether it is what a fleet demands. Pure."""
+"""The fix of a satellite receiver: in words, and compared with the demand of a fleet. Pure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from onboard.config.corrections import CorrectionsConfig
 
 DemandedFix = Literal["any", "rtk_float", "rtk_fixed"]
 
-# By MAVLink's GPS_FIX_TYPE.
+# Index: MAVLink's GPS_FIX_TYPE.
 FIX_WORDS = (
     "no receiver",
     "no fix",
@@ -47,21 +47,21 @@ def words_of(fix_type: int) -> str:
 
 
 def is_enough(fix_type: int, demanded: DemandedFix) -> bool:
-    """Whether a fix is what a fleet demands, or better.
+    """Whether a fix is as good as a fleet demands, or better.
 
     Args:
         fix_type: MAVLink's GPS_FIX_TYPE.
-        demanded: by the fleet file.
+        demanded: least fix, by the fleet file.
     """
     return fix_type in _ENOUGH[demanded]
 
 
 def is_below(snapshot: Snapshot, corrections: CorrectionsConfig | None, now_ns: int) -> bool:
-    """Whether PX4's receiver has not the fix that the fleet demands, or does not tell it any more.
+    """Whether PX4's receiver has a worse fix than the fleet demands, or does not report any.
 
     Args:
-        snapshot: newest of PX4.
-        corrections: of the fleet file, for a vehicle that takes them; else None.
+        snapshot: newest one of PX4.
+        corrections: table of the fleet file; None for a vehicle that uses no corrections.
         now_ns: the time.
     """
     if corrections is None or corrections.fix == "any":

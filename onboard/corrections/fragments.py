@@ -1,11 +1,13 @@
 """An RTCM frame as fragments for MAVLink's GPS_RTCM_DATA. Pure.
 
-A fragment has up to 180 bytes and one byte of flags: the lowest bit says that the frame is cut, two
-bits are the fragment's number, and five bits count the frames. Whoever assembles knows that a frame
-is whole when he has all four fragments, or all before the first one that is not full. So a cut
-frame whose last fragment is full gets an empty one behind it, unless that would be the fifth.
+A fragment has up to 180 bytes and one byte of flags: the lowest bit says that the frame is cut into
+several fragments, two bits are the fragment's number, and five bits count the frames. A program
+that assembles them knows that a cut frame is whole when it has four fragments, or all up to the
+first one that is not full. So a cut frame whose last fragment is full gets an empty fragment behind
+it, unless that would be the fifth.
 
-PX4 hands every fragment to its receiver as it comes, and the receiver looks at the checksum.
+PX4 does not assemble frames: it passes every fragment on to its receiver, which checks the frame's
+checksum.
 
 The format: https://mavlink.io/en/messages/common.html#GPS_RTCM_DATA
 """
@@ -16,7 +18,7 @@ from msgspec import Struct
 
 FRAGMENT_BYTES = 180
 MOST_FRAGMENTS = 4
-MOST_BYTES = FRAGMENT_BYTES * MOST_FRAGMENTS  # of a frame that can be sent at all
+MOST_BYTES = FRAGMENT_BYTES * MOST_FRAGMENTS  # length of the longest frame that can be sent
 SEQUENCES = 32  # frames are counted from 0 to 31
 
 _IS_CUT = 1
@@ -25,25 +27,25 @@ _SEQUENCE_SHIFT = 3
 
 
 class Fragment(Struct, frozen=True):
-    """One GPS_RTCM_DATA."""
+    """Content of one message GPS_RTCM_DATA."""
 
     flags: int
     data: bytes
 
 
 def fragments_of(frame: bytes, sequence: int) -> tuple[Fragment, ...]:
-    """Cut a frame.
+    """Cut a frame into fragments.
 
     Args:
-        frame: at most :data:`MOST_BYTES` long.
-        sequence: 0 to 31, another one than that of the frame before.
+        frame: whole frame, at most :data:`MOST_BYTES` long.
+        sequence: 0 to 31; it must differ from that of the frame before.
     Returns:
         its fragments, in the order in which they are sent.
     """
     assert len(frame) <= MOST_BYTES
-    counted = sequence % SEQUENCES << _SEQUENCE_SHIFT
+    sequence_flags = sequence % SEQUENCES << _SEQUENCE_SHIFT
     if len(frame) <= FRAGMENT_BYTES:
-        return (Fragment(flags=counted, data=frame),)
+        return (Fragment(flags=sequence_flags, data=frame),)
 
     pieces = [
         frame[begin : begin + FRAGMENT_BYTES] for begin in range(0, len(frame), FRAGMENT_BYTES)
@@ -52,6 +54,6 @@ def fragments_of(frame: bytes, sequence: int) -> tuple[Fragment, ...]:
         pieces.append(b"")
 
     return tuple(
-        Fragment(flags=counted | number << _NUMBER_SHIFT | _IS_CUT, data=piece)
+        Fragment(flags=sequence_flags | number << _NUMBER_SHIFT | _IS_CUT, data=piece)
         for number, piece in enumerate(pieces)
     )

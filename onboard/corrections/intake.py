@@ -1,12 +1,12 @@
-"""The corrections of one vehicle: from the bus, judged, in fragments to its PX4. Pure.
+"""The corrections of one vehicle: from the bus, checked, in fragments to its PX4. Pure.
 
-What is no frame, is old, comes from a second source or belongs to a base that is not believed is
-not given to PX4; its receiver falls back to a worse fix then, which the failsafes see. Nothing of a
-base is given before it has said where it is.
+PX4 does not get a message that is no frame, is old, comes from a second source, or belongs to a
+base that is not trusted. Its receiver then falls back to a worse fix, which the failsafes notice.
+PX4 gets nothing from a base before that has reported its position.
 
-At each tick one fragment leaves at most, behind the setpoint: 9 kB a second, and never a frame
-within another one. What waits is bounded; of more the newest is kept, since a receiver has no use
-for what it could have heard a second ago.
+At each tick at most one fragment is sent, after the setpoint: 9 kB a second. A frame is sent whole
+before the next one begins. The number of frames that wait is bounded; the oldest are dropped, since
+a receiver has no use for corrections that are a second late.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from onboard.corrections.fragments import MOST_BYTES, SEQUENCES, Fragment, fragm
 from onboard.corrections.status import CorrectionsStatus
 from onboard.message_counts import MessageCounts
 
-MOST_WAITING = 24  # frames; a moment of four systems of satellites takes six
+MOST_WAITING = 24  # frames; the observations of one moment, by four satellite systems, take six
 _STALE_NS = round(1e9 * TOPICS[Topic.CORRECTIONS].stale_after_s)
-_FUTURE_NS = 100_000_000  # a stamp may be so far ahead of its arrival
-_SOURCE_GONE_NS = 5_000_000_000  # after which another source is heard
-_SEVERAL_NS = 5_000_000_000  # for which a second source is told of
-_LONG_TOLD_NS = 60_000_000_000  # for which a frame that is too long is told of
+_FUTURE_NS = 100_000_000  # by which a stamp may be ahead of its arrival
+_SOURCE_GONE_NS = 5_000_000_000  # silence of the source after which another one is accepted
+_SEVERAL_NS = 5_000_000_000  # for which a second source is reported after its message
+_TOO_LONG_NS = 60_000_000_000  # for which a frame that is too long is reported
 
 
 class _Waiting(Struct, frozen=True):
@@ -43,34 +43,34 @@ class _Waiting(Struct, frozen=True):
 
 
 class CorrectionsIntake:
-    """Corrections of one vehicle; :meth:`hear` each message, :meth:`due` once a tick.
+    """Corrections of one vehicle; call :meth:`hear` for each message and :meth:`due` once a tick.
 
     Args:
-        corrections: of the fleet file.
+        corrections: table of the fleet file.
     """
 
     def __init__(self, corrections: CorrectionsConfig) -> None:
-        self.counts = MessageCounts()  # of messages that PX4 was not given
+        self.counts = MessageCounts()  # of messages that were not sent to PX4
         self._watch = BaseWatch(corrections)
 
-        self._boot_id: int | None = None  # of the source that is heard
-        self._heard_ns = 0  # its newest message
-        self._several_ns: int | None = None  # when a second one was heard
+        self._boot_id: int | None = None  # of the source whose messages are accepted
+        self._heard_ns = 0  # arrival of the newest message from that source
+        self._several_ns: int | None = None  # arrival of the newest message from another source
         self._too_long = (0, 0)  # bytes of the newest frame that was too long, and its arrival
 
         self._waiting: deque[_Waiting] = deque()
-        self._fragments: deque[Fragment] = deque()  # of the frame that is being sent
-        self._sending: _Waiting | None = None
+        self._sending: _Waiting | None = None  # the frame of which some fragments have been sent
+        self._fragments: deque[Fragment] = deque()  # fragments of that frame that are left
         self._sequence = 0
-        self._observed_ns: int | None = None  # stamp of the newest observations that PX4 was given
+        self._observed_ns: int | None = None  # stamp of the newest observations sent to PX4
 
     def hear(self, message: Corrections, received_ns: int, *, is_on_ground: bool) -> None:
-        """Take a message of the bus.
+        """Check a message of the bus, and let its frame wait for PX4.
 
         Args:
             message: with its stamp on our clock.
-            received_ns: its arrival.
-            is_on_ground: whether this vehicle stands, disarmed.
+            received_ns: arrival of the message.
+            is_on_ground: whether this vehicle stands on the ground, disarmed.
         """
         frame = message.frame
         if not rtcm.is_frame(frame):
@@ -83,7 +83,7 @@ class CorrectionsIntake:
             self.counts.late += 1
             return
         if not rtcm.is_for_receivers(rtcm.number_of(frame)):
-            return  # of a maker for its own receivers: nothing is wrong with it
+            return  # a maker's message for its own receivers: no fault, so it is not counted
         if len(frame) > MOST_BYTES:
             self._too_long = (len(frame), received_ns)
             self.counts.refused += 1
@@ -98,7 +98,7 @@ class CorrectionsIntake:
         self._waiting.append(_Waiting(frame, message.stamp_ns))
 
     def _is_of_the_source(self, message: Corrections, received_ns: int) -> bool:
-        """Whether a message is of the source that is heard; another one waits until it is gone."""
+        """Whether a message is from the accepted source; if that is gone, accepts this one."""
         is_gone = received_ns - self._heard_ns > _SOURCE_GONE_NS
         if self._boot_id is None or is_gone:
             self._boot_id = message.boot_id
@@ -109,7 +109,7 @@ class CorrectionsIntake:
         return True
 
     def _is_of_the_base(self, frame: bytes, received_ns: int, *, is_on_ground: bool) -> bool:
-        """Whether a frame may be given to PX4, by where its base is."""
+        """Whether a frame is from a base that is trusted."""
         position = rtcm.base_of(frame)
         if position is not None:
             return self._watch.hear(position, received_ns, is_on_ground=is_on_ground)
@@ -121,7 +121,7 @@ class CorrectionsIntake:
         return station is None or station == base.station
 
     def due(self, now_ns: int) -> Fragment | None:
-        """Return the fragment that leaves at this tick; None for none."""
+        """Return the fragment that is to be sent at this tick; None if nothing waits."""
         if not self._fragments:
             self._begin(now_ns)
         if not self._fragments:
@@ -136,7 +136,7 @@ class CorrectionsIntake:
         return fragment
 
     def _begin(self, now_ns: int) -> None:
-        """Begin with the next frame that is not too old by now."""
+        """Cut the next frame that is not too old by now into fragments."""
         while self._waiting:
             waiting = self._waiting.popleft()
             if now_ns - waiting.stamp_ns > _STALE_NS:
@@ -148,10 +148,10 @@ class CorrectionsIntake:
             return
 
     def status(self, snapshot: Snapshot, now_ns: int) -> CorrectionsStatus:
-        """Return what is known at this tick.
+        """Return the state of the corrections at this tick.
 
         Args:
-            snapshot: newest of PX4, which says where the vehicle is on Earth.
+            snapshot: newest one of PX4, with the vehicle's position on Earth.
             now_ns: the time.
         """
         age_s = math.inf
@@ -163,13 +163,13 @@ class CorrectionsIntake:
         base = self._watch.base
         if base is not None:
             base_id = base.station
-            place_deg = _place_deg(snapshot)
-            if place_deg is not None:
-                base_distance_m = distance_m(self._watch.base_deg, place_deg)
+            vehicle_deg = _vehicle_deg(snapshot)
+            if vehicle_deg is not None:
+                base_distance_m = distance_m(self._watch.base_deg, vehicle_deg)
 
         several_ns = self._several_ns
         too_long_bytes, too_long_ns = self._too_long
-        if now_ns - too_long_ns > _LONG_TOLD_NS:
+        if now_ns - too_long_ns > _TOO_LONG_NS:
             too_long_bytes = 0
         return CorrectionsStatus(
             age_s=age_s,
@@ -182,8 +182,8 @@ class CorrectionsIntake:
         )
 
 
-def _place_deg(snapshot: Snapshot) -> tuple[float, float] | None:
-    """Return latitude and longitude of a vehicle by its PX4; None while it does not know them."""
+def _vehicle_deg(snapshot: Snapshot) -> tuple[float, float] | None:
+    """Return a vehicle's latitude and longitude by its PX4; None while PX4 does not know them."""
     if snapshot.global_origin is None or snapshot.local_position_ns == 0:
         return None
     latitude_deg, longitude_deg, altitude_m = snapshot.global_origin

@@ -1,11 +1,11 @@
-"""RTCM 3 frames, as far as somebody who passes them on has to look into them. Pure.
+"""Those parts of RTCM 3 frames that a program which passes them on has to read. Pure.
 
 A frame is a preamble (0xD3), six bits that are zero, ten bits of length, the message and a checksum
-of three bytes (CRC-24Q). A message begins with its number, 12 bits. Those of a base then have the
-number of its station, 12 bits; orbits of satellites have none.
+of three bytes (CRC-24Q). A message begins with its number, 12 bits. In messages about a base the
+number of its station follows, 12 bits; messages with orbits of satellites have none.
 
-Only three things are read out of a message: its number, its station, and in 1005 and 1006 where the
-base is. What the observations mean is the receiver's matter.
+Only a message's number, its station, the position of the base (in 1005 and 1006), and whether more
+observations of the same moment follow are read here. The receiver reads the observations.
 
 The format: RTCM 10403.3.
 """
@@ -21,24 +21,25 @@ CHECKSUM_BYTES = 3
 MOST_MESSAGE_BYTES = 1023
 MOST_FRAME_BYTES = HEADER_BYTES + MOST_MESSAGE_BYTES + CHECKSUM_BYTES
 
-_RESERVED_BITS = 0xFC  # of the second byte; they are zero
+_RESERVED_BITS = 0xFC  # the bits of the second byte that are zero
 
-# Numbers of the standard's messages for a receiver. Those of makers, from 4001 on, mean something
-# to receivers of that maker only, such as the heading of a moving base.
+# Numbers of the messages of the standard for receivers. Those from 4001 on belong to makers, and
+# only receivers of the same maker understand them; an example is the heading of a moving base.
 _NUMBERS = range(1001, 1231)
 _OBSERVATIONS = (range(1001, 1005), range(1009, 1013), range(1071, 1138))
 _WITH_STATION = (range(1001, 1014), range(1033, 1034), range(1071, 1138), range(1230, 1231))
 _BASE_POSITION = (1005, 1006)
 
-# Bits of a message: where its parts begin.
+# Positions of parts of a message: first bits, and lengths.
 _STATION_BIT = 12
-_STATION_BYTES = 3  # that a message has at least if it has a station
+_STATION_BYTES = 3  # least length of a message with a station
 _AXIS_BITS = (34, 74, 114)  # X, Y and Z of the base
-_AXIS_WIDTH = 38
+_AXIS_WIDTH = 38  # bits of each
 _AXIS_UNIT_M = 1e-4
-_BASE_BYTES = 19  # of message 1005
+_BASE_BYTES = 19  # length of message 1005
 
-# Whether more observations of the same moment follow: one bit, behind the time.
+# Position of the bit, behind the time, that says whether more observations of the same moment
+# follow.
 _GLONASS = (range(1009, 1013),)
 _MORE_BIT = 54
 _MORE_BIT_GLONASS = 51
@@ -47,19 +48,20 @@ _MORE_BIT_GLONASS = 51
 _SEMI_MAJOR_M = 6_378_137.0
 _FLATTENING = 1.0 / 298.257223563
 _ECCENTRICITY_2 = _FLATTENING * (2.0 - _FLATTENING)
-_LEAST_RADIUS_M = 6.2e6  # of a place on Earth, from its centre
+# Distances from the Earth's centre between which all positions on Earth are.
+_LEAST_RADIUS_M = 6.2e6
 _MOST_RADIUS_M = 6.5e6
 
 
 class BasePosition(NamedTuple):
-    """Place of a base's antenna, as the base says it."""
+    """Position of a base's antenna, as the base reports it."""
 
     station: int
     ecef_m: tuple[float, float, float]  # from the centre of the Earth, WGS 84
 
     @property
     def is_on_earth(self) -> bool:
-        """Whether a base can stand there: a base that does not know its place yet says 0, 0, 0."""
+        """Whether the position is on Earth; a base that does not know it yet reports 0, 0, 0."""
         return _LEAST_RADIUS_M < math.hypot(*self.ecef_m) < _MOST_RADIUS_M
 
     @property
@@ -69,7 +71,7 @@ class BasePosition(NamedTuple):
         from_axis_m = math.hypot(x, y)
         latitude = math.atan2(z, from_axis_m * (1.0 - _ECCENTRICITY_2))
         height_m = 0.0
-        for _ in range(5):  # each brings three more digits
+        for _ in range(5):  # each iteration adds about three digits
             normal_m = _normal_m(latitude)
             height_m = from_axis_m * math.cos(latitude) + z * math.sin(latitude)
             height_m -= _SEMI_MAJOR_M**2 / normal_m
@@ -84,7 +86,7 @@ def _normal_m(latitude: float) -> float:
 
 
 def frame_bytes(header: bytes | bytearray) -> int:
-    """Return the length that the first three bytes of a frame say; 0 for those of no frame.
+    """Return a frame's length by its first three bytes; 0 if these cannot begin a frame.
 
     Args:
         header: three bytes or more.
@@ -92,13 +94,13 @@ def frame_bytes(header: bytes | bytearray) -> int:
     if header[0] != PREAMBLE or header[1] & _RESERVED_BITS:
         return 0
     message_bytes = (header[1] << 8) | header[2]
-    if message_bytes < 2:  # shorter than a number
+    if message_bytes < 2:  # shorter than the number of a message
         return 0
     return HEADER_BYTES + message_bytes + CHECKSUM_BYTES
 
 
 def is_frame(data: bytes) -> bool:
-    """Whether bytes are one whole frame; its checksum is not looked at.
+    """Whether bytes are one whole frame, by their header and length; the checksum is not checked.
 
     Args:
         data: any bytes.
@@ -110,34 +112,34 @@ def number_of(frame: bytes) -> int:
     """Return the number of a frame's message.
 
     Args:
-        frame: a whole one.
+        frame: whole frame.
     """
     return frame[3] << 4 | frame[4] >> 4
 
 
 def is_for_receivers(number: int) -> bool:
-    """Whether a message is one of the standard's, which every receiver may be given.
+    """Whether a message is one of the standard, which every receiver understands.
 
     Args:
-        number: of the message.
+        number: number of the message.
     """
     return number in _NUMBERS
 
 
 def is_observation(number: int) -> bool:
-    """Whether a message is what a base measures at one moment.
+    """Whether a message contains a base's observations, which it measures at one moment.
 
     Args:
-        number: of the message.
+        number: number of the message.
     """
     return _is_in(number, _OBSERVATIONS)
 
 
 def station_of(frame: bytes) -> int | None:
-    """Return the station that a message is of; None for messages without one.
+    """Return the number of the station that has sent a message; None if it contains none.
 
     Args:
-        frame: a whole one.
+        frame: whole frame.
     """
     is_long_enough = len(frame) >= HEADER_BYTES + _STATION_BYTES + CHECKSUM_BYTES
     if not is_long_enough or not _is_in(number_of(frame), _WITH_STATION):
@@ -146,10 +148,10 @@ def station_of(frame: bytes) -> int | None:
 
 
 def base_of(frame: bytes) -> BasePosition | None:
-    """Return where a base is, by a message that says so.
+    """Return a base's position from a message that contains it.
 
     Args:
-        frame: a whole one.
+        frame: whole frame.
     Returns:
         the position; None for all other messages, and for one that is too short.
     """
@@ -162,10 +164,10 @@ def base_of(frame: bytes) -> BasePosition | None:
 
 
 def ends_epoch(frame: bytes) -> bool:
-    """Whether an observation is the last one of its moment.
+    """Whether a message has the last observations of their moment.
 
     Args:
-        frame: a whole one.
+        frame: whole frame.
     """
     number = number_of(frame)
     if not is_observation(number) or len(frame) < HEADER_BYTES + CHECKSUM_BYTES + 8:
@@ -179,17 +181,17 @@ def _is_in(number: int, spans: tuple[range, ...]) -> bool:
 
 
 def _bits(frame: bytes, first: int, width: int) -> int:
-    """Return some bits of a frame's message as a number without a sign."""
+    """Return ``width`` bits of a frame's message, from bit ``first``, as a number without sign."""
     message = frame[HEADER_BYTES:-CHECKSUM_BYTES]
     begin = first // 8
     end = -(-(first + width) // 8)
     value = int.from_bytes(message[begin:end], "big")
-    behind = 8 * end - first - width
-    return value >> behind & ((1 << width) - 1)
+    bits_behind = 8 * end - first - width
+    return value >> bits_behind & ((1 << width) - 1)
 
 
 def _signed_bits(frame: bytes, first: int, width: int) -> int:
-    """Return some bits of a frame's message as a number with a sign, in two's complement."""
+    """Return bits of a frame's message as a number in two's complement, with a sign."""
     value = _bits(frame, first, width)
     if value >> (width - 1):
         return value - (1 << width)

@@ -1,4 +1,4 @@
-"""State of a vehicle's corrections: for rules, failsafes and telemetry. Pure."""
+"""State of a vehicle's corrections, for preflight rules, failsafes and telemetry. Pure."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from enum import Enum
 
 from msgspec import Struct
 
-STEADY_S = 30.0  # for so long a base stays where it is before somebody takes off
+STEADY_S = 30.0  # time for which a base must have been steady before a take-off
 
 
 class BaseFault(Enum):
-    """Reason why a base is not believed."""
+    """Reason why a base is not trusted; the value continues a sentence about the base."""
 
     NOWHERE = "says that it is nowhere on Earth"
     ELSEWHERE = "is not where it was surveyed"
@@ -20,14 +20,14 @@ class BaseFault(Enum):
 
 
 class BaseJudgement(Struct, frozen=True):
-    """Judgement of a base's position."""
+    """Result of the check of a base's position."""
 
-    fault: BaseFault | None = None
-    by_m: float = 0.0  # distance from where it should be
+    fault: BaseFault | None = None  # None: the base is trusted
+    by_m: float = 0.0  # distance from the position where it should be
 
     @property
     def words(self) -> str:
-        """The fault in words; empty for a base that is believed."""
+        """The fault in words; empty for a base that is trusted."""
         if self.fault is None:
             return ""
         if self.fault is BaseFault.NOWHERE:
@@ -38,10 +38,10 @@ class BaseJudgement(Struct, frozen=True):
 class CorrectionsStatus(Struct, frozen=True):
     """State of a vehicle's corrections at one tick."""
 
-    age_s: float = math.inf  # since the newest observations that PX4 was given; inf: never
-    base_id: int = -1  # station that is believed; -1: none
+    age_s: float = math.inf  # of the newest observations that PX4 has got; inf: none yet
+    base_id: int = -1  # station that is trusted; -1: none
     base_distance_m: float = math.nan  # from the vehicle; NaN: not known
-    base: BaseJudgement = BaseJudgement()  # of where the base says that it is
-    unsteady_s: float | None = None  # how long ago it moved, while that is too recent
-    has_several_sources: bool = False
-    too_long_bytes: int = 0  # of a frame that no fragments hold; 0: none lately
+    base: BaseJudgement = BaseJudgement()  # for the newest position that the base has reported
+    unsteady_s: float | None = None  # since the base moved; None: long ago, or never
+    has_several_sources: bool = False  # two nodes publish corrections
+    too_long_bytes: int = 0  # length of a frame that is too long for PX4; 0: none lately

@@ -12,15 +12,16 @@ from onboard.mocap.source import OnMalformed, OnPose
 
 
 class BusMocap:
-    """Poses from topic ``mocap``; callbacks come when the owner of the bus lets it deliver.
+    """Poses from topic ``mocap``; callbacks come when the owner of the bus has it deliver.
 
     Args:
-        body: name of the body; ``*`` for all.
-        on_pose: called with the pose and its delivery on the monotonic clock [ns].
+        bus: on which the poses arrive.
+        body: name of the body; ``*`` for all bodies.
+        on_pose: called with the pose and the monotonic time [ns] of its delivery.
         on_malformed: called for bytes that are no pose.
     """
 
-    problem = ""  # nothing is known to be wrong: the relay reports its own problems
+    problem = ""  # always empty: the relay reports its problems itself
 
     def __init__(self, bus: Bus, body: str, on_pose: OnPose, on_malformed: OnMalformed) -> None:
         self._bus = bus
@@ -36,7 +37,7 @@ class BusMocap:
         """Do nothing: the subscription ends with the bus."""
 
     def receive(self, _topic: Topic, _name: str, message: Message | Malformed) -> None:
-        """Take a message of the bus."""
+        """Pass on a message that the bus delivers, if it is a pose."""
         if isinstance(message, MocapPose):
             self._on_pose(message, time.monotonic_ns())
         else:

@@ -14,8 +14,8 @@ def source_of(
 ) -> MocapSource:
     """Return the source of an agent's poses.
 
-    With ``mocap.direct`` it is the system itself, else the bus, on which a relay or an emulator
-    publishes.
+    With ``mocap.direct`` the agent reads the motion-capture system itself. Otherwise it listens on
+    the bus, where a relay or an emulator publishes.
     """
     if mocap.direct:
         return SdkMocap(mocap, body, on_pose, on_malformed)

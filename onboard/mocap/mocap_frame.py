@@ -1,6 +1,6 @@
-"""Conversion from a motion capture's frame to the fleet's.
+"""Conversion from the coordinates of a motion capture to those of the fleet.
 
-It is written in plain floats, because it runs for every body of every frame.
+It is written in plain floats, because it runs for every body in every frame of the cameras.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from onboard.tuples import Wxyz, Xyz
 
 @dataclass(frozen=True, slots=True)
 class MocapFrame:
-    """The mocap's frame in the fleet's: up axis, then a turn about up, then a shift.
+    """Conversion in three steps: exchange of the up axis, turn about up, shift.
 
-    With y up the mocap's z axis points along the fleet's -y, for the room and for the bodies in it
-    alike.
+    With y up, the mocap's z axis becomes -y in the first step, both in the room's coordinates and
+    in the bodies' own axes.
     """
 
     is_y_up: bool = False  # else z is up
@@ -47,10 +47,10 @@ class MocapFrame:
     def quaternion_enu_flu_wxyz(self, quaternion_wxyz: Wxyz) -> Wxyz:
         """Convert a rotation from body to mocap into one from body FLU to fleet ENU.
 
-        It is normalised unless it is zero.
+        The result is normalised unless it is zero.
         """
         w, x, y, z = quaternion_wxyz
-        if self.is_y_up:  # the same rotation, its axis seen in the turned frame
+        if self.is_y_up:  # the same rotation, with the components of its axis in the z-up frame
             y, z = -z, y
 
         # product of the turn about up, (c, 0, 0, s), and the rotation

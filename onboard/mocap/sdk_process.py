@@ -1,8 +1,9 @@
 """The process that reads a motion capture and writes its frames to a pipe.
 
 It reads with the package ``motioncapture``. It is a process of its own, because the package may
-stop the whole interpreter: it holds Python's lock while it connects, for ever if nobody answers,
-and it may end the process when the system sends unknown data. Neither may happen to an agent.
+stop the whole interpreter: while it connects it holds Python's lock, for ever if the system does
+not answer, and it may end the process when the system sends unknown data. Neither may happen to an
+agent.
 
 Run as ``python -m onboard.mocap.sdk_process SETTINGS`` by :mod:`onboard.mocap.sdk_source`.
 """
@@ -23,15 +24,15 @@ import msgspec
 from onboard.exit_status import EXIT_OK, EXIT_WRONG_INPUT
 from onboard.tuples import Wxyz, Xyz
 
-_PR_SET_PDEATHSIG = 1  # of prctl(2)
-_NUMERIC_ONLY = {"optitrack"}  # the package needs an address here, not a name
+_PR_SET_PDEATHSIG = 1  # option of prctl(2): signal for this process when its parent ends
+_NUMERIC_ONLY = {"optitrack"}  # systems for which the package needs a numeric address, not a name
 
 
 class Settings(msgspec.Struct, frozen=True):
     """Settings for the package."""
 
     type: str  # of the system
-    options: dict[str, str]  # hostname, and what the system has of its own
+    options: dict[str, str]  # hostname, and options that only this system has
 
 
 class RawFrame(msgspec.Struct, frozen=True, array_like=True):
@@ -46,9 +47,9 @@ _encoder = msgspec.msgpack.Encoder()
 
 
 def write_frame(pipe: int, frame: RawFrame) -> None:
-    """Write one frame after its length.
+    """Write one frame, preceded by its length.
 
-    It is smaller than a pipe's atomic size, so it arrives whole or not at all.
+    Both together are smaller than a pipe's atomic size, so they arrive whole or not at all.
     """
     data = _encoder.encode(frame)
     os.write(pipe, len(data).to_bytes(4, "little") + data)
@@ -59,7 +60,8 @@ def main(argv: list[str]) -> int:
     # The package holds Python's lock while it connects, so only the kernel can end this process
     # with its parent.
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    for number in (signal.SIGINT, signal.SIGTERM):  # the agent lands first, by these poses
+    # these signals reach the agent too, which then still needs the poses to land
+    for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
 
     pipe = os.dup(1)
@@ -85,7 +87,7 @@ NOT_INSTALLED = (
 
 def _read(settings: Settings, pipe: int) -> None:
     """Connect with the system, and write its frames until the pipe is closed."""
-    # otherwise the first position would import it, while frames wait
+    # otherwise the package would import it for the first position, while frames wait
     importlib.import_module("numpy")
     package: Any = importlib.import_module("motioncapture")
 
@@ -106,6 +108,7 @@ def _read(settings: Settings, pipe: int) -> None:
 
 
 def _sentence(settings: Settings, error: Exception) -> str:
+    """Return the sentence that says why the system cannot be read, and what to do."""
     host = settings.options.get("hostname", "this computer")
     if "Unknown motion capture type" in str(error):
         return (

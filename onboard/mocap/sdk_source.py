@@ -25,12 +25,12 @@ from onboard.mocap.mocap_frame import MocapFrame
 from onboard.mocap.sdk_process import RawFrame, Settings
 from onboard.mocap.source import OnMalformed, OnPose
 
-_LOST_NS = 100_000_000  # a body that is missing for so long is passed on as not tracked,
-_FORGOTTEN_NS = 10_000_000_000  # and after so long not at all
-QUIET_S = 2.0  # without frames, before the reading process is started again
-CONNECT_S = 5.0  # the same before the first frame
-_AGAIN_S = 1.0  # before the reading process is started again
-_POLL_MS = 100  # after which a stop is noticed
+_LOST_NS = 100_000_000  # a body that is missing for so long is passed on as not tracked
+_FORGOTTEN_NS = 10_000_000_000  # a body that is missing for so long is not passed on any more
+QUIET_S = 2.0  # without frames, after which the reading process is started again
+CONNECT_S = 5.0  # the same for the time before the first frame
+_AGAIN_S = 1.0  # pause before the reading process is started again
+_POLL_MS = 100  # longest time until a stop is noticed
 _LENGTH_BYTES = 4  # before each frame in the pipe
 _LARGEST_FRAME = 1 << 20  # bytes
 
@@ -40,12 +40,15 @@ _decoder = msgspec.msgpack.Decoder(RawFrame)
 
 @dataclass(slots=True)
 class PoseConverter:
-    """Converts frames to poses: frame, stamps, sequence, lost bodies. No I/O."""
+    """Converts frames of the system to poses on the bus. No I/O.
+
+    It changes the coordinates, stamps and numbers the poses, and notices lost bodies.
+    """
 
     mocap: MocapConfig
     boot_id: int  # of this source
     source: str = ""  # node whose clock stamps the poses
-    sequence: int = 0  # of the frames that were converted
+    sequence: int = 0  # number of frames that were converted
     _next_ns: int = 0  # when the next frame is due, at the largest rate
     _frame: MocapFrame = field(init=False)
     _latency_ns: int = field(init=False)
@@ -58,11 +61,11 @@ class PoseConverter:
         self._period_ns = int(1e9 / self.mocap.max_rate_hz)
 
     def poses(self, raw: RawFrame) -> list[MocapPose]:
-        """Return the poses of one frame; none for a frame beyond the configured rate.
+        """Return the poses of one frame; none if it comes sooner than the configured rate allows.
 
-        A body lost for 0.1 s is returned as not tracked, for 10 s.
+        A body that is missing is returned as not tracked, from 0.1 s to 10 s after its last pose.
         """
-        earliest_ns = self._next_ns - self._period_ns // 10  # a bit early is allowed
+        earliest_ns = self._next_ns - self._period_ns // 10  # a tenth of a period early is allowed
         if raw.arrived_ns < earliest_ns:
             return []
 
@@ -146,6 +149,7 @@ class SdkMocap:
         return self._problem
 
     def _say(self, problem: str) -> None:
+        """Remember a problem, and log it if it is new; empty: there is none any more."""
         if problem and problem != self._problem:
             log.warning("%s", problem)
         self._problem = problem
@@ -177,8 +181,8 @@ class SdkMocap:
         settings = msgspec.json.encode(self._settings).decode()
         command = [sys.executable, "-m", "onboard.mocap.sdk_process", settings]
         while not self._stopped.is_set():
-            # the process ends with this thread, as it requests from the kernel; this thread lives
-            # until `stop`
+            # the process has requested from the kernel to be ended with the thread that started it;
+            # so this thread must live until `stop`
             with subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, bufsize=0
             ) as process:
@@ -191,7 +195,7 @@ class SdkMocap:
             self._stopped.wait(_AGAIN_S)
 
     def _take_frames(self, process: subprocess.Popen[bytes]) -> None:
-        """Pass on the frames of one reading process, until it has to be started again."""
+        """Pass on the frames of one reading process, until it ends or has to be replaced."""
         assert process.stdout is not None
         pipe = process.stdout.fileno()
         poller = select.poll()  # select.select knows no descriptors above 1023
@@ -244,7 +248,7 @@ def next_frame(pending: bytearray) -> RawFrame | str | None:
     """Take the first frame off ``pending``.
 
     Returns:
-        the frame; a text if it is invalid; None if it is not complete yet.
+        the frame; a text that says what is wrong if it is invalid; None if it is not complete yet.
     """
     if len(pending) < _LENGTH_BYTES:
         return None
@@ -265,7 +269,7 @@ def next_frame(pending: bytearray) -> RawFrame | str | None:
 
 
 def _text(value: str | int | float | bool) -> str:
-    """Return a value as the package reads it."""
+    """Return a value of the fleet file as the text that the package reads."""
     if isinstance(value, bool):
         return str(value).lower()
     return str(value)

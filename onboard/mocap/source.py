@@ -1,8 +1,8 @@
 """The interface of all sources of poses: a source calls back with each pose in the fleet's frame.
 
-Callbacks come on a thread of the source and must only hand over. A source does not judge: a pose
-that jumps, stands still or belongs to another body is passed on, and the agent decides
-(``onboard/localization/pose_validator.py``).
+Callbacks come on a thread of the source, so they must only hand the pose over to another thread. A
+source does not check poses: it also passes on one that jumps, stands still or belongs to another
+body, and the agent decides (``onboard/localization/pose_validator.py``).
 """
 
 from __future__ import annotations

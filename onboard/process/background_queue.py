@@ -1,7 +1,4 @@
-"""Work that may wait, done elsewhere in its order.
-
-One thread does it, from a queue that never grows without bound.
-"""
+"""A thread for work that may wait, with a queue of limited length."""
 
 from __future__ import annotations
 
@@ -11,16 +8,20 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
-MAX_WAITING = 200
+MAX_WAITING = 200  # calls, including the one that runs
 
 log = logging.getLogger("covey.agent")
 
 
 class BackgroundQueue:
-    """One thread that calls what is submitted, one after the other.
+    """One thread that executes the submitted calls, one after the other.
 
-    Whoever submits is never held up: when too much waits already, what comes next is dropped and
+    To submit a call never blocks: when too many calls wait already, the new one is dropped and
     counted.
+
+    Args:
+        name: name of the thread.
+        most: largest number of calls that wait.
     """
 
     def __init__(self, name: str, most: int = MAX_WAITING) -> None:
@@ -29,7 +30,7 @@ class BackgroundQueue:
         self._worker = ThreadPoolExecutor(1, thread_name_prefix=name)
 
     def submit(self, function: Callable[..., object], *args: Any) -> bool:
-        """Call ``function(*args)`` soon; return False when too much waits already."""
+        """Call ``function(*args)`` soon; return False if it is dropped because too many wait."""
         if not self._room.acquire(blocking=False):
             self.dropped += 1
             if self.dropped == 1:
@@ -40,7 +41,7 @@ class BackgroundQueue:
         return True
 
     def stop(self) -> None:
-        """Do what waits and end; a second call does nothing."""
+        """Execute the calls that wait, and end the thread; a second call does nothing."""
         self._worker.shutdown(wait=True)
 
     def _done(self, work: Future[object]) -> None:

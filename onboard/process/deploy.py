@@ -1,4 +1,4 @@
-"""``covey agent deploy``: Covey onto each companion computer, by plain ssh and scp.
+"""``covey agent deploy``: brings Covey onto each companion computer, with ssh and scp only.
 
 It copies the wheel, the fleet file and the vehicle's keys, installs the wheel, and starts the
 agent's service.
@@ -20,8 +20,8 @@ from onboard.exit_status import EXIT_FAILED, EXIT_MIXED, EXIT_OK, EXIT_WRONG_INP
 from onboard.security.credentials import files_of
 from onboard.security.mavlink_key import key_file
 
-_FOLDER = "covey"  # in the home of the login
-_COVEY = ".venv/bin/covey"
+_FOLDER = "covey"  # in the home folder of the login on the companion
+_COVEY = ".venv/bin/covey"  # in that folder
 
 
 def parser() -> argparse.ArgumentParser:
@@ -71,7 +71,7 @@ def main(words: Sequence[str]) -> int:
 
     failed = [name for name in names if not _run(fleet, name, arguments)]
     if failed and not arguments.status and not arguments.prints:
-        print(_who_has_it(fleet, names, failed), file=sys.stderr)
+        print(_failure_words(fleet, names, failed), file=sys.stderr)
 
     if arguments.status and not arguments.prints:
         text = read_bytes(fleet.path, FLEET_FILE)
@@ -85,8 +85,8 @@ def main(words: Sequence[str]) -> int:
     return EXIT_MIXED
 
 
-def _who_has_it(fleet: FleetConfig, names: Sequence[str], failed: Sequence[str]) -> str:
-    """Return who has what was deployed and who has not, with the command for the others."""
+def _failure_words(fleet: FleetConfig, names: Sequence[str], failed: Sequence[str]) -> str:
+    """Return lines on a deployment that failed for some vehicles, with the command to go on."""
     lines = []
     done = [name for name in names if name not in failed]
     if done:
@@ -101,11 +101,12 @@ def _who_has_it(fleet: FleetConfig, names: Sequence[str], failed: Sequence[str])
 
 
 def _at(fleet: FleetConfig, name: str) -> str:
+    """Return a vehicle's name with the host of its companion computer."""
     return f"{name} ({fleet.vehicles[name].host})"
 
 
 def _check_keys_folder(fleet: FleetConfig) -> None:
-    """Refuse a fleet file whose keys are found on this computer only."""
+    """Refuse a fleet file whose folder of keys can exist on this computer only."""
     if PurePosixPath(fleet.fleet.keys).is_absolute():
         raise ConfigError(
             f"{fleet.path}: 'fleet.keys' is {fleet.fleet.keys!r}, a folder of this computer: no "
@@ -132,10 +133,12 @@ def _run(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> bool:
 
 
 def _ssh(fleet: FleetConfig, name: str, arguments: argparse.Namespace, line: str) -> list[str]:
+    """Return the command line that runs a shell line in Covey's folder of one companion."""
     return ["ssh", "-t", "--", _target(fleet, name, arguments), f"cd {_FOLDER} && {line}"]
 
 
 def _target(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> str:
+    """Return the destination of ssh and scp for one companion: its host, maybe with a user."""
     host = fleet.vehicles[name].host
     return f"{arguments.login}@{host}" if arguments.login else host
 
@@ -143,7 +146,7 @@ def _target(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> str
 def deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> list[list[str]]:
     """Return the command lines that bring one companion up to date.
 
-    What stands in the fleet file goes into the remote shell in quotes only.
+    Texts of the fleet file must be quoted in lines for the remote shell.
     """
     target = _target(fleet, name, arguments)
 
@@ -162,7 +165,7 @@ def deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> 
     commands.append(["scp", "--", fleet.path, f"{target}:{_FOLDER}/fleet.toml"])
     if keys:
         paths = [str(Path(fleet.keys_folder) / file) for file in keys]
-        # in quotes, because older versions of scp hand the remote path to a shell, too
+        # the remote folder is quoted, because older versions of scp pass it to a shell, too
         commands.append(["scp", "-p", "--", *paths, f"{target}:{keys_folder}/"])
 
     if arguments.wheel:
@@ -180,8 +183,8 @@ def deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> 
 def _installation(wheel_path: str) -> str:
     """Return the shell line that installs the copied wheel.
 
-    It installs once with the libraries, and once more by force without them: a wheel of the same
-    version is otherwise left as it is.
+    It installs the wheel once with the libraries, and once more by force without them: otherwise
+    pip would not replace an installed wheel of the same version.
     """
     wheel = shlex.quote(f"./{Path(wheel_path).name}")
     pip = ".venv/bin/pip install -q --find-links ."
@@ -189,7 +192,7 @@ def _installation(wheel_path: str) -> str:
 
 
 def _status(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> list[list[str]]:
-    """Return the command lines that say what runs on one companion."""
+    """Return the command lines that print Covey's version, the fleet file's hash and the status."""
     version = ".venv/bin/pip show covey | grep Version"
     user = " --user" if arguments.user else ""
     agent = f"{_COVEY} agent status --fleet fleet.toml --vehicle {shlex.quote(name)}{user}"

@@ -1,8 +1,8 @@
 """Settings of the process that keep delays out of the control loop.
 
-Python's collector runs on the ground only. Log lines are written by a thread of their own, because
-whoever reads them may hang. Python's lock changes hands quickly. On a drone's own computer the
-loop's thread may take precedence over everything else.
+Python's garbage collector runs on the ground only. A separate thread writes the log lines, because
+the program that reads them may hang. Threads get Python's lock quickly. On a drone's companion
+computer the loop's thread may have precedence over everything else.
 """
 
 from __future__ import annotations
@@ -22,21 +22,22 @@ import threading
 
 from onboard.plain_text import PlainStream
 
-_MAX_LINES = 2000
+_MAX_LINES = 2000  # of the log that wait for the thread that writes them
 
-# Who waits for Python's lock gets it within this time. It is longer than a tick takes, so that a
-# tick need not hand the lock over to a callback halfway and wait for a thread that has no
-# precedence. It is short beside the period, whoever else computes.
+# A thread that waits for Python's lock gets it after this time at the latest. It is longer than the
+# calculation of a tick, which thus need not give up the lock halfway to a callback, on a thread
+# without precedence, and wait for that. It is short compared with the period of the ticks, so that
+# the loop does not wait long for another thread.
 _SWITCH_S = 0.002
 
-_REALTIME_PRIORITY = 10
-_HELPERS_PRIORITY = 5
-_LEAST_FREE_BYTES = 50_000_000
+_REALTIME_PRIORITY = 10  # of the control loop's thread
+_HELPERS_PRIORITY = 5  # of the other threads
+_LEAST_FREE_BYTES = 50_000_000  # a disk with less is full
 _HUNG_US = 1_000_000  # of computing without a pause; the control loop pauses in each tick
 
 
 class _Lines(logging.handlers.QueueHandler):
-    """Hands records over; what does not fit is dropped, because the writer hangs already."""
+    """Passes records on to the writing thread; a full queue drops them, since the writer hangs."""
 
     def enqueue(self, record: logging.LogRecord) -> None:
         with contextlib.suppress(queue.Full):
@@ -44,13 +45,13 @@ class _Lines(logging.handlers.QueueHandler):
 
 
 def log_elsewhere(name: str, level: str) -> logging.handlers.QueueListener:
-    """Return a listener that writes the log to stderr from a thread of its own.
+    """Return a listener that writes the log to stderr in a separate thread.
 
-    Its ``stop()`` writes what is left.
+    Its ``stop()`` writes the lines that are left.
 
     Args:
-        name: of the vehicle, in each line.
-        level: of the log.
+        name: name of the vehicle, which is in each line.
+        level: least level of the lines.
     """
     writer = logging.StreamHandler(PlainStream(sys.stderr))
     writer.setFormatter(logging.Formatter(f"%(asctime)s {name} %(levelname)s %(message)s"))
@@ -66,11 +67,12 @@ def log_elsewhere(name: str, level: str) -> logging.handlers.QueueListener:
 
 
 def settle() -> None:
-    """Collect once after everything is loaded, and never again unasked.
+    """Collect garbage once after everything is loaded, and switch automatic collections off.
 
-    A collection in flight would cost ticks. Without one only what refers to itself stays, which the
-    agent's code does not make tick by tick. What is there now is never looked at again.
-    :func:`tidy` collects the rest while nothing flies.
+    A collection in flight would cost ticks. Without collections only objects that refer to each
+    other in a circle stay in memory, and the agent's ticks do not make such objects. The objects
+    that exist now are frozen: no later collection examines them. :func:`tidy` collects newer ones
+    while the vehicle is on the ground.
     """
     sys.setswitchinterval(_SWITCH_S)
     gc.collect()
@@ -79,14 +81,14 @@ def settle() -> None:
 
 
 def tidy() -> None:
-    """Collect what has come since :func:`settle`; for the ground."""
+    """Collect the garbage that was made since :func:`settle`; only for the ground."""
     gc.collect()
 
 
 def is_disk_full() -> bool:
-    """Return whether the disk that our log goes to has no room left.
+    """Return whether the disk with our log file has no room left.
 
-    A log that is no file goes to no disk; then the one of the working directory counts.
+    If the log is not written to a file, the disk of the working directory counts.
     """
     try:
         is_file = stat.S_ISREG(os.fstat(2).st_mode)
@@ -97,11 +99,11 @@ def is_disk_full() -> bool:
 
 
 def take_precedence() -> str:
-    """Let the calling thread run before everything else here; return a sentence about the result.
+    """Give the calling thread precedence over all programs; return a sentence about the result.
 
-    The other threads that there are come next: one that has Python's lock and waits for a processor
-    holds up the loop, however first that is. Threads that start from now on do not: what they do
-    may wait.
+    The other threads of the process get the next lower priority, because one that has Python's lock
+    and waits for a processor holds up the loop, whatever the loop's priority is. Threads that start
+    later get no precedence, since their work may wait.
     """
     try:
         threads = {int(name) for name in os.listdir("/proc/self/task")}
@@ -122,9 +124,9 @@ def take_precedence() -> str:
 def end_when_hung() -> None:
     """Let the kernel end this process when a thread with precedence computes without a pause.
 
-    Somebody's own law that never returns would take a processor from everybody else on this
-    machine, for instance from the emulator. After a second the kernel ends the process; where the
-    law was is written to stderr.
+    A user's avoidance law that never returns would take a processor from all other programs on this
+    computer, for instance from the emulator. After a second the kernel ends the process; the stack
+    of the law is written to stderr.
     """
     with contextlib.suppress(OSError, ValueError, AttributeError):  # only Linux has this limit
         faulthandler.register(signal.SIGXCPU, all_threads=False, chain=True)

@@ -20,11 +20,11 @@ from onboard.config.fleet import ConfigError, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_OK, EXIT_WRONG_INPUT
 
 VERBS = ("install", "status", "logs")
-_MARK = "# Written by covey agent install"
+_MARK = "# Written by covey agent install"  # first line of the unit files that are written here
 _SYSTEM_FOLDER = Path("/etc/systemd/system")
-SYSTEMD_RUNS = Path("/run/systemd/system")  # there when systemd booted this computer: sd_booted(3)
+SYSTEMD_RUNS = Path("/run/systemd/system")  # exists if systemd booted this computer: sd_booted(3)
 
-# properties that the status is told from: systemctl(1), show
+# properties from which the status is composed: systemctl(1), show
 _SHOWN = (
     "LoadState",
     "ActiveState",
@@ -35,6 +35,7 @@ _SHOWN = (
     "ExecMainStatus",
     "MainPID",
 )
+# systemd's property ``Result`` -> why a service does not run, in words
 _ENDED_BECAUSE = {
     "watchdog": "its control loop hung",
     "oom-kill": "it took too much memory",
@@ -58,7 +59,7 @@ class Service:
 
     @property
     def path(self) -> Path:
-        """Path of the unit."""
+        """Path of the unit file."""
         if not self.is_user:
             return _SYSTEM_FOLDER / self.unit
 
@@ -66,13 +67,13 @@ class Service:
         return Path(home) / "systemd" / "user" / self.unit
 
     def systemctl(self, *words: str) -> list[str]:
-        """Return a systemctl command line for this manager."""
+        """Return a command line of systemctl, for the system's or the user's systemd."""
         manager = ["--user"] if self.is_user else []
         return ["systemctl", *manager, *words]
 
 
 def unit_text(service: Service, arguments: Sequence[str] = ()) -> str:
-    """Return the unit: its template, filled in, with ``arguments`` for the agent."""
+    """Return the unit file: the filled-in template, with ``arguments`` for the agent."""
     command = [
         sys.executable,
         "-m",
@@ -100,15 +101,17 @@ def unit_text(service: Service, arguments: Sequence[str] = ()) -> str:
 
 
 def _template(name: str) -> Template:
+    """Return a template from a file in this package."""
     return Template(resources.files(__package__).joinpath(name).read_text(encoding="utf-8"))
 
 
 def _escaped(text: str) -> str:
+    """Return a text for a unit file, where % begins a specifier."""
     return text.replace("%", "%%")
 
 
 def _quoted(word: str) -> str:
-    """Return a word of ExecStart: systemd expands % and $, and splits at spaces."""
+    """Return a word for the line ExecStart, where systemd expands % and $ and splits at spaces."""
     safe = _escaped(word).replace("$", "$$")
     if shlex.quote(word) == word:
         return safe
@@ -120,12 +123,14 @@ def _quoted(word: str) -> str:
 
 
 def install(service: Service, arguments: Sequence[str], *, prints: bool, starts: bool) -> int:
-    """Write the unit, verified by systemd where it is installed; return the exit status.
+    """Write the unit file, after systemd has verified it; return the exit status.
+
+    On a computer without systemd it is written without verification.
 
     Args:
-        service: what is installed.
-        arguments: for the agent.
-        prints: whether the unit is only shown.
+        service: service that is installed.
+        arguments: options for the agent.
+        prints: whether the unit file is only printed.
         starts: whether the service starts now and at every boot.
     """
     text = unit_text(service, arguments)
@@ -156,7 +161,7 @@ def install(service: Service, arguments: Sequence[str], *, prints: bool, starts:
 
 
 def _write_problem(service: Service, text: str) -> str:
-    """Write the unit; return why that is not possible, or an empty text."""
+    """Write the unit file; return why that is not possible, or an empty text."""
     problems = verify(service, text)
     if problems:
         return (
@@ -180,11 +185,12 @@ def _write_problem(service: Service, text: str) -> str:
 
 
 def _is_ours(path: Path) -> bool:
+    """Whether ``covey agent install`` has written a unit file."""
     return path.read_text(encoding="utf-8").startswith(_MARK)
 
 
 def _tell_systemd(service: Service, *, starts: bool) -> str:
-    """Have systemd read its units again, and start this one; return the first failure."""
+    """Let systemd read its units again and maybe start this one; return the first failure."""
     commands = [service.systemctl("daemon-reload")]
     if starts:
         commands.append(service.systemctl("enable", service.unit))
@@ -201,7 +207,7 @@ def _tell_systemd(service: Service, *, starts: bool) -> str:
 
 
 def status(service: Service) -> int:
-    """Print in a sentence what systemd knows of the service; return the exit status."""
+    """Print the state of the service by systemd in a sentence; return the exit status."""
     if shutil.which("systemctl") is None:
         return _fail(
             "This computer has no systemd (systemctl is not found): "
@@ -283,11 +289,12 @@ def verify(service: Service, text: str) -> str:
         path = Path(folder) / service.unit
         path.write_text(text, encoding="utf-8")
 
-        # A user's units have the same syntax, and their manager need not run here.
+        # verified as a unit of the system even if it is a user's, whose systemd need not run here:
+        # the syntax is the same
         command = ["systemd-analyze", "verify", "--man=no", "--recursive-errors=no", str(path)]
         verified = subprocess.run(command, capture_output=True, text=True, check=False)
 
-    # Messages about other units, or about a manager that does not run, are not about this unit.
+    # other lines are about other units, or about a systemd that does not run
     own = [line for line in verified.stderr.splitlines() if service.unit in line]
     return " ".join(own).replace(f"{folder}/", "")
 
@@ -303,10 +310,12 @@ def _run(command: Sequence[str]) -> str:
 
 
 def _words(text: str) -> str:
+    """Return a program's output as part of one line."""
     return " ".join(text.split()).rstrip(".")
 
 
 def _fail(sentence: str) -> int:
+    """Print a sentence about wrong input or a missing systemd; return the exit status."""
     print(f"agent: {sentence}", file=sys.stderr)
     return EXIT_WRONG_INPUT
 

@@ -1,7 +1,7 @@
-"""Messages to systemd: READY once, WATCHDOG while the control loop ticks, STATUS in a word.
+"""Messages to systemd: READY once, WATCHDOG while the control loop ticks, STATUS in a few words.
 
-Only a live tick may call this. A loop that hangs sends nothing, and systemd ends and restarts the
-process. Where systemd has not started the process, nothing is sent: sd_notify(3).
+Only a completed tick may send them: when the loop hangs, no message comes, and systemd ends and
+restarts the process. If systemd has not started the process, nothing is sent: sd_notify(3).
 """
 
 from __future__ import annotations
@@ -10,15 +10,15 @@ import os
 import socket
 from collections.abc import Mapping
 
-_LONGEST_NS = 1_000_000_000  # from one message to the next
+_LONGEST_NS = 1_000_000_000  # longest time from one message to the next
 
 
 class Notifier:
-    """The datagram socket of ``NOTIFY_SOCKET``; without one every call does nothing.
+    """Sends messages to the socket that ``NOTIFY_SOCKET`` names; without one it does nothing.
 
     Args:
-        environ: NOTIFY_SOCKET, and WATCHDOG_USEC, the time within which a message is due. Tests
-            pass their own.
+        environ: environment with NOTIFY_SOCKET, and with WATCHDOG_USEC, the longest time between
+            two messages. Tests pass their own.
     """
 
     def __init__(self, environ: Mapping[str, str] = os.environ) -> None:
@@ -29,7 +29,8 @@ class Notifier:
         self._every_ns = _LONGEST_NS
         watchdog_us = environ.get("WATCHDOG_USEC", "")
         if watchdog_us.isdigit():
-            third_ns = int(watchdog_us) * 1000 // 3  # two messages may be lost
+            # a third, so that two messages may be lost
+            third_ns = int(watchdog_us) * 1000 // 3
             self._every_ns = min(_LONGEST_NS, third_ns)
 
         self._socket: socket.socket | None = None

@@ -1,7 +1,8 @@
-"""The table of roles as zenoh's own access control: rules, and whose certificate has which. Pure.
+"""The table of roles in the form of zenoh's access control. Pure.
 
-A rule allows some kinds of messages on some keys of the bus. It is checked on each link for what
-comes in; everything may go out, since its receiver checks it. What no rule allows is dropped.
+It consists of rules, and of policies that say which rules the holder of which certificate has. A
+rule allows some kinds of messages on some keys of the bus. Each link checks the messages that come
+in, and drops those that no rule allows. All messages may go out, since the receiver checks them.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from onboard.security.node_roles import GRANTS, NODES, ROUTER, Grant, NodeRole
 
 _Rule = dict[str, object]  # one entry of zenoh's ``access_control.rules``
 
-_OUT = "out"  # id of the rule that lets everything out
+_OUT = "out"  # id of the rule that allows all messages to go out
 _ALL_MESSAGES = (
     "put",
     "delete",
@@ -28,12 +29,12 @@ _ALL_MESSAGES = (
 
 
 def access_control(fleets: Mapping[str, Iterable[str]], *, has_router: bool) -> dict[str, object]:
-    """Return zenoh's ``access_control``: what may come in from the holder of which certificate.
+    """Return zenoh's ``access_control``: the messages accepted from the holder of each certificate.
 
     Args:
-        fleets: key prefix, ``covey/<fleet name>``, -> names of the vehicles; several for a router
-            of several fleets.
-        has_router: whether routers pass on messages of others.
+        fleets: key prefix of a fleet, ``covey/<fleet name>``, -> names of its vehicles. Only a
+            router may have several fleets.
+        has_router: whether the fleets have routers, which pass on the messages of others.
     """
     rules: list[_Rule] = [_rule(_OUT, _ALL_MESSAGES, ["**"], "egress")]
     granted: dict[str, list[object]] = {}  # holder of a certificate -> ids of its rules
@@ -64,9 +65,10 @@ def access_control(fleets: Mapping[str, Iterable[str]], *, has_router: bool) -> 
 
 
 def _rules_of(namespace: str, name: str, grant: Grant) -> list[_Rule]:
-    """Return the rules of one holder; one rule for each kind of access to any key."""
+    """Return the rules for the holder of one certificate, one for each kind of access."""
 
     def keys(names: Mapping[Topic, tuple[str, ...]]) -> list[str]:
+        """Return the keys of the topics with these patterns of names."""
         return [
             key(namespace, topic, pattern.format(own=name))
             for topic, patterns in names.items()

@@ -1,4 +1,4 @@
-"""When the certificates of this computer end, read from their files."""
+"""Times at which the certificates on this computer end, read from their files."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.security.credentials import files_of
 from onboard.security.node_roles import ROUTER, NodeRole
 
-AUTHORITY = "the authority"  # in sentences, in place of a node's name
+AUTHORITY = "the authority"  # used in sentences instead of a node's name
 
 
 class CertificateEnd(NamedTuple):
-    """When a certificate of this computer ends."""
+    """End of the validity of a certificate on this computer."""
 
     node: str  # its holder
-    end_s: float  # seconds since 1970, by the clock of the wall
+    end_s: float  # seconds since 1970, by the wall clock
 
     def left_s(self, now_s: float) -> float:
-        """Return the time [s] until then; negative after it.
+        """Return the time [s] until the end; negative after it.
 
         Args:
             now_s: seconds since 1970.
@@ -28,13 +28,13 @@ class CertificateEnd(NamedTuple):
 
 
 def first_end(fleet: FleetConfig, own: str) -> CertificateEnd | None:
-    """Return which certificate of this computer ends first.
+    """Return the certificate on this computer that ends first.
 
     Args:
         fleet: the fleet file.
-        own: the node that asks; of the others only those count whose private key is here, too.
+        own: node that runs here. Another node counts only if its private key is on this computer.
     Returns:
-        the first of the nodes and of the authority; None for a bus without keys, and where no
+        the first end among the nodes and the authority; None for a bus without keys, or if no
         certificate can be read.
     """
     if not fleet.has_keys:

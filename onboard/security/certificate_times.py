@@ -1,12 +1,12 @@
-"""How long certificates last: until when a flight may begin, and when links with them end.
+"""Rules for the end of certificates: until when a flight may begin, and when links are closed.
 
-Zenoh checks a certificate when a link is opened. It could also close the link on the second at
-which the certificate ends; Covey does not ask it to, because the certificates of a fleet end
-together, and a vehicle in flight would hear nobody from that second on. Instead:
+Zenoh checks a certificate when a link is opened. It could also close the link in the second in
+which the certificate ends. Covey does not use that, because the certificates of a fleet end
+together, and a vehicle in flight would receive nothing from that second on. Instead:
 
 * no flight begins that could still be in the air when a certificate ends, with an hour to spare;
 * nobody whose certificate has ended can open a link, arm or order a take-off;
-* agents on the ground and routers end all of their links one flight and one hour after the end.
+* agents on the ground and routers close all of their links one flight and one hour after the end.
 
 Pure: ``certificate_ends.py`` reads the files.
 """
@@ -17,19 +17,19 @@ import datetime
 
 from onboard.config.fleet import FleetConfig, Vehicle
 
-_SPARE_S = 3600.0  # beyond the longest flight
+_SPARE_S = 3600.0  # added to the longest flight
 _UNKNOWN_FLIGHT_S = 7200.0  # flight and spare time of a vehicle whose hover_time_s is not given
 SOON_S = 30.0 * 86400.0  # a certificate that ends within this time should be renewed
 _IN_HOURS_S = 2.0 * 86400.0  # less than this is printed in hours
 
 
 def flight_s(vehicle: Vehicle) -> float:
-    """Return how long [s] a certificate has to last when a vehicle takes off.
+    """Return how long [s] a certificate must still be valid when a vehicle takes off.
 
     Args:
         vehicle: of the fleet file.
     Returns:
-        its longest flight and an hour.
+        its longest flight plus an hour.
     """
     if vehicle.hover_time_s is None:
         return _UNKNOWN_FLIGHT_S
@@ -37,12 +37,12 @@ def flight_s(vehicle: Vehicle) -> float:
 
 
 def longest_flight_s(fleet: FleetConfig) -> float:
-    """Return the longest :func:`flight_s` of a fleet: links outlast certificates by this time."""
+    """Return the longest :func:`flight_s` of a fleet: links end this long after certificates."""
     return max((flight_s(vehicle) for vehicle in fleet.vehicles.values()), default=0.0)
 
 
 def left_words(left_s: float) -> str:
-    """Return a time that is left, in words: "3.5 h" of less than two days, else "12 days"."""
+    """Return a remaining time in words: "3.5 h" if less than two days, else "12 days"."""
     if left_s < _IN_HOURS_S:
         return f"{left_s / 3600.0:.1f} h"
     return f"{left_s / 86400.0:.0f} days"
@@ -52,7 +52,7 @@ def end_words(end: datetime.datetime, now: datetime.datetime) -> str:
     """Return until when a certificate is valid, in words: in hours if less than two days are left.
 
     Args:
-        end: of its validity.
+        end: end of the certificate's validity.
         now: by this computer's clock.
     """
     left_s = (end - now).total_seconds()

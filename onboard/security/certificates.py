@@ -1,7 +1,7 @@
-"""Certificates as they stand in files: read, and checked against each other and the clock.
+"""Certificates in files: to read them, and to check them against each other and the clock.
 
 A certificate names its holder, and the addresses at which others connect to that holder. The
-fleet's certificate authority has signed it, and it is valid for a time.
+fleet's certificate authority has signed it. It is valid for a limited time.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def check(authority: str, certificate: str, key: str, node: str, now: datetime.d
         node: the name that the certificate must carry.
         now: time at which both certificates must be valid.
     Raises:
-        ConfigError: they do not.
+        ConfigError: they do not fit together, or are not valid now.
     """
     issuer = read_certificate(authority)
     own = read_certificate(certificate)
@@ -81,14 +81,14 @@ def _check_time(path: str, certificate: x509.Certificate, now: datetime.datetime
 def check_hosts(certificate: str, node: str, hosts: Iterable[str]) -> None:
     """Check that a certificate is for the addresses at which others connect to its node.
 
-    They compare the address that they connect to with those in the certificate.
+    A node that connects compares the address that it connects to with those in the certificate.
 
     Args:
-        certificate: path.
+        certificate: path of the certificate.
         node: its holder.
-        hosts: names and addresses of the fleet file.
+        hosts: names and addresses of that node in the fleet file.
     Raises:
-        ConfigError: it is for others.
+        ConfigError: one of them is not in the certificate.
     """
     extensions = read_certificate(certificate).extensions
     names = extensions.get_extension_for_class(x509.SubjectAlternativeName).value
@@ -140,7 +140,7 @@ def read_key(path: str) -> PrivateKeyTypes:
 
 
 def common_name(certificate: x509.Certificate) -> str:
-    """Return the name of a certificate's holder; empty where it names none, or several."""
+    """Return the name of a certificate's holder; empty if it has no such name, or several."""
     names = [name.value for name in certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)]
     if len(names) == 1 and isinstance(names[0], str):
         return names[0]
@@ -148,7 +148,7 @@ def common_name(certificate: x509.Certificate) -> str:
 
 
 def issued_by(certificate: x509.Certificate, authority: x509.Certificate) -> bool:
-    """Whether a certificate authority has signed a certificate itself."""
+    """Whether a certificate authority has signed a certificate, with no other one between them."""
     try:
         certificate.verify_directly_issued_by(authority)
     except (ValueError, TypeError, InvalidSignature):

@@ -2,8 +2,8 @@
 
 ``ca.pem`` is the certificate of the fleet's own certificate authority, ``NODE.pem`` a node's
 certificate, and ``NODE.key`` its private key, which never leaves the computer of that node.
-``covey keys secure`` makes them. They are checked before the bus is opened: whoever opens a node of
-the bus hands it the credentials that are made here.
+``covey keys secure`` makes them. Every program that opens a node of the bus first checks them here,
+and passes the resulting credentials to the bus.
 """
 
 from __future__ import annotations
@@ -25,16 +25,17 @@ from onboard.security.private_files import refuse_open_to_others
 
 @dataclass(frozen=True, slots=True)
 class Credentials:
-    """Files of one node, and what may come in from whom."""
+    """Files of one node, and the access that it allows to others."""
 
     authority: str  # path of the certificate of the fleet's certificate authority
     certificate: str  # path of the node's certificate
     key: str  # path of the node's private key
-    access: dict[str, object]  # zenoh's ``access_control``: what may come in from whom
-    longest_flight_s: float = 0.0  # for which links and orders outlast a certificate
+    # zenoh's ``access_control``: the messages accepted from the holder of each certificate
+    access: dict[str, object]
+    longest_flight_s: float = 0.0  # time after a certificate's end until links and orders end, too
 
     def order_signatures(self) -> OrderSignatures:
-        """Return what signs this node's orders and judges those that it receives."""
+        """Return the object that signs this node's orders and verifies those that it receives."""
         # Imported here, because it loads ten megabytes that a fleet without keys does without.
         from onboard.security.order_signature import NodeSignatures
 
@@ -56,12 +57,12 @@ def credentials_of(
     Args:
         fleet: the fleet file.
         node: a vehicle's name, or the value of a role.
-        now: time at which the certificate must be valid; by default this computer's.
+        now: time at which the certificate must be valid; by default the time of this computer.
     Returns:
-        paths of files that exist and fit together.
+        credentials with paths of files that exist and fit together.
     Raises:
         ConfigError: a file is missing, damaged, of another certificate authority, not valid now, or
-            open to others.
+            readable for other users.
     """
     if not fleet.has_keys:
         return None
@@ -81,7 +82,7 @@ def credentials_of(
 
     check(authority, certificate, key, node, now or datetime.datetime.now(datetime.UTC))
     has_router = bool(fleet.fleet.routers)
-    if node == ROUTER or not has_router:  # behind a router nobody connects to the other nodes
+    if node == ROUTER or not has_router:  # with routers, nobody connects to any other node
         check_hosts(certificate, node, hosts_of(fleet, node))
 
     access = access_control({fleet.namespace: fleet.vehicles}, has_router=has_router)
@@ -98,7 +99,7 @@ def router_credentials(fleets: Sequence[FleetConfig]) -> Credentials | None:
     """Return the credentials of a router: one certificate for all of its fleets.
 
     Args:
-        fleets: whose messages it passes on.
+        fleets: fleets whose messages it passes on.
     Returns:
         the credentials, with the access control of all fleets; None for fleets without keys.
     Raises:
@@ -130,6 +131,7 @@ def router_credentials(fleets: Sequence[FleetConfig]) -> Credentials | None:
 
 
 def _authority_bytes(credentials: Credentials | None) -> bytes | None:
+    """Return the certificate of the authority; None for a fleet without keys."""
     if credentials is None:
         return None
     return read_bytes(credentials.authority, KEY_FILE._replace(words="certificate"))
@@ -152,7 +154,7 @@ def hosts_of(fleet: FleetConfig, node: str) -> list[str]:
 
 
 def _description(node: str) -> str:
-    """Return what a node is, in words for a sentence."""
+    """Return the description of a node that begins a sentence."""
     descriptions: dict[str, str] = {
         NodeRole.GROUND.value: (
             "a ground that orders (one with keys/viewer.pem only may watch: --readonly)"

@@ -1,8 +1,8 @@
 """Keys of MAVLink signing: ``keys/VEHICLE.mavlink.key`` beside the fleet file.
 
-Senders are told apart by link ids: PX4 remembers the newest timestamp of each sender (system,
-component, link id) and refuses older ones. So every program that sends over a vehicle's links has
-an id of its own, and only its own clock decides whether its messages are new.
+PX4 remembers the newest timestamp of each sender (system, component, link id) and refuses messages
+with older ones. So every program that sends over a vehicle's links has its own link id; otherwise a
+program whose clock is behind another's would be refused.
 
 The format of signatures: https://mavlink.io/en/guide/message_signing.html
 """
@@ -20,15 +20,15 @@ from onboard.security.private_files import refuse_open_to_others
 
 KEY_BYTES = 32
 
-# Link ids. PX4's own are 0 to 5.
+# Link ids. PX4 itself uses 0 to 5.
 AGENT_LINK_ID = 10  # the agent of a vehicle
 TOOL_LINK_ID = 11  # tools for parameters and calibration
 
-_FIRST_GROUND_LINK_ID = 64  # of the ground computers, which go past the agents
-_GROUND_LINK_IDS = 128  # number of their ids
+_FIRST_GROUND_LINK_ID = 64  # of ground computers, which send to PX4 directly, without the agent
+_GROUND_LINK_IDS = 128  # number of ids for ground computers
 
-_EPOCH_S = 1_420_070_400  # timestamps count from 2015; [s since 1970]
-_STEPS_PER_S = 100_000  # in steps of 10 us
+_EPOCH_S = 1_420_070_400  # begin of 2015, from which timestamps count [s since 1970]
+_STEPS_PER_S = 100_000  # timestamps count in steps of 10 us
 
 
 def key_file(vehicle: str) -> str:
@@ -41,11 +41,11 @@ def mavlink_key(fleet: FleetConfig, vehicle: str) -> bytes | None:
 
     Args:
         fleet: the fleet file.
-        vehicle: its name.
+        vehicle: name of the vehicle.
     Returns:
-        the key; None for a vehicle that does not sign.
+        the key; None for a vehicle whose MAVLink is not signed.
     Raises:
-        ConfigError: the file is missing, open to others, or no key.
+        ConfigError: the file is missing, readable for other users, or no key.
     """
     if not fleet.vehicles[vehicle].mavlink_signing:
         return None
@@ -57,7 +57,7 @@ def mavlink_keys(fleet: FleetConfig, vehicles: Iterable[str] | None = None) -> d
 
     Args:
         fleet: the fleet file.
-        vehicles: their names; by default all of the fleet.
+        vehicles: names of the vehicles; by default all of the fleet.
     Returns:
         vehicle -> key.
     """
@@ -74,12 +74,12 @@ def read_key(path: str, fleet_path: str) -> bytes:
     """Read a key.
 
     Args:
-        path: of its file.
-        fleet_path: of the fleet file, for the sentences.
+        path: path of the key's file.
+        fleet_path: path of the fleet file, for the sentences.
     Returns:
         the key.
     Raises:
-        ConfigError: the file is missing, open to others, or no key.
+        ConfigError: the file is missing, readable for other users, or no key.
     """
     try:
         refuse_open_to_others(path)
@@ -102,7 +102,7 @@ def read_key(path: str, fleet_path: str) -> bytes:
 def ground_link_id(host: str) -> int:
     """Return the link id of a ground computer.
 
-    The clocks of two computers differ, so each computer has an id of its own.
+    The clocks of two computers differ, so each computer has its own id.
 
     Args:
         host: name of the computer.
@@ -111,7 +111,7 @@ def ground_link_id(host: str) -> int:
 
 
 def signing_time(unix_ns: int) -> int:
-    """Return the timestamp of MAVLink signing [10 us since 2015] of a time; 0 before 2015.
+    """Convert a time to a timestamp of MAVLink signing [10 us since 2015]; 0 before 2015.
 
     Args:
         unix_ns: time [ns since 1970].

@@ -1,9 +1,9 @@
-"""Who may say what on a bus with keys: one table of role and topic. Pure.
+"""The rights of each role on a bus with keys: one table of role and topic. Pure.
 
 A node's role follows from the common name of its certificate: a vehicle's name, or one of the names
-below. Each node checks what comes in over each of its links. What is not granted there is dropped
-before it is read (``access_control.py`` writes the table as zenoh's rules). A link whose
-certificate is of another certificate authority is not opened at all.
+below. Each node checks the messages that come in over each of its links, and drops those that the
+table does not grant before it decodes them (``access_control.py`` writes the table as zenoh's
+rules). A link to a node whose certificate is from another certificate authority is not even opened.
 """
 
 from __future__ import annotations
@@ -19,37 +19,40 @@ class NodeRole(StrEnum):
     """Kind of node; except for vehicles the value is the common name of the certificate."""
 
     VEHICLE = "vehicle"
-    GROUND = "ground"  # orders, and reads all
-    VIEWER = "viewer"  # reads all
+    GROUND = "ground"  # sends orders, and reads everything
+    VIEWER = "viewer"  # reads everything
     MOCAP = "mocap"  # publishes poses
-    CORRECTIONS = "corrections"  # publishes corrections of RTK
-    EMULATOR = "sitl"  # publishes poses and ground truth of what it emulates
+    CORRECTIONS = "corrections"  # publishes corrections for RTK
+    EMULATOR = "sitl"  # publishes poses and true motion of the vehicles that it emulates
 
 
-# Roles that one certificate each is made for, whatever the fleet's vehicles are.
+# Roles with exactly one certificate in every fleet; of vehicles there are as many as in its file.
 NODES: tuple[NodeRole, ...] = tuple(role for role in NodeRole if role is not NodeRole.VEHICLE)
 
-# Common name of a router. It has no role: it passes on what the others say, each within its own.
+# Common name of a router. It has no role of its own: it passes on messages that the others may
+# send by their roles.
 ROUTER = "router"
 
 
 @dataclass(frozen=True, slots=True)
 class Grant:
-    """What one role may do.
+    """Rights of one role.
 
-    Names: ``{own}`` is the vehicle's own, ``*`` any, ``x$*`` any that begins with x.
+    In the names, ``{own}`` stands for the vehicle's own name, ``*`` for any name, and ``x$*`` for
+    any name that begins with x.
     """
 
     publishes: Mapping[Topic, tuple[str, ...]]  # topic -> names under which it may publish
     answers: Mapping[Topic, tuple[str, ...]]  # topic of queries -> names that it answers for
     asks: Mapping[Topic, tuple[str, ...]]  # topic of queries -> names that it may query
-    tokens: tuple[str, ...]  # first words of its names in ``alive``
-    reads: frozenset[Topic]
+    tokens: tuple[str, ...]  # names of the liveliness tokens that it may declare
+    reads: frozenset[Topic]  # topics that it may subscribe to
 
 
 _OWN = ("{own}",)
 _ANY = ("*",)
 
+# all topics that a node can subscribe to
 _SAMPLES = frozenset(topic for topic, spec in TOPICS.items() if spec.delivery is not Delivery.QUERY)
 
 GRANTS: dict[NodeRole, Grant] = {
@@ -114,7 +117,7 @@ GRANTS: dict[NodeRole, Grant] = {
         answers={},
         asks={},
         tokens=("corrections$*",),
-        # its report says which fix the vehicles have
+        # its report contains the vehicles' fixes, which are in their telemetry
         reads=frozenset((Topic.SLOW_TELEMETRY, Topic.CLOCK, Topic.ALIVE)),
     ),
     NodeRole.EMULATOR: Grant(

@@ -1,14 +1,15 @@
-"""Orders signed end to end: whatever carries an order, its vehicle knows whose key has given it.
+"""Signatures of orders, end to end: a vehicle knows by whose key an order was signed.
 
 Behind a router a vehicle sees the router's certificate, not the ground's. So the ground signs each
-order with the key of its certificate (Ed25519), and the certificate travels beside the order.
+order with the key of its certificate (Ed25519), and sends the certificate beside the order.
 
-The signature covers the key on the bus, hence the fleet and the vehicle: an order for one vehicle
-is none for another.
+The signature covers the key of the bus, which contains the fleet and the vehicle: an order for one
+vehicle is not valid for another.
 
-A flood of false orders would cost a verification each. So only some of them are looked at within a
-second: as many of each ground that has signed before, and as many of all other senders together. A
-flood in somebody else's name therefore keeps no ground from ordering that has ordered before.
+To verify an order costs time, and somebody could send a flood of false ones. So within a second
+only a limited number of false orders is verified: the same number for each ground that has sent a
+valid order before, and for all other senders together. A flood under other names therefore cannot
+keep a ground that has ordered before from ordering again.
 """
 
 from __future__ import annotations
@@ -27,26 +28,25 @@ from onboard.bus.schema import Message, Order
 from onboard.security.certificates import common_name, issued_by, read_certificate, read_key
 from onboard.security.node_roles import NodeRole
 
-_CONTEXT = b"covey order 1\0"  # no signature for another purpose is one of an order
-MOST_FALSE_PER_S = (
-    200  # false orders looked at within a second: of each known ground, of all others
-)
-_BEGIN_FLIGHTS = ("arm", "takeoff")  # orders that nobody gives after the end of a certificate
-_MAX_KNOWN = 16  # certificates that have been checked, and grounds that have signed; one per ground
-_UNKNOWN_NODE = ""  # counts the false orders of all nodes that never signed rightly
+_CONTEXT = b"covey order 1\0"  # signed too, so that no signature for another purpose fits an order
+# false orders that are verified within a second, of each known ground and of all other senders
+MOST_FALSE_PER_S = 200
+_BEGIN_FLIGHTS = ("arm", "takeoff")  # orders that are refused after the end of a certificate
+_MAX_KNOWN = 16  # certificates, and grounds with valid orders, that are remembered
+_UNKNOWN_NODE = ""  # name under which the false orders of all unknown nodes are counted
 
-_Fault = tuple[RefusalCode, str]  # what is wrong with an order, and the end of a sentence about it
+_Fault = tuple[RefusalCode, str]  # fault of an order, and the end of a sentence about it
 
 
 class OrderSeal(Message, frozen=True, array_like=True, kw_only=True):
-    """Travels beside an order."""
+    """Certificate and signature, which are sent beside an order."""
 
     certificate: bytes  # of the signer, DER
-    signature: bytes  # over the key on the bus and the order's bytes
+    signature: bytes  # over the key of the bus and the order's bytes
 
 
 class NodeSignatures:
-    """Signs the orders that a node gives, and judges those that it receives.
+    """Signs the orders that a node sends, and verifies those that it receives.
 
     Args:
         authority: path of the certificate of the fleet's certificate authority.
@@ -62,11 +62,11 @@ class NodeSignatures:
         self._check = SealCheck(authority, longest_flight_s)
 
     def seal(self, key_expression: str, order: bytes) -> bytes:
-        """Return the bytes that travel beside an order, as :meth:`OrderSigner.seal` does."""
+        """Return the seal of an order, as :meth:`OrderSigner.seal` does."""
         return self._signer.seal(key_expression, order)
 
     def refusal(self, key_expression: str, order: bytes, seal: bytes) -> UntrustedOrder | None:
-        """Judge an order that arrives now, as :meth:`SealCheck.refusal` does."""
+        """Verify an order that arrives now, as :meth:`SealCheck.refusal` does."""
         now = datetime.datetime.now(datetime.UTC)
         return self._check.refusal(key_expression, order, seal, now)
 
@@ -75,8 +75,8 @@ class OrderSigner:
     """Signs orders with a node's key.
 
     Args:
-        certificate: path of the node's certificate, checked before.
-        key: path of its private key.
+        certificate: path of the node's certificate, which has been checked.
+        key: path of the node's private key.
     """
 
     def __init__(self, certificate: str, key: str) -> None:
@@ -84,13 +84,13 @@ class OrderSigner:
         self._key = read_key(key)
 
     def seal(self, key_expression: str, order: bytes) -> bytes:
-        """Return the bytes that travel beside an order.
+        """Return the seal of an order.
 
         Args:
-            key_expression: on the bus, to which the order is sent.
-            order: its bytes.
+            key_expression: key of the bus to which the order is sent.
+            order: bytes of the order.
         Returns:
-            certificate and signature; empty for a node whose key is of a kind that signs no orders.
+            bytes of an :class:`OrderSeal`; empty for a node whose kind of key signs no orders.
         """
         if not isinstance(self._key, Ed25519PrivateKey):
             return b""
@@ -99,41 +99,42 @@ class OrderSigner:
 
 
 class SealCheck:
-    """Judges by whom an order was signed.
+    """Verifies that a ground of the fleet has signed an order.
 
     Args:
         authority: path of the certificate of the fleet's certificate authority.
-        longest_flight_s: time [s] for which a ground goes on ordering vehicles in flight after its
-            certificate has ended; it can begin no flight then.
+        longest_flight_s: time [s] after the end of a ground's certificate for which its orders to
+            vehicles in flight are still valid; those that begin a flight are not.
     """
 
     def __init__(self, authority: str, longest_flight_s: float = 0.0) -> None:
         self._authority = read_certificate(authority)
         self._longest_flight = datetime.timedelta(seconds=longest_flight_s)
 
-        # certificates that the authority has issued, by their DER bytes
+        # DER bytes -> certificate, for those that the authority has issued
         self._issued_certificates: dict[bytes, x509.Certificate] = {}
 
-        # nodes that have signed rightly before; a dict, because it keeps the order
+        # nodes that have sent valid orders, the one that is silent longest first; a dict, because a
+        # set has no order
         self._true_nodes: dict[str, None] = {}
 
-        # false orders within the present second, by node
+        # node -> number of its false orders within the present second
         self._false_counts = Counter[str]()
         self._second = 0
 
     def refusal(
         self, key_expression: str, order: bytes, seal: bytes, now: datetime.datetime
     ) -> UntrustedOrder | None:
-        """Judge an order.
+        """Verify an order.
 
         Args:
-            key_expression: on the bus, at which it arrived.
-            order: its bytes.
-            seal: the bytes beside it; empty without.
+            key_expression: key of the bus at which the order arrived.
+            order: bytes of the order.
+            seal: bytes that were sent beside it; empty if there were none.
             now: time at which the signer's certificate must be valid.
         Returns:
-            None when a ground of this fleet has signed exactly this, for this vehicle; otherwise
-            what is wrong.
+            None if a ground of this fleet has signed exactly these bytes for this vehicle;
+            otherwise the fault.
         """
         read_order = decode(order, Order)
 
@@ -167,7 +168,7 @@ class SealCheck:
         seal: bytes,
         now: datetime.datetime,
     ) -> _Fault | None:
-        """Judge an order, unless too many false ones came within this second."""
+        """Return the fault of an order; do not verify it after too many false ones."""
         second = int(now.timestamp())
         if second != self._second:
             self._second = second
@@ -180,14 +181,15 @@ class SealCheck:
             )
 
         fault = self._fault(key_expression, order, seal, now)
-        if fault is not None and fault[0] != "unsigned":  # without a seal nothing is verified
+        # an order without a seal costs no verification, so it does not count
+        if fault is not None and fault[0] != "unsigned":
             self._false_counts[counted_node] += 1
         return fault
 
     def _fault(
         self, key_expression: str, order: bytes, seal: bytes, now: datetime.datetime
     ) -> _Fault | None:
-        """Return what is wrong with an order, from the cheapest question to the dearest."""
+        """Return the fault of an order; the checks begin with the cheapest one."""
         if not seal:
             return "unsigned", "is not signed: in a fleet with keys it is not obeyed."
 
@@ -248,7 +250,7 @@ class SealCheck:
 
 
 def _begins_flight(order: bytes) -> bool:
-    """Return whether an order arms or takes off; what cannot be read counts as one that does."""
+    """Return whether an order arms or takes off; one that cannot be read counts as such."""
     read_order = decode(order, Order)
     return isinstance(read_order, Malformed) or read_order.kind in _BEGIN_FLIGHTS
 

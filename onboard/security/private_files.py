@@ -1,4 +1,4 @@
-"""Private keys belong to their owner: a file that others may read is refused."""
+"""Check of the files of private keys: one that other users may read is refused."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ import stat
 
 from onboard.config.config_error import ConfigError
 
-_OPEN_TO_OTHERS = 0o077  # the bits of a file's mode for its group and for everybody
+_OPEN_TO_OTHERS = 0o077  # bits of a file's mode that allow access to its group and to all others
 
 
 def refuse_open_to_others(path: str | os.PathLike[str]) -> None:
     """Refuse a private key that other users of this computer can read or change.
 
     Args:
-        path: of its file, which exists.
+        path: path of the key's file.
     Raises:
-        ConfigError: its mode lets others in.
+        ConfigError: the file's mode allows access to other users.
         OSError: there is no such file.
     """
     mode = stat.S_IMODE(os.stat(path).st_mode)

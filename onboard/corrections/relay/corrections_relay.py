@@ -1,8 +1,9 @@
 """``covey corrections``: one process that reads the source and publishes its frames on the bus.
 
-Each frame crosses each link once. Bytes that are no frame, and frames with a wrong checksum, are
-counted and dropped. A source that ends is opened again, after a pause that grows each time. A
-source that has refused is opened once a minute only, since casters shut out who asks too often.
+Each frame is sent once over each link. Bytes that are no frame, and frames with a wrong checksum,
+are counted and dropped. A source that ends is opened again, after a pause that grows each time. A
+source that has refused is opened only once a minute, since casters shut out clients that ask too
+often.
 """
 
 from __future__ import annotations
@@ -34,13 +35,13 @@ from onboard.security.credentials import credentials_of
 from onboard.security.node_roles import NodeRole
 
 NODE = NodeRole.CORRECTIONS.value
-NAME = "base"  # under which frames are published
+NAME = "base"  # last part of the key under which frames are published
 
-MOST_BYTES_S = 6000.0  # of frames that are passed on; a base sends a kilobyte each second
-_FIRST_PAUSE_S = 1.0  # before a source that has ended is opened again
+MOST_BYTES_S = 6000.0  # greatest rate of the published frames; a base sends 1 kB each second
+_FIRST_PAUSE_S = 1.0  # before a source that has ended is opened again for the first time
 _LONGEST_PAUSE_S = 30.0  # to which that pause grows
 _REFUSED_PAUSE_S = 60.0  # before a source that has refused is opened again
-_TELEMETRY_S = 3.0  # age up to which a vehicle's fix is shown
+_TELEMETRY_S = 3.0  # greatest age of telemetry from which a vehicle's fix is shown
 
 OpenSource = Callable[[], AsyncIterator[bytes]]
 
@@ -52,7 +53,7 @@ class CorrectionsRelay:
         fleet: the fleet file, with a table of corrections.
         open_source: opens the source anew.
         say: prints a line for a person.
-        publishes: False: it only reads the source, and joins no bus.
+        publishes: whether it publishes the frames; otherwise it reads the source without a bus.
     """
 
     def __init__(
@@ -83,23 +84,23 @@ class CorrectionsRelay:
         self.publisher = FramePublisher(self._bus)
         self._watch = BaseWatch(corrections)
         self._cutter = FrameCutter()
-        self._problem = ""  # of the source, as it was said last
-        self._has_frame = False
-        self._observed_s = -math.inf  # when the newest observations came
+        self._problem = ""  # newest problem of the source that was printed; empty: none since
+        self._has_frame = False  # at least one frame has arrived
+        self._observed_s = -math.inf  # when the newest observations arrived
 
-        # what the next report says
+        # for the next report
         self._counts: Counter[int] = Counter()  # number of a message -> how many since the last one
         self._reported = (0, 0, 0)  # bad checksums, skipped bytes, dropped frames at the last one
-        self._too_long_bytes = 0  # of the newest frame that no PX4 can be given; 0: none
-        # vehicle -> its newest telemetry, and when it came
+        self._too_long_bytes = 0  # length of the newest frame that is too long for PX4; 0: none
+        # vehicle -> its newest telemetry, and when that arrived
         self._vehicles: dict[str, tuple[Telemetry, float]] = {}
 
     async def run(self, *, seconds: float | None, every_s: float, stopped: asyncio.Event) -> int:
-        """Run until ``stopped`` or for ``seconds``; return the exit status.
+        """Run until ``stopped`` is set or ``seconds`` have passed; return the exit status.
 
         Raises:
             BusError: no router answers.
-            ConfigError: the source cannot be opened as it is written.
+            ConfigError: the fleet file describes a source that cannot be opened.
         """
         if self._bus is not None:
             self._bus.start()
@@ -126,10 +127,10 @@ class CorrectionsRelay:
         return EXIT_FAILED
 
     def _is_complete(self) -> bool:
-        """Whether the base is known and believed, and observations come."""
+        """Whether the base is known and trusted, and new observations arrive."""
         age_s = time.monotonic() - self._observed_s
-        is_believed = self._watch.base is not None and self._watch.judgement.fault is None
-        return is_believed and age_s <= self._corrections.max_age_s
+        is_trusted = self._watch.base is not None and self._watch.judgement.fault is None
+        return is_trusted and age_s <= self._corrections.max_age_s
 
     # -- in ----------------------------------------------------------------------------------------
 
@@ -154,19 +155,20 @@ class CorrectionsRelay:
                 pause_s = min(2.0 * pause_s, _LONGEST_PAUSE_S)
 
     def _fresh_cutter(self) -> FrameCutter:
-        """Return a cutter for the next connection, which goes on counting where this one ends."""
+        """Return a cutter for the next connection, with the counts of the present one."""
         cutter = FrameCutter()
         cutter.bad_checksums = self._cutter.bad_checksums
         cutter.skipped_bytes = self._cutter.skipped_bytes
         return cutter
 
     def _tell_problem(self, sentence: str) -> None:
+        """Print a problem of the source, unless it is the one that was printed last."""
         if sentence != self._problem:
             self._problem = sentence
             self._say(f"  ! {plain_line(sentence)} It is tried again.")
 
     def _take(self, data: bytes) -> bool:
-        """Pass on the frames of some bytes; return whether there were any."""
+        """Publish the frames that these bytes complete; return whether there were any."""
         now_ns = time.monotonic_ns()
         frames = self._cutter.feed(data)
         for frame in frames:
@@ -175,7 +177,7 @@ class CorrectionsRelay:
         return bool(frames)
 
     def _note_frame(self, frame: bytes, now_ns: int) -> None:
-        """Keep what the report says of a frame."""
+        """Remember what the next report needs of a frame."""
         self._has_frame = True
         number = rtcm.number_of(frame)
         self._counts[number] += 1
@@ -187,11 +189,11 @@ class CorrectionsRelay:
 
         position = rtcm.base_of(frame)
         if position is not None:
-            # As for a vehicle on the ground: the report says where the base is, also after a move.
+            # as for a vehicle on the ground, because the report shows a new position, too
             self._watch.hear(position, now_ns, is_on_ground=True)
 
     async def _beat(self) -> None:
-        """Publish the clock, and hear which fix the vehicles have."""
+        """Publish the clock, and receive the vehicles' telemetry, which contains their fixes."""
         if self._bus is None:
             return
         self._bus.collect(Topic.SLOW_TELEMETRY, "*", self._telemetry_received)
@@ -217,10 +219,10 @@ class CorrectionsRelay:
         every_s: float,
         stopped: asyncio.Event,
     ) -> None:
-        """Print a report now and then, until the end.
+        """Print reports until ``stopped`` is set or ``seconds`` have passed.
 
         Raises:
-            ConfigError: the source cannot be opened as it is written.
+            ConfigError: the fleet file describes a source that cannot be opened.
         """
         began_s = time.monotonic()
         while True:
@@ -236,7 +238,7 @@ class CorrectionsRelay:
             )
             stopping.cancel()
 
-            # the reading ends by an error only, which is raised here
+            # the task that reads ends only with an error, which is raised here
             if reading in done:
                 reading.result()
             if stopping in done:
@@ -251,7 +253,7 @@ class CorrectionsRelay:
         """Return the lines of a report.
 
         Args:
-            period_s: since the last one.
+            period_s: time since the last report.
         """
         count = sum(self._counts.values())
         kinds = " ".join(str(number) for number in sorted(self._counts))
@@ -320,25 +322,26 @@ class CorrectionsRelay:
 
 
 class FramePublisher:
-    """Publishes frames, within a rate.
+    """Publishes frames, at no more than a greatest rate.
 
     Args:
-        bus: an open node; None publishes nothing.
+        bus: an open node; with None nothing is published.
     """
 
     def __init__(self, bus: Bus | None) -> None:
-        self.dropped = 0  # frames beyond the rate
+        self.dropped = 0  # frames that exceeded the rate
         self._bus = bus
         self._boot_id = secrets.randbits(31)
         self._sequence = 0
-        self._room_bytes = MOST_BYTES_S  # that may be sent now; it grows back to this
-        self._last_ns: int | None = None  # when a frame came last
+        # bytes that may be sent now: frames use them up, and they grow back in one second
+        self._room_bytes = MOST_BYTES_S
+        self._last_ns: int | None = None  # when the last frame arrived
 
     def publish(self, frame: bytes, now_ns: int) -> None:
         """Publish a frame, unless too much has been published lately; never blocks.
 
         Args:
-            frame: a whole one, its checksum right.
+            frame: whole frame with a right checksum.
             now_ns: this computer's monotonic clock.
         """
         since_s = 0.0
@@ -378,7 +381,7 @@ def _fix_words(telemetry: Telemetry) -> str:
 
 
 def relay_problem(fleet: FleetConfig) -> ConfigError | None:
-    """Return what is wrong with a fleet file for this command; None for a right one."""
+    """Return the fault of a fleet file that has no corrections; None if it has some."""
     if fleet.corrections is not None:
         return None
     return ConfigError(

@@ -1,11 +1,12 @@
 """RTCM 3 frames out of a stream of bytes; the only file of the project that imports pyrtcm.
 
-The checksum is pyrtcm's. Its reader of streams is not used: a preamble in the middle of noise, or a
-byte that got lost on a cable, would make it skip a kilobyte of good frames. Here the search goes on
-one byte behind a preamble that led to nothing.
+Pyrtcm calculates the checksum. Its reader of streams is not used: a preamble in the middle of
+noise, or a byte that got lost on a cable, would make it skip a kilobyte of good frames. Here, after
+a candidate with a wrong checksum, the search continues one byte behind its preamble.
 
-That costs a check for each such preamble, and somebody could send nothing else. So no more bytes
-are checked than a few for each one that came; beyond that what is skipped is the whole candidate.
+That costs a checksum for each false preamble, and somebody could send nothing else. So the number
+of bytes in checksums is limited to a few for each byte that arrives; beyond that the search skips
+the whole candidate.
 """
 
 from __future__ import annotations
@@ -14,33 +15,33 @@ from pyrtcm import calc_crc24q
 
 from onboard.corrections import rtcm
 
-_CHECKS_PER_BYTE = 4
+_CHECKS_PER_BYTE = 4  # bytes that may go into checksums for each byte that arrives
 _PREAMBLE = bytes((rtcm.PREAMBLE,))
 
 
 def checksum(data: bytes) -> bytes:
-    """Return the three bytes of the checksum of a frame that has none yet.
+    """Return the checksum of a frame, three bytes.
 
     Args:
-        data: preamble, length and message.
+        data: the frame without its checksum: preamble, length and message.
     """
     return int(calc_crc24q(data)).to_bytes(3, "big")
 
 
 class FrameCutter:
-    """Frames of one stream; :meth:`feed` what comes."""
+    """Cuts one stream of bytes into frames; pass all of its bytes to :meth:`feed`."""
 
     def __init__(self) -> None:
         self.bad_checksums = 0
-        self.skipped_bytes = 0  # that were part of no frame
+        self.skipped_bytes = 0  # bytes that were part of no frame
         self._buffer = bytearray()
-        self._budget_bytes = 4 * rtcm.MOST_FRAME_BYTES  # that may still be checked
+        self._budget_bytes = 4 * rtcm.MOST_FRAME_BYTES  # bytes that may still go into checksums
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Return the frames that are complete with these bytes.
+        """Return the frames that these bytes complete.
 
         Args:
-            data: the next bytes of the stream, however many.
+            data: the next bytes of the stream, any number of them.
         """
         buffer = self._buffer
         buffer += data

@@ -1,7 +1,7 @@
-"""A base that is made up, to see everything without a receiver: source "mock". Pure.
+"""A base that is made up, to try everything without a receiver: source "mock". Pure.
 
-It stands where it says. Its observations are of the right form (MSM7 of GPS and GLONASS) without
-anything in them: a real receiver makes nothing of them.
+It reports a position. Its observations have the right form (MSM7 of GPS and GLONASS), but all
+measurements in them are zero, so a real receiver cannot use them.
 """
 
 from __future__ import annotations
@@ -12,15 +12,16 @@ from onboard.config.fleet_config import FleetConfig
 from onboard.corrections.relay.framing import checksum
 
 STATION = 1
-BASE_EVERY_S = 2  # it says so often where it is
-_SIMULATED_DEG = (47.397742, 8.545594)  # where simulated PX4s stand by themselves
-_HEIGHT_M = 536.9  # of that place above the ellipsoid
+BASE_EVERY_S = 2  # time from one report of its position to the next
+_SIMULATED_DEG = (47.397742, 8.545594)  # default position of simulated PX4s
+_HEIGHT_M = 536.9  # height of that position above the ellipsoid
 
-# Number of the message, satellites; the second system ends the moment.
+# Number of the message and of the satellites, for each system. The last message of a moment says
+# that no other one follows.
 _SYSTEMS = ((1077, 10), (1087, 6))
-_SIGNALS = 2
-_SATELLITE_BITS = 36  # of MSM7, for each satellite
-_CELL_BITS = 80  # and for each signal of each
+_SIGNALS = 2  # of each satellite
+_SATELLITE_BITS = 36  # for each satellite in a message MSM7
+_CELL_BITS = 80  # for each signal of each satellite
 
 _SEMI_MAJOR_M = 6_378_137.0
 _FLATTENING = 1.0 / 298.257223563
@@ -30,11 +31,11 @@ _Field = tuple[int, int]  # value, width in bits
 
 
 class MockBase:
-    """A base at a place.
+    """A base at a position on Earth.
 
     Args:
         place_deg: latitude and longitude.
-        height_m: above the ellipsoid.
+        height_m: height above the ellipsoid.
     """
 
     def __init__(self, place_deg: tuple[float, float], height_m: float = _HEIGHT_M) -> None:
@@ -42,10 +43,10 @@ class MockBase:
         self.place_deg = place_deg
 
     def moved(self, east_m: float) -> MockBase:
-        """Return the base that says a place to the east of it.
+        """Return a base that reports a position to the east of this one.
 
         Args:
-            east_m: distance.
+            east_m: distance of the two positions.
         """
         longitude = math.radians(self.place_deg[1])
         other = MockBase(self.place_deg)
@@ -54,10 +55,10 @@ class MockBase:
         return other
 
     def frames(self, second: int) -> list[bytes]:
-        """Return what it sends at one second.
+        """Return the frames that the base sends in one second.
 
         Args:
-            second: since its start.
+            second: number of the second since the base's start.
         """
         frames: list[bytes] = []
         if second % BASE_EVERY_S == 0:
@@ -68,14 +69,14 @@ class MockBase:
         return frames
 
     def _position(self) -> bytes:
-        """Return message 1005."""
+        """Return a frame with message 1005, the base's position."""
         x, y, z = (round(value * 1e4) for value in self.ecef_m)
         head: list[_Field] = [(1005, 12), (STATION, 12), (0, 6), (1, 1), (1, 1), (0, 1), (0, 1)]
         return _frame([*head, (x, 38), (0, 2), (y, 38), (0, 2), (z, 38)])
 
 
 def mock_base_of(fleet: FleetConfig) -> MockBase:
-    """Return a base where the fleet's was surveyed, or at its origin, or where simulated PX4s are.
+    """Return a base at the first known position: surveyed base, fleet's origin, simulated PX4s.
 
     Args:
         fleet: the fleet file.
@@ -94,7 +95,7 @@ def mock_base_of(fleet: FleetConfig) -> MockBase:
 
 
 def _observations(number: int, satellites: int, second: int, *, has_more: bool) -> bytes:
-    """Return one message of MSM7 whose measurements are all zero."""
+    """Return a frame with one message MSM7 whose measurements are all zero."""
     satellite_mask = ((1 << satellites) - 1) << (64 - satellites)
     signal_mask = ((1 << _SIGNALS) - 1) << (32 - _SIGNALS)
     cells = satellites * _SIGNALS
@@ -107,21 +108,21 @@ def _observations(number: int, satellites: int, second: int, *, has_more: bool) 
 
 
 def _frame(fields: list[_Field]) -> bytes:
-    """Return the frame of a message of these fields."""
+    """Return the frame of a message that consists of these fields."""
     value = 0
     bits = 0
     for field, width in fields:
         value = value << width | field & ((1 << width) - 1)
         bits += width
-    behind = -bits % 8
-    message = (value << behind).to_bytes((bits + behind) // 8, "big")
+    padding = -bits % 8
+    message = (value << padding).to_bytes((bits + padding) // 8, "big")
 
     head_and_message = b"\xd3" + len(message).to_bytes(2, "big") + message
     return head_and_message + checksum(head_and_message)
 
 
 def _ecef_m(place_deg: tuple[float, float], height_m: float) -> tuple[float, float, float]:
-    """Return a place from the centre of the Earth, WGS 84."""
+    """Return a position as coordinates from the centre of the Earth, WGS 84."""
     latitude, longitude = map(math.radians, place_deg)
     eccentricity_2 = _FLATTENING * (2.0 - _FLATTENING)
     normal_m = _SEMI_MAJOR_M / math.sqrt(1.0 - eccentricity_2 * math.sin(latitude) ** 2)

@@ -1,11 +1,11 @@
 """A small client of NTRIP, versions 1 and 2: one request, its answer, then a stream of bytes.
 
-Version 2 is HTTP; its body comes in chunks, or as it is. Version 1 answers "ICY 200 OK", sometimes
-without the blank line behind it, which no library for HTTP reads. A mountpoint that a caster does
-not have is answered with the list of those that it has.
+Version 2 is HTTP, with a body in chunks or without. Version 1 answers "ICY 200 OK", sometimes
+without a blank line behind it, which no library for HTTP can read. If a caster does not have the
+mountpoint, it answers with the list of its mountpoints.
 
-Everything has a limit: the time to connect and to answer, the size of an answer's head and of a
-chunk, and the time without a byte.
+There are limits for the time to connect and to answer, for the size of an answer's head and of a
+chunk, and for the time without a byte.
 
 The protocol: RTCM 10410.1.
 """
@@ -30,7 +30,7 @@ from onboard.corrections.relay.tcp_connection import (
 
 _MOST_HEAD_BYTES = 8192
 _MOST_CHUNK_BYTES = 65_536
-_POSITION_S = 10.0  # from one position that the caster is told to the next
+_POSITION_S = 10.0  # from one position that is sent to the caster to the next
 
 _OK_OF_VERSION_1 = b"ICY 200"
 _LIST_OF_VERSION_1 = b"SOURCETABLE 200"
@@ -45,29 +45,30 @@ class NtripRequest(NamedTuple):
     user: str
     password: str
     tls: bool
-    position: Callable[[], bytes] | None  # a line of NMEA with the fleet's place; None: not told
+    # returns a line of NMEA with the fleet's position; None: no position is sent
+    position: Callable[[], bytes] | None
 
 
 class _Answer(NamedTuple):
     """Head of an answer."""
 
     status: int
-    headers: dict[str, str]  # in small letters
-    rest: bytes  # what came behind the head
+    headers: dict[str, str]  # name in small letters -> value
+    rest: bytes  # first bytes behind the head, read together with it
 
 
 async def read_ntrip(
     request: NtripRequest, *, answer_s: float = ANSWER_S, silence_s: float = SILENCE_S
 ) -> AsyncIterator[bytes]:
-    """Yield what a caster sends for a mountpoint.
+    """Yield the bytes that a caster sends for a mountpoint.
 
     Args:
-        request: for what, and who asks.
-        answer_s: to connect, and to answer.
-        silence_s: without a byte.
+        request: mountpoint, user and position.
+        answer_s: longest time to connect, and then to answer.
+        silence_s: longest time without a byte.
 
     Raises:
-        SourceError: it cannot be reached, refuses, says nothing, or ends the stream.
+        SourceError: the caster cannot be reached, refuses, sends nothing, or ends the stream.
     """
     context = ssl.create_default_context() if request.tls else None
     async with connected(request.address, answer_s=answer_s, context=context) as (reader, writer):
@@ -100,7 +101,7 @@ async def read_ntrip(
 
 
 def _head(request: NtripRequest) -> bytes:
-    """Return the request, which a caster of either version takes."""
+    """Return the bytes of the request, which a caster of either version understands."""
     lines = [
         f"GET /{request.mountpoint} HTTP/1.1",
         f"Host: {request.address}",
@@ -122,7 +123,7 @@ async def _read_answer(reader: asyncio.StreamReader) -> _Answer:
     """Read the head of an answer.
 
     Raises:
-        SourceError: it does not come from a caster, or is too long.
+        SourceError: the answer does not come from a caster, or is too long.
     """
     data = b""
     while b"\r\n" not in data:
@@ -150,7 +151,7 @@ async def _read_answer(reader: asyncio.StreamReader) -> _Answer:
 
 
 async def _more(reader: asyncio.StreamReader, data: bytes) -> bytes:
-    """Return the bytes of an answer's head with those that come next."""
+    """Read more of an answer's head; return ``data`` with the new bytes at its end."""
     more = await reader.read(READ_BYTES)
     if not more:
         raise SourceError("What answers ends the connection before it has said anything.")
@@ -160,7 +161,7 @@ async def _more(reader: asyncio.StreamReader, data: bytes) -> bytes:
 
 
 def _refuse(request: NtripRequest, answer: _Answer) -> None:
-    """Raise the sentence for an answer that is no stream.
+    """Check that an answer begins a stream.
 
     Raises:
         SourceError: the answer is no stream.
@@ -196,7 +197,7 @@ class _Body:
         self._silence_s = silence_s
 
     async def plain(self) -> AsyncIterator[bytes]:
-        """Yield them as they come."""
+        """Yield the bytes of a body without chunks, as they arrive."""
         while True:
             if not self._buffer:
                 await self._fill()
@@ -207,7 +208,7 @@ class _Body:
             yield data
 
     async def chunks(self) -> AsyncIterator[bytes]:
-        """Yield the chunks of HTTP/1.1, which have their size before them."""
+        """Yield the bytes of a body in chunks of HTTP/1.1, each of which begins with its size."""
         while True:
             line = await self._line()
             size_text = line.partition(b";")[0].strip()
@@ -229,6 +230,7 @@ class _Body:
             self._buffer = self._buffer[size + 2 :]
 
     async def _line(self) -> bytes:
+        """Read the next line, which holds the size of a chunk."""
         while b"\r\n" not in self._buffer:
             before = len(self._buffer)
             await self._fill()
@@ -238,10 +240,10 @@ class _Body:
         return line
 
     async def _fill(self) -> None:
-        """Read more; nothing is added at the end of the stream.
+        """Read more into the buffer, which stays as it is at the end of the stream.
 
         Raises:
-            SourceError: nothing comes.
+            SourceError: nothing arrives within ``silence_s``.
         """
         try:
             async with asyncio.timeout(self._silence_s):
@@ -251,9 +253,9 @@ class _Body:
 
 
 async def _send_positions(writer: asyncio.StreamWriter, position: Callable[[], bytes]) -> None:
-    """Tell the caster where the fleet is, from time to time."""
+    """Send the fleet's position to the caster at regular times."""
     while True:
         writer.write(position() + b"\r\n")
-        with suppress(OSError):  # the reading side says what is wrong
+        with suppress(OSError):  # the task that reads reports a broken connection
             await writer.drain()
         await asyncio.sleep(_POSITION_S)

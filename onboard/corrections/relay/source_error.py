@@ -1,14 +1,14 @@
-"""The error by which a source of corrections ends: a sentence."""
+"""The error with which a source of corrections ends, as a sentence."""
 
 from __future__ import annotations
 
 
 class SourceError(Exception):
-    """A source cannot be read, or not any more: what happened, where, and what to do.
+    """A source cannot be read (any more); the sentence says what happened, where, and what to do.
 
     Args:
         sentence: for people.
-        is_refusal: somebody there has said no; asking again soon changes nothing.
+        is_refusal: whether the source has refused, so that to ask again soon is of no use.
     """
 
     def __init__(self, sentence: str, *, is_refusal: bool = False) -> None:

@@ -1,7 +1,7 @@
 """The sources of corrections: a cable, a caster of NTRIP, a server of TCP, or a recording.
 
-Each is an iterator of bytes as they come, which ends with a SourceError: what happened, and what to
-do. Whoever reads it opens it anew.
+Each source is an iterator of bytes as they arrive. It ends with a SourceError, whose sentence says
+what happened and what to do; to go on, its reader must open the source anew.
 """
 
 from __future__ import annotations
@@ -33,16 +33,17 @@ from onboard.corrections.relay.tcp_connection import (
 from onboard.security.private_files import refuse_open_to_others
 from onboard.serial_device import open_serial
 
-EPOCH_S = 1.0  # from one moment of a recording to the next
-_WITHOUT_EPOCH_FRAMES = 8  # a recording without observations is played so many frames a second
+# An epoch is a moment at which a base measures; its observations are sent in several frames.
+EPOCH_S = 1.0  # from one epoch of a recording to the next
+_WITHOUT_EPOCH_FRAMES = 8  # frames a second from a recording without observations
 
 
 def source_of(fleet: FleetConfig, environment: Mapping[str, str]) -> AsyncIterator[bytes]:
     """Return the bytes of a fleet's source, from now on.
 
     Args:
-        fleet: with a table of corrections.
-        environment: of this process, which may hold the password.
+        fleet: fleet file with a table of corrections.
+        environment: variables of this process, which may contain the password.
 
     Raises:
         ConfigError: the password or the recording cannot be read.
@@ -63,11 +64,13 @@ def source_of(fleet: FleetConfig, environment: Mapping[str, str]) -> AsyncIterat
 
 
 def with_source(fleet: FleetConfig, source: Literal["mock"]) -> FleetConfig:
-    """Return the fleet with another source than its file names, for a node only.
+    """Return the fleet with another source than its file names.
+
+    Only the node of corrections uses it.
 
     Args:
-        fleet: with a table of corrections.
-        source: instead of the file's.
+        fleet: fleet file with a table of corrections.
+        source: source that replaces the file's.
     """
     assert fleet.corrections is not None
     corrections = replace(fleet.corrections, source=source)
@@ -75,10 +78,10 @@ def with_source(fleet: FleetConfig, source: Literal["mock"]) -> FleetConfig:
 
 
 def words_of(corrections: CorrectionsConfig) -> str:
-    """Return what a source is, for a sentence.
+    """Return the name of a source for a sentence.
 
     Args:
-        corrections: of the fleet file.
+        corrections: table of the fleet file.
     """
     if corrections.source == "ntrip":
         return f"{corrections.mountpoint} of {corrections.address}"
@@ -90,15 +93,15 @@ def words_of(corrections: CorrectionsConfig) -> str:
 def password_of(
     corrections: CorrectionsConfig, fleet_path: str, environment: Mapping[str, str]
 ) -> str:
-    """Return the password for a caster; empty where there is none.
+    """Return the password for a caster; empty if there is none.
 
     Args:
-        corrections: of the fleet file.
-        fleet_path: of that file.
-        environment: of this process.
+        corrections: table of the fleet file.
+        fleet_path: path of the fleet file.
+        environment: variables of this process.
 
     Raises:
-        ConfigError: its file cannot be read, is open to others, or is empty.
+        ConfigError: the password's file is empty, cannot be read, or is readable for other users.
     """
     if not corrections.password_file:
         return environment.get(PASSWORD_VARIABLE, "")
@@ -134,10 +137,10 @@ def _request(
 
 
 def gga(position: Origin, now: time.struct_time) -> bytes:
-    """Return a line of NMEA that says where the fleet is.
+    """Return a line of NMEA (GGA) with the fleet's position.
 
     Args:
-        position: on Earth.
+        position: position of the fleet on Earth.
         now: the time, UTC.
     """
     latitude = _degrees_and_minutes(position.latitude_deg, 2)
@@ -165,15 +168,15 @@ def _degrees_and_minutes(value_deg: float, digits: int) -> str:
 async def read_tcp(
     address: str, *, answer_s: float = ANSWER_S, silence_s: float = SILENCE_S
 ) -> AsyncIterator[bytes]:
-    """Yield what a server sends.
+    """Yield the bytes that a server sends.
 
     Args:
         address: HOST:PORT.
-        answer_s: to connect.
-        silence_s: without a byte, after which the connection is closed.
+        answer_s: longest time to connect.
+        silence_s: time without a byte after which the connection is closed.
 
     Raises:
-        SourceError: it cannot be reached, says nothing, or ends the stream.
+        SourceError: the server cannot be reached, sends nothing, or ends the stream.
     """
     async with connected(address, answer_s=answer_s) as (reader, _):
         while True:
@@ -192,15 +195,15 @@ async def read_tcp(
 async def read_serial(
     device: str, baud: int, *, silence_s: float = SILENCE_S
 ) -> AsyncIterator[bytes]:
-    """Yield what comes over a cable.
+    """Yield the bytes that arrive over a cable.
 
     Args:
-        device: its file.
-        baud: of the line.
-        silence_s: without a byte, after which it is opened anew.
+        device: path of the serial device.
+        baud: rate of the line.
+        silence_s: time without a byte after which the device is closed.
 
     Raises:
-        SourceError: it cannot be opened, says nothing, or is unplugged.
+        SourceError: the device cannot be opened, sends nothing, or is unplugged.
     """
     try:
         descriptor = open_serial(f"serial://{device}:{baud}")
@@ -239,10 +242,10 @@ def frames_of_file(path: str) -> list[bytes]:
     """Return the frames of a recording.
 
     Args:
-        path: of the file.
+        path: path of the recording.
 
     Raises:
-        ConfigError: it cannot be read, or has no frame.
+        ConfigError: the recording cannot be read, or contains no frame.
     """
     frames = FrameCutter().feed(read_bytes(path, RTCM_FILE))
     if not frames:
@@ -253,13 +256,13 @@ def frames_of_file(path: str) -> list[bytes]:
 
 
 async def play_mock(fleet: FleetConfig, *, epoch_s: float = EPOCH_S) -> AsyncIterator[bytes]:
-    """Yield what a base sends that is made up.
+    """Yield the bytes of a base that is made up.
 
     Args:
-        fleet: says where the base stands.
-        epoch_s: from one moment's observations to the next's.
+        fleet: fleet file with the position of the base.
+        epoch_s: time from one epoch to the next.
     """
-    # Imported here, because only those who try things out need it.
+    # imported here, because only trials need it
     from onboard.corrections.relay.mock_base import mock_base_of
 
     base = mock_base_of(fleet)
@@ -274,8 +277,8 @@ async def play(frames: list[bytes], *, epoch_s: float = EPOCH_S) -> AsyncIterato
     """Yield the frames of a recording as a base would send them, over and over.
 
     Args:
-        frames: one or more.
-        epoch_s: from one moment's observations to the next's.
+        frames: one frame or more.
+        epoch_s: time from one epoch to the next.
     """
     has_epochs = any(map(rtcm.ends_epoch, frames))
     while True:

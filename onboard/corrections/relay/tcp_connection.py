@@ -11,10 +11,10 @@ from onboard.config.endpoints import split_host_and_port
 from onboard.corrections.relay.source_error import SourceError
 from onboard.plain_text import plain_line
 
-ANSWER_S = 10.0  # to connect, and to answer
-SILENCE_S = 30.0  # without a byte, after which the connection is closed
+ANSWER_S = 10.0  # longest time to connect, and then to answer
+SILENCE_S = 30.0  # time without a byte after which the connection is closed
 READ_BYTES = 4096
-_CLOSE_S = 1.0
+_CLOSE_S = 1.0  # longest time to close a connection
 _BUFFER_BYTES = 8192
 
 Connection = tuple[asyncio.StreamReader, asyncio.StreamWriter]
@@ -28,11 +28,11 @@ async def connected(
 
     Args:
         address: HOST:PORT.
-        answer_s: to connect.
-        context: of TLS; None without it.
+        answer_s: longest time to connect.
+        context: settings of TLS; None for a connection without TLS.
 
     Raises:
-        SourceError: it cannot be reached.
+        SourceError: the address cannot be reached.
     """
     host, port = split_host_and_port(address)
     try:
@@ -55,7 +55,7 @@ async def connected(
 
 
 def reason(error: Exception) -> str:
-    """Return why a connection failed, in few words: others may have written them."""
+    """Return why a connection failed, as plain text, since the other end may have written it."""
     if isinstance(error, ssl.SSLCertVerificationError):
         return "its certificate is not valid for this address"
     if isinstance(error, OSError) and error.strerror:

@@ -1,7 +1,8 @@
-"""``covey mocap --check``: whether each vehicle has its own body, axes and stamps. Listens only.
+"""``covey mocap --check``: whether each vehicle has the right body, axes and time stamps.
 
-A vehicle that is tilted by hand, propellers off, tilts twice: in its PX4 and in one body. Agents
-and the mocap's source must run.
+While a person tilts a vehicle by hand, propellers off, its PX4 and the mocap both measure that
+tilt. The check finds the body whose tilt follows that of PX4. It only listens on the bus, so the
+agents and the source of the mocap's poses must run.
 """
 
 from __future__ import annotations
@@ -30,11 +31,11 @@ from onboard.security.credentials import credentials_of
 from onboard.security.node_roles import NodeRole
 from onboard.tuples import Wxyz
 
-GOOD_LAG_S = 0.015  # of stamps that need no correction
-_MAX_SAMPLES = 6000  # of a body or a vehicle; of more, the newest
+GOOD_LAG_S = 0.015  # stamps with at most this lag need no correction
+_MAX_SAMPLES = 6000  # kept for each body and each vehicle, the newest ones
 _QUARTERS_DEG = (90, 180, 270)  # turns of a body's axes that are tried
 
-Samples = deque[tuple[float, Wxyz]]  # time [s] on our clock, quaternion
+Samples = deque[tuple[float, Wxyz]]  # time [s] on this host's clock, quaternion
 Curve = tuple[Array, Array]  # times (n,) [s], and latency.gravity (n, 2) at them
 
 
@@ -60,7 +61,7 @@ def judge(
         vehicles: vehicle -> body.
         bodies: body -> attitudes that the mocap measured.
         px4s: vehicle -> attitudes that its PX4 measured.
-        latency_s: latency that the stamps already account for.
+        latency_s: latency that is already subtracted from the stamps.
     Yields:
         one finding for each vehicle.
     """
@@ -116,7 +117,7 @@ def _judge_one(
 
 
 def _sentence_of_axes(body: str, curve: Curve, px4: Curve, own: latency.TiltFit) -> str:
-    """Return what is wrong with a body that does not tilt as its PX4 does."""
+    """Return the sentence about a body that does not tilt as its vehicle's PX4 does."""
     quarter_deg = _turned_deg(curve, px4)
     if quarter_deg is not None:
         return (
@@ -132,9 +133,9 @@ def _sentence_of_axes(body: str, curve: Curve, px4: Curve, own: latency.TiltFit)
 
 
 def _turned_deg(body: Curve, px4: Curve) -> int | None:
-    """Return by how many degrees the body's axes are turned about up.
+    """Return by how many degrees about up the body's axes are turned against the vehicle's.
 
-    None if that is not the only fault.
+    None if no turn by quarters explains the difference.
     """
     times_s, gravity = body
     for degrees in _QUARTERS_DEG:
@@ -148,7 +149,7 @@ def _turned_deg(body: Curve, px4: Curve) -> int | None:
 
 
 def _curve(samples: Samples) -> Curve:
-    """Return samples as a curve of tilt, in the order of their times, each time once."""
+    """Return samples as a curve of tilt, sorted by time, with one sample for each time."""
     rows = sorted(samples)
     times_s = np.array([time_s for time_s, _ in rows], dtype=np.float64)
     gravity = latency.gravity([quaternion for _, quaternion in rows])
@@ -174,12 +175,12 @@ class MocapCheck:
         )
         self._clock = ClockNode(self._bus)
 
-        self._lock = threading.Lock()  # of all below, which the bus's threads fill
+        self._lock = threading.Lock()  # of the statistics and samples, which the bus's threads fill
         self._bodies: dict[str, Samples] = {}  # body -> its attitudes
         self._px4s: dict[str, Samples] = {}  # vehicle -> its attitudes
 
     def run(self, *, seconds: float | None, every_s: float, stopped: threading.Event) -> int:
-        """Listen until everything is right, ``stopped``, or for ``seconds``.
+        """Listen until everything is right, ``stopped`` is set, or ``seconds`` have passed.
 
         Returns:
             the exit status.
@@ -199,7 +200,7 @@ class MocapCheck:
         return status
 
     def _print(self) -> int:
-        """Print the findings; return the exit status that they mean."""
+        """Print the findings; return the exit status that follows from them."""
         with self._lock:
             self.statistics.close_window(time.monotonic_ns())
             bodies = {name: samples.copy() for name, samples in self._bodies.items()}
@@ -246,8 +247,11 @@ class MocapCheck:
                     samples.append((measured_s, tick.attitude_quaternion_enu_flu_wxyz))
 
     def _own_s(self, node: str, stamp_ns: int) -> float | None:
-        """Return a stamp on our clock, in the middle of its bounds; None without bounds."""
-        if not node:
+        """Convert a stamp [ns] of a node to this host's clock [s].
+
+        The node's offset counts as the middle of its bounds. None while it is not measured.
+        """
+        if not node:  # the stamp is by this host's clock
             return stamp_ns * 1e-9
         offset = self._clock.clocks.offset_s(node, time.monotonic_ns())
         if offset is None:

@@ -1,9 +1,9 @@
 """The tilt of a body compared with PX4's attitude: whose body it is, and how late its stamps are.
 
-PX4 measures with a gyroscope, so its attitude is right in time except for a few milliseconds of
-link. Both measure the direction of gravity in the body's own axes, which depends neither on a
-heading nor on the frame of the room. The time shift at which both curves fit best is the lag of the
-stamps; the body whose curve fits belongs to this PX4.
+PX4 measures with a gyroscope, so its attitude is late by no more than a few milliseconds, which the
+link takes. Mocap and PX4 both yield the direction of gravity in the body's own axes, which depends
+neither on a heading nor on the frame of the room. The body whose curve of that direction fits PX4's
+curve belongs to this PX4. The time shift at which the two curves fit best is the lag of the stamps.
 """
 
 from __future__ import annotations
@@ -19,27 +19,27 @@ from onboard.tuples import Wxyz
 _STEP_S = 0.004  # between two samples of a curve, and between two lags that are tried
 _EARLIEST_S = -0.1  # least lag that is tried
 _LATEST_S = 0.3  # largest lag that is tried
-_SHORTEST_S = 2.0  # of the time in which both curves have samples
+_SHORTEST_S = 2.0  # least time in which both curves must have samples
 _FEWEST_SAMPLES = 10  # of a curve
 _SMALLEST_TILT_RAD = 0.008  # half a degree: ten times the noise of a mocap
-_SAME_CORRELATION = 0.85  # from which on two curves are of one body
+_SAME_CORRELATION = 0.85  # least correlation of two curves that belong to one body
 
 
 @dataclass(frozen=True, slots=True)
 class TiltFit:
     """Best fit of two curves of tilt."""
 
-    lag_s: float  # time shift of the best fit
+    lag_s: float  # by which the body's stamps are later than PX4's
     correlation: float  # at most 1
 
     @property
     def is_same(self) -> bool:
-        """Whether both belong to one body."""
+        """Whether both curves belong to one body."""
         return self.correlation >= _SAME_CORRELATION
 
 
 def gravity(quaternions_wxyz: Sequence[Wxyz]) -> Array:
-    """Return the horizontal components (n, 2) of the vertical, in the body's axes."""
+    """Return the components (n, 2) of the vertical along the body's x and y axes."""
     w, x, y, z = np.array(quaternions_wxyz, dtype=np.float64).reshape(-1, 4).T
     return np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x)], axis=-1)
 
@@ -49,16 +49,16 @@ def fit(body_s: Array, body: Array, px4_s: Array, px4: Array) -> TiltFit | None:
 
     Args:
         body_s: times (n,) [s] of the body's samples, rising.
-        body: :func:`gravity` (n, 2) at them.
+        body: :func:`gravity` (n, 2) at those times.
         px4_s: times (m,) [s] of PX4's samples, rising.
-        px4: :func:`gravity` (m, 2) at them.
+        px4: :func:`gravity` (m, 2) at those times.
     Returns:
-        the best fit; None if there is too little motion.
+        the best fit; None if there are too few samples or too little motion.
     """
     if body_s.size < _FEWEST_SAMPLES or px4_s.size < _FEWEST_SAMPLES:
         return None
 
-    # the time in which both have samples, whatever the lag is
+    # the time in which both have samples, for every lag that is tried
     begin_s = max(body_s[0] - _EARLIEST_S, px4_s[0] + _LATEST_S)
     end_s = min(body_s[-1] - _LATEST_S, px4_s[-1])
     if end_s - begin_s < _SHORTEST_S:
@@ -80,14 +80,15 @@ def fit(body_s: Array, body: Array, px4_s: Array, px4: Array) -> TiltFit | None:
 
 
 def _at(times_s: Array, samples_s: Array, samples: Array) -> Array:
-    """Return a curve at other times, without its mean."""
+    """Return a curve interpolated at other times, with its mean subtracted."""
     columns = [np.interp(times_s, samples_s, samples[:, axis]) for axis in range(2)]
     values = np.stack(columns, axis=-1)
-    # markers are never exactly level with the autopilot
+    # the mean would show how the markers are mounted: never exactly level with the autopilot
     return np.asarray(values - values.mean(axis=0))
 
 
 def _correlation(one: Array, other: Array) -> float:
+    """Return the correlation of two curves without mean; 0 if one of them is zero throughout."""
     size = float(np.sqrt(np.square(one).sum() * np.square(other).sum()))
     if size <= 0.0:
         return 0.0
@@ -95,7 +96,10 @@ def _correlation(one: Array, other: Array) -> float:
 
 
 def _vertex(values: Array, index: int) -> float:
-    """Return the maximum's offset from an index, in steps, by a parabola through three values."""
+    """Return how far the true maximum lies from ``index``, in steps.
+
+    It is that of a parabola through the value at ``index`` and its two neighbours.
+    """
     if not 0 < index < values.size - 1:
         return 0.0
     before, top, after = values[index - 1 : index + 2].tolist()

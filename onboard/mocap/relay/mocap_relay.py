@@ -1,8 +1,8 @@
 """``covey mocap``: one process that reads the motion capture and publishes its bodies on the bus.
 
-All bodies are published, vehicles or not; agents listen to those of the fleet file only. The relay
-does not judge poses; the agents do. It listens at the emulator's endpoint, so that there can only
-be one of both.
+It publishes all bodies, whether they are vehicles or not; agents listen only to those of the fleet
+file. It does not check the poses; the agents do. It listens at the emulator's endpoint, so that a
+relay and an emulator cannot run at the same time.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ NODE = "mocap"
 
 
 def bodies_of(fleet: FleetConfig) -> dict[str, str]:
-    """Return vehicle -> body, for all that take part and require a mocap."""
+    """Return vehicle -> body, for all vehicles that take part and require a mocap."""
     bodies: dict[str, str] = {}
     for name in fleet.enabled_names:
         vehicle = fleet.vehicles[name]
@@ -40,9 +40,9 @@ def bodies_of(fleet: FleetConfig) -> dict[str, str]:
 
 
 def mock_options(fleet: FleetConfig) -> dict[str, str]:
-    """Return options for the type ``mock``; none for others.
+    """Return the options of the package for the type ``mock``; none for other types.
 
-    Each vehicle has a body, which stands still at its take-off spot.
+    With them each vehicle has a body, which stands still at the vehicle's take-off spot.
     """
     if fleet.mocap.type != "mock":
         return {}
@@ -60,10 +60,10 @@ def report_times(
     """Yield whenever a report is due, and at the end; publish the clock meanwhile.
 
     Args:
-        clock: of the node.
-        seconds: after which it ends; None for never.
-        every_s: from one report to the next.
-        stopped: ends it at once.
+        clock: publishes the clock of this node.
+        seconds: after which the reports end; None for never.
+        every_s: time from one report to the next.
+        stopped: ends the reports at once.
     """
     began_s = time.monotonic()
     reported_s = began_s
@@ -115,12 +115,12 @@ class MocapRelay:
             default_options=mock_options(fleet),
         )
 
-        self._lock = threading.Lock()  # of the statistics, which the source's thread counts
+        self._lock = threading.Lock()  # of the statistics, which the source's thread updates
         self._unnameable: set[str] = set()  # bodies whose names cannot be keys
         self._withheld: set[str] = set()  # bodies that the emulator sends
 
     def run(self, *, seconds: float | None, every_s: float, stopped: threading.Event) -> int:
-        """MocapRelay until ``stopped`` or for ``seconds``; return the exit status.
+        """Relay until ``stopped`` is set or ``seconds`` have passed; return the exit status.
 
         Raises:
             BusError: another relay or an emulator listens at the endpoint.
@@ -195,7 +195,7 @@ class MocapRelay:
         if not re.fullmatch(BODY_NAME, pose.body):
             self._unnameable.add(pose.body)
             return
-        if pose.body in self._emulated:  # a body has one source
+        if pose.body in self._emulated:  # a body must have one source only
             self._withheld.add(pose.body)
             return
 
@@ -205,7 +205,9 @@ class MocapRelay:
 
 
 def with_source(fleet: FleetConfig, *, type_: str | None, hostname: str | None) -> FleetConfig:
-    """Return the fleet with another system than its file names, for a relay only.
+    """Return the fleet with another motion-capture system than its file names.
+
+    Only a relay uses it.
 
     Raises:
         msgspec.ValidationError: there is no such type.

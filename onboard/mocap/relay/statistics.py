@@ -1,4 +1,4 @@
-"""Statistics of the bodies that pass through a relay, as numbers and sentences."""
+"""Statistics of the bodies whose poses pass through a relay, as numbers and sentences."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from dataclasses import dataclass, field
 from onboard.bus.schema import MocapPose
 from onboard.tuples import Wxyz, Xyz
 
-# Faster than this a body jumps or flips: a part for each sample, and one for each second.
+# A vehicle moves and turns by no more than this between two samples: a constant, plus a rate times
+# the time between them. A body jumps or flips if it exceeds that.
 _NOISE_M = 0.05
 _JUMP_M_S = 10.0
 _FLIP_RAD = 0.5
 _FLIP_RAD_S = 12.0
 
-_STILL_S = 1.0  # with the same numbers, after which they are reported
-_GONE_S = 1.0  # without a pose, after which a body is not tracked
+_STILL_S = 1.0  # a body with the same numbers for longer is reported
+_GONE_S = 1.0  # a body without a pose for so long counts as not tracked
 
 
 @dataclass(slots=True)
@@ -34,13 +35,12 @@ class BodyStatistics:
     losses: int = 0  # how often it was not tracked any more
     longest_gap_s: float = 0.0  # between two samples
     age_s: float = 0.0  # of the newest sample, at the end of the last window
-    # for so long the same numbers have come; a body that is measured always has noise
-    still_s: float = 0.0
+    still_s: float = 0.0  # time without the least change of position; a measured body has noise
     is_tracked: bool = False
     _quaternion: Wxyz = (0.0, 0.0, 0.0, 0.0)
     _stamp_ns: int = 0  # of the newest sample
-    _changed_ns: int = 0  # stamp of the first sample with the present numbers
-    _in_window: int = 0  # samples
+    _changed_ns: int = 0  # stamp of the first sample with the present position
+    _in_window: int = 0  # samples in the window that is open
 
     def add(self, pose: MocapPose) -> None:
         """Count a pose."""
@@ -85,7 +85,7 @@ class BodyStatistics:
             self.flips += 1
 
     def close_window(self, now_ns: int, window_s: float) -> None:
-        """Finish a window of counting."""
+        """Finish the window, ``window_s`` long, in which samples are counted for the rate."""
         self.rate_hz = self._in_window / window_s
         self._in_window = 0
 
@@ -100,7 +100,7 @@ class MocapStatistics:
 
     vehicles: Mapping[str, str]  # vehicle -> its body, for those that require a mocap
     bodies: dict[str, BodyStatistics] = field(default_factory=dict)
-    _window_ns: int = 0  # begin of the present window
+    _window_ns: int = 0  # when the open window began
 
     def add(self, pose: MocapPose) -> None:
         """Count a pose of any body."""
@@ -111,7 +111,7 @@ class MocapStatistics:
         body.add(pose)
 
     def close_window(self, now_ns: int) -> None:
-        """Finish a window of counting."""
+        """Finish the window in which samples are counted for the rates, and open the next one."""
         window_s = max(1e-3, (now_ns - self._window_ns) * 1e-9)
         for body in self.bodies.values():
             body.close_window(now_ns, window_s)
@@ -127,7 +127,7 @@ class MocapStatistics:
         return True
 
     def rows(self) -> Iterator[str]:
-        """Yield a line for each body, vehicles first, and one for each finding."""
+        """Yield a line for each body, those of vehicles first, and one for each finding."""
         owner = {body: vehicle for vehicle, body in self.vehicles.items()}
         for name in sorted(self.bodies, key=lambda name: (name not in owner, name)):
             label = name
