@@ -84,7 +84,7 @@ def info(flight: _Flight, /, *, json: bool = False) -> int:
 
     about = summary(flight)
     counts = channels(flight)
-    found = flight_logs.of_folder(flight)
+    found = flight_logs.logs_of_folder(flight)
     lines = [*info_lines(about, counts), *log_summary.fleet_lines(found)]
     _print(
         {**about, "channels": counts, "px4": log_summary.fleet_mapping(found)}, lines, is_json=json

@@ -78,9 +78,9 @@ def _introduction(evidence: Evidence) -> str:
     for row in evidence.matrix:
         counts[row.status] += 1
     wide = sum(_is_wide(row) for row in evidence.matrix)
-    look = ""
+    wide_note = ""
     if wide:
-        look = (
+        wide_note = (
             f"<p class='note'>{_number(evidence.rounds, 'round')} of all faults: of the rows with"
             f" evidence, {wide} rest on so few flights that"
             f" {100.0 * _WIDE_BOUND:g} % of such flights or more may still be wrong. They say how"
@@ -95,7 +95,7 @@ def _introduction(evidence: Evidence) -> str:
         " faults named here. It is no statement that an operation meets a regulation: that is the"
         " authority's to judge, together with everything in the last rows of the table, which no"
         " simulation shows.</p>"
-        f"{look}<p>To make it again: <code>{_text(evidence.command)}</code><br>"
+        f"{wide_note}<p>To make it again: <code>{_text(evidence.command)}</code><br>"
         f"Digest of all flights: <code>{evidence.digest}</code></p>"
     )
 
@@ -124,8 +124,8 @@ def _volumes(evidence: Evidence, picture: bytes) -> str:
         ),
     ]
     cells = "".join(
-        f"<tr><td>{_text(name)}</td><td>{_text(size)}</td><td>{_text(why)}</td></tr>"
-        for name, size, why in rows
+        f"<tr><td>{_text(name)}</td><td>{_text(size)}</td><td>{_text(basis)}</td></tr>"
+        for name, size, basis in rows
     )
 
     # None of n flights left the volume, so with 95 % confidence the share s of such flights is
@@ -149,9 +149,9 @@ def _matrix(evidence: Evidence) -> str:
     )
     rows = [_matrix_row(row) for row in evidence.matrix]
     rows += [
-        f"<tr class='not-shown'><td>{_text(what)}</td><td></td><td>not shown</td><td></td><td></td>"
-        f"<td></td><td>{_text(why)}</td></tr>"
-        for what, why in evidence.not_shown
+        f"<tr class='not-shown'><td>{_text(topic)}</td><td></td><td>not shown</td><td></td>"
+        f"<td></td><td></td><td>{_text(reason)}</td></tr>"
+        for topic, reason in evidence.not_shown
     ]
     never = ", ".join(evidence.never_seen) or "none"
     return (

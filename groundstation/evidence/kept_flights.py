@@ -75,6 +75,7 @@ class KeptFlights:
             path.write_bytes(msgspec.json.encode(origin) + b"\n")
 
     def _read(self, origin: dict[str, str]) -> None:
+        """Read the flights of a file, which must have this origin; drop an incomplete last line."""
         lines = read_bytes(self.path, EVIDENCE_FILE).splitlines()
         try:
             kept_origin = msgspec.json.decode(lines[0], type=dict[str, str])
@@ -91,10 +92,10 @@ class KeptFlights:
 
         for line in lines[1:]:
             try:
-                one = msgspec.json.decode(line, type=FlownCase)
+                flight = msgspec.json.decode(line, type=FlownCase)
             except (msgspec.DecodeError, RecursionError):
                 break  # the last line, which is incomplete if the campaign was stopped
-            self.flown[one.case] = one
+            self.flown[flight.case] = flight
         self._write_whole(origin)
 
     def _write_whole(self, origin: dict[str, str]) -> None:
@@ -102,11 +103,11 @@ class KeptFlights:
         lines = [msgspec.json.encode(origin), *map(msgspec.json.encode, self.flown.values())]
         self.path.write_bytes(b"".join(line + b"\n" for line in lines))
 
-    def keep(self, one: FlownCase) -> None:
+    def keep(self, flight: FlownCase) -> None:
         """Add a flight."""
-        self.flown[one.case] = one
+        self.flown[flight.case] = flight
         with self.path.open("ab") as stream:
-            stream.write(msgspec.json.encode(one) + b"\n")
+            stream.write(msgspec.json.encode(flight) + b"\n")
 
 
 def digest(flights: Sequence[FlownCase]) -> str:

@@ -126,6 +126,7 @@ def _draw_limit(ax: Any, limit_m: float) -> None:
 
 
 def _draw_closest(ax: Any, flight: FlightData) -> None:
+    """Mark the smallest distance of all pairs, with its value."""
     closest = flight.closest()
     if closest is None:
         return

@@ -117,6 +117,7 @@ def _take(vehicle: _Seen, recorded: RecordedMessage) -> list[Line]:
 
 
 def _take_tick(vehicle: _Seen, tick: TickSample, stamp_ns: int) -> list[Line]:
+    """Note a tick of a vehicle; return a line if its law begins to avoid another vehicle."""
     vehicle.tick = tick
     vehicle.longest_period_s = max(vehicle.longest_period_s, tick.period_s)
     for name, age_s in tick.neighbour_ages_s.items():

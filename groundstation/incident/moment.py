@@ -43,12 +43,12 @@ def find_moment(folder: Path, fleet: FleetConfig, timeline: Timeline) -> Moment:
     smallest = report(folder, fleet.fleet.height_share).smallest
 
     if smallest is not None and smallest.distance_m < promise_m:
-        return _of_distance(smallest, promise_m)
+        return _distance_moment(smallest, promise_m)
     event = _first_alarming(timeline, fleet)
     if event is not None:
         return event
     if smallest is not None:
-        return _of_distance(smallest, promise_m)
+        return _distance_moment(smallest, promise_m)
     return Moment(
         kind="none",
         stamp_ns=timeline.end_ns,
@@ -57,7 +57,8 @@ def find_moment(folder: Path, fleet: FleetConfig, timeline: Timeline) -> Moment:
     )
 
 
-def _of_distance(smallest: Separation, promise_m: float) -> Moment:
+def _distance_moment(smallest: Separation, promise_m: float) -> Moment:
+    """Return the moment of the smallest distance, which broke or kept the promise."""
     names = f"{smallest.first} and {smallest.second}"
     if smallest.distance_m < promise_m:
         return Moment(
@@ -84,11 +85,11 @@ def _first_alarming(timeline: Timeline, fleet: FleetConfig) -> Moment | None:
     for severity in ("critical", "warning"):
         for stamp_ns, event in timeline.events:
             if event.severity == severity and event.vehicle in fleet.vehicles:
-                return _of_event(stamp_ns, event)
+                return _event_moment(stamp_ns, event)
     return None
 
 
-def _of_event(stamp_ns: int, event: Event) -> Moment:
+def _event_moment(stamp_ns: int, event: Event) -> Moment:
     return Moment(
         kind="event",
         stamp_ns=stamp_ns,

@@ -134,6 +134,7 @@ def attack_copies(fleet: FleetConfig, *, is_long: bool, only: str = "", say: Say
 async def _attack_both(
     fleet: FleetConfig, folder: Path, *, is_long: bool, only: str, say: Say
 ) -> AttackReport:
+    """Make the attempts on a flying copy without keys, then on one with keys, and compare."""
     open_copy = copy_of(fleet, folder / "open", is_locked=False)
     say(f"\nA copy of {len(open_copy.enabled_names)} vehicles without keys takes off.")
     async with flying(open_copy) as flight:

@@ -183,6 +183,7 @@ def _governor() -> Diagnosis:
 
 
 def _priority() -> Diagnosis:
+    """Diagnose whether threads may have real-time priority, by trying it."""
     is_allowed = False
 
     def attempt() -> None:

@@ -108,7 +108,7 @@ def diff(links: Sequence[VehicleLink], fleet: FleetConfig, reference: str) -> li
     if Path(reference).is_file():
         sets = read_file(Path(reference))
         return [
-            _compared(link, parameters[link.vehicle.name], _of_file(sets, link), reference)
+            _compared(link, parameters[link.vehicle.name], _file_parameters(sets, link), reference)
             for link in links
         ]
 
@@ -143,7 +143,7 @@ def _compared(
     return VehicleReport(name, not found.rows, headline, tuple(found.rows))
 
 
-def _of_file(sets: Mapping[int, Mapping[str, Value]], link: VehicleLink) -> _Parameters:
+def _file_parameters(sets: Mapping[int, Mapping[str, Value]], link: VehicleLink) -> _Parameters:
     """Return a vehicle's parameters in a file.
 
     If the file does not contain this vehicle, but a single other one, return those of the other.

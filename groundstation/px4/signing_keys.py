@@ -85,22 +85,22 @@ def _run_one(
     if link.link is None:
         return VehicleReport(name, False, link.trouble, answers=False)
 
-    found = _state(link.link, key)
+    signs = _state(link.link, key)
     if action == "look":
-        return _looked_at(link, found)
+        return _looked_at(link, signs)
 
     wanted = Signs.OURS if action == "set" else Signs.NOTHING
-    refusal = _refusal(link, found, action, old_key)
+    refusal = _refusal(link, signs, action, old_key)
     if refusal:
-        return VehicleReport(name, found is wanted, refusal)
-    if found is wanted:
-        headline = f"nothing was changed: {_words(link, found)} already."
+        return VehicleReport(name, signs is wanted, refusal)
+    if signs is wanted:
+        headline = f"nothing was changed: {_words(link, signs)} already."
         return VehicleReport(name, True, headline)
 
     present_key = None  # the key with which the message that changes it must be signed
-    if found is Signs.OTHER:
+    if signs is Signs.OTHER:
         present_key = old_key
-    elif found is Signs.OURS:
+    elif signs is Signs.OURS:
         present_key = key
     new_key = key if action == "set" else None
 
@@ -108,16 +108,16 @@ def _run_one(
     for _ in range(_ATTEMPTS):
         link.link.sign(present_key)
         link.link.set_key(new_key)
-        found = _state(link.link, key)
-        if found is wanted:
+        signs = _state(link.link, key)
+        if signs is wanted:
             break
 
     if action == "remove":
-        return _removed(link, found)
-    return _set(link, found)
+        return _removed(link, signs)
+    return _set(link, signs)
 
 
-def _refusal(link: VehicleLink, found: Signs, action: KeyAction, old_key: bytes | None) -> str:
+def _refusal(link: VehicleLink, signs: Signs, action: KeyAction, old_key: bytes | None) -> str:
     """Return why the key cannot be changed; empty if it can."""
     assert link.link is not None
     if not link.link.is_own:
@@ -133,9 +133,9 @@ def _refusal(link: VehicleLink, found: Signs, action: KeyAction, old_key: bytes 
     if action == "set" and _is_too_old(link):
         return f"nothing was changed: {link.version_text} knows no signing, v{_SINCE} and later do."
 
-    if found is Signs.OTHER and (action == "remove" or old_key is None):
+    if signs is Signs.OTHER and (action == "remove" or old_key is None):
         return (
-            f"nothing was changed: PX4 {found.value}. Give the key that it has with --set --old"
+            f"nothing was changed: PX4 {signs.value}. Give the key that it has with --set --old"
             " FILE; if nobody has it, docs/mavlink-signing.md says how to get rid of it."
         )
     return ""
@@ -147,21 +147,21 @@ def _is_too_old(link: VehicleLink) -> bool:
     return version is not None and version < SIGNING_SINCE
 
 
-def _removed(link: VehicleLink, found: Signs) -> VehicleReport:
+def _removed(link: VehicleLink, signs: Signs) -> VehicleReport:
     """Return the report about a PX4 whose key was to be removed."""
-    is_gone = found is Signs.NOTHING
+    is_gone = signs is Signs.NOTHING
     result = " any more" if is_gone else ": it kept its key"
     hint = ""
     if link.vehicle.mavlink_signing:
         hint = " Write mavlink_signing = false for it in the fleet file."
-    return VehicleReport(link.vehicle.name, is_gone, f"PX4 {found.value}{result}.{hint}")
+    return VehicleReport(link.vehicle.name, is_gone, f"PX4 {signs.value}{result}.{hint}")
 
 
-def _set(link: VehicleLink, found: Signs) -> VehicleReport:
+def _set(link: VehicleLink, signs: Signs) -> VehicleReport:
     """Return the report about a PX4 whose key was to be set."""
     name = link.vehicle.name
-    if found is not Signs.OURS:
-        headline = f"PX4 took no key: it {found.value}. Restart it, and try once more."
+    if signs is not Signs.OURS:
+        headline = f"PX4 took no key: it {signs.value}. Restart it, and try once more."
         return VehicleReport(name, False, headline)
 
     ignores_unsigned = not _answers_unsigned(link.link)
@@ -175,21 +175,21 @@ def _set(link: VehicleLink, found: Signs) -> VehicleReport:
     return VehicleReport(name, ignores_unsigned, headline)
 
 
-def _looked_at(link: VehicleLink, found: Signs) -> VehicleReport:
+def _looked_at(link: VehicleLink, signs: Signs) -> VehicleReport:
     """Return the report about whether a PX4 signs as the fleet file demands."""
     is_demanded = link.vehicle.mavlink_signing
-    is_fine = found is (Signs.OURS if is_demanded else Signs.NOTHING)
+    is_fine = signs is (Signs.OURS if is_demanded else Signs.NOTHING)
     demand = ""
     if not is_fine:
         demand = f" The fleet file says mavlink_signing = {str(is_demanded).lower()}."
-    return VehicleReport(link.vehicle.name, is_fine, f"{_words(link, found)}.{demand}")
+    return VehicleReport(link.vehicle.name, is_fine, f"{_words(link, signs)}.{demand}")
 
 
-def _words(link: VehicleLink, found: Signs) -> str:
+def _words(link: VehicleLink, signs: Signs) -> str:
     reason = ""
     if _is_too_old(link):
         reason = f" (before v{_SINCE} none can)"
-    return f"{link.version_text} {found.value}{reason}"
+    return f"{link.version_text} {signs.value}{reason}"
 
 
 def _state(link: AutopilotLink, key: bytes | None) -> Signs:

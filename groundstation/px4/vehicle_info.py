@@ -110,6 +110,7 @@ def _version_again(link: AutopilotLink, heard: _Messages) -> dict[str, Any]:
 
 
 def _version(link: VehicleLink, heard: _Messages) -> str:
+    """Return PX4's version with patch, kind and commit, and whether Covey was measured with it."""
     message = heard.get("AUTOPILOT_VERSION")
     version = link.version
     if message is None or version is None:

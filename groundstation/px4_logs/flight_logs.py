@@ -122,7 +122,7 @@ def logs_of_flight(folder: Path, flight: Flight) -> FoundLogs:
     return FoundLogs(logs, tuple(notes))
 
 
-def of_folder(folder: Path) -> FoundLogs:
+def logs_of_folder(folder: Path) -> FoundLogs:
     """Read the logs of a flight folder; its record is read only if there are logs.
 
     Raises:

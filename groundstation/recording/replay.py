@@ -370,6 +370,7 @@ async def story(replay: Replay, *, is_json: bool) -> str:
 
 
 def _summary(replay: Replay) -> dict[str, Any]:
+    """Return the result of a replay as data for programs."""
     timeline = replay.timeline
     state = replay.state
 
@@ -400,6 +401,7 @@ def _summary(replay: Replay) -> dict[str, Any]:
 
 
 def _summary_lines(replay: Replay) -> list[str]:
+    """Return the result of a replay as lines: its events, the closest pair, and its length."""
     timeline = replay.timeline
     state = replay.state
 

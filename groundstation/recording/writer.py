@@ -142,6 +142,7 @@ class RecordWriter:
         thread.join(timeout_s)
 
     def _run(self, files: RecordFiles) -> None:
+        """Write the waiting messages until the record ends; a failure ends the record only."""
         next_flush_s = time.monotonic() + FLUSH_PERIOD_S
         is_finished = False
         try:

@@ -31,7 +31,7 @@ def read_csv_zip(file: FilePath) -> Show:
     with tempfile.TemporaryDirectory(prefix="covey-csvs-") as name:
         folder = FilePath(name) / file.stem
         folder.mkdir()
-        unpack(file, folder, ending=".csv", most=MOST_DRONES, most_bytes=_MOST_BYTES)
+        unpack(file, folder, ending=".csv", most_members=MOST_DRONES, most_bytes=_MOST_BYTES)
         try:
             return read_folder(folder)
         except ConfigError as error:

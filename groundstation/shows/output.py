@@ -278,7 +278,8 @@ def _origin(show: Show) -> list[str]:
 
 
 def _fence(show: Show, made: Converted | None) -> list[str]:
-    if made is None:
+    """Return the fence's line of the fleet file, around all homes and paths of a show."""
+    if made is None:  # before the show is converted: a fence that excludes nothing
         return ["geofence_m = { x = [-1e4, 1e4], y = [-1e4, 1e4], z = [-1.0, 1e4] }"]
 
     points = [np.array(list(made.homes.values()))]

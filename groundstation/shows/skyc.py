@@ -166,6 +166,11 @@ class _Members:
 
 
 def _show(name: str, data: Any) -> Show:
+    """Return the show in the data of ``show.json``.
+
+    Raises:
+        ConfigError: its version cannot be read, or its drones are not as they must be.
+    """
     if not isinstance(data, dict):
         data = {}
     if data.get("version") != 1:
@@ -225,6 +230,13 @@ def _origin(location: dict[str, Any]) -> Origin | None:
 
 
 def _drone(file: str, index: int, settings: dict[str, Any]) -> Drone:
+    """Return a drone of a show.
+
+    Args:
+        file: name of the show's file.
+        index: the drone's index in the show, which names it if it has no name.
+        settings: the drone's settings in ``show.json``.
+    """
     name = settings.get("name")
     if not isinstance(name, str) or not name:
         name = f"drone {index + 1}"

@@ -47,14 +47,16 @@ def refuse_many_members(name: str, stream: BinaryIO) -> None:
         )
 
 
-def unpack(file: FilePath, folder: FilePath, *, ending: str, most: int, most_bytes: int) -> None:
+def unpack(
+    file: FilePath, folder: FilePath, *, ending: str, most_members: int, most_bytes: int
+) -> None:
     """Write the members with an ending into a folder, under their names without folders.
 
     Args:
         file: the zip.
         folder: an empty folder for the members.
         ending: ending of the members' names, in small letters.
-        most: largest number of such members.
+        most_members: largest number of such members.
         most_bytes: largest size of all of them together, unpacked.
 
     Raises:
@@ -65,7 +67,14 @@ def unpack(file: FilePath, folder: FilePath, *, ending: str, most: int, most_byt
         with opened(name, SHOW_FILE) as stream:
             refuse_many_members(name, stream)
             with zipfile.ZipFile(stream) as archive:
-                _unpack(name, archive, folder, ending=ending, most=most, most_bytes=most_bytes)
+                _unpack(
+                    name,
+                    archive,
+                    folder,
+                    ending=ending,
+                    most_members=most_members,
+                    most_bytes=most_bytes,
+                )
     except (
         OSError,
         zipfile.BadZipFile,
@@ -85,7 +94,7 @@ def _unpack(
     folder: FilePath,
     *,
     ending: str,
-    most: int,
+    most_members: int,
     most_bytes: int,
 ) -> None:
     members = [
@@ -93,13 +102,13 @@ def _unpack(
         for member in archive.infolist()
         if member.filename.lower().endswith(ending) and "__MACOSX" not in member.filename
     ]
-    if not 1 <= len(members) <= most:
+    if not 1 <= len(members) <= most_members:
         raise ConfigError(
-            f"{name}: it has {len(members)} members that end in {ending}; 1 to {most} are read, "
-            "one for each drone. Export the show again."
+            f"{name}: it has {len(members)} members that end in {ending}; 1 to {most_members} are "
+            "read, one for each drone. Export the show again."
         )
 
-    left = most_bytes
+    bytes_left = most_bytes
     for member in members:
         last_name = PurePosixPath(member.filename.replace("\\", "/")).name
         target = folder / last_name
@@ -109,9 +118,9 @@ def _unpack(
             raise ConfigError(f"{name}: '{last_name}' is packed in a way that is not read.")
 
         with archive.open(member) as stream:
-            data = stream.read(left + 1)
-        left -= len(data)
-        if left < 0:
+            data = stream.read(bytes_left + 1)
+        bytes_left -= len(data)
+        if bytes_left < 0:
             raise ConfigError(
                 f"{name}: its members have more than {most_bytes >> 20} MB together. Export the "
                 "show with fewer lines a second."

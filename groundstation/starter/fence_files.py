@@ -51,9 +51,9 @@ def read_fences(
 
     stem = Path(name).stem[:_LONGEST_NAME]
     if data.get("fileType") == "Plan":
-        found = list(_of_plan(data, name, stem))
+        found = list(_plan_fences(data, name, stem))
     elif isinstance(data.get("type"), str):
-        found = list(_of_geojson(data, name, stem))
+        found = list(_geojson_fences(data, name, stem))
     else:
         raise ConfigError(
             f"{name} is no .plan of QGroundControl (fileType is not 'Plan') and no GeoJSON (it has "
@@ -126,7 +126,7 @@ def _point(degrees: Degrees) -> str:
 # -- QGroundControl --------------------------------------------------------------------------------
 
 
-def _of_plan(data: dict[str, Any], name: str, stem: str) -> Iterator[Fence]:
+def _plan_fences(data: dict[str, Any], name: str, stem: str) -> Iterator[Fence]:
     """Yield the fences of a .plan."""
     _check_version(data, PLAN_VERSION, name, "this .plan")
     fence = data.get("geoFence", {})
@@ -183,7 +183,7 @@ def _keep(inclusion: Any, where: str) -> Any:
 # -- GeoJSON ---------------------------------------------------------------------------------------
 
 
-def _of_geojson(data: dict[str, Any], name: str, stem: str) -> Iterator[Fence]:
+def _geojson_fences(data: dict[str, Any], name: str, stem: str) -> Iterator[Fence]:
     """Yield the fences of a GeoJSON: features, a feature, or a geometry."""
     if "crs" in data and not any(word in str(data["crs"]) for word in _CRS84):
         raise ConfigError(
@@ -207,10 +207,10 @@ def _of_geojson(data: dict[str, Any], name: str, stem: str) -> Iterator[Fence]:
         label = properties.get("name")
         if not isinstance(label, str) or not label.strip():
             label = f"{stem} {number}"
-        yield from _of_geometry(geometry, properties, label[:_LONGEST_NAME], where)
+        yield from _geometry_fences(geometry, properties, label[:_LONGEST_NAME], where)
 
 
-def _of_geometry(
+def _geometry_fences(
     geometry: dict[str, Any], properties: dict[str, Any], label: str, where: str
 ) -> Iterator[Fence]:
     """Yield the fences of one geometry."""

@@ -103,6 +103,7 @@ def draw(trace: Path, picture: Path) -> None:
 
 
 def _read(trace: Path) -> _TraceData:
+    """Read a trace, with the distances of all pairs and the title of its picture."""
     with np.load(trace) as file:
         t_s = file["t_s"]
         position = file["position_enu_m"]

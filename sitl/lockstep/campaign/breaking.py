@@ -56,7 +56,7 @@ def fault(kind: str, duration_s: float = 0.0, **parameters: float | str) -> Inje
     return inject
 
 
-def of_all(inject_one: Inject) -> Inject:
+def to_all_vehicles(inject_one: Inject) -> Inject:
     """Return an injection that does the same to all vehicles at once."""
 
     def inject(flight: Lockstep, _name: str) -> None:

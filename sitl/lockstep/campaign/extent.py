@@ -37,23 +37,24 @@ class Extent:
         return tuple((round(east, 2), round(north, 2)) for east, north in self._outline)
 
     def _look(self) -> None:
+        """Add the present positions and speeds of flying vehicles, and do so again later."""
         simulation = self._flight.simulation
         world = simulation.emulator.world
         positions, velocities, _ = world.truth_enu()
         on_ground = world.vehicles.states.on_ground.tolist()
 
-        places = []
+        positions_m = []
         rows = zip(positions.tolist(), velocities.tolist(), on_ground, strict=True)
         for (east_m, north_m, up_m), (east_m_s, north_m_s, _), is_on_ground in rows:
             if is_on_ground:
                 continue
-            places.append((east_m, north_m))
+            positions_m.append((east_m, north_m))
             self.highest_m = max(self.highest_m, up_m)
             self.fastest_m_s = max(self.fastest_m_s, math.hypot(east_m_s, north_m_s))
 
-        if places:
+        if positions_m:
             now_s = simulation.time_s
             self.first_airborne_s = min(self.first_airborne_s, now_s)
             self.last_airborne_s = now_s
-            self._outline = convex_hull([*self._outline, *places])
+            self._outline = convex_hull([*self._outline, *positions_m])
         simulation.at(simulation.time_s + _LOOK_S, self._look)
