@@ -9,11 +9,17 @@ if TYPE_CHECKING:
     from groundstation.missions.api import Fleet as Fleet
     from groundstation.missions.blocking import BlockingFleet as BlockingFleet
 
-_HERE = {"Fleet": "groundstation.missions.api", "BlockingFleet": "groundstation.missions.blocking"}
+_MODULE_BY_NAME = {
+    "Fleet": "groundstation.missions.api",
+    "BlockingFleet": "groundstation.missions.blocking",
+}
 
 
 def __getattr__(name: str) -> object:
-    """Import the door of scripts when it is used: a drone's computer has none of what it needs."""
-    if name not in _HERE:
+    """Import Fleet or BlockingFleet at first use.
+
+    The computer of a drone has not the libraries that these two need.
+    """
+    if name not in _MODULE_BY_NAME:
         raise AttributeError(f"module 'groundstation' has no attribute '{name}'")
-    return getattr(importlib.import_module(_HERE[name]), name)
+    return getattr(importlib.import_module(_MODULE_BY_NAME[name]), name)

@@ -1,13 +1,14 @@
 """The ``covey`` command: the list of commands, and errors as sentences.
 
-A command is a function in ``groundstation/commands``; :data:`COMMANDS` says which one. Its module
-is imported when the command is called, so that a help page or an agent needs no library of the
-others.
-A command may have parts: ``covey check`` is a command, ``covey check vehicles`` a part of it.
-Commands that became a part keep working under their old word, :data:`FORMER`.
+A command is a function in ``groundstation/commands``, which :data:`COMMANDS` names. The module of
+a command is imported when the command is called. So a help page or an agent needs no library of
+other commands.
 
-Everything that can be wrong with what was typed, or with a file, ends here as one sentence on
-standard error and an exit status.
+A command may have parts: ``covey check`` is a command, and ``covey check vehicles`` is a part of
+it. :data:`FORMER` holds the commands that became parts. These keep working under their old word.
+
+Every error in a command line or in a file ends here as one sentence on standard error and an exit
+status.
 """
 
 from __future__ import annotations
@@ -51,8 +52,8 @@ class Command(NamedTuple):
         return f"groundstation.commands.{self.target}"
 
 
-# What people want, and the commands for it, in the order of ``covey --help``. It fits a screen
-# of 24 lines of 80 characters: a sentence has at most 55 characters.
+# The commands by purpose, in the order of ``covey --help``. That page fits a screen of 24 lines of
+# 80 characters, so that a sentence has at most 55 characters.
 COMMANDS: dict[str, tuple[Command, ...]] = {
     "See": (
         Command("tui", "the console, attached to a fleet", "tui:tui"),
@@ -200,7 +201,8 @@ FORMER: dict[str, tuple[str, ...]] = {
 
 _HELP_WORDS = ("--help", "-h")
 _COMPLETION_WORD = "--install-completion"
-# The library's line takes names with spaces apart, and puts a space behind folders.
+# The line of bash that the library writes splits file names at spaces, and puts a space behind
+# folders. The function below replaces it.
 _BASH_FILES_OF_LIBRARY = 'COMPREPLY=( $(compgen -f -- "${cur}") )'
 _BASH_FILES = """\
 _covey_files() {
@@ -219,7 +221,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     words = list(sys.argv[1:] if argv is None else argv)
 
-    # Wherever it stands: every command that has a console understands it.
+    # The option is accepted anywhere in the command line, since every command that draws obeys it.
     if "--ascii" in words:
         words.remove("--ascii")
         os.environ["COVEY_ASCII"] = "1"
@@ -229,20 +231,20 @@ def main(argv: Sequence[str] | None = None) -> int:
         redirect_stderr(PlainStream(sys.stderr)),
         warnings.catch_warnings(),
     ):
-        # of numpy, about numbers of a file that overflow: they are refused in a sentence
+        # numpy warns about numbers of a file that overflow. Such numbers are refused in a sentence.
         warnings.simplefilter("ignore", RuntimeWarning)
         return _run_in_sentences(words)
 
 
 def _run_in_sentences(words: list[str]) -> int:
-    """Run one command, with errors as sentences."""
+    """Run one command and write its errors as sentences; return the exit status."""
     try:
         return _run(words)
     except NoRouterError as error:
         _refuse(str(error))
         return EXIT_NO_ANSWER
     except (ConfigError, BusError) as error:
-        # What was written or configured is wrong, or an endpoint is taken.
+        # Something typed or configured is wrong, or an endpoint is already in use.
         return _refuse(str(error))
     except ImportError as error:
         library = _missing_library(error)
@@ -280,7 +282,7 @@ def _run(words: list[str]) -> int:
         print(front_text())
         return EXIT_OK if words else EXIT_WRONG_INPUT
     if first == "agent" and not (_is_help(words) and find_spec("cyclopts")):
-        # A drone's computer has the base libraries only, so this does without the front page's.
+        # The computer of a drone has only the base libraries, and not those of the front page.
         agent: Callable[[list[str]], int] = importlib.import_module("onboard.agent.main").main
         return agent(words[1:])
     if first == "bench":
@@ -315,10 +317,10 @@ def _refuse_bench(words: list[str]) -> int:
 
 
 def current_words(words: list[str], *, says_so: bool = False) -> list[str]:
-    """Return a command line with the words of today.
+    """Return a command line in which a former command is replaced by its present words.
 
     Args:
-        words: behind ``covey``.
+        words: the words behind ``covey``.
         says_so: whether a line on standard error names the new words.
     """
     if not words or words[0] not in FORMER:
@@ -364,7 +366,7 @@ def front_text() -> str:
 
 
 def front_page(words: Sequence[str] = (), *, is_whole: bool = False) -> App:
-    """Return all commands, of which only the called one is imported now.
+    """Return the app with all commands, of which only the called one is imported.
 
     Args:
         words: the command line; its first words are the command that is called.
@@ -374,7 +376,7 @@ def front_page(words: Sequence[str] = (), *, is_whole: bool = False) -> App:
     from rich.console import Console
 
     class FrontPage(App):
-        """The commands; bash goes on completing the names of files where no option fits."""
+        """The commands, with a completion of bash that offers file names where no option fits."""
 
         def generate_completion(self, **options: object) -> str:
             script = super().generate_completion(**options)  # type: ignore[arg-type]
@@ -408,27 +410,27 @@ def front_page(words: Sequence[str] = (), *, is_whole: bool = False) -> App:
 
 
 def _add_with_parts(app: App, command: Command, called: list[str], *, is_whole: bool) -> None:
-    """Add an imported command, and its parts, of which only the called one is imported."""
+    """Import a command and add it with its parts, of which only the called one is imported."""
     from cyclopts import App
 
     if not command.parts:
         _add(app, command)
         return
 
-    own = App(name=command.name, help_epilogue=None)
+    command_app = App(name=command.name, help_epilogue=None)
     module, function = command.load()
-    own.help_epilogue = _epilogue(module)
-    own.default(function)  # type: ignore[call-overload]
+    command_app.help_epilogue = _epilogue(module)
+    command_app.default(function)  # type: ignore[call-overload]
     for part in command.parts:
         if is_whole or called == [part.name]:
-            _add(own, part)
+            _add(command_app, part)
         else:
-            own.command(part.path, name=part.name, help=part.help)
-    app.command(own)
+            command_app.command(part.path, name=part.name, help=part.help)
+    app.command(command_app)
 
 
 def _add(app: App, command: Command) -> None:
-    """Add a command that is a function, or an App with commands of its own."""
+    """Add a command that is a function, or an App that holds further commands."""
     from cyclopts import App
 
     module, target = command.load()
@@ -440,7 +442,10 @@ def _add(app: App, command: Command) -> None:
 
 
 def _epilogue(module: ModuleType) -> str:
-    """Return what stands below the options: the rest of a module's docstring, and its MORE_HELP."""
+    """Return the text below the options of a command.
+
+    It is the docstring of the module without its first paragraph, and MORE_HELP of the module.
+    """
     texts = [
         (module.__doc__ or "").partition("\n\n")[2].strip(),
         getattr(module, "MORE_HELP", ""),
@@ -449,7 +454,7 @@ def _epilogue(module: ModuleType) -> str:
 
 
 def _default(value: object) -> str | None:
-    """Return a default as the help shows it; flags, lists and what is left open have none."""
+    """Return a default value as the help shows it, or None for flags, lists and None."""
     if isinstance(value, bool | tuple | None):
         return None
     if isinstance(value, float):

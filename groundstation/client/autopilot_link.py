@@ -168,7 +168,7 @@ class AutopilotLink:
             seconds: longest time to listen [s].
             requested: numbers of messages to request first.
             until: name of a message that ends the listening.
-            take: called with every message of this vehicle, also of its other components.
+            take: function for every message of this vehicle, also of its other components.
         """
         for number in requested:
             self.command(_REQUEST_MESSAGE, float(number))

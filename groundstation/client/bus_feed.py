@@ -34,10 +34,11 @@ class BusFeed:
 
     Args:
         bus: bus that is not open yet.
-        on_batch: called on the event loop with everything that has arrived since the last call.
-        recorded: further topics, whose messages only the sinks get.
+        on_batch: function for all messages since its last call, called on the event loop.
+        recorded: further topics, whose messages only the sinks receive.
         clock_ns: the ground's monotonic clock [ns].
-        on_delivery: called on the event loop before each delivery of a bus that is not simulated.
+        on_delivery: function that is called on the event loop before each delivery of a bus that is
+            not simulated.
     """
 
     def __init__(
@@ -114,7 +115,8 @@ class BusFeed:
         """Add a sink for every message.
 
         Args:
-            sink: called with topic, name, message and time of reception [ns], on any thread.
+            sink: function for topic, name, message and time of reception [ns], called on any
+                thread.
         """
         self._sinks.append(sink)
 

@@ -155,7 +155,8 @@ class FleetClient:
         """Add a sink, for instance a recorder, for everything that is received and ordered.
 
         Args:
-            sink: called with topic, name, message and time of reception [ns], on any thread.
+            sink: function for topic, name, message and time of reception [ns], called on any
+                thread.
         """
         self._feed.add_sink(sink)
 
@@ -163,7 +164,8 @@ class FleetClient:
         """Add a listener for the state.
 
         Args:
-            listener: called on the loop after each batch of messages.
+            listener: function for the newest state, called on the loop after each batch of
+                messages.
         """
         self._listeners.append(listener)
 
@@ -171,7 +173,7 @@ class FleetClient:
         """Add a listener for events.
 
         Args:
-            listener: called on the loop for each event, the ground's own included.
+            listener: function for each event, also of this ground, called on the loop.
         """
         self._event_listeners.append(listener)
 

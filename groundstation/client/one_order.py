@@ -23,7 +23,7 @@ async def order_once(
         client: fleet client that has not been started.
         intent: the order.
         timeout_s: longest wait for its end [s].
-        say: called before a kill with a sentence about vehicles below those that are killed.
+        say: function for a sentence about vehicles below the killed ones, called before a kill.
 
     Returns:
         vehicle -> its result.

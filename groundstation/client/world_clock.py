@@ -1,7 +1,7 @@
 """The world's clock (the time of day) of this ground, compared with the vehicles' computers.
 
-Flights run by monotonic clocks, which nobody sets. For a start at a time of day, the world's clock
-is read once to turn that time into an instant of the monotonic clock. This ground cannot know
+Flights run by monotonic clocks, which cannot be set. For a start at a time of day, this ground
+reads the world's clock once to convert that time into one of the monotonic clock. It cannot know
 whether its time of day is right, but it can know whether all computers of the fleet have the same.
 """
 

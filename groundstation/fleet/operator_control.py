@@ -53,7 +53,7 @@ class Control:
         bus: bus on which tokens are claimed; it must be open before :meth:`update` is called.
         author: person or program that operates from here.
         takes_control: whether to take control at the start if nobody has it, or only to watch.
-        say: called with (severity, sentence) on every change.
+        say: function for severity and sentence of every change.
         clock_ns: the ground's monotonic clock [ns].
     """
 

@@ -41,7 +41,7 @@ class Fleet(Group):
 
     Args:
         client: fleet client that has been started.
-        say: called with each line of progress.
+        say: function that receives each line of progress.
     """
 
     def __init__(

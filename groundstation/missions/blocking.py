@@ -110,7 +110,7 @@ class BlockingFleet(_Blocking):
         """Run a coroutine function with the fleet, for things that happen at the same time.
 
         Args:
-            function: called with the :class:`Fleet`.
+            function: function that receives the :class:`Fleet`.
 
         Returns:
             Its result.

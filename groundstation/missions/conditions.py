@@ -26,7 +26,7 @@ class FleetMoment(NamedTuple):
 
     state: FleetState
     now_ns: int  # the ground's monotonic clock
-    begin_ns: int  # when the wait began, on that clock
+    begin_ns: int  # begin of the wait on the same clock
 
 
 class WaitCondition(NamedTuple):

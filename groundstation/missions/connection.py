@@ -132,7 +132,7 @@ class RealTime:
         config: the fleet file.
         folder: folder of the record; None: no record is written.
         ready_timeout_s: longest wait for the vehicles [s].
-        say: called with each line of progress.
+        say: function that receives each line of progress.
     """
 
     def __init__(
@@ -150,8 +150,8 @@ class RealTime:
         self.flown: FlightObservations | None = None
         self.at_end = "land"
         self._record: RecordWriter | None = None
-        self._loop: asyncio.AbstractEventLoop | None = None  # of blocking scripts
-        self._thread: threading.Thread | None = None  # runs that loop
+        self._loop: asyncio.AbstractEventLoop | None = None  # event loop of a blocking script
+        self._thread: threading.Thread | None = None  # thread of that event loop
 
     @contextlib.asynccontextmanager
     async def opened(self) -> AsyncIterator[FleetClient]:

@@ -148,7 +148,7 @@ async def count_down(
 
     Args:
         countdown: countdown that has begun.
-        say: called with each line of progress.
+        say: function that receives each line of progress.
         until_s: time before the start at which the wait ends [s].
 
     Raises:

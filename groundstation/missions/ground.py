@@ -39,7 +39,7 @@ class MissionGround:
 
     Args:
         client: fleet client that has been started.
-        say: called with each line of progress.
+        say: function that receives each line of progress.
     """
 
     def __init__(
@@ -54,17 +54,18 @@ class MissionGround:
         self.steps: list[StepResult] = []
         self.arrivals: list[Arrival] = []
 
-        # whether a vehicle that fails is left out, and the others go on
+        # Whether the mission continues with the other vehicles when a vehicle fails.
         self.goes_on_without = False
-        self.left_out: set[str] = set()  # vehicles that the mission goes on without
-        self.disabled: set[str] = set()  # those of them that are out of service
+        self.left_out: set[str] = set()  # failed vehicles, without which the mission continues
+        self.disabled: set[str] = set()  # vehicles in left_out that are out of service
         self.lost: set[str] = set()  # vehicles to whose failure the mission has reacted
-        # vehicles that came down although their last order left them flying, each with a sentence
+        # Sentence of each vehicle that came down although its last order left it flying.
         self.other_ends: dict[str, str] = {}
         self._last_orders: dict[str, LastOrder] = {}
 
-        self.countdown: Countdown | None = None  # to a start at a time of the world's clock
-        self.pause_line = ""  # the pause of paths in a few words; empty without one
+        # Countdown to a start at a time of the world's clock.
+        self.countdown: Countdown | None = None
+        self.pause_line = ""  # short text about a pause of paths; empty without one
         self.follow_pauses: list[FollowPause] = []  # one for each group that follows a vehicle now
 
         # Order by order: each order waits for the operator.

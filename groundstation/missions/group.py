@@ -670,8 +670,8 @@ class Group:
 
         Args:
             condition: condition to watch for.
-            reaction: called once, when the condition holds. It runs beside the block, and the block
-                waits for it at its end. An exception in one of them ends both.
+            reaction: function that is called once, when the condition holds. It runs beside the
+                block, and the block waits for it at its end. An exception in one of them ends both.
             ends: whether the block is cancelled before the reaction; the mission goes on after it.
         """
         body = asyncio.current_task()

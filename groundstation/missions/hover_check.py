@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from groundstation.fleet.state import FleetState
 from onboard.config.wind_limit import GUSTY
 
-_WORTH_SAYING_SHARE = 0.8  # share of the limit from which the wind is said
-_LOOK_S = 0.2  # from one look to the next
-_LOOKS = 50  # together ten seconds
+_NOTABLE_SHARE = 0.8  # share of the limit from which a line tells the wind
+_SAMPLE_S = 0.2  # time between two samples
+_SAMPLES = 50  # number of samples, which take ten seconds
 
 
 class WindTooStrong(RuntimeError):
@@ -41,9 +41,9 @@ async def hover_check(
     """Wait until the wind is within the limit of all vehicles that hover.
 
     Args:
-        state_of_now: returns the fleet with its newest telemetry.
+        state_of_now: function that returns the fleet with its newest telemetry.
         names: names of the vehicles that hover.
-        say: called with each line about the wind.
+        say: function that receives each line about the wind.
 
     Raises:
         WindTooStrong: the wind stays above the limit of a vehicle.
@@ -53,10 +53,10 @@ async def hover_check(
     if 1.0 < strongest.share <= GUSTY:
         say(f"{strongest.words}: looking for a calmer moment before anybody sets out.")
 
-    for _ in range(_LOOKS):
+    for _ in range(_SAMPLES):
         if not 1.0 < strongest.share <= GUSTY:
             break
-        await asyncio.sleep(_LOOK_S)
+        await asyncio.sleep(_SAMPLE_S)
         strongest = _strongest(state_of_now(), hovering)
 
     if strongest.share > 1.0:
@@ -64,7 +64,7 @@ async def hover_check(
             f"{strongest.words}: nobody sets out. Wait for less wind, or fly a vehicle that can "
             "lean more."
         )
-    if strongest.share > _WORTH_SAYING_SHARE:
+    if strongest.share > _NOTABLE_SHARE:
         say(f"{strongest.words}.")
 
 

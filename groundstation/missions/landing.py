@@ -49,7 +49,7 @@ async def land_all(
         client: fleet client that has been started.
         superseded: vehicles whose last order another ground has replaced, perhaps by a landing.
         timeout_s: longest wait beyond twice the time that the descent from their heights takes [s].
-        say: called with each line of progress.
+        say: function that receives each line of progress.
         link: link of this ground.
         watch: watch of the mission's fleet. Once somebody has taken the fleet, only a person lands
             it.

@@ -33,7 +33,7 @@ _ONLY_WATCHES = "This ground only watches: open one that may order."
 _MOST_NAMED = 12  # mission files that a sentence names
 _MOST_PROBLEMS = 2  # clock problems that the question before a countdown names
 _READY_S = 10.0  # longest wait until all vehicles are ready
-_WATCH_S = 0.2  # between two looks for silent vehicles
+_WATCH_S = 0.2  # time between two checks for silent vehicles
 
 MissionJudge = Callable[[MissionRun], Awaitable[Verdict]]
 MissionCall = Callable[[], Awaitable[object]]  # flies a mission, and returns its verdict
@@ -86,7 +86,7 @@ class MissionOrders:
         self._judge = judge
         self._run = run
         self._ask = ask
-        self._line = ""  # what the mission said last
+        self._line = ""  # last line of the mission
 
     def take(self, words: Sequence[str]) -> str:
         """Carry out an order.

@@ -16,7 +16,7 @@ from groundstation.fleet.own_stall import AFTER_STALL_S
 
 SILENT_S = 2.0  # age of the last telemetry of an agent that hangs or is cut off in flight
 _LOOK_PERIOD_S = 0.2
-_COUNTDOWN_PERIOD_S = 10.0  # between two warnings about the time until the agents land
+_COUNTDOWN_PERIOD_S = 10.0  # time between two warnings that the agents will land
 
 
 def silent_in_flight(client: FleetClient) -> list[str]:

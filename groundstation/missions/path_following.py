@@ -36,12 +36,12 @@ from onboard.tuples import Xyz
 AHEAD_S = 3.0  # time from the order to the start, in which all replies arrive
 # Longest wait after the paths' own end: vehicles that fall behind slow the clock of the paths.
 _LATE_S = 60.0
-_SAY_S = 10.0  # between two lines of progress
+_SAY_S = 10.0  # time between two lines of progress
 _LOAD_S = 10.0  # longest wait for the reply to one part of a path
-_LOOK_S = 0.5  # between two looks for a pause
+_LOOK_S = 0.5  # time between two checks for a pause
 _HOME_S = 120.0  # longest wait for vehicles that are brought home
-_LIGHT_S = 0.2  # between two looks at the colours
-_SPARE_S = 0.3  # added to the time that an order needs
+_LIGHT_S = 0.2  # time between two checks for a new colour
+_SPARE_S = 0.3  # margin of the time that an order needs
 
 Paths = Mapping[str, Path]  # by vehicle
 Lights = Mapping[str, Sequence[TimedColour]]  # by vehicle

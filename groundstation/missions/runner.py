@@ -33,7 +33,8 @@ from onboard.config.fleet import ConfigError
 
 LAND_TIMEOUT_S = 40.0
 HOME_TIMEOUT_S = 90.0
-READY_TIMEOUT_SIM_S = 60.0  # for the first step, when emulator and agents start with the mission
+# Timeout of the first step when emulator and agents start with the mission.
+READY_TIMEOUT_SIM_S = 60.0
 LAST_TELEMETRY_S = 0.5  # longest wait for telemetry that shows the newest state
 _HOLD_TIMEOUT_S = 15.0
 _STILL_READY_S = 1.0  # longest wait after a countdown, for vehicles that were ready before it
@@ -60,7 +61,7 @@ class MissionRun:
     Args:
         mission: mission file, loaded and checked.
         client: fleet client that has been started.
-        say: called with each line of progress.
+        say: function that receives each line of progress.
         ready_timeout_s: longest wait for the vehicles before the first step [s].
         stays: whether this process keeps running after somebody has taken the fleet from the
             mission, until the fleet is down.

@@ -23,18 +23,18 @@ from onboard.bus.control_token import EMERGENCY, ORDER_STAYS
 
 # Longest wait for telemetry about an order that has replaced an order of the mission.
 HEARD_S = 1.0
-_REPEAT_S = 10.0  # from one line about who has the fleet to the next
-_LOOK_S = 0.5  # period at which a fleet that was taken is looked at
+_REPEAT_S = 10.0  # time between two lines about the new operator of the fleet
+_LOOK_S = 0.5  # time between two checks of a fleet that was taken
 
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """Who has taken a fleet from its mission, and how."""
+    """The taking of a fleet from its mission."""
 
-    by: str  # author and node of whoever has taken it
-    words: str  # what they did: "has ordered ..." or "has taken control"
+    by: str  # author and node that have taken the fleet
+    words: str  # their action: "has ordered ..." or "has taken control"
     since_ns: int  # time of the taking, on the ground's clock
-    # whether it was another ground, and not the console in which the mission flies
+    # Whether another ground has taken the fleet, and not the console in which the mission flies.
     is_by_other: bool
 
     @property
@@ -184,7 +184,7 @@ async def stay(
         client: fleet client that has been started.
         taken: who has taken the fleet.
         begin_ns: begin of the mission, on the ground's clock [ns].
-        say: called with each line of text.
+        say: function that receives each line of text.
     """
     limits = client.fleet.fleet
     since_s = (taken.since_ns - begin_ns) * 1e-9

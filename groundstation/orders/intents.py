@@ -30,7 +30,7 @@ from onboard.bus.schema import TO_EVERYBODY, OrderKind
 from onboard.tuples import Xyz
 
 DEFAULT_HEIGHT_M = 1.0
-DEFAULT_EVERY_S = 3.0  # between two waves of a take-off
+DEFAULT_EVERY_S = 3.0  # time between two waves of a take-off
 
 # "all", names or indices: "mav0,mav2", "0-1"; or a list of names
 Names = str | tuple[str, ...]
@@ -222,7 +222,7 @@ class Takeoff(Intent, frozen=True, kw_only=True):
         """The vehicles of each wave, in the order of the fleet file."""
         names = self.names
         size = self.by or len(names)
-        step = max(1, size)  # `range` refuses 0, which an order to nobody would have
+        step = max(1, size)  # `range` refuses 0, which is the size of an order without vehicles
         return [names[begin : begin + size] for begin in range(0, len(names), step)]
 
     def message_values(self) -> MessageValues:

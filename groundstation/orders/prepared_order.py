@@ -60,7 +60,7 @@ class PreparedOrder:
         intent: order that is prepared.
         forecaster: computes the paths.
         start: function that begins a computation; it first ends a computation that still runs.
-        on_change: called whenever the shown values have changed.
+        on_change: function that is called whenever the shown values have changed.
     """
 
     def __init__(

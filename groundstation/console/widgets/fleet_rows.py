@@ -31,7 +31,7 @@ _FEW_COLUMNS = 10
 # Values of Column.cover from which the reason not to fly covers a column.
 _COVERED_ALWAYS = 2
 _COVERED_AMONG_FEW = 1  # if there are few columns
-_NEVER_COVERED = 3  # above the ``cover`` of every column
+_NEVER_COVERED = 3  # larger than the ``cover`` of every column
 
 
 @dataclass(frozen=True, slots=True)

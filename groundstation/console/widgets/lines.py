@@ -12,7 +12,7 @@ from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
-_PACE_NS = 150_000_000  # shortest time between two pictures; nobody can read faster changes
+_PACE_NS = 150_000_000  # shortest time between two pictures, since faster changes are not readable
 
 
 class Lines(Widget):

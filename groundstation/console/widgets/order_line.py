@@ -204,7 +204,7 @@ class OrderLine(Input):
 
     def write(self, text: str) -> None:
         """Begin a line, which the operator completes."""
-        self.screen.set_focus(self)  # at once: the next key is meant for it
+        self.screen.set_focus(self)  # without delay, since the next key is for this widget
         self.value = text
         self.cursor_position = len(text)
 

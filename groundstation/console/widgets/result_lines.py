@@ -1,6 +1,6 @@
-"""The last order with each vehicle's answer as it comes in.
+"""The last order with the answer of each vehicle, as the answers come in.
 
-A failure says why, and what can be done.
+A failure is shown with its reason and with advice.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from groundstation.console import theme
 from groundstation.console.theme import FAINT, TEXT, WARN, clean
 from groundstation.orders.result import OrderResult, VehicleResult
 
-_MOST_FAILED = 3
+_MOST_FAILURES_SHOWN = 3
 _ADVICE = {
     "no answer": "Is its agent running? ctrl+l lands everybody, past silent agents too.",
     "failed": "Look at it; hold (F6) or land (F7) it, or give the order again.",
@@ -29,13 +29,13 @@ _ADVICE = {
 
 
 class ResultLines(Static):
-    """One line for the order, and up to three for vehicles that did not do it."""
+    """One line for the order, and up to three lines for vehicles that did not carry it out."""
 
     def __init__(self) -> None:
         super().__init__(id="result", classes="empty")
 
     def show_order(self, order: OrderResult, text: str) -> None:
-        """Show the order's words and the results as they stand."""
+        """Show the text of the order and the results so far."""
         words = clean(text, 60)
         title = theme.fit(words, min(34, cell_len(words)))
         line = Text.assemble((f" {title} ", theme.style(TEXT, bold=True)))
@@ -46,16 +46,16 @@ class ResultLines(Static):
 
         failed = [result for result in order.results.values() if result.phase in _ADVICE]
         lines = [line]
-        for result in failed[:_MOST_FAILED]:
+        for result in failed[:_MOST_FAILURES_SHOWN]:
             lines.append(_failure(result))
 
-        hidden = len(failed) - _MOST_FAILED
+        hidden = len(failed) - _MOST_FAILURES_SHOWN
         if hidden > 0:
             lines[-1].append(f" (+{hidden} more: see the events)", theme.style(FAINT))
         self._put(Text("\n").join(lines))
 
     def show_sentence(self, sentence: str, colour: str = WARN) -> None:
-        """Show words instead of results."""
+        """Show a sentence instead of results."""
         self._put(Text(f" {clean(sentence, 300)}", theme.style(colour)))
 
     def _put(self, text: Text) -> None:
@@ -64,20 +64,20 @@ class ResultLines(Static):
 
 
 def _answers(order: OrderResult, width: int) -> list[tuple[str, str]]:
-    """Return words and colour of each vehicle's answer.
+    """Return text and colour of the answer of each vehicle.
 
-    Where all of them do not fit into ``width`` cells the answers are counted, so that failures stay
-    in sight.
+    Answers that do not all fit into ``width`` cells are counted by phase, so that failures stay in
+    sight.
     """
-    each = []
+    answers = []
     cells = 0
     for name, result in order.results.items():
         sign, colour = theme.PHASE_SIGNS.get(result.phase, ("?", WARN))
         words = f"{name} {sign} {result.phase}"
-        each.append((words, colour))
-        cells += cell_len(words) + 2  # two blanks before each
+        answers.append((words, colour))
+        cells += cell_len(words) + 2  # two blanks stand before each answer
     if cells <= width:
-        return each
+        return answers
 
     counted = []
     for phase, count in Counter(str(result.phase) for result in order.results.values()).items():

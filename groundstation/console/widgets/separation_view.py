@@ -1,4 +1,4 @@
-"""Separation of the vehicles: the closest pairs, the smallest so far, a strip chart, the timing."""
+"""Separation of the vehicles: closest pairs, smallest separation so far, strip chart, timing."""
 
 from __future__ import annotations
 
@@ -17,12 +17,18 @@ from groundstation.console.widgets.lines import Lines
 from groundstation.fleet.state import FleetState, Separation
 from onboard.config.fleet import FleetConfig
 
-WINDOW_S = 120.0  # of the chart
-SOON_S = 3.0
-_FORESIGHT_S = 10.0  # velocities do not stay as they are for longer
+WINDOW_S = 120.0  # time that the chart shows
+SOON_S = 3.0  # a close approach within this time is a warning
+# An approach is predicted from present velocities, which rarely stay the same for longer than this.
+_PREDICTION_S = 10.0
+# A distance below this multiple of the safety distance is a warning.
+_WARNING_FACTOR = 1.1
+# The top of the chart lies between these multiples of the safety distance.
+_LOWEST_TOP_FACTOR = 2.5
+_HIGHEST_TOP_FACTOR = 6.0
 _MARGIN = 5  # cells for the scale at the left
 _LEAST_CHART = 3  # rows
-_JOINED_COLUMNS = 8  # two samples further apart are not joined by a line
+_JOINED_COLUMNS = 8  # a line joins two samples that are less than this apart
 # Values that fill a spark: two periods of the control loop, and a message that is too old.
 _PERIOD_TOP_MS = 40.0
 _AGE_TOP_MS = 200.0
@@ -31,7 +37,7 @@ _AGE_TOP_MS = 200.0
 class SeparationView(Lines, can_focus=True):
     """Separations of pairs, in metres, as the vehicles report them.
 
-    Where the truth is known, the smallest so far is the true one.
+    The smallest separation so far comes from the ground truth where the ground truth is known.
     """
 
     def __init__(self, fleet: FleetConfig, history: History) -> None:
@@ -40,7 +46,7 @@ class SeparationView(Lines, can_focus=True):
         self.history = history
         self._state: FleetState | None = None
         self._now_s = 0.0
-        # what it was drawn for (width, height, half seconds), and the picture
+        # The drawn chart behind its key: width, height and half seconds of the present time.
         self._chart: tuple[tuple[int, int, int], list[Strip]] | None = None
 
         self.border_title = "separation"
@@ -50,14 +56,18 @@ class SeparationView(Lines, can_focus=True):
             self.border_title += f" ({vertical_m:g} m of height count {distance_m:g})"
 
     def show(self, state: FleetState, now_ns: int) -> None:
-        """Draw this state."""
+        """Draw a state of the fleet."""
         self._state = state
         self._now_s = now_ns * 1e-9
         if self.is_due(now_ns, (state.airborne_names, state.smallest, state.smallest_truth)):
             self.redraw()
 
     def draw(self, width: int, height: int) -> list[Strip]:
-        """Return the closest pair now and so far; more pairs, chart and timing as there is room."""
+        """Return the rows of the view.
+
+        The closest pair at present and the smallest separation so far come first. Further pairs,
+        the chart and the timing follow as far as the height allows.
+        """
         timing = []
         if height >= 2 + _LEAST_CHART + 3:
             timing = self._timing(width)
@@ -110,12 +120,12 @@ class SeparationView(Lines, can_focus=True):
         return [*segments, *self._approach(pair)]
 
     def _approach(self, pair: ClosePair) -> list[Segment]:
-        """Return time and distance of their closest approach at their present velocities."""
+        """Return time and distance of a pair's closest approach at the present velocities."""
         if not pair.is_flying:
             return []
         if math.isinf(pair.approach_s):
             return [Segment("  parting", theme.style(FAINT))]
-        if math.isnan(pair.approach_s) or pair.approach_s > _FORESIGHT_S:
+        if math.isnan(pair.approach_s) or pair.approach_s > _PREDICTION_S:
             return [Segment("  steady", theme.style(FAINT))]
 
         text = f"{number(pair.approach_m, 2)} m in {number(pair.approach_s, 1)} s"
@@ -131,14 +141,14 @@ class SeparationView(Lines, can_focus=True):
             return "○", TEXT
         if distance_m < limit_m:
             return "✖", BAD
-        if distance_m < 1.1 * limit_m:
+        if distance_m < _WARNING_FACTOR * limit_m:
             return "▲", WARN
         return "●", GOOD
 
     # -- timing ------------------------------------------------------------------------------------
 
     def _timing(self, width: int) -> list[list[Segment]]:
-        """Return the slowest control loop and the oldest message between agents, over minutes."""
+        """Return a line for the slowest control loop and one for the oldest message of agents."""
         history = self.history
         return [
             _timing_line("loop p99", history.periods_ms, history.slowest, _PERIOD_TOP_MS, width),
@@ -148,7 +158,7 @@ class SeparationView(Lines, can_focus=True):
     # -- chart -------------------------------------------------------------------------------------
 
     def _strip_chart(self, width: int, height: int) -> list[Strip]:
-        """Return the chart; drawn twice a second, since nothing in it moves faster."""
+        """Return the chart, which is drawn anew twice a second."""
         key = (width, height, int(2.0 * self._now_s))
         if self._chart is None or self._chart[0] != key:
             self._chart = key, self._draw_chart(width, height).strips()
@@ -169,7 +179,8 @@ class SeparationView(Lines, can_focus=True):
 
         points = [point for point in self.history.distances if point[0] >= self._now_s - WINDOW_S]
         furthest_m = max((distance_m for _, distance_m in points), default=0.0)
-        top_m = max(2.5 * limit_m, min(6.0 * limit_m, furthest_m))
+        top_m = min(_HIGHEST_TOP_FACTOR * limit_m, furthest_m)
+        top_m = max(_LOWEST_TOP_FACTOR * limit_m, top_m)
 
         def dot_row(distance_m: float) -> float:
             return (dot_rows - 1) * (1.0 - min(distance_m, top_m) / top_m)
@@ -207,7 +218,7 @@ class SeparationView(Lines, can_focus=True):
     def _closest_by_column(
         self, points: Sequence[tuple[float, float]], columns: int
     ) -> list[float]:
-        """Return the closest sample of each column: a near miss must not fall between two dots."""
+        """Return the smallest distance of each column, so that no near miss is left out."""
         closest_m = np.full(columns, np.inf)
         if points:
             times_s, distances_m = np.array(points).T
@@ -220,7 +231,7 @@ class SeparationView(Lines, can_focus=True):
 def _timing_line(
     label: str, values_ms: Sequence[float], name: str, top_ms: float, width: int
 ) -> list[Segment]:
-    """Return a label, the values so far as a spark, and the newest with its vehicle."""
+    """Return a label, the values so far as a spark, and the newest value with its vehicle."""
     newest_ms = values_ms[-1] if values_ms else math.nan
     is_known = math.isfinite(newest_ms)
     is_high = is_known and newest_ms > top_ms
