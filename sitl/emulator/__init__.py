@@ -1,3 +1,1 @@
-"""The emulator: vehicles, autopilots and motion capture in one world, and the effects of faults on
-it.
-"""
+"""The emulator: vehicles, autopilots and motion capture in one world, and effects of faults."""

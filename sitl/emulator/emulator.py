@@ -1,7 +1,8 @@
 """Vehicles, estimates and autopilots in one world, advanced step by step.
 
-Truth flows in a circle: world -> estimator -> autopilot -> world. What is published as ground truth
-is a copy. There are no sockets and no clock: time is counted.
+In each step, data flow from the world to the estimator, to the autopilots and back to the world.
+Published ground truth is a copy. There are no sockets here. Time is the number of steps, and not
+that of a clock.
 """
 
 from __future__ import annotations
@@ -42,8 +43,8 @@ from sitl.px4.signing import KeyStore
 from sitl.px4.versions import DEFAULT, Version
 
 _TICK_STEPS = round(TICK_S / STEP_S)
-_SOME_DATE_S = 1.7e9
-_NOW_S = 1e-9  # by which times may differ that are meant to be the same
+_DEFAULT_DATE_S = 1.7e9  # date at the start of an emulator without a clock [Unix time]
+_TIME_TOLERANCE_S = 1e-9  # two times that differ by less are the same
 
 # Bits of EKF2_EV_CTRL and EKF2_GPS_CTRL.
 _USES_POSITION = 1
@@ -59,8 +60,9 @@ class VehicleSpec:
     system_id: int
     profile: VehicleProfile
     start_enu_m: tuple[float, float, float]
-    px4: Version = DEFAULT  # of its PX4
-    hover_time_s: float | None = None  # of a whole charge; None: as PX4's simulator has it
+    px4: Version = DEFAULT  # version of its PX4
+    # Time that a full battery hovers; None: the time of PX4's simulator.
+    hover_time_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,23 +71,24 @@ class Environment:
 
     wind: WindSettings = field(default_factory=WindSettings)
     downwash: Downwash = field(default_factory=Downwash)
-    has_common_errors: bool = False  # all estimates err alike, see :class:`Estimator`
-    error_scale: float = 1.0  # of the random errors of the estimates
-    # of the differences between vehicles of one type, see `sitl/physics/scatter.py`
+    # Whether all estimates have the same error, see :class:`Estimator`.
+    has_common_errors: bool = False
+    error_scale: float = 1.0  # scale of the random errors of the estimates
+    # Scale of the differences between vehicles of one type, see `sitl/physics/scatter.py`.
     vehicle_scatter: float = 1.0
 
 
-def _own_parameters(spec: VehicleSpec, origin: EarthPoint) -> dict[str, int | float]:
-    """Return the parameters that are set where a vehicle is simulated."""
-    own = {
+def _simulation_parameters(spec: VehicleSpec, origin: EarthPoint) -> dict[str, int | float]:
+    """Return the values of PX4's parameters that the simulation of a vehicle sets."""
+    values = {
         "MAV_SYS_ID": spec.system_id,
         "SIH_LOC_LAT0": origin.latitude_deg,
         "SIH_LOC_LON0": origin.longitude_deg,
         "SIH_LOC_H0": origin.altitude_m,
     }
     if spec.hover_time_s is not None:
-        own["SIM_BAT_DRAIN"] = spec.hover_time_s
-    return own
+        values["SIM_BAT_DRAIN"] = spec.hover_time_s
+    return values
 
 
 class Emulator:
@@ -93,21 +96,21 @@ class Emulator:
 
     Args:
         specs: the vehicles, in order.
-        body_diameter_m: see :class:`World`.
-        environment: wind, downwash and errors; a calm room by default.
-        origin: point of the Earth that is 0, 0, 0 of the frame in which the vehicles start.
-        seed: seed of everything random.
+        body_diameter_m: diameter of a body, see :class:`World`.
+        environment: wind, downwash and errors; by default the air is calm.
+        origin: point on Earth of the origin of the frame in which the vehicles start.
+        seed: seed of all random numbers.
 
     Attributes:
-        disturbances: faults, present and to come; see :meth:`inject`.
-        has_global_origin: per vehicle, somebody has said where on Earth its local frame lies.
-        key_stores: per vehicle, the key of MAVLink signing.
-        flight_logs: per vehicle, the logs on its card; None where nobody keeps any, see
-            :meth:`keep_logs`.
-        outside: begins and ends faults of bus and agents; None where there are none.
-        receivers: per vehicle, its satellite receiver and the corrections that it has.
-        unix_start_s: the date at the start, as PX4 knows it from its computer; by default any fixed
-            one.
+        disturbances: present and future faults, see :meth:`inject`.
+        has_global_origin: whether each vehicle has received the position of its local frame on
+            Earth.
+        key_stores: store of the key of MAVLink signing, per vehicle.
+        flight_logs: logs on the card of each vehicle; None unless :meth:`keep_logs` was called.
+        outside: function that begins and ends faults of bus and agents; None where there is neither
+            a bus nor an agent.
+        receivers: satellite receiver of each vehicle, with the corrections that it has received.
+        unix_start_s: date at the start, which PX4 has from its computer; by default a fixed date.
     """
 
     def __init__(
@@ -143,7 +146,8 @@ class Emulator:
             ground_altitude_m=origin.altitude_m,
         )
         self.autopilots = [
-            EmulatedPx4(Parameters(spec.px4, _own_parameters(spec, origin))) for spec in specs
+            EmulatedPx4(Parameters(spec.px4, _simulation_parameters(spec, origin)))
+            for spec in specs
         ]
         for index in range(len(specs)):
             self._attitude_control_changed(index)
@@ -153,16 +157,19 @@ class Emulator:
         self.key_stores = [KeyStore() for _ in specs]
         self.flight_logs: list[FlightLogs] | None = None
         self.has_global_origin = [False] * len(specs)
-        self.unix_start_s = _SOME_DATE_S
+        self.unix_start_s = _DEFAULT_DATE_S
 
-        self._shown = np.zeros((len(specs), 4))  # newest external position and heading of each
-        self._shown_resets = [0] * len(specs)  # newest reset counter of each
-        # external positions that a fault delays: when they arrive, of which vehicle, what
+        # The newest external position and heading of each vehicle, and its newest reset counter.
+        self._shown = np.zeros((len(specs), 4))
+        self._shown_resets = [0] * len(specs)
+        # External positions that a fault delays: arrival time, index of the vehicle, position and
+        # heading.
         self._late_vision: list[tuple[float, int, Array]] = []
         self._applied: list[Actuation | None] = [None] * len(specs)
         self.receivers = [SatelliteReceiver() for _ in specs]
-        self._base_shifts_m = [0.0] * len(specs)  # by which wrong bases move the estimates
-        self._has_corrections = False  # somebody has sent some
+        # Shift of each estimate by a base station that reports a wrong position.
+        self._base_shifts_m = [0.0] * len(specs)
+        self._has_corrections = False  # whether corrections have ever been received
         self._estimate()
 
     @property
@@ -175,7 +182,7 @@ class Emulator:
         return self.disturbances.clocks[index].at(self.time_s)
 
     def keep_logs(self) -> list[FlightLogs]:
-        """Have every autopilot log its flights from now on; return their logs."""
+        """Start the logs of all autopilots; return them."""
         if self.flight_logs is None:
             self.flight_logs = [FlightLogs() for _ in self.specs]
         return self.flight_logs
@@ -183,19 +190,19 @@ class Emulator:
     def inject(self, fault: Fault) -> Fault:
         """Plan a fault; return it with its defaults.
 
-        A fault that should have begun already begins with the next step.
+        A fault whose time has passed begins with the next step.
 
         Raises:
-            FaultError: unknown, out of bounds, or in contradiction to another one.
+            FaultError: the fault is unknown, out of bounds, or contradicts another one.
         """
         self.check(fault)
         return self.disturbances.plan.add(fault, self.time_s)
 
     def check(self, fault: Fault) -> Fault:
-        """Return the fault with its defaults; it is not planned.
+        """Return the fault with its defaults, without planning it.
 
         Raises:
-            FaultError: unknown, out of bounds, or outside what is simulated here.
+            FaultError: the fault is unknown, out of bounds, or of a part that is not simulated.
         """
         checked = check(fault, [spec.name for spec in self.specs])
         if FAULT_KINDS[fault.name].is_outside and self.outside is None:
@@ -206,9 +213,9 @@ class Emulator:
         return checked
 
     def reboot(self, index: int) -> None:
-        """Start an autopilot anew, wherever its vehicle is.
+        """Start an autopilot anew, on the ground or in the air.
 
-        Parameters and battery stay, all else is forgotten.
+        It keeps its parameters and the state of its battery, and nothing else.
         """
         old = self.autopilots[index]
         new = EmulatedPx4(params=old.params, boot_time_s=self.clock_s(index), battery=old.battery)
@@ -221,8 +228,8 @@ class Emulator:
         self.disturbances.boots[index] += 1
 
     def step(self) -> list[Collision]:
-        """Advance everything by 4 ms."""
-        if self.time_s + _NOW_S >= self.disturbances.plan.next_s:
+        """Advance the world and all autopilots by 4 ms; return the new collisions."""
+        if self.time_s + _TIME_TOLERANCE_S >= self.disturbances.plan.next_s:
             self.disturbances.advance(self)
         if self._late_vision:
             self._fuse_late_vision()
@@ -239,12 +246,12 @@ class Emulator:
         return collisions
 
     def _tick(self) -> None:
-        """Let every autopilot act on what it knows."""
+        """Run one tick of every autopilot on the present estimates."""
         for index, shift_ned_m in self.estimator.jumps:
             self.autopilots[index].mode_control.frame_jumped(shift_ned_m)
         self.estimator.jumps.clear()
 
-        # Inputs are kept by the autopilots: copies, not windows.
+        # These are copies, because the autopilots store their inputs.
         states = self.world.vehicles.states
         positions = self.estimator.position_ned_m.copy()
         velocities = self.estimator.velocity_ned_m_s.copy()
@@ -275,8 +282,8 @@ class Emulator:
                 self.flight_logs[index].tick(autopilot, inputs, unix_s)
 
     def _has_global_position(self, index: int, source: Source) -> bool:
-        # Satellites give it by themselves; a local position becomes one when somebody has said
-        # where its origin is.
+        # Satellites give a global position directly. A local position gives one as soon as the
+        # position of its origin on Earth is known.
         if self.estimator.sees_satellites(index, self.time_s):
             return True
         return source is Source.VISION and self.has_global_origin[index]
@@ -295,7 +302,7 @@ class Emulator:
         thrust_frac: float,
         type_mask: int,
     ) -> None:
-        """Take a SET_ATTITUDE_TARGET as PX4 does."""
+        """Accept or ignore a SET_ATTITUDE_TARGET as PX4 does."""
         setpoint = setpoints.from_attitude(
             attitude_wxyz,
             rate_rad_s,
@@ -309,7 +316,12 @@ class Emulator:
             self.accept_setpoint(index, setpoint)
 
     def position_setpoint(self, index: int, fields: Mapping[str, Any]) -> None:
-        """Take a SET_POSITION_TARGET_LOCAL_NED by MAVLink's field names."""
+        """Accept or ignore a SET_POSITION_TARGET_LOCAL_NED as PX4 does.
+
+        Args:
+            index: index of the vehicle.
+            fields: fields of the message by MAVLink's names.
+        """
         now_s = self.clock_s(index)
         setpoint = setpoints.from_local(fields, now_s=now_s, yaw_rad=self.believed_yaw_rad(index))
         if isinstance(setpoint, Setpoint):
@@ -324,9 +336,10 @@ class Emulator:
             journal.say(now_s, setpoint)
 
     def accept_setpoint(self, index: int, setpoint: Setpoint) -> None:
-        """Hand a setpoint to its autopilot.
+        """Deliver a setpoint to an autopilot.
 
-        A hung autopilot does not receive it; one with a fault receives it and does nothing.
+        A hung autopilot does not receive it. An autopilot with the fault setpoints_ignored receives
+        it and stays at the setpoint before.
         """
         if self.disturbances.is_hung[index]:
             return
@@ -337,7 +350,7 @@ class Emulator:
         autopilot.accept_setpoint(setpoint)
 
     def corrections(self, index: int, flags: int, data: bytes) -> None:
-        """Take a GPS_RTCM_DATA."""
+        """Deliver a GPS_RTCM_DATA to the receiver of a vehicle."""
         if self.disturbances.is_hung[index]:
             return
         self._has_corrections = True
@@ -349,14 +362,14 @@ class Emulator:
         return self.receivers[index].fix_type(self.time_s, has_fix=has_fix)
 
     def _follow_fixes(self) -> None:
-        """Let the estimates err as their fixes do, and go where their bases say."""
+        """Set the errors of the estimates by their fixes, and shift them with their bases."""
         estimator = self.estimator
         for index, receiver in enumerate(self.receivers):
             fix_type = self.fix_type(index)
             estimator.gps_levels[index] = GPS_LEVELS.get(fix_type, GPS)
             estimator.gps_accuracy_m[index] = GPS_ACCURACIES_M.get(fix_type, GPS_ACCURACY_M)
 
-            # Where a base moves to does not matter to anybody here: all of it counts as north.
+            # The direction of the shift does not matter here, so every shift is to the north.
             shift_m = receiver.shift_m(self.time_s)
             if shift_m != self._base_shifts_m[index]:
                 estimator.offset_ned_m[index, 0] += shift_m - self._base_shifts_m[index]
@@ -371,14 +384,15 @@ class Emulator:
         has_velocity: bool = False,
         reset_count: int = 0,
     ) -> None:
-        """Take an external position (ODOMETRY, VISION_POSITION_ESTIMATE) if the parameters say so.
+        """Use an external position (ODOMETRY, VISION_POSITION_ESTIMATE) if a parameter enables it.
 
         Args:
             index: index of the vehicle.
-            position_ned_m: (3,) where it is said to be.
-            yaw_rad: heading that is sent with it; NaN: the true heading.
-            has_velocity: whether a velocity came with it.
-            reset_count: another one than before lets the estimator begin anew there.
+            position_ned_m: external position (3,).
+            yaw_rad: heading of the same message; NaN: the true heading is used.
+            has_velocity: whether the message has a velocity.
+            reset_count: reset counter of the message; a change of it restarts the estimate at this
+                position.
         """
         is_used = bool(self.autopilots[index].params.integer("EKF2_EV_CTRL") & _USES_POSITION)
         if not is_used or self.disturbances.is_hung[index]:
@@ -418,9 +432,9 @@ class Emulator:
 
     def _fuse_late_vision(self) -> None:
         late = self._late_vision
-        self._late_vision = [entry for entry in late if entry[0] > self.time_s + _NOW_S]
+        self._late_vision = [entry for entry in late if entry[0] > self.time_s + _TIME_TOLERANCE_S]
         for arrival_s, index, shown in late:
-            has_arrived = arrival_s <= self.time_s + _NOW_S
+            has_arrived = arrival_s <= self.time_s + _TIME_TOLERANCE_S
             if has_arrived and not self.disturbances.is_hung[index]:
                 self._fuse(index, shown)
 
@@ -434,7 +448,7 @@ class Emulator:
         )
 
     def parameters_changed(self, index: int) -> None:
-        """Carry parameters over to where they act."""
+        """Copy the values of an autopilot's parameters to the parts that obey them."""
         params = self.autopilots[index].params
         uses_satellites = bool(params.integer("EKF2_GPS_CTRL") & _USES_POSITION)
         has_receiver = params.integer("SYS_HAS_GPS") != 0
@@ -462,8 +476,8 @@ class Emulator:
     def _apply(self, index: int, actuation: Actuation) -> None:
         """Command an actuation to a vehicle.
 
-        The autopilot steers in the heading and the level it believes in; the vehicle turns in those
-        it has.
+        The autopilot commands an attitude relative to its estimate of heading and level. The
+        vehicle needs the attitude relative to the true ones.
         """
         w, x, y, z = actuation.attitude.tolist()
         yaw_error_rad = float(self.estimator.yaw_error_rad[index])
@@ -481,7 +495,10 @@ class Emulator:
 
 @functools.cache
 def _compile_loops() -> None:
-    """Compile every loop before time runs: the first start on a machine takes seconds."""
+    """Run each loop once, so that it is compiled before time runs.
+
+    Compiling takes seconds at the first start on a machine.
+    """
     profile = VehicleProfile()
     world = World([profile, profile], np.array([[0.0, 0.0, 5.0], [3.0, 0.0, 5.0]]))
     world.step()

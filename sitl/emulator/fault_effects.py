@@ -1,7 +1,7 @@
 """Effects of each fault of the catalogue on the emulator.
 
-Each is applied when the fault begins and undone when it ends. The table of effects is at the end of
-the file.
+An effect is applied when the fault begins, and undone when the fault ends. The table of effects is
+at the end of the file.
 """
 
 from __future__ import annotations
@@ -26,15 +26,16 @@ from sitl.px4.sticks import CENTRED
 
 LINKS = ("companion", "ground")
 DIRECTIONS = ("in", "out")
-SIMULATOR_LINK = "simulator"  # to viewers of the truth; no fault is of it
-_PILOT = {
+SIMULATOR_LINK = "simulator"  # link to viewers of the truth, which no fault disturbs
+_RANDOM_STREAM = 6  # separates the random numbers of the wires from others with the same seed
+_PILOT_MODES = {
     "posctl": Mode.POSCTL,
     "altctl": Mode.ALTCTL,
     "stabilized": Mode.STABILIZED,
     "hold": Mode.LOITER,
     "land": Mode.LAND,
 }
-_REFUSES = "a fault forbids it"
+_ARMING_REFUSED = "a fault forbids it"
 
 
 class FaultyEmulator(Protocol):
@@ -57,11 +58,11 @@ class FaultyEmulator(Protocol):
 
 @dataclass(slots=True)
 class Clock:
-    """An autopilot's own time: it can drift, and stand still."""
+    """The clock of an autopilot, which can drift and stop."""
 
-    shown_s: float = 0.0  # the time that it showed when it last changed
-    since_s: float = 0.0  # simulated time of that
-    rate: float = 1.0
+    shown_s: float = 0.0  # time that the clock showed at its last change
+    since_s: float = 0.0  # simulated time of its last change
+    rate: float = 1.0  # seconds of the clock per simulated second
     is_stopped: bool = False
 
     def at(self, time_s: float) -> float:
@@ -73,7 +74,7 @@ class Clock:
     def change(
         self, time_s: float, *, rate: float | None = None, is_stopped: bool | None = None
     ) -> None:
-        """Go on at another rate, stop, or go on; None: as before."""
+        """Change the rate of the clock, stop it or start it; None changes nothing."""
         self.shown_s = self.at(time_s)
         self.since_s = time_s
         if rate is not None:
@@ -83,18 +84,18 @@ class Clock:
 
 
 class Disturbances:
-    """All that is wrong now, per vehicle.
+    """Present faults of every vehicle.
 
     Attributes:
-        plan: what is to come.
-        wires: of each vehicle, by link and direction.
-        mocap: faults of the poses that the motion capture gives out.
+        plan: faults that wait or act.
+        wires: channels of each vehicle, by link and direction.
+        mocap: faults of the poses that the motion capture delivers.
         vision: faults of the poses that the autopilots receive.
-        clocks: of the autopilots.
-        is_hung: per vehicle, the autopilot stands still.
-        ignores_setpoints: per vehicle.
-        boots: how often each autopilot has started anew.
-        notices: sentences about what began and ended, until somebody takes them.
+        clocks: clock of each autopilot.
+        is_hung: whether each autopilot has stopped.
+        ignores_setpoints: whether each autopilot ignores setpoints.
+        boots: number of restarts of each autopilot.
+        notices: sentences about faults that began or ended, since :meth:`take_notices`.
     """
 
     def __init__(self, names: list[str], *, seed: int) -> None:
@@ -111,7 +112,7 @@ class Disturbances:
         self.notices: list[str] = []
 
     def advance(self, emulator: FaultyEmulator) -> None:
-        """Begin and end what is due."""
+        """Begin and end the faults that are due."""
         begins, ends = self.plan.advance(emulator.time_s)
         for fault in ends:
             _apply(emulator, fault, is_on=False)
@@ -128,9 +129,12 @@ class Disturbances:
 
 
 def _wires(seed: int, index: int) -> dict[tuple[str, str], LossyChannel[bytes]]:
-    """Return the wires of one vehicle by link and direction, each with its own random numbers."""
+    """Return the channels of one vehicle by link and direction, which differ in their seeds."""
     names = product((*LINKS, SIMULATOR_LINK), DIRECTIONS)
-    return {name: LossyChannel([seed, 6, index, number]) for number, name in enumerate(names)}
+    return {
+        name: LossyChannel([seed, _RANDOM_STREAM, index, number])
+        for number, name in enumerate(names)
+    }
 
 
 def _apply(emulator: FaultyEmulator, fault: Fault, *, is_on: bool) -> None:
@@ -176,7 +180,7 @@ def _disturb_wires(
     links = LINKS if fault.word("link") == "both" else (fault.word("link"),)
     directions = DIRECTIONS if fault.word("direction") == "both" else (fault.word("direction"),)
 
-    values: dict[str, float]  # fields of the channel's faults
+    values: dict[str, float]  # changed fields of ChannelFaults
     if kind == "delay":
         values = {"delay_s": fault.number("delay_s"), "jitter_s": fault.number("jitter_s")}
     elif kind == "reorder":
@@ -237,7 +241,8 @@ def _hang(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> No
     disturbances.is_hung[index] = is_on
     disturbances.clocks[index].change(emulator.time_s, is_stopped=is_on)
     for link in LINKS:
-        # What arrives meanwhile waits in the socket, and is read when the process goes on.
+        # Messages that arrive meanwhile wait in the socket. They are read when the process
+        # continues.
         disturbances.wires[index][link, "in"].is_held = is_on
 
 
@@ -255,9 +260,9 @@ def _clock_drift(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool
 def _arming(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
     obstacles = emulator.autopilots[index].faults
     if is_on:
-        obstacles.append(_REFUSES)
-    elif _REFUSES in obstacles:
-        obstacles.remove(_REFUSES)
+        obstacles.append(_ARMING_REFUSED)
+    elif _ARMING_REFUSED in obstacles:
+        obstacles.remove(_ARMING_REFUSED)
 
 
 def _setpoints(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
@@ -265,12 +270,12 @@ def _setpoints(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) 
 
 
 def _wind_ramp(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
-    """Let the wind rise, and calm down as quickly when the fault is over."""
+    """Let the wind rise at the begin of the fault, and fall as quickly at its end."""
     speed_m_s = 0.0
     if is_on:
         speed_m_s = fault.number("speed_m_s")
 
-    # a bearing counts clockwise from north, and names where the wind comes from
+    # A bearing counts clockwise from north. It is the direction from which the wind blows.
     from_rad = math.radians(fault.number("from_deg"))
     east_m_s = -speed_m_s * math.sin(from_rad)
     north_m_s = -speed_m_s * math.cos(from_rad)
@@ -279,14 +284,16 @@ def _wind_ramp(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) 
 
 def _pilot(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
     px4 = emulator.autopilots[index]
-    # when the fault ends, his sticks fall silent; the mode stays
+    # At the end of the fault the sticks are no longer received, and the mode stays.
     px4.held_sticks = None
     if not is_on:
         return
 
     if fault.word("sticks") == "heard":
         px4.held_sticks = CENTRED
-    px4.request(emulator.disturbances.clocks[index].at(emulator.time_s), _PILOT[fault.word("mode")])
+    px4.request(
+        emulator.disturbances.clocks[index].at(emulator.time_s), _PILOT_MODES[fault.word("mode")]
+    )
 
 
 def _outside(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:

@@ -1,6 +1,6 @@
 """A motion-capture system as its clients see it: poses at a fixed rate.
 
-The poses are a bit wrong, a bit late, and sometimes lost.
+The poses have noise and latency, and some are lost.
 """
 
 from __future__ import annotations
@@ -16,41 +16,41 @@ from sitl.physics import frames
 from sitl.physics.frames import Array
 
 _ATTITUDE_NOISE_RAD = math.radians(0.15)
-_NOW_S = 1e-9  # by which times may differ that are meant to be the same
-_LARGEST_LAG_S = 0.1  # by which frames may be late before their schedule begins anew
+_TIME_TOLERANCE_S = 1e-9  # two times that differ by less are the same
+_LARGEST_LAG_S = 0.1  # frames that are later than this are left out of the schedule
+_RANDOM_STREAM = 3  # separates these random numbers from others with the same seed
 
 
 @dataclass(frozen=True, slots=True)
 class MocapSettings:
-    """Quality of the system."""
+    """Quality of a motion-capture system."""
 
     rate_hz: float = 50.0  # frames per second
     noise_m: float = 0.003  # standard deviation of each coordinate
-    latency_s: float = 0.02  # from the exposure to the delivery
-    dropout_per_s: float = 0.0  # how often, per body, the markers are lost
-    dropout_s: float = 0.1  # for how long
+    latency_s: float = 0.02  # time from the exposure to the delivery
+    dropout_per_s: float = 0.0  # losses of the markers of a body per second
+    dropout_s: float = 0.1  # duration of a loss
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """One body in one frame, fleet ENU."""
+    """Pose of one body in one frame, fleet ENU."""
 
     index: int
     time_s: float
-    is_tracked: bool  # False: the numbers are the last ones seen
+    is_tracked: bool  # False: position and quaternion are those last measured
     position_enu_m: tuple[float, float, float]
     quaternion_enu_flu_wxyz: tuple[float, float, float, float]
 
 
 class Mocap:
-    """Measures all bodies at the time of a frame, and delivers them when the latency has passed.
+    """Measurement of all bodies at the time of a frame, delivered after the latency.
 
     Args:
-        count: bodies.
-        settings: quality.
+        count: number of bodies.
+        settings: quality of the system.
         seed: seed of noise and losses.
-        faults: what is wrong with the poses of single bodies; those of an emulator are in its
-            `disturbances`.
+        faults: faults of the poses of single bodies; an emulator has them in its `disturbances`.
     """
 
     def __init__(
@@ -63,17 +63,17 @@ class Mocap:
     ) -> None:
         self.settings = settings or MocapSettings()
         self._faults = faults or PoseFaults(count)
-        self._rng = np.random.default_rng([seed, 3])
+        self._rng = np.random.default_rng([seed, _RANDOM_STREAM])
         self._lost_until_s = np.full(count, -math.inf)
-        self._next_s = 0.0  # of the next frame
-        # heap of arrival time, number and pose
+        self._next_s = 0.0  # time of the next frame
+        # Heap of arrival time, number and pose. The number keeps poses of one time in order.
         self._in_transit: list[tuple[float, int, Pose]] = []
-        self._sent = 0
-        self._last: list[Pose | None] = [None] * count  # newest tracked pose of each
+        self._sent = 0  # number of poses so far
+        self._last: list[Pose | None] = [None] * count  # newest tracked pose of each body
 
     def step(self, time_s: float, position_enu_m: Array, attitude_enu_flu: Array) -> list[Pose]:
         """Expose a frame if one is due; return the poses that arrive now, oldest first."""
-        if time_s + _NOW_S >= self._next_s:
+        if time_s + _TIME_TOLERANCE_S >= self._next_s:
             self._next_s = max(self._next_s, time_s - _LARGEST_LAG_S) + 1.0 / self.settings.rate_hz
             for pose in self._measure(time_s, position_enu_m, attitude_enu_flu):
                 arrival_s = time_s + self.settings.latency_s + self._faults.delay_s(pose.index)
@@ -81,7 +81,7 @@ class Mocap:
                 heapq.heappush(self._in_transit, (arrival_s, self._sent, pose))
 
         arrived: list[Pose] = []
-        while self._in_transit and self._in_transit[0][0] <= time_s + _NOW_S:
+        while self._in_transit and self._in_transit[0][0] <= time_s + _TIME_TOLERANCE_S:
             _, _, pose = heapq.heappop(self._in_transit)
             arrived.append(pose)
         return arrived
@@ -128,7 +128,7 @@ class Mocap:
         return poses
 
     def _lost(self, index: int, time_s: float) -> Pose | None:
-        """Return the last pose of a body that is not seen; None before its first."""
+        """Return the last pose of a body that is not seen; None before its first pose."""
         last = self._last[index]
         if last is None:
             return None

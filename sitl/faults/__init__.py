@@ -1,1 +1,1 @@
-"""Faults that the emulator can be given, as a table; faults of poses and of links."""
+"""Faults of the emulator: their table, and faults of poses and of links."""

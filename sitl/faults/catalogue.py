@@ -1,10 +1,10 @@
 """Faults of the emulator as a table (`catalogue.toml`): names, parameters, bounds, contradictions.
 
-A fault is one line, for instance ``mav1 motor_weak at=20 duration=5 motor=2 effectiveness=0.6``. It
-is parsed, checked against the table, and waits in a plan until its time has come.
+A fault is one line, for instance ``mav1 motor_weak at=20 duration=5 motor=2 effectiveness=0.6``.
+The line is parsed and checked against the table. The fault then waits in a plan until its time.
 
-Its effect stands in `sitl/emulator/fault_effects.py`; that of a fault of poses in `pose_faults.py`,
-of a link in `lossy_channel.py`.
+The effects of faults are in `sitl/emulator/fault_effects.py`. Faults of poses are computed in
+`pose_faults.py`, and faults of links in `lossy_channel.py`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Value = float | str
 
 
 class FaultError(ValueError):
-    """A fault that cannot be injected: a sentence for people."""
+    """A fault cannot be injected; the message is a sentence with the reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,22 +28,26 @@ class FaultParameter:
     """One parameter of a kind of fault: a number within bounds, or a word."""
 
     name: str
-    default: Value | None = None  # None: it has to be given
+    default: Value | None = None  # None: the parameter is required
     low: float = -math.inf
     high: float = math.inf
-    words: Sequence[str] | None = None  # None: a number; empty: the name of another vehicle
-    is_whole: bool = False
+    # Accepted words. None: the value is a number. Empty: it is the name of another vehicle.
+    words: Sequence[str] | None = None
+    is_whole: bool = False  # whether the number has to be whole
 
 
 @dataclass(frozen=True, slots=True)
 class FaultKind:
     """One kind of fault."""
 
-    sentence: str  # what it does, with {parameters}
-    acts_on: str  # two faults that act on the same at the same time contradict each other
+    sentence: str  # description of the effect, with {parameters}
+    # The part that the fault acts on. Two faults contradict each other that act on the same part of
+    # a vehicle at the same time.
+    acts_on: str
     parameters: tuple[FaultParameter, ...] = ()
-    is_instant: bool = False  # it happens once and has no duration
-    is_outside: bool = False  # of the emulator: it needs a simulated bus and simulated agents
+    is_instant: bool = False  # whether the fault happens once and has no duration
+    # Whether the fault acts outside the emulator, on a simulated bus or on simulated agents.
+    is_outside: bool = False
 
 
 def _kind(parameters: Mapping[str, dict[str, Any]], **values: Any) -> FaultKind:
@@ -58,10 +62,10 @@ FAULT_KINDS: dict[str, FaultKind] = {
     name: _kind(**{"parameters": {}, **row}) for name, row in _TABLE.items()
 }
 
-_LONGEST_S = 1e6
-_NOW_S = 1e-9  # by which times may differ that are meant to be the same
+_LONGEST_S = 1e6  # limit of times and durations
+_TIME_TOLERANCE_S = 1e-9  # two times that differ by less are the same
 
-# Which links and directions a fault of links can name, besides "both".
+# Links and directions of a fault of links, besides "both".
 _LINKS = ("companion", "ground")
 _DIRECTIONS = ("in", "out")
 
@@ -70,16 +74,16 @@ _DIRECTIONS = ("in", "out")
 class Fault:
     """One fault of one vehicle, in simulated time."""
 
-    name: str  # of `KINDS`
-    vehicle: str  # the one that it happens to
-    at_s: float = 0.0  # simulated time at which it begins
-    duration_s: float = 0.0  # 0 for ever
-    # by name; what is left out has its default
+    name: str  # key of FAULT_KINDS
+    vehicle: str  # name of the vehicle that has the fault
+    at_s: float = 0.0  # simulated time at which the fault begins
+    duration_s: float = 0.0  # 0: the fault does not end
+    # Values by name. Parameters that are left out have their defaults.
     parameters: Mapping[str, Value] = field(default_factory=dict)
 
     @property
     def end_s(self) -> float:
-        """Time of its end; its beginning for a fault that happens once."""
+        """End of the fault, or its beginning for a fault that happens once."""
         if FAULT_KINDS[self.name].is_instant:
             return self.at_s
         if self.duration_s > 0.0:
@@ -112,7 +116,7 @@ def parse(line: str) -> Fault:
     A line is ``VEHICLE NAME [at=S] [duration=S] [parameter=value ...]``.
 
     Raises:
-        FaultError: not of that form.
+        FaultError: the line does not have this form.
     """
     words = line.split()
     if len(words) < 2 or "=" in words[0] or "=" in words[1]:
@@ -140,7 +144,7 @@ def parse(line: str) -> Fault:
 
 
 def _seconds(line: str, values: dict[str, Value], key: str) -> float:
-    """Take a time out of the values of a line; 0 when it is not there."""
+    """Remove a time from the values of a line and return it; without it return 0."""
     value = values.pop(key, 0.0)
     if isinstance(value, str):
         raise FaultError(f"'{line}': {key} is '{value}'; give a number of seconds.")
@@ -151,15 +155,15 @@ def check(fault: Fault, vehicles: Sequence[str]) -> Fault:
     """Return the fault with its defaults filled in.
 
     Raises:
-        FaultError: unknown name, vehicle or parameter; a value out of its bounds.
+        FaultError: a name, vehicle or parameter is unknown, or a value is out of its bounds.
     """
     kind = FAULT_KINDS.get(fault.name)
     if kind is None:
         raise FaultError(f"there is no fault '{fault.name}'. Known: {', '.join(FAULT_KINDS)}.")
     if fault.vehicle not in vehicles:
-        there = ", ".join(vehicles)
+        emulated = ", ".join(vehicles)
         raise FaultError(
-            f"{fault.name}: '{fault.vehicle}' is not emulated here; there are {there}."
+            f"{fault.name}: '{fault.vehicle}' is not emulated here; there are {emulated}."
         )
 
     has_times = 0.0 <= fault.at_s <= _LONGEST_S and 0.0 <= fault.duration_s <= _LONGEST_S
@@ -195,43 +199,44 @@ def check(fault: Fault, vehicles: Sequence[str]) -> Fault:
 def _checked(
     fault: Fault, parameter: FaultParameter, value: Value, vehicles: Sequence[str]
 ) -> Value:
-    """Return the value of a parameter, which has to be within its bounds."""
-    what = f"{fault.name}: {parameter.name} is {value!r}"
+    """Return the value of a parameter, or raise FaultError for a value out of its bounds."""
+    assignment = f"{fault.name}: {parameter.name} is {value!r}"
     if parameter.words is not None:
         words = parameter.words or [name for name in vehicles if name != fault.vehicle]
         if value not in words:
             allowed = ", ".join(words) or "other vehicles, and there is none"
-            raise FaultError(f"{what}; it must be one of {allowed}.")
+            raise FaultError(f"{assignment}; it must be one of {allowed}.")
         return value
 
     if isinstance(value, (str, bool)) or not parameter.low <= value <= parameter.high:
-        raise FaultError(f"{what}; it must lie between {parameter.low:g} and {parameter.high:g}.")
+        bounds = f"between {parameter.low:g} and {parameter.high:g}"
+        raise FaultError(f"{assignment}; it must lie {bounds}.")
     if parameter.is_whole and value != int(value):
-        raise FaultError(f"{what}; it must be a whole number.")
+        raise FaultError(f"{assignment}; it must be a whole number.")
     return float(value)
 
 
 def refuse_contradiction(fault: Fault, others: Sequence[Fault]) -> None:
-    """Refuse a checked fault that acts on the same thing at the same time as another.
+    """Check that no other fault acts on the same part of a vehicle at the same time.
 
     Raises:
-        FaultError: it does.
+        FaultError: another fault does so.
     """
     for other in others:
-        both = _targets(fault) & _targets(other)
+        common_targets = _targets(fault) & _targets(other)
         begins_together = fault.at_s == other.at_s
         overlaps = fault.at_s < other.end_s and other.at_s < fault.end_s
-        if both and (begins_together or overlaps):
-            vehicle, thing = min(both)
+        if common_targets and (begins_together or overlaps):
+            vehicle, part = min(common_targets)
             raise FaultError(
                 f"{fault.name} at {fault.at_s:g} s and {other.name} at {other.at_s:g} s contradict "
-                f"each other: both act on the {thing} of {vehicle} at the same time. "
+                f"each other: both act on the {part} of {vehicle} at the same time. "
                 "Let one end (duration=...) before the other begins."
             )
 
 
 def _targets(fault: Fault) -> set[tuple[str, str]]:
-    """Return what a fault acts on: vehicles and things."""
+    """Return the targets of a fault: pairs of a vehicle and a part of it."""
     acts_on = FAULT_KINDS[fault.name].acts_on
     values = dict(fault.parameters)
 
@@ -252,18 +257,21 @@ def _targets(fault: Fault) -> set[tuple[str, str]]:
 
     if "motor" in values:
         values["motor"] = int(fault.number("motor"))
-    thing = acts_on.format(**values)
-    targets = {(fault.vehicle, thing)}
+    part = acts_on.format(**values)
+    targets = {(fault.vehicle, part)}
     if "other" in values:
-        targets.add((fault.word("other"), thing))
+        targets.add((fault.word("other"), part))
     return targets
 
 
 class FaultPlan:
-    """Faults that wait, act and are over.
+    """Faults that wait for their time, and faults that act.
 
     Args:
-        vehicles: names of those that are emulated.
+        vehicles: names of the emulated vehicles.
+
+    Attributes:
+        next_s: time at which the next fault begins or ends.
     """
 
     def __init__(self, vehicles: Sequence[str]) -> None:
@@ -273,7 +281,9 @@ class FaultPlan:
         self.next_s = math.inf
 
     def add(self, fault: Fault, now_s: float) -> Fault:
-        """Plan a fault; one that is due in the past begins now.
+        """Plan a fault; return it with its defaults.
+
+        A fault whose time has passed begins now.
 
         Raises:
             FaultError: see :func:`check` and :func:`refuse_contradiction`.
@@ -289,9 +299,9 @@ class FaultPlan:
         return checked
 
     def advance(self, now_s: float) -> tuple[list[Fault], list[Fault]]:
-        """Return the faults that begin and those that end, up to now."""
-        begins = [fault for fault in self._waiting if fault.at_s <= now_s + _NOW_S]
-        ends = [fault for fault in self._acting if fault.end_s <= now_s + _NOW_S]
+        """Return the faults that begin and the faults that end up to the present time."""
+        begins = [fault for fault in self._waiting if fault.at_s <= now_s + _TIME_TOLERANCE_S]
+        ends = [fault for fault in self._acting if fault.end_s <= now_s + _TIME_TOLERANCE_S]
         lasting = [fault for fault in begins if not FAULT_KINDS[fault.name].is_instant]
 
         self._waiting = [fault for fault in self._waiting if fault not in begins]
@@ -305,7 +315,7 @@ class FaultPlan:
 
 
 def listing() -> str:
-    """Return the table for people: one line per kind."""
+    """Return the table as text: one line per kind."""
     lines: list[str] = []
     for name, kind in FAULT_KINDS.items():
         words = [name]

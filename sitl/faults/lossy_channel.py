@@ -1,7 +1,7 @@
-"""One direction of a link with its faults: what goes in is lost, late, twice or in another order.
+"""One direction of a link with its faults: loss, delay, duplication and a changed order.
 
-Anything can travel: a datagram, or in lockstep a call. Without a fault what goes in comes out at
-once. The channel is pure and seeded.
+A channel carries datagrams, or calls in lockstep. Without a fault a load arrives at once. The
+channel is pure and seeded.
 """
 
 from __future__ import annotations
@@ -14,20 +14,21 @@ from typing import Generic, TypeVar
 import numpy as np
 
 Load = TypeVar("Load")
-# a link that is slower than what is sent loses the newest, as a full buffer does
+# A link with more loads in transit loses the newest, as a full buffer does.
 _MOST_IN_TRANSIT = 10_000
+_TIME_TOLERANCE_S = 1e-9  # two times that differ by less are the same
 
 
 @dataclass(frozen=True, slots=True)
 class ChannelFaults:
-    """Delay, loss and duplication of one direction of a link."""
+    """Loss, delay, duplication and reordering of one direction of a link."""
 
-    loss: float = 0.0  # share that never arrives
-    delay_s: float = 0.0  # of everything
-    jitter_s: float = 0.0  # at most so much more delay, uniform; the order is kept
-    duplicate: float = 0.0  # share that arrives twice
-    reorder: float = 0.0  # share that is overtaken by what is sent in the next `reorder_s`
-    reorder_s: float = 0.02
+    loss: float = 0.0  # share of the loads that never arrive
+    delay_s: float = 0.0  # delay of all loads
+    jitter_s: float = 0.0  # largest additional delay, uniformly distributed; the order is kept
+    duplicate: float = 0.0  # share of the loads that arrive twice
+    reorder: float = 0.0  # share of the loads that arrive later by `reorder_s`
+    reorder_s: float = 0.02  # loads sent within this time overtake a reordered one
 
 
 NO_FAULTS = ChannelFaults()
@@ -37,28 +38,29 @@ class LossyChannel(Generic[Load]):
     """One direction of one link.
 
     Args:
-        seed: seed of the losses; give each wire its own.
+        seed: seed of the random numbers; it should differ between channels.
 
     Attributes:
-        faults: those of now.
-        is_held: nothing comes out.
+        faults: present faults.
+        is_held: whether the channel delivers nothing at present.
     """
 
     def __init__(self, seed: int | list[int] = 0) -> None:
         self._rng = np.random.default_rng(seed)
         self.faults = NO_FAULTS
         self.is_held = False
+        # Heap of arrival time, number and load. The number keeps loads of one time in order.
         self._in_transit: list[tuple[float, int, Load]] = []
         self._count = 0
-        self._newest_s = -math.inf
+        self._newest_s = -math.inf  # latest arrival of a load that keeps the order
 
     @property
     def is_clear(self) -> bool:
-        """Whether what goes in comes out at once, and nothing is on the way."""
+        """Whether loads arrive at once, and none is in transit."""
         return self.faults is NO_FAULTS and not self._in_transit and not self.is_held
 
     def push(self, now_s: float, load: Load) -> None:
-        """Send; :meth:`pop` gives it out when it arrives."""
+        """Send a load, which :meth:`pop` returns at its arrival."""
         faults = self.faults
         if self._happens(faults.loss):
             return
@@ -86,16 +88,16 @@ class LossyChannel(Generic[Load]):
             heapq.heappush(self._in_transit, (arrival_s, self._count, load))
 
     def _happens(self, share: float) -> bool:
-        """Whether chance chooses the next; it is not asked where the share is 0."""
+        """Whether a fault with this share happens; no random number is drawn for a share of 0."""
         return share > 0.0 and self._rng.random() < share
 
     def pop(self, now_s: float) -> list[Load]:
-        """Return what arrives up to now, in order of arrival; nothing while the channel is held."""
+        """Return the loads that have arrived, in order of arrival; none while held."""
         if self.is_held:
             return []
 
         arrived: list[Load] = []
-        while self._in_transit and self._in_transit[0][0] <= now_s + 1e-9:
+        while self._in_transit and self._in_transit[0][0] <= now_s + _TIME_TOLERANCE_S:
             _, _, load = heapq.heappop(self._in_transit)
             arrived.append(load)
         return arrived

@@ -1,4 +1,4 @@
-"""Faults of measured poses: of a motion capture's, and of those that an autopilot receives."""
+"""Faults of the poses that a motion capture delivers, or that an autopilot receives."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ class PoseFault:
     """Errors of the poses of one body."""
 
     kind: str  # frozen, swapped, jump, drift, late or lost
-    other: int = 0  # index of the body that it is taken for
-    shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # added to the position; drift: a second
-    since_s: float = 0.0  # when a drift began
-    delay_s: float = 0.0  # by which the pose is too late
+    other: int = 0  # index of the body with which the body is swapped
+    # Shift that is added to the position; for a drift the shift per second.
+    shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    since_s: float = 0.0  # begin of a drift
+    delay_s: float = 0.0  # additional delay of the pose
 
 
 class PoseFaults:
     """The faults of all bodies.
 
     Args:
-        count: bodies.
+        count: number of bodies.
     """
 
     def __init__(self, count: int) -> None:
@@ -33,11 +34,14 @@ class PoseFaults:
 
     @property
     def is_clear(self) -> bool:
-        """Whether nothing is wrong."""
+        """Whether no body has a fault."""
         return not any(self._faults)
 
     def set(self, index: int, fault: PoseFault | None) -> None:
-        """Begin a fault of one body, or end it; a swap concerns the other body as well."""
+        """Begin a fault of one body, or end its fault with None.
+
+        A swap changes the fault of the other body as well.
+        """
         before = self._faults[index]
         if before is not None and before.kind == "swapped":
             self._faults[before.other] = None
@@ -48,24 +52,24 @@ class PoseFaults:
             self._faults[fault.other] = PoseFault("swapped", other=index)
 
     def is_lost(self, index: int) -> bool:
-        """Whether this body is not measured."""
+        """Whether a body is not measured."""
         fault = self._faults[index]
         return fault is not None and fault.kind == "lost"
 
     def delay_s(self, index: int) -> float:
-        """Return the additional delay of its pose [s]."""
+        """Return the additional delay of a body's pose [s]."""
         fault = self._faults[index]
         if fault is None:
             return 0.0
         return fault.delay_s
 
     def apply(self, poses: Array, time_s: float, index: int | None = None) -> Array:
-        """Return poses as they are measured with the faults.
+        """Return the measured poses, which contain the faults.
 
         Args:
-            poses: (n, k), position first.
+            poses: correct poses (n, k), whose first three columns are positions.
             time_s: present time.
-            index: index of the only body that is measured now; None: all are.
+            index: index of the only body that is measured now; None: all are measured.
         """
         measured = poses.copy()
         for i, fault in enumerate(self._faults):

@@ -1,7 +1,4 @@
-"""The room that the vehicles share: wind, downwash on a vehicle below another, and collisions.
-
-Ground truth is read here, and never written.
-"""
+"""The world of all vehicles: wind, downwash on a vehicle below another, and collisions."""
 
 from __future__ import annotations
 
@@ -22,21 +19,23 @@ from sitl.physics.wind import Wind, WindSettings
 # Two vehicles touch when their discs overlap and their centres are closer in height than this part
 # of a diameter.
 HEIGHT_OF_DIAMETER = 0.5
-_MOST_AT_ONCE = 64  # collisions reported in one step
+_MOST_COLLISIONS = 64  # collisions reported in one step
+# Beyond three of its radii less than 0.02 % of a jet is left. This is the square of three.
+_JET_REACH_SQUARE = 9.0
 
 
 class SpawnError(ValueError):
-    """Vehicles cannot start at the given positions: a sentence for people."""
+    """Vehicles cannot start at the given positions; the message is a sentence."""
 
 
 @dataclass(frozen=True, slots=True)
 class Collision:
-    """Two vehicles met."""
+    """A contact of two vehicles."""
 
-    first: int  # index of one
-    second: int  # and of the other
+    first: int  # index of the first vehicle
+    second: int  # index of the second vehicle
     time_s: float
-    distance_m: float  # between their centres, horizontally
+    distance_m: float  # horizontal distance between the centres
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +46,8 @@ class Downwash:
     by ``push_m_s2 L (D / (D + h))^2 exp(-(r / (D / 2 + spread h))^2)``, where L is the upper one's
     lift over its weight. The push sets in over the first half diameter of height.
 
-    The values are of the size that is reported for small quadrotors, 8 % of the weight one diameter
-    below; they are not measured on any of ours.
+    The default values have the size that is reported for small quadrotors: a push of 8 % of the
+    weight one diameter below. They were not measured on a vehicle of this project.
     """
 
     push_m_s2: float = 3.0
@@ -59,13 +58,13 @@ class World:
     """Vehicles on one floor.
 
     Args:
-        profiles: one per vehicle.
+        profiles: profile of each vehicle.
         start_enu_m: (n, 3) start positions in the fleet frame [m].
-        body_diameter_m: below this horizontal distance between centres two vehicles touch.
+        body_diameter_m: horizontal distance between centres below which two vehicles touch.
         seed: seed of every random number of the physics.
-        wind: calm by default.
+        wind: settings of the wind; without them the air is calm.
         downwash: downwash of each vehicle.
-        names: names for the sentence when two start inside each other.
+        names: names of the vehicles for the sentence when two start inside each other.
     """
 
     def __init__(
@@ -94,7 +93,7 @@ class World:
         self._downwash = downwash or Downwash()
         self._body_diameter_m = body_diameter_m
         self._touched: NDArray[np.bool_] = np.zeros((n, n), dtype=np.bool_)
-        self._pairs = np.zeros((_MOST_AT_ONCE, 2), dtype=np.int64)
+        self._pairs = np.zeros((_MOST_COLLISIONS, 2), dtype=np.int64)
 
     @property
     def time_s(self) -> float:
@@ -139,7 +138,7 @@ class World:
         )
 
         collisions: list[Collision] = []
-        for first, second in self._pairs[: min(count, _MOST_AT_ONCE)].tolist():
+        for first, second in self._pairs[: min(count, _MOST_COLLISIONS)].tolist():
             offset = states.position_ned_m[first] - states.position_ned_m[second]
             collision = Collision(
                 first=first,
@@ -168,8 +167,7 @@ def pushed_down_m_s2(
         wash_spread: `Downwash.spread`.
     """
     radius = 0.5 * diameter_m + wash_spread * gap_m
-    # Beyond three radii less than 0.02 % is left.
-    if gap_m <= 0.0 or square_m2 > 9.0 * radius * radius:
+    if gap_m <= 0.0 or square_m2 > _JET_REACH_SQUARE * radius * radius:
         return 0.0
 
     onset = min(1.0, gap_m / (HEIGHT_OF_DIAMETER * diameter_m))
@@ -184,7 +182,7 @@ def pushed_down_each(
     """Return the accelerations downwards (F, N) of the vehicles of many flights, which all hover.
 
     Args:
-        position_ned_m: (F, N, 3) of N vehicles in each of F flights.
+        position_ned_m: positions (F, N, 3) of N vehicles in each of F flights.
         diameter_m: diameter of a body.
         wash_m_s2: `Downwash.push_m_s2`.
         wash_spread: `Downwash.spread`.
@@ -214,13 +212,13 @@ def meet(
     """Find the collisions and the downwash of all pairs.
 
     Args:
-        motion: (n,) records MOTION.
-        touched: (n, n) pairs that have met, updated.
+        motion: records MOTION (n,).
+        touched: whether each pair has met (n, n), updated.
         diameter_m: diameter of a body.
         wash_m_s2: `Downwash.push_m_s2`.
         wash_spread: `Downwash.spread`.
-        push: (n, 3) acceleration by the downwash, written.
-        pairs: (m, 2) indices of new collisions, written.
+        push: acceleration by the downwash (n, 3), written.
+        pairs: indices of the vehicles of new collisions (m, 2), written.
 
     Returns:
         number of new collisions.
@@ -267,7 +265,7 @@ def meet(
 
 
 def _check_spawn(start_enu_m: Array, body_diameter_m: float, names: Sequence[str]) -> None:
-    """Refuse starts inside each other."""
+    """Raise SpawnError when two vehicles would start inside each other."""
     for (i, first), (j, second) in itertools.combinations(enumerate(names), 2):
         east, north, up = (start_enu_m[i] - start_enu_m[j]).tolist()
         distance_m = math.hypot(east, north)

@@ -1,8 +1,8 @@
 """The Earth around simulated vehicles: metres north and east of a point, and back.
 
 PX4 projects its local frame from a sphere, azimuthal and equidistant: distances and directions
-from the origin are right. So does this, in a form of its own: a test compares it with what the
-agents compute.
+from the origin are right. This module uses the same projection, written independently of the
+agents' one. A test compares the two.
 """
 
 from __future__ import annotations
@@ -10,32 +10,33 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-_RADIUS_M = 6_371_000.0  # of PX4's sphere (CONSTANTS_RADIUS_OF_EARTH)
+_RADIUS_M = 6_371_000.0  # radius of PX4's sphere (CONSTANTS_RADIUS_OF_EARTH)
 
 
 class EarthPoint(NamedTuple):
-    """A point of the Earth, or above it."""
+    """A point on the Earth or above it."""
 
     latitude_deg: float
     longitude_deg: float
     altitude_m: float  # above the sea
 
 
-ZURICH = EarthPoint(latitude_deg=47.397742, longitude_deg=8.545594, altitude_m=489.4)  # SIH's own
+# Origin of PX4's SIH simulator.
+ZURICH = EarthPoint(latitude_deg=47.397742, longitude_deg=8.545594, altitude_m=489.4)
 
 
 def degrees_at(origin: EarthPoint, north_m: float, east_m: float) -> tuple[float, float]:
-    """Return latitude and longitude [deg] of what lies so far north and east of an origin."""
+    """Return latitude and longitude [deg] of a point north and east of an origin."""
     angle = math.hypot(north_m, east_m) / _RADIUS_M
     bearing = math.atan2(east_m, north_m)
     from_latitude = math.radians(origin.latitude_deg)
 
-    # a unit vector in the frame up, east, north of the origin
+    # Unit vector to the point, in the frame up, east, north of the origin.
     up = math.cos(angle)
     east = math.sin(angle) * math.sin(bearing)
     north = math.sin(angle) * math.cos(bearing)
 
-    # turned into that of the equator, with the origin's meridian
+    # The vector turned into the frame of the equator and the origin's meridian.
     to_meridian = up * math.cos(from_latitude) - north * math.sin(from_latitude)
     to_pole = up * math.sin(from_latitude) + north * math.cos(from_latitude)
 
@@ -52,12 +53,12 @@ def metres_from(
     latitude = math.radians(latitude_deg)
     turn = math.radians(longitude_deg - origin.longitude_deg)
 
-    # a unit vector in the frame of the equator, with the origin's meridian
+    # Unit vector to the point, in the frame of the equator and the origin's meridian.
     to_meridian = math.cos(latitude) * math.cos(turn)
     east = math.cos(latitude) * math.sin(turn)
     to_pole = math.sin(latitude)
 
-    # turned into the frame up, east, north of the origin
+    # The vector turned into the frame up, east, north of the origin.
     up = to_meridian * math.cos(from_latitude) + to_pole * math.sin(from_latitude)
     north = to_pole * math.cos(from_latitude) - to_meridian * math.sin(from_latitude)
 

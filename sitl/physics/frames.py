@@ -1,9 +1,9 @@
 """Quaternions (Hamilton, wxyz) and the frame changes of the emulator, batched over leading axes.
 
-The emulator computes in PX4's frames, NED world and FRD body; the fleet's ENU and FLU appear only
-where poses leave (motion capture, ground truth) and where start positions come in. This is a
-second, independent writing of what the agents do in their own frame code: a shared mistake would
-cancel and stay unseen.
+The emulator computes in PX4's frames, NED world and FRD body. The fleet's ENU and FLU appear only
+in poses that leave the emulator (motion capture, ground truth) and in start positions. This module
+is independent of the frame code of the agents, because a mistake in shared code would cancel and
+stay unseen.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ Quaternion = tuple[float, float, float, float]
 # ENU <- NED is half a turn about the horizontal diagonal; FRD <- FLU is half a turn about the nose.
 _Q_ENU_NED = np.array([0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0])
 _Q_FRD_FLU = np.array([0.0, 1.0, 0.0, 0.0])
-# Of ENU <-> NED for vectors.
+# A vector changes between ENU and NED by this order of its axes and these signs.
 _SWAPPED = [1, 0, 2]
 _SWAP_SIGNS = np.array([1.0, 1.0, -1.0])
+_LEAST_SINE = 1e-9  # below this sine of a tilt the angle equals its sine
 
 
 def multiply(a: Array, b: Array) -> Array:
@@ -39,8 +40,8 @@ def multiply(a: Array, b: Array) -> Array:
     )
 
 
-# Both half turns together are linear in the quaternion between them: one matrix, whose rows are
-# what becomes of the four units.
+# The product of both half turns is linear in the quaternion between them, so it is one matrix. Each
+# row of the matrix is the product for one of the units 1, i, j, k.
 _ENU_FLU_OF_NED_FRD = multiply(
     multiply(np.tile(_Q_ENU_NED, (4, 1)), np.eye(4)), np.tile(_Q_FRD_FLU, (4, 1))
 )
@@ -57,13 +58,13 @@ def from_yaw_and_tilt(yaw_rad: Array, tilt_rad: Array) -> Array:
     """
     angle = np.hypot(tilt_rad[..., 0], tilt_rad[..., 1])
 
-    # the tilt; np.sinc(x) is sin(pi x) / (pi x), which is smooth through zero
+    # Quaternion of the tilt. np.sinc(x) is sin(pi x) / (pi x), which is smooth through zero.
     scale = 0.5 * np.sinc(angle / (2.0 * math.pi))
     w = np.cos(0.5 * angle)
     x = scale * tilt_rad[..., 0]
     y = scale * tilt_rad[..., 1]
 
-    # the heading times the tilt
+    # Product of the heading and the tilt.
     cy = np.cos(0.5 * yaw_rad)
     sy = np.sin(0.5 * yaw_rad)
     attitude = np.empty((*angle.shape, 4))
@@ -93,7 +94,8 @@ def tilt_from_down(down: Array) -> Array:
     y = down[..., 1]
     horizontal = np.hypot(x, y)
     angle = np.arctan2(horizontal, down[..., 2])
-    scale = np.where(horizontal > 1e-9, angle / np.maximum(horizontal, 1e-9), 1.0)
+    divisor = np.maximum(horizontal, _LEAST_SINE)
+    scale = np.where(horizontal > _LEAST_SINE, angle / divisor, 1.0)
     return np.stack([-y * scale, x * scale], axis=-1)
 
 
@@ -126,8 +128,8 @@ def turned(q: Quaternion, heading_rad: float) -> Quaternion:
 
 
 def tilted(q: Quaternion, north_rad: float, east_rad: float) -> Quaternion:
-    """Return an attitude turned about north and east, by little."""
-    # the product of the small turn (1, a, b, 0) and the attitude
+    """Return an attitude turned about north and east by small angles."""
+    # Product of the small turn (1, a, b, 0) and the attitude.
     w, x, y, z = q
     a = 0.5 * north_rad
     b = 0.5 * east_rad
@@ -141,7 +143,7 @@ def tilted(q: Quaternion, north_rad: float, east_rad: float) -> Quaternion:
 
 
 def swap_enu_ned(vector: Array) -> Array:
-    """Return vectors (..., 3) in NED from ENU or back: the exchange is its own inverse."""
+    """Return vectors (..., 3) of ENU in NED, or vectors of NED in ENU."""
     return np.asarray(vector[..., _SWAPPED] * _SWAP_SIGNS)
 
 

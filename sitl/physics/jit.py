@@ -1,7 +1,7 @@
-"""The only place of the emulator that knows numba.
+"""Compilation by numba, which no other module of the emulator imports.
 
-Loops over vehicles run compiled where it is installed. Without numba the same functions are
-interpreted: right, and some hundred times slower.
+Loops over vehicles are compiled where numba is installed. Without numba the same functions are
+interpreted, with the same results and some hundred times slower.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-# An array with one record per vehicle, and one record of it. The dtype beside each use names the
-# fields.
+# Records is an array with one record per vehicle, Record is one record of it. The dtype beside each
+# use names the fields.
 Records = NDArray[np.void]
 Record = Any
 
@@ -28,10 +28,10 @@ except ImportError:
 
 
 def compiled(function: Function) -> Function:
-    """Compile a function at its first call; without numba return it as it is.
+    """Return a function that is compiled at its first call, or the function itself without numba.
 
-    The result is kept on disk and renewed when the function's file changes, so a compiled function
-    calls only those of its file.
+    The machine code is stored on disk and renewed when the file of the function changes. Changes
+    in other files do not renew it, so a compiled function calls only functions of its file.
     """
     if not HAS_NUMBA:
         return function

@@ -1,16 +1,16 @@
-"""One step of 4 ms of all vehicles: the records that describe a vehicle, and its equations.
+"""One step of 4 ms of all vehicles: the records of a vehicle, and its equations of motion.
 
 numba compiles these functions where it is installed (`jit.py`). Frames: NED world, FRD body, ground
 at z = 0.
 
-PX4's inner loops are not computed; their measured responses are:
+PX4's inner loops are not computed. Their measured responses are computed instead:
 
 * Roll and pitch: a dead time, then the exact transition of a second-order system in the tilt
   vector, limited in rate.
-* Heading: PX4's own cascade, fitted to its measured steps. A rate limited to MC_YAWRATE_MAX is
-  commanded in proportion to the error; a rate loop with integral commands a torque, which is
-  limited, filtered, and opposed by the air.
-* Body rates: after a dead time for the switch of controllers the rates follow with a short lag.
+* Heading: PX4's cascade, fitted to measured steps. The outer loop commands a rate in proportion to
+  the error, limited to MC_YAWRATE_MAX. The rate loop has an integral part and commands a torque.
+  The torque is limited and filtered, and the air opposes it.
+* Body rates: the rates follow with a short lag, after a dead time for the switch of controllers.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from sitl.physics.jit import Record, Records, compiled
 GRAVITY_M_S2 = 9.80665
 STEP_S = 0.004  # 250 Hz: the loop of PX4's own simulator, and the resolution of every dead time
 THRUST_NOISE_CORRELATION_S = 0.1
-# a vehicle that meets the ground tilted by more than 60 deg does not fly again
+# The motors of a vehicle that meets the ground tilted by more than 60 deg stay off.
 CRASH_TILT_COS = 0.5
 LARGEST_TUMBLE_RAD_S = 15.0
-# a contact after less than this height ends a hop of the lift-off, and no flight
+# A contact after a height below this one ends a hop during the lift-off, and not a flight.
 HOP_M = 0.05
 
 MOTION = np.dtype(
@@ -40,24 +40,24 @@ MOTION = np.dtype(
         ("tilt_rate", "f8", 2),  # [rad/s]
         ("yaw", "f8"),  # [rad]
         ("yaw_rate", "f8"),  # [rad/s]
-        ("yaw_torque", "f8"),  # filtered, over the inertia [rad/s^2]
-        ("yaw_integral", "f8"),  # of the rate loop [rad/s^2]
+        ("yaw_torque", "f8"),  # filtered torque, over the inertia [rad/s^2]
+        ("yaw_integral", "f8"),  # integral part of the torque of the rate loop [rad/s^2]
         ("thrust", "f8"),  # normalised, after the motors' lag
         ("attitude", "f8", 4),  # quaternion NED <- FRD, wxyz
-        ("thrust_noise", "f8"),  # unit process
-        # error of the attitude that its loop has not yet integrated away [rad]
+        ("thrust_noise", "f8"),  # error of the thrust, as a process of unit variance
+        # Error of the tilt that the attitude loop has not yet integrated away [rad].
         ("tilt_offset", "f8", 2),
         ("lift_share", "f8"),  # lift in units of the weight
-        ("lift_scale", "f8"),  # share of the lift that the motors still have
-        ("lift_cap", "f8"),  # largest lift that they still have, over full lift
-        # turning by a dead motor about body x and y, per lift [rad/s^2 per m/s^2]
+        ("lift_scale", "f8"),  # share of the lift that the motors still give
+        ("lift_cap", "f8"),  # largest lift that the motors still give, over full lift
+        # Angular acceleration about body x and y by a dead motor, per lift [rad/s^2 per m/s^2].
         ("tumble", "f8", 2),
-        ("rate_steps", "i8"),  # steps since body rates are commanded
-        ("highest", "f8"),  # height reached since it last stood [m]
-        ("touchdowns", "i8"),  # first contacts with the ground after flights, so far
-        ("touchdown_speed", "f8"),  # downwards, at the newest of them [m/s]
-        ("touchdown_powered", "?"),  # whether its motors had all their thrust then
-        ("is_powered", "?"),  # its motors turn, and have all their thrust
+        ("rate_steps", "i8"),  # steps since body rates were first commanded
+        ("highest", "f8"),  # largest height since the last contact with the ground [m]
+        ("touchdowns", "i8"),  # number of flights that have ended on the ground
+        ("touchdown_speed", "f8"),  # speed downwards at the newest touchdown [m/s]
+        ("touchdown_powered", "?"),  # whether the motors had all their thrust at that touchdown
+        ("is_powered", "?"),  # whether the motors turn and have all their thrust
         ("on_ground", "?"),
         ("motors_dead", "?"),
     ],
@@ -66,7 +66,7 @@ MOTION = np.dtype(
 
 RESPONSE = np.dtype(  # constants of one vehicle, from its profile
     [
-        # transition of tilt and its rate over one step, about body x and y
+        # Factors from tilt and tilt rate to those one step later, about body x and y.
         ("tilt_by_tilt", "f8", 2),
         ("tilt_by_rate", "f8", 2),
         ("rate_by_tilt", "f8", 2),
@@ -74,27 +74,26 @@ RESPONSE = np.dtype(  # constants of one vehicle, from its profile
         ("gain", "f8"),  # tilt reached over tilt commanded
         ("bias", "f8", 2),  # constant error of the tilt [rad]
         ("full_lift", "f8"),  # acceleration at full thrust [m/s^2]
-        ("curve", "f8"),  # 0 for a linear thrust, 1 for a quadratic one
-        ("drag", "f8"),  # linear, over mass [1/s]
+        ("curve", "f8"),  # 0 for a lift linear in the thrust command, 1 for a quadratic one
+        ("drag", "f8"),  # linear drag, over the mass [1/s]
         ("motor_blend", "f8"),  # part of the way to the commanded thrust in one step
-        ("thrust_noise_std", "f8"),  # of the relative error
+        ("thrust_noise_std", "f8"),  # standard deviation of the relative error of the thrust
         ("max_tilt_rate", "f8"),  # [rad/s]
         ("max_yaw_rate", "f8"),  # [rad/s]
-        # cascade of the heading: gain to the rate, gains of the rate loop, its filter, limits
-        ("yaw_p", "f8"),  # [1/s]
-        ("yaw_rate_p", "f8"),  # [1/s]
-        ("yaw_rate_i", "f8"),  # [1/s^2]
-        ("yaw_blend", "f8"),
-        ("max_yaw_torque", "f8"),  # [rad/s^2]
-        ("yaw_drag", "f8"),  # [1/s]
+        ("yaw_p", "f8"),  # rate commanded per error of the heading [1/s]
+        ("yaw_rate_p", "f8"),  # proportional gain of the rate loop [1/s]
+        ("yaw_rate_i", "f8"),  # integral gain of the rate loop [1/s^2]
+        ("yaw_blend", "f8"),  # part of the way to the commanded torque in one step
+        ("max_yaw_torque", "f8"),  # largest torque over the inertia [rad/s^2]
+        ("yaw_drag", "f8"),  # torque of the air per rate, over the inertia [1/s]
         ("rate_blend", "f8"),  # part of the way to commanded body rates in one step
         ("offset_keep", "f8"),  # part of a tilt offset that is left after one step
-        # dead times in steps
+        # Dead times in steps.
         ("tilt_delay", "i8"),
         ("yaw_delay", "i8"),
         ("rate_delay", "i8"),
         ("thrust_delay", "i8"),
-        ("switch_steps", "i8"),  # from attitudes to body rates
+        ("switch_steps", "i8"),  # dead time of the switch from attitudes to body rates
     ],
     align=True,
 )
@@ -102,9 +101,9 @@ RESPONSE = np.dtype(  # constants of one vehicle, from its profile
 COMMAND = np.dtype(
     [
         ("attitude", "f8", 4),  # quaternion NED <- FRD, wxyz
-        ("rate", "f8", 3),  # of the body [rad/s]
+        ("rate", "f8", 3),  # body rates [rad/s]
         ("thrust", "f8"),  # normalised
-        ("is_rate", "?"),  # the rates are flown, and not the attitude
+        ("is_rate", "?"),  # whether the rates are flown instead of the attitude
         ("motors_on", "?"),
     ],
     align=True,
@@ -113,6 +112,8 @@ COMMAND = np.dtype(
 _TWO_PI = 2.0 * math.pi
 _NOISE_BLEND = STEP_S / THRUST_NOISE_CORRELATION_S
 _NOISE_SPREAD = math.sqrt(2.0 * _NOISE_BLEND)
+# Below this sine or angle of a tilt the two are equal, and their quotient is not computed.
+_LEAST_TILT = 1e-9
 _Quaternion = tuple[float, float, float, float]
 
 
@@ -132,21 +133,21 @@ def _commanded_tilt(q: Array, yaw: float) -> tuple[float, float]:
 
     The direction of the thrust has priority over the heading, as in PX4.
     """
-    # body z in the world
+    # Body z in the world.
     north = 2.0 * (q[1] * q[3] + q[0] * q[2])
     east = 2.0 * (q[2] * q[3] - q[0] * q[1])
     down = 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])
 
-    # and in the heading
+    # Body z in the horizontal axes of the vehicle.
     cos_yaw = math.cos(yaw)
     sin_yaw = math.sin(yaw)
     ahead = cos_yaw * north + sin_yaw * east
     right = -sin_yaw * north + cos_yaw * east
 
-    # angle of the tilt over its sine
+    # Angle of the tilt over its sine.
     horizontal = math.sqrt(ahead * ahead + right * right)
     scale = 1.0
-    if horizontal > 1e-9:
+    if horizontal > _LEAST_TILT:
         scale = math.atan2(horizontal, down) / horizontal
     return -right * scale, ahead * scale
 
@@ -165,17 +166,17 @@ def _tilt_axis(r: Record, axis: int, tilt: float, rate: float, goal: float) -> t
 @compiled
 def _heading(m: Record, r: Record, q: Array) -> tuple[float, float, float, float]:
     """Return the heading, its rate, the filtered torque and the integral, one step later."""
-    # the error of the heading commands a rate
+    # The error of the heading commands a rate.
     error = _wrap(2.0 * math.atan2(q[3], q[0]) - m.yaw)
     rate_error = _within(r.yaw_p * error, r.max_yaw_rate) - m.yaw_rate
 
-    # the error of the rate commands a torque; at its limit nothing is integrated
+    # The error of the rate commands a torque. Nothing is integrated while the torque is limited.
     torque = r.yaw_rate_p * rate_error + m.yaw_integral
     integral = m.yaw_integral
     if abs(torque) < r.max_yaw_torque:
         integral += STEP_S * r.yaw_rate_i * rate_error
 
-    # the torque is filtered, and the air opposes it
+    # The torque is filtered, and the air opposes it.
     filtered = m.yaw_torque + r.yaw_blend * (_within(torque, r.max_yaw_torque) - m.yaw_torque)
     rate = m.yaw_rate + STEP_S * (filtered - r.yaw_drag * m.yaw_rate)
     return m.yaw + STEP_S * rate, rate, filtered, integral
@@ -202,7 +203,7 @@ def _turned(
     q: Array, roll_rate: float, pitch_rate: float, yaw_rate: float
 ) -> tuple[float, float, float]:
     """Return tilt about body x and y, and heading, of an attitude after one step of body rates."""
-    # the attitude times the small turn (1, hp, hq, hr)
+    # Product of the attitude and the small turn (1, hp, hq, hr).
     hp = 0.5 * STEP_S * roll_rate
     hq = 0.5 * STEP_S * pitch_rate
     hr = 0.5 * STEP_S * yaw_rate
@@ -218,7 +219,7 @@ def _turned(
     y /= norm
     z /= norm
 
-    # without the heading, what is left is the tilt
+    # The tilt is the attitude without its heading.
     yaw = 2.0 * math.atan2(z, w)
     cos_half = math.cos(0.5 * yaw)
     sin_half = math.sin(0.5 * yaw)
@@ -226,10 +227,10 @@ def _turned(
     tilt_x = cos_half * x + sin_half * y
     tilt_y = cos_half * y - sin_half * x
 
-    # angle of the tilt over the sine of its half
+    # Angle of the tilt over the sine of half that angle.
     sine = math.sqrt(tilt_x * tilt_x + tilt_y * tilt_y)
     scale = 2.0
-    if sine > 1e-9:
+    if sine > _LEAST_TILT:
         scale = 2.0 * math.atan2(sine, tilt_w) / sine
     return scale * tilt_x, scale * tilt_y, yaw
 
@@ -238,8 +239,8 @@ def _turned(
 def _rotate(
     m: Record, r: Record, by_attitude: Array, by_heading: Array, rate: Array, lift: float
 ) -> None:
-    """Advance tilt, heading and their rates, by an attitude or by body rates."""
-    # by attitude
+    """Advance tilt, heading and their rates towards a commanded attitude or body rates."""
+    # The response to a commanded attitude.
     commanded_x, commanded_y = _commanded_tilt(by_attitude, m.yaw)
     m.tilt_offset[0] *= r.offset_keep
     m.tilt_offset[1] *= r.offset_keep
@@ -249,7 +250,8 @@ def _rotate(
     pitch, pitch_rate = _tilt_axis(r, 1, m.tilt[1], m.tilt_rate[1], goal_y)
     yaw, yaw_rate, torque, integral = _heading(m, r, by_heading)
 
-    # by body rates: those that a dead motor causes, or those that are commanded
+    # The response to body rates replaces it where a dead motor turns the vehicle, or where rates
+    # are commanded.
     is_tumbling = m.tumble[0] != 0.0 or m.tumble[1] != 0.0
     if is_tumbling or m.rate_steps > r.switch_steps:
         roll_rate = m.tilt_rate[0]
@@ -266,7 +268,7 @@ def _rotate(
         torque = 0.0
         integral = 0.0
 
-    # A vehicle on its feet does not turn, whatever is commanded.
+    # A vehicle on the ground does not turn.
     if m.on_ground:
         m.tilt[:] = 0.0
         m.tilt_rate[:] = 0.0
@@ -288,16 +290,16 @@ def _rotate(
 @compiled
 def _attitude(roll: float, pitch: float, yaw: float) -> _Quaternion:
     """Return the attitude that turns by a heading, then tilts about a horizontal body axis."""
-    # the tilt
+    # Quaternion of the tilt.
     angle = math.sqrt(roll * roll + pitch * pitch)
     scale = 0.5
-    if angle > 1e-9:
+    if angle > _LEAST_TILT:
         scale = math.sin(0.5 * angle) / angle
     w = math.cos(0.5 * angle)
     x = scale * roll
     y = scale * pitch
 
-    # the heading times the tilt
+    # Product of the heading and the tilt.
     cy = math.cos(0.5 * yaw)
     sy = math.sin(0.5 * yaw)
     return cy * w, cy * x - sy * y, cy * y + sy * x, sy * w
@@ -305,7 +307,7 @@ def _attitude(roll: float, pitch: float, yaw: float) -> _Quaternion:
 
 @compiled
 def _meet_ground(m: Record, speed_down: float) -> None:
-    """Note with which vertical speed a flight ends [m/s]."""
+    """Record the touchdown that ends a flight, with its speed downwards [m/s]."""
     if m.highest > HOP_M:
         m.touchdowns += 1
         m.touchdown_speed = speed_down
@@ -315,14 +317,14 @@ def _meet_ground(m: Record, speed_down: float) -> None:
 
 @compiled
 def _move(m: Record, r: Record, lift: float, air: Array, push: Array) -> None:
-    """Advance attitude, position and velocity; meet the ground."""
+    """Advance attitude, position and velocity, and handle a contact with the ground."""
     w, x, y, z = _attitude(m.tilt[0], m.tilt[1], m.yaw)
     m.attitude[0] = w
     m.attitude[1] = x
     m.attitude[2] = y
     m.attitude[3] = z
 
-    # lift against body z, drag of the air, push and gravity; NED
+    # Accelerations in NED by the lift (against body z), the drag, the push and gravity.
     v = m.velocity
     tilt_cos = 1.0 - 2.0 * (x * x + y * y)
     an = -lift * 2.0 * (x * z + w * y) + r.drag * (air[0] - v[0]) + push[0]
@@ -339,7 +341,7 @@ def _move(m: Record, r: Record, lift: float, air: Array, push: Array) -> None:
     if touches and not m.on_ground:
         _meet_ground(m, vd)
 
-    # Feet grip: on the ground nothing slides, and a climb begins vertically.
+    # A vehicle on the ground does not slide, and a climb begins vertically.
     rests = touches and m.on_ground
     if not rests:
         m.position[0] += STEP_S * vn
@@ -375,21 +377,21 @@ def step(
     """Advance all vehicles in place by `STEP_S`.
 
     Args:
-        motion: (n,) records MOTION, updated.
-        response: (n,) records RESPONSE.
+        motion: records MOTION (n,), updated.
+        response: records RESPONSE (n,).
         commanded: ring (depth, n) of records COMMAND.
         newest: index in the ring of the present commands.
-        air: (n, 3) velocity of the air, NED [m/s].
-        push: (n, 3) any other acceleration, NED [m/s^2].
-        draws: (n, 3) standard normal numbers. The first is of the thrust; the other two are not
-            used, and drawn so that the flights of a seed stay what they were.
+        air: velocity of the air (n, 3), NED [m/s].
+        push: all other acceleration (n, 3), NED [m/s^2].
+        draws: standard normal numbers (n, 3). The first of a vehicle is for its thrust. The other
+            two are not used, and are drawn so that the flights of a seed do not change.
     """
     depth = commanded.shape[0]
     for i in range(motion.shape[0]):
         m = motion[i]
         r = response[i]
 
-        # what was commanded one dead time ago
+        # The commands of one dead time ago.
         now = commanded[newest, i]
         by_tilt = commanded[(newest - r.tilt_delay) % depth, i]
         by_heading = commanded[(newest - r.yaw_delay) % depth, i]

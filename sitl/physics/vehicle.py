@@ -1,8 +1,8 @@
 """Rigid vehicles that fly the commands of an autopilot: commands in, true states out.
 
-What differs between vehicles is data, a `VehicleProfile`. The inner loops of PX4 are not computed;
-their measured responses are (`step.py`). A weak loop additionally has a gain below one and a
-constant tilt bias. Everything random is seeded. Frames: NED world, FRD body, ground at z = 0.
+Vehicles differ in their `VehicleProfile`. The inner loops of PX4 are not computed. Their measured
+responses are computed instead (`step.py`). A weak loop additionally has a gain below one and a
+constant tilt bias. All random numbers are seeded. Frames: NED world, FRD body, ground at z = 0.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ __all__ = [
     "second_order_step",
 ]
 
-# PX4's cascade for the heading, fitted to its measured steps of 30, 90 and 170 deg. All of it is
-# scaled by yaw_wn_rad_s / 3.
+# PX4's cascade for the heading, fitted to its measured steps of 30, 90 and 170 deg. The cascade of
+# a vehicle is this one, made quicker by yaw_wn_rad_s / _YAW_WN_RAD_S.
 _YAW_DELAY_S = 0.024
 _YAW_P_1_S = 2.857
 _YAW_RATE_P_1_S = 3.044
@@ -40,72 +40,75 @@ _YAW_DRAG_1_S = 1.243
 _YAW_TORQUE_RAD_S2 = 7.72
 _YAW_WN_RAD_S = 3.0
 
-_RATE_LAG_S = 0.03  # with which body rates follow their setpoint
+_RATE_LAG_S = 0.03  # time constant with which body rates follow their setpoint
 _TRANSITION = ("tilt_by_tilt", "tilt_by_rate", "rate_by_tilt", "rate_by_rate")  # names in RESPONSE
-_BLOCK = 64  # random numbers are drawn for so many steps at once
+_BLOCK = 64  # number of steps for which random numbers are drawn at once
+_RANDOM_STREAM = 1  # separates these random numbers from others with the same seed
 
 # Positions of PX4's motors 1 to 4 of a quadrotor X, forward and to the right, in units of
 # arm / sqrt(2).
 _MOTORS = 4
 _MOTOR_POSITION = np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
-_DEAD_BELOW = 0.1  # effectiveness of a motor
-_UNCONTROLLED = 0.3  # of the torque of a dead motor: the rest is what the opposite motor gives back
-_LARGEST_OFFSET_RAD = 0.15  # of the tilt, when a motor becomes weak
+_DEAD_BELOW = 0.1  # effectiveness below which a motor counts as dead
+# Share of the missing torque of a dead motor that stays; the opposite motor balances the rest.
+_UNBALANCED_SHARE = 0.3
+_LARGEST_OFFSET_RAD = 0.15  # largest offset of the tilt when a motor becomes weak
 
-_LONGEST_FILTER_S = 0.2  # delay of PX4's filter of attitude setpoints, at most
-_FILTER_RAD = 2.2  # its delay times its natural frequency: 2 by theory, and one step of PX4's loop
+_LONGEST_FILTER_S = 0.2  # largest delay of PX4's filter of attitude setpoints
+# Delay of that filter times its natural frequency: 2 by theory, and one step of PX4's loop.
+_FILTER_RAD = 2.2
 
 # Damping under other gains than those of the measurement.
-_LEAST_RATIO = 0.1  # of the gains
+_LEAST_RATIO = 0.1  # limits of the ratio of the gains
 _MOST_RATIO = 10.0
-_LAG_POWER = 0.9  # with which the lag falls with that ratio
+_LAG_POWER = 0.9  # the lag is inversely proportional to this power of the ratio
 _LEAST_ZETA = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleProfile:
-    """Differences between kinds of vehicles; by default PX4's SIH quadrotor as measured."""
+    """Physical constants of a kind of vehicle; by default PX4's SIH quadrotor as measured."""
 
     mass_kg: float = 1.0
     hover_thrust_frac: float = 0.49  # normalised thrust that carries the weight
-    attitude_delay_s: float = 0.04  # of roll and pitch: dead time
-    attitude_wn_rad_s: float = 11.0  # natural frequency
-    attitude_zeta: float = 0.6  # damping
+    attitude_delay_s: float = 0.04  # dead time of roll and pitch
+    attitude_wn_rad_s: float = 11.0  # natural frequency of roll and pitch
+    attitude_zeta: float = 0.6  # damping of roll and pitch
     drag_1_s: float = 1.0  # linear drag over mass
     static_gain: float = 1.0  # tilt reached over tilt commanded
-    # largest constant tilt error per axis; the actual one is drawn from the seed
+    # Largest constant tilt error per axis. The actual error is drawn from the seed.
     tilt_bias_deg: float = 0.0
-    # quickness of the heading; 3 is as measured, all of its cascade scales with it
+    # Quickness of the heading, with which its whole cascade scales. 3 was measured.
     yaw_wn_rad_s: float = 3.0
     thrust_delay_s: float = 0.012  # dead time of the thrust
     motor_lag_s: float = 0.05  # time constant of the thrust
     thrust_noise_frac: float = 0.0  # standard deviation of the relative thrust error
-    # standard deviation of the acceleration by gusts of its own, per horizontal axis: wind.py
+    # Standard deviation per horizontal axis of the acceleration by the vehicle's own gusts: wind.py
     gust_std_m_s2: float = 0.0
     max_tilt_rate_deg_s: float = 220.0  # MC_ROLLRATE_MAX, MC_PITCHRATE_MAX
     max_yaw_rate_deg_s: float = 200.0  # MC_YAWRATE_MAX
-    # the effect of a failing motor follows from inertia and arm
+    # The effect of a failing motor follows from inertia and arm.
     inertia_kg_m2: tuple[float, float, float] = (0.025, 0.025, 0.03)
     arm_m: float = 0.2
-    # PX4's THR_MDL_FAC, 0 for a linear thrust, 1 for a quadratic one
+    # PX4's THR_MDL_FAC: 0 for a lift linear in the thrust command, 1 for a quadratic one.
     thrust_curve_frac: float = 0.0
-    # time in which the attitude loop removes a constant torque; 0: never
+    # Time in which the attitude loop removes a constant torque; 0: never.
     attitude_integral_s: float = 0.5
-    rate_switch_s: float = 0.26  # dead time before body rates are followed after attitudes
-    # The response above was measured with these.
+    rate_switch_s: float = 0.26  # dead time of the switch from attitudes to body rates
+    # Parameters with which the response above was measured.
     attitude_p_1_s: tuple[float, float] = (6.5, 6.5)  # MC_ROLL_P and MC_PITCH_P
     setpoint_filter_rad_s: float = 0.0  # MC_REF_W_N; 0: PX4 has no such filter
 
     def damping(self, axis: int, attitude_p_1_s: float) -> float:
-        """Return the damping under another gain than the response was measured with.
+        """Return the damping under another gain than that of the measurement.
 
-        The lag behind a tilt that moves at a constant rate, delay + 2 zeta / wn, goes with a power
-        of the gain that was measured on SIH. Delay and natural frequency stay: PX4's rate control
-        and the motors make them.
+        The lag behind a tilt that moves at a constant rate is delay + 2 zeta / wn. It varies with
+        a power of the gain, which was measured on SIH. Delay and natural frequency do not change,
+        since they come from PX4's rate control and the motors.
 
         Args:
             axis: body x (0) or y (1).
-            attitude_p_1_s: the gain.
+            attitude_p_1_s: gain of the attitude loop about that axis.
         """
         measured_p_1_s = self.attitude_p_1_s[axis]
         if attitude_p_1_s == measured_p_1_s:
@@ -117,9 +120,9 @@ class VehicleProfile:
         return max(_LEAST_ZETA, 0.5 * self.attitude_wn_rad_s * (lag_s - self.attitude_delay_s))
 
     def filter_delay_s(self, setpoint_filter_rad_s: float) -> float:
-        """Return the delay by another filter of setpoints than the response was measured with.
+        """Return the additional delay by another filter of setpoints than in the measurement.
 
-        The filter is of second order and critically damped; 0 rad/s is none.
+        The filter is of second order and critically damped. 0 rad/s stands for no filter.
         """
         return _filter_s(setpoint_filter_rad_s) - _filter_s(self.setpoint_filter_rad_s)
 
@@ -142,17 +145,17 @@ def _filter_s(natural_frequency_rad_s: float) -> float:
 
 @dataclass(slots=True)
 class Commands:
-    """Commands of the autopilots to their vehicles; one row each, written in place."""
+    """Commands of the autopilots to their vehicles: one row per vehicle, written in place."""
 
     attitude: Array  # (n, 4) quaternion NED <- FRD
     rate_rad_s: Array  # (n, 3) body rates, used where `is_rate`
-    is_rate: NDArray[np.bool_]  # (n,) body rates instead of an attitude
+    is_rate: NDArray[np.bool_]  # (n,) whether body rates are commanded instead of an attitude
     thrust_frac: Array  # (n,) collective thrust in [0, 1]
-    motors_on: NDArray[np.bool_]  # (n,) without it the thrust is zero at once
+    motors_on: NDArray[np.bool_]  # (n,) where False, the thrust is zero at once
 
     @classmethod
     def level(cls, yaw_rad: Array) -> Commands:
-        """Return the commands of motors that are off: level, each at its heading."""
+        """Return commands with motors off and a level attitude at each heading."""
         n = yaw_rad.shape[0]
         return cls(
             attitude=frames.yaw_quaternion(yaw_rad),
@@ -168,7 +171,8 @@ def second_order_step(
 ) -> tuple[Array, Array, Array, Array]:
     """Return the exact transition of x'' = -wn^2 x - 2 zeta wn x' over a step, for any damping.
 
-    The Taylor series of the matrix exponential converges to rounding, since wn dt is far below one.
+    The Taylor series of the matrix exponential converges to rounding error within the 19 terms
+    used, since wn dt is far below one.
 
     Returns:
         the four entries (n,) of the 2x2 transition matrix, row by row.
@@ -190,10 +194,10 @@ def second_order_step(
 
 @dataclass(frozen=True, slots=True)
 class VehicleStates:
-    """Truth, one row per vehicle.
+    """True states, one row per vehicle.
 
-    All of them are windows on the same records and change when time goes on: copy values to keep
-    them, write in place.
+    All fields are views of the records of the physics, and each step changes their values. Copy
+    values to store them. Write values in place.
     """
 
     position_ned_m: Array  # (n, 3)
@@ -203,7 +207,7 @@ class VehicleStates:
     tilt_rate_rad_s: Array  # (n, 2)
     yaw_rad: Array  # (n,)
     yaw_rate_rad_s: Array  # (n,)
-    thrust_frac: Array  # (n,) after the motors' lag
+    thrust_frac: Array  # (n,) thrust after the lag of the motors
     attitude: Array  # (n, 4) NED <- FRD, wxyz
     on_ground: NDArray[np.bool_]  # (n,)
     motors_dead: NDArray[np.bool_]  # (n,)
@@ -213,9 +217,9 @@ class Vehicles:
     """Physics of several vehicles, advanced 4 ms at a time.
 
     Args:
-        profiles: one per vehicle.
-        position_ned_m: (n, 3) start.
-        yaw_rad: (n,) headings.
+        profiles: profile of each vehicle.
+        position_ned_m: start positions (n, 3).
+        yaw_rad: headings at the start (n,).
         seed: seed of noise and biases.
     """
 
@@ -229,7 +233,7 @@ class Vehicles:
         self.push_ned_m_s2 = np.zeros((n, 3))
         self.steps = 0
 
-        self._rng = np.random.default_rng([seed, 1])
+        self._rng = np.random.default_rng([seed, _RANDOM_STREAM])
         self._draws = np.zeros((_BLOCK, n, 3))
         self._is_noisy = any(p.thrust_noise_frac > 0.0 for p in profiles)
 
@@ -237,7 +241,7 @@ class Vehicles:
         largest_bias_rad = np.radians([p.tilt_bias_deg for p in profiles])[:, None]
         self._response["bias"] = largest_bias_rad * self._rng.uniform(-1.0, 1.0, (n, 2))
 
-        # A ring of commands, as deep as the longest dead time that parameters can make.
+        # The ring of commands is as deep as the longest dead time that any parameters cause.
         yaw = np.array(yaw_rad, dtype=np.float64)
         attitude = frames.yaw_quaternion(yaw)
         longest_delay = max(
@@ -274,7 +278,7 @@ class Vehicles:
 
     @property
     def tilt_bias_rad(self) -> Array:
-        """Constant errors (n, 2) about body x and y; may be written."""
+        """Constant tilt errors (n, 2) about body x and y, which may be written."""
         return self._response["bias"]
 
     @tilt_bias_rad.setter
@@ -291,7 +295,7 @@ class Vehicles:
         is_rate[newest] = commands.is_rate
         motors_on[newest] = commands.motors_on
         if self.steps == 0:
-            # a vehicle that begins in the air has been commanded before
+            # A vehicle that starts in the air has received its thrust command before the start.
             thrusts[:] = commands.thrust_frac
 
         block = self.steps % _BLOCK
@@ -312,12 +316,12 @@ class Vehicles:
     def set_attitude_control(
         self, index: int, attitude_p_1_s: tuple[float, float], setpoint_filter_rad_s: float
     ) -> None:
-        """Let a vehicle respond from now on as under other parameters.
+        """Change the response of a vehicle to that under other parameters.
 
         Args:
             index: index of the vehicle.
             attitude_p_1_s: gains of roll and pitch.
-            setpoint_filter_rad_s: natural frequency of the filter of setpoints; 0: none.
+            setpoint_filter_rad_s: natural frequency of the filter of setpoints; 0: no filter.
         """
         profile = self.profiles[index]
         response = self._response[index]
@@ -334,47 +338,48 @@ class Vehicles:
 
     @property
     def lift_share(self) -> Array:
-        """Lift of every vehicle (n,) in units of its weight: a window, not a copy."""
+        """Lift of every vehicle (n,) in units of its weight: a view, not a copy."""
         return self.motion["lift_share"]
 
     def set_motor(self, index: int, motor: int, effectiveness: float) -> None:
-        """Let motor 1 to 4 of a vehicle give only a share of its thrust from now on.
+        """Set the share of its thrust that motor 1 to 4 of a vehicle gives.
 
-        The loop shares the work anew: with motors e_k the lift is the harmonic mean of the e_k, at
-        most what the weakest allows with all torques in balance. Until its integral has learnt the
-        missing torque (never, for a weak loop) the vehicle tilts towards that motor. A dead motor
-        cannot be balanced: the vehicle turns over and falls.
+        PX4's loop balances weak motors. With shares e_k the lift is the harmonic mean of the e_k,
+        up to the lift at which the weakest motor is at its limit while all torques are balanced.
+        The vehicle tilts towards a weakened motor until the integral of the loop has removed the
+        missing torque, which a weak loop never does. A dead motor cannot be balanced: the vehicle
+        turns over and falls.
         """
         profile = self.profiles[index]
         motion = self.motion[index]
 
-        effective = self.motor_effectiveness[index]
-        lost = effective[motor - 1] - effectiveness
-        effective[motor - 1] = effectiveness
+        shares = self.motor_effectiveness[index]
+        lost_share = shares[motor - 1] - effectiveness
+        shares[motor - 1] = effectiveness
 
-        # lift
-        alive = effective[effective >= _DEAD_BELOW]
+        # Lift.
+        alive = shares[shares >= _DEAD_BELOW]
         has_dead = alive.size < _MOTORS
         if has_dead:
-            motion["lift_scale"] = float(effective.mean())
+            motion["lift_scale"] = float(shares.mean())
             motion["lift_cap"] = motion["lift_scale"]
         else:
             motion["lift_scale"] = _MOTORS / float((1.0 / alive).sum())
             motion["lift_cap"] = float(alive.min())
 
-        # Torque: what a motor lifts on the right pushes the left side down; forward and right are x
-        # and y of the body.
+        # Torque: a missing lift on the right turns the vehicle to the right (positive about x), a
+        # missing lift in front turns its nose down (negative about y).
         lever_m = profile.arm_m / math.sqrt(2.0)
         turn = np.array([1.0, -1.0]) * _MOTOR_POSITION[motor - 1][::-1]
         inertia_kg_m2 = np.array(profile.inertia_kg_m2[:2])
         per_lift = turn * profile.mass_kg * lever_m / (_MOTORS * inertia_kg_m2)
 
         if effectiveness < _DEAD_BELOW:
-            motion["tumble"] += _UNCONTROLLED * per_lift
+            motion["tumble"] += _UNBALANCED_SHARE * per_lift
         elif not has_dead:
             motion["tumble"] = 0.0
 
-        offset_rad = lost * GRAVITY_M_S2 * per_lift / profile.attitude_wn_rad_s**2
+        offset_rad = lost_share * GRAVITY_M_S2 * per_lift / profile.attitude_wn_rad_s**2
         motion["tilt_offset"] += np.clip(offset_rad, -_LARGEST_OFFSET_RAD, _LARGEST_OFFSET_RAD)
 
 
@@ -398,13 +403,13 @@ def _response(profiles: list[VehicleProfile]) -> Records:
         r["max_tilt_rate"] = math.radians(p.max_tilt_rate_deg_s)
         r["max_yaw_rate"] = math.radians(p.max_yaw_rate_deg_s)
 
-        quick = p.yaw_wn_rad_s / _YAW_WN_RAD_S
-        r["yaw_p"] = _YAW_P_1_S * quick
-        r["yaw_rate_p"] = _YAW_RATE_P_1_S * quick
-        r["yaw_rate_i"] = _YAW_RATE_I_1_S2 * quick * quick
-        r["yaw_blend"] = 1.0 - math.exp(-STEP_S * quick / _YAW_FILTER_S)
-        r["max_yaw_torque"] = _YAW_TORQUE_RAD_S2 * quick * quick
-        r["yaw_drag"] = _YAW_DRAG_1_S * quick
+        quickness = p.yaw_wn_rad_s / _YAW_WN_RAD_S
+        r["yaw_p"] = _YAW_P_1_S * quickness
+        r["yaw_rate_p"] = _YAW_RATE_P_1_S * quickness
+        r["yaw_rate_i"] = _YAW_RATE_I_1_S2 * quickness * quickness
+        r["yaw_blend"] = 1.0 - math.exp(-STEP_S * quickness / _YAW_FILTER_S)
+        r["max_yaw_torque"] = _YAW_TORQUE_RAD_S2 * quickness * quickness
+        r["yaw_drag"] = _YAW_DRAG_1_S * quickness
 
         r["rate_blend"] = 1.0 - math.exp(-STEP_S / _RATE_LAG_S)
         r["offset_keep"] = 1.0

@@ -1,9 +1,9 @@
 """Wind: a mean vector and gusts about it, the same in emulator, lockstep and campaigns.
 
 A gust is an Ornstein-Uhlenbeck process per axis, which is Dryden's longitudinal spectrum with L / V
-as correlation time; the second pole of Dryden's other two spectra is left out. The air pushes by
-the vehicle's linear drag. A vehicle of which only the push is known, and no drag, has gusts of its
-own as an acceleration; they are the same process.
+as correlation time. The second pole of Dryden's other two spectra is left out. The air pushes a
+vehicle by the vehicle's linear drag. A vehicle of which only the push is known, and not the drag,
+has its own gusts: an acceleration that follows the same process.
 """
 
 from __future__ import annotations
@@ -17,21 +17,25 @@ import numpy as np
 from sitl.physics.frames import Array
 from sitl.physics.step import STEP_S
 
-GUST_TIME_S = 1.0  # correlation time of gusts, where nobody says another
+GUST_TIME_S = 1.0  # default correlation time of gusts
 
-_VERTICAL_SHARE = 0.5  # of the horizontal gusts
-_BLOCK = 64  # random numbers are drawn for so many steps at once
+_VERTICAL_SHARE = 0.5  # standard deviation of vertical gusts over that of horizontal ones
+_BLOCK = 64  # number of steps for which random numbers are drawn at once
+# Separate the random numbers of the air and of the vehicles' own gusts from others of the seed.
+_AIR_STREAM = 4
+_OWN_GUSTS_STREAM = 5
 
 
 @dataclass(frozen=True, slots=True)
 class WindSettings:
-    """The weather."""
+    """Mean and gusts of the wind."""
 
     mean_enu_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # steady velocity of the air
-    # standard deviation of gusts per horizontal axis; half of it vertically
+    # Standard deviation of gusts per horizontal axis. Vertically it is half of this.
     gust_std_m_s: float = 0.0
     gust_time_s: float = GUST_TIME_S  # correlation time of gusts
-    # one gust for all vehicles (a hall's ventilation) or one for each (outdoors, far apart)
+    # Whether one gust acts on all vehicles, as by the ventilation of a hall. Otherwise each vehicle
+    # has another gust, as outdoors and far apart.
     is_common: bool = False
 
 
@@ -41,7 +45,7 @@ def wandered(value: Array, std: Array | float, time_s: float, dt_s: float, norma
     Args:
         value: value of the process.
         std: stationary standard deviation of the process.
-        time_s: over which it is correlated; 0: white noise.
+        time_s: correlation time of the process; 0: white noise.
         dt_s: length of the step.
         normals: standard normal numbers of the shape of the value.
     """
@@ -55,17 +59,17 @@ class Wind:
     """Velocity of the air at each vehicle, one sample per step.
 
     Args:
-        count: count of vehicles.
-        settings: the weather.
+        count: number of vehicles.
+        settings: mean and gusts of the wind.
         seed: seed of the gusts.
-        own_gust_std_m_s2: standard deviation of the gusts that push each vehicle beside the air's
-            velocity; none by default.
+        own_gust_std_m_s2: standard deviation of each vehicle's own gusts, which push it in addition
+            to the air; without it there are none.
         step_s: time from one sample to the next.
 
     Attributes:
         is_calm: whether the air does not move.
-        has_own_gusts: whether a vehicle has gusts of its own.
-        push_ned_m_s2: (n, 3) acceleration by the vehicles' own gusts, as of the last step.
+        has_own_gusts: whether a vehicle has its own gusts.
+        push_ned_m_s2: acceleration (n, 3) by the vehicles' own gusts in the last step.
     """
 
     def __init__(
@@ -80,7 +84,7 @@ class Wind:
         gusts = 1 if settings.is_common else count
         self._settings = settings
         self._step_s = step_s
-        self._rng = np.random.default_rng([seed, 4])
+        self._rng = np.random.default_rng([seed, _AIR_STREAM])
         self._gust = np.zeros((gusts, 3))
         self._draws = np.zeros((_BLOCK, gusts, 3))
         self._block_row = 0
@@ -89,34 +93,33 @@ class Wind:
         self._mean_ned = _ned(settings.mean_enu_m_s)
         self.change_gusts(settings.gust_std_m_s)
 
-        # a change of the mean goes on by so much a step, for so many steps
-        self._ramp_ned = np.zeros(3)
-        self._ramp_steps = 0
+        self._ramp_ned = np.zeros(3)  # change of the mean per step during a ramp
+        self._ramp_steps = 0  # steps until the end of the ramp
 
-        self._own_rng = np.random.default_rng([seed, 5])
+        self._own_rng = np.random.default_rng([seed, _OWN_GUSTS_STREAM])
         self._own_std_m_s2 = np.zeros((count, 3))
         if own_gust_std_m_s2:
             self._own_std_m_s2[:, :2] = np.array(own_gust_std_m_s2)[:, None]
         self.push_ned_m_s2 = np.zeros((count, 3))
 
-        # read at every step of the physics
+        # Plain attributes, because every step of the physics reads them.
         self.is_calm = settings.gust_std_m_s == 0.0 and not self._mean_ned.any()
         self.has_own_gusts = bool(self._own_std_m_s2.any())
 
     def change_mean(self, mean_enu_m_s: tuple[float, float, float], over_s: float) -> None:
-        """Let the mean go straight to another one within a time."""
+        """Change the mean linearly to another value within a time."""
         self._ramp_steps = max(1, round(over_s / self._step_s))
         self._ramp_ned = (_ned(mean_enu_m_s) - self._mean_ned) / self._ramp_steps
         self.is_calm = False
 
     def change_gusts(self, gust_std_m_s: float) -> None:
-        """Let the gusts have another standard deviation per horizontal axis from now on."""
+        """Change the standard deviation of the gusts per horizontal axis."""
         self._gust_std_m_s = gust_std_m_s * np.array([1.0, 1.0, _VERTICAL_SHARE])
         self.is_calm = False
 
     @property
     def mean_enu_m_s(self) -> tuple[float, float, float]:
-        """Mean velocity of the air now."""
+        """Present mean velocity of the air."""
         north, east, down = self._mean_ned.tolist()
         return (east, north, -down)
 

@@ -1,1 +1,1 @@
-"""PX4 itself as emulated: commander, modes, failsafes, estimator, controllers, parameters."""
+"""Emulation of PX4: commander, modes, failsafes, estimator, controllers, parameters."""

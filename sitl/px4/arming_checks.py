@@ -1,4 +1,4 @@
-"""PX4's arming checks as a table: what has to be there, and the sentence when it is not."""
+"""PX4's arming checks as a table: conditions, and the sentence when a condition is not met."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from dataclasses import dataclass
 from sitl.px4.battery import ChargeState
 from sitl.px4.modes import ModeCondition
 
-BOOT_S = 4.4  # from the start of a PX4 until it can be armed
+BOOT_S = 4.4  # time from the start of a PX4 until it can be armed
 
 
 @dataclass(frozen=True, slots=True)
 class Readiness:
     """Inputs of the checks."""
 
-    since_boot_s: float  # age of this autopilot
-    needs: ModeCondition  # of the mode that is to be armed in
-    missing: ModeCondition  # those of them that are not there now
-    battery: ChargeState  # how empty it is
+    since_boot_s: float  # time since the start of the autopilot
+    needs: ModeCondition  # conditions of the mode in which to arm
+    missing: ModeCondition  # conditions that are not met now
+    battery: ChargeState  # charge of the battery
     needs_ground: bool  # whether a ground station has to be connected
-    has_ground: bool  # whether one is
+    has_ground: bool  # whether a ground station is connected
     has_attitude: bool  # whether the attitude is controlled
     faults: tuple[str, ...]  # further reasons, as sentences
 
 
 @dataclass(frozen=True, slots=True)
 class ArmingCheck:
-    """One row: the sentence, and when it applies."""
+    """One row of the table: a sentence, and whether the check fails."""
 
     sentence: str
     fails: Callable[[Readiness], bool]

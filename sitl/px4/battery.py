@@ -1,7 +1,7 @@
-"""PX4's simulated battery: it empties while armed, down to a floor, and fills when disarmed.
+"""PX4's simulated battery: it empties while armed, down to a floor, and fills while disarmed.
 
-SIM_BAT_DRAIN is the time in which a whole charge is used up; PX4's simulator was measured to take
-half of it for half a charge.
+SIM_BAT_DRAIN is the time in which a whole charge is used. Measurements of PX4's simulator show half
+of this time for half a charge.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from sitl.px4.parameters import Parameters
 
 FULL_MV = 16200
 EMPTY_MV = 14400
-_REFILL_S = 4.0  # for a whole charge
+_REFILL_S = 4.0  # time to fill an empty battery
+_LEAST_DRAIN_S = 1e-3  # lower limit of the time in which a whole charge is used
 
 
 class ChargeState(Enum):
@@ -35,7 +36,7 @@ _THRESHOLDS: tuple[tuple[str, ChargeState], ...] = (
 
 
 def charge_state_of(charge_frac: float, params: Parameters) -> ChargeState:
-    """Return how empty a battery with this charge is."""
+    """Return the charge state of a battery with this charge."""
     for parameter, charge_state in _THRESHOLDS:
         if charge_frac <= params[parameter]:
             return charge_state
@@ -53,22 +54,22 @@ class Battery:
 
         Args:
             dt_s: time since the last step.
-            is_armed: an armed vehicle uses its charge, a disarmed one gets it back.
+            is_armed: whether the vehicle is armed and uses charge; otherwise the battery fills.
             drain_s: time in which a whole charge is used.
-            floor_pct: below which the charge does not fall.
+            floor_pct: charge at which the battery stops emptying.
         """
         if not is_armed:
             self.remaining_frac = min(1.0, self.remaining_frac + dt_s / _REFILL_S)
             return
 
-        # A charge that is below the floor already stays where it is.
+        # A charge that is already below the floor does not change.
         floor_frac = min(1.0, max(0.0, floor_pct / 100.0))
         if self.remaining_frac > floor_frac:
-            used_frac = dt_s / max(drain_s, 1e-3)
+            used_frac = dt_s / max(drain_s, _LEAST_DRAIN_S)
             self.remaining_frac = max(floor_frac, self.remaining_frac - used_frac)
 
     def left_s(self, params: Parameters) -> float:
-        """Return how long the charge lasts [s]; infinite where PX4 cannot know its capacity."""
+        """Return how long the charge lasts [s]; infinite if PX4 does not know the capacity."""
         if params["BAT1_CAPACITY"] <= 0.0:
             return math.inf
         return self.remaining_frac * params["SIM_BAT_DRAIN"]

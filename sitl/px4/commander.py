@@ -1,19 +1,19 @@
 """One PX4 commander: arming, mode requests, failsafes, landing.
 
-Two modes are kept apart, as in PX4: `intent` is the mode that was requested, `mode` the one that is
-flown. A failsafe changes only the second; when its cause is gone, PX4 flies the first again without
-a new request.
+PX4 distinguishes two modes: `intent` is the requested mode, `mode` is the mode that is flown. A
+failsafe changes only `mode`. When the cause of the failsafe is over, PX4 flies `intent` again
+without a new request.
 
-The commander decides, and asks its neighbours for all the rest:
+The commander makes the decisions, and uses these modules:
 
-* `modes.py`: what each mode needs,
-* `arming_checks.py`: what forbids arming,
-* `failsafes.py`: what takes a vehicle out of its mode,
-* `mode_control.py`: how a mode is flown,
-* `land_detector.py`, `battery.py`, `sticks.py`: what the vehicle and its pilot do,
-* `journal.py`: what PX4 says about all this.
+* `modes.py`: the conditions of each mode,
+* `arming_checks.py`: the reasons against arming,
+* `failsafes.py`: the actions that replace the requested mode,
+* `mode_control.py`: the control in each mode,
+* `land_detector.py`, `battery.py`, `sticks.py`: the state of the vehicle and the pilot's input,
+* `journal.py`: texts and events of PX4.
 
-It is pure: time comes in with each call, texts and events go out through the journal.
+The commander is pure: each call passes the time, and texts and events go to the journal.
 """
 
 from __future__ import annotations
@@ -36,8 +36,9 @@ from sitl.px4.sticks import Axes, Sticks
 from sitl.px4.versions import Version
 
 _FORCE_MAGIC = 21196.0  # parameter 2 of a command that disarms in any case
-_REFUSED_AGAIN_S = 1.0  # between two texts about refused modes
-_SAID_OF_BATTERY: dict[ChargeState, str] = {
+_REFUSAL_INTERVAL_S = 1.0  # time between two texts about refused modes
+# Keys of the journal.
+_BATTERY_TEXTS: dict[ChargeState, str] = {
     ChargeState.LOW: "battery low",
     ChargeState.CRITICAL: "battery critical",
     ChargeState.EMERGENCY: "battery emergency",
@@ -48,31 +49,31 @@ _SAID_OF_BATTERY: dict[ChargeState, str] = {
 class EmulatedPx4:
     """State of one PX4."""
 
-    params: Parameters = field(default_factory=Parameters)  # survive a restart
-    boot_time_s: float = 0.0  # simulated time at which it started
+    params: Parameters = field(default_factory=Parameters)  # kept by a restart
+    boot_time_s: float = 0.0  # time of the last start
     battery: Battery = field(default_factory=Battery)
     intent: Mode = Mode.LOITER  # the mode that was requested
     mode: Mode = Mode.LOITER  # the mode that is flown
     is_armed: bool = False
-    setpoint: Setpoint | None = None  # the newest of OFFBOARD
+    setpoint: Setpoint | None = None  # newest setpoint for OFFBOARD
     charge_state: ChargeState = ChargeState.OK
-    # reasons against arming from outside, as sentences; a fault of the emulator writes here
+    # Further reasons against arming, as sentences. Faults of the emulator add them.
     faults: list[str] = field(default_factory=list)
-    ground_time_s: float = -math.inf  # when a ground station's heartbeat last came, on any link
-    tunes: int = 0  # how many it was asked to play
+    ground_time_s: float = -math.inf  # time of the last heartbeat of a ground station on any link
+    tunes: int = 0  # number of requested tunes
     journal: Journal = field(default_factory=Journal)
     failsafe: Failsafe = field(default_factory=Failsafe)
     land_detector: LandDetector = field(default_factory=LandDetector)
     mode_control: ModeControl = field(default_factory=ModeControl)
     sticks: Sticks = field(default_factory=Sticks)
-    # where a pilot of the emulator holds his sticks, at every tick; None without such a pilot
+    # Positions of the sticks of an emulated pilot, which every tick uses; None without a pilot.
     held_sticks: Axes | None = None
-    _after_disarm: Mode = Mode.LOITER  # the intent to go back to
-    _armed_time_s: float = 0.0
-    _refused_time_s: float = -math.inf  # when it last said that a mode is not available
-    _tilted_since_s: float = math.inf
-    _has_failed: bool = False  # the attitude, since arming
-    _last: AutopilotInputs | None = None  # None before the first tick
+    _mode_after_disarming: Mode = Mode.LOITER  # intent that disarming restores
+    _armed_time_s: float = 0.0  # time of the last arming
+    _refused_time_s: float = -math.inf  # time of the last text about a refused mode
+    _tilted_since_s: float = math.inf  # begin of a tilt beyond the limits
+    _has_attitude_failed: bool = False  # whether the attitude has failed since arming
+    _inputs: AutopilotInputs | None = None  # newest inputs; None before the first tick
 
     def __post_init__(self) -> None:
         self.journal.severities = self.version.severities
@@ -82,7 +83,7 @@ class EmulatedPx4:
         """Version of this PX4."""
         return self.params.version
 
-    # -- what the messages show --------------------------------------------------------------------
+    # -- values of messages ------------------------------------------------------------------------
 
     @property
     def shown_mode(self) -> Mode:
@@ -107,7 +108,7 @@ class EmulatedPx4:
         return self.is_armed and (self.failsafe.is_active or self.mode is not self.intent)
 
     def has_fresh_setpoint(self, now_s: float) -> bool:
-        """Whether OFFBOARD may be flown: its newest setpoint is recent and can be followed."""
+        """Whether the newest setpoint for OFFBOARD is recent, and the estimate allows it."""
         if self.setpoint is None:
             return False
         if now_s - self.setpoint.time_s > self.params["COM_OF_LOSS_T"]:
@@ -117,7 +118,7 @@ class EmulatedPx4:
     def arming_obstacles(self, now_s: float) -> list[str]:
         """Return the reasons against arming now; empty when there are none."""
         since_boot_s = 0.0
-        if self._last is not None:
+        if self._inputs is not None:
             since_boot_s = now_s - self.boot_time_s
 
         needs = MODES[self.intent].needs
@@ -134,7 +135,7 @@ class EmulatedPx4:
         return arming_checks.obstacles(readiness)
 
     def system_status(self, now_s: float) -> SystemStatus:
-        """HEARTBEAT.system_status."""
+        """Return HEARTBEAT.system_status."""
         if self.is_failsafe:
             return SystemStatus.CRITICAL
         if self.is_armed:
@@ -144,7 +145,7 @@ class EmulatedPx4:
         return SystemStatus.STANDBY
 
     def base_mode(self, now_s: float) -> int:
-        """HEARTBEAT.base_mode."""
+        """Return HEARTBEAT.base_mode."""
         base_mode = MODES[self.shown_mode].base_mode
 
         if self.shown_mode is Mode.OFFBOARD:
@@ -160,9 +161,9 @@ class EmulatedPx4:
     # -- requests ----------------------------------------------------------------------------------
 
     def request_arm(self, now_s: float, arm: bool, magic: float) -> CommandResult:
-        """MAV_CMD_COMPONENT_ARM_DISARM.
+        """Arm or disarm as requested by MAV_CMD_COMPONENT_ARM_DISARM.
 
-        The magic number forces disarming; PX4 ignores it when it comes with arming from outside.
+        The magic number forces disarming. PX4 ignores the number in a request to arm.
         """
         if arm == self.is_armed:
             return CommandResult.ACCEPTED
@@ -181,39 +182,44 @@ class EmulatedPx4:
         return CommandResult.ACCEPTED
 
     def request_mode(self, now_s: float, main: int, sub: int, base_mode: int = 1) -> CommandResult:
-        """DO_SET_MODE or SET_MODE: the commander's answer, not the early one of its receiver."""
+        """Change the mode as requested by DO_SET_MODE or SET_MODE; return the commander's answer.
+
+        PX4's MAVLink receiver answers earlier, and otherwise.
+        """
         mode = modes.mode_of(base_mode, main, sub)
         if mode is not None:
             return self.request(now_s, mode)
 
-        # PX4 refuses an automatic mode that it does not have; any other number means nothing to it,
-        # and passes.
+        # PX4 refuses an unknown automatic mode. It accepts all other unknown numbers and ignores
+        # them.
         if main != modes.AUTO_MAIN:
             return CommandResult.ACCEPTED
         self.journal.say(now_s, "no such mode")
         return CommandResult.TEMPORARILY_REJECTED
 
-    def request(self, now_s: float, mode: Mode, said: str | None = None) -> CommandResult:
-        """Enter a mode. Disarmed, PX4 accepts every mode; armed, only one that can be flown now.
+    def request(self, now_s: float, mode: Mode, text: str | None = None) -> CommandResult:
+        """Enter a mode.
+
+        A disarmed PX4 accepts every mode. An armed one accepts only a mode that it can fly now.
 
         Args:
             now_s: present time.
-            mode: the mode that is requested.
-            said: what PX4 says when it accepts; by default what belongs to the mode.
+            mode: the requested mode.
+            text: key of the text that PX4 sends on acceptance; by default that of the mode, if any.
         """
         needs = MODES[mode].needs & ~ModeCondition.ARMING
         if mode is Mode.LAND:
-            # A landing is always begun: without a position it becomes a level descent.
+            # A landing always begins. Without a position it becomes a level descent.
             needs = ModeCondition.NOTHING
 
         if self.is_armed and needs & ~self._available(now_s):
             self._say_mode_refused(now_s, mode)
             return CommandResult.TEMPORARILY_REJECTED
 
-        if said is None and mode is Mode.LAND:
-            said = "landing"
-        if said is not None:
-            self.journal.say(now_s, said)
+        if text is None and mode is Mode.LAND:
+            text = "landing"
+        if text is not None:
+            self.journal.say(now_s, text)
 
         self._intend(mode)
         self.failsafe.commanded_mode()
@@ -221,7 +227,12 @@ class EmulatedPx4:
         return CommandResult.ACCEPTED
 
     def request_takeoff(self, now_s: float, height_m: float) -> CommandResult:
-        """MAV_CMD_NAV_TAKEOFF to a height above home; NaN is the default, which is the least."""
+        """Take off as requested by MAV_CMD_NAV_TAKEOFF.
+
+        Args:
+            now_s: present time.
+            height_m: height above home; NaN: MIS_TAKEOFF_ALT, which is the least height as well.
+        """
         result = self.request(now_s, Mode.TAKEOFF)
         if result is not CommandResult.ACCEPTED:
             return result
@@ -232,13 +243,13 @@ class EmulatedPx4:
         return result
 
     def play_tune(self) -> None:
-        """Play a tune; only their number is kept."""
+        """Count a request to play a tune."""
         self.tunes += 1
 
     def request_termination(self, now_s: float) -> CommandResult:
-        """MAV_CMD_DO_FLIGHTTERMINATION: stop the motors.
+        """Stop the motors as requested by MAV_CMD_DO_FLIGHTTERMINATION.
 
-        The vehicle stays armed until somebody disarms it or it lies on the ground.
+        The vehicle stays armed until a command disarms it or it lies on the ground.
         """
         if not self.is_armed:
             return CommandResult.DENIED
@@ -249,15 +260,16 @@ class EmulatedPx4:
         return CommandResult.ACCEPTED
 
     def accept_setpoint(self, setpoint: Setpoint) -> None:
-        """Take the newest OFFBOARD setpoint; attitude and rates act at once."""
+        """Store the newest setpoint for OFFBOARD; attitude and rates take effect at once."""
         self.setpoint = setpoint
         if self.is_armed and self.mode is Mode.OFFBOARD:
             self._follow(setpoint)
 
     def take_sticks(self, now_s: float, positions: Axes) -> None:
-        """MANUAL_CONTROL: a pilot who moves a stick takes over from a program.
+        """Use the sticks of MANUAL_CONTROL.
 
-        Parameters can forbid it, and a failsafe does.
+        A pilot who moves a stick takes over from a program, unless the parameters forbid it or a
+        failsafe acts.
         """
         self.sticks.take(now_s, positions)
 
@@ -270,12 +282,12 @@ class EmulatedPx4:
             self.request(now_s, Mode.POSCTL if self._has_local_position else Mode.ALTCTL)
 
     def has_sticks(self, now_s: float) -> bool:
-        """Whether a pilot's sticks are heard."""
+        """Whether the sticks of a pilot are received."""
         return now_s - self.sticks.time_s <= self.params["COM_RC_LOSS_T"]
 
     @property
     def _has_local_position(self) -> bool:
-        return self._last is not None and self._last.has_local_position
+        return self._inputs is not None and self._inputs.has_local_position
 
     def _follow(self, setpoint: Setpoint) -> None:
         if not setpoint.is_rotation and not self.version.survives_no_rotation:
@@ -283,7 +295,7 @@ class EmulatedPx4:
         self.mode_control.take_setpoint(setpoint)
 
     def _say_mode_refused(self, now_s: float, mode: Mode) -> None:
-        if now_s - self._refused_time_s <= _REFUSED_AGAIN_S:
+        if now_s - self._refused_time_s <= _REFUSAL_INTERVAL_S:
             return
         self._refused_time_s = now_s
 
@@ -293,9 +305,9 @@ class EmulatedPx4:
     # -- time --------------------------------------------------------------------------------------
 
     def tick(self, inputs: AutopilotInputs) -> None:
-        """Do everything that happens at 50 Hz."""
+        """Run one tick of the autopilot, which happens at 50 Hz."""
         now_s = inputs.time_s
-        self._last = inputs
+        self._inputs = inputs
         if self.held_sticks is not None:
             self.take_sticks(now_s, self.held_sticks)
 
@@ -316,9 +328,9 @@ class EmulatedPx4:
         if not self.is_armed:  # a failsafe has just disarmed it
             return
 
-        said = self.land_detector.step(inputs, self.mode, self.actuation.thrust_frac, self.params)
-        if said is not None:
-            self.journal.say(now_s, said)
+        text = self.land_detector.step(inputs, self.mode, self.actuation.thrust_frac, self.params)
+        if text is not None:
+            self.journal.say(now_s, text)
         self._auto_disarm(now_s)
         if not self.is_armed:
             return
@@ -334,7 +346,7 @@ class EmulatedPx4:
         available = ModeCondition.NOTHING
         if self._has_local_position:
             available |= ModeCondition.LOCAL_POSITION
-        if self._last is not None and self._last.has_global_position:
+        if self._inputs is not None and self._inputs.has_global_position:
             available |= ModeCondition.GLOBAL_POSITION
         if self.has_fresh_setpoint(now_s):
             available |= ModeCondition.SETPOINTS
@@ -342,22 +354,22 @@ class EmulatedPx4:
 
     def _intend(self, mode: Mode) -> None:
         self.intent = mode
-        # A mode that nobody can arm in is not what a vehicle goes back to when it is disarmed.
+        # Disarming does not restore a mode in which the vehicle cannot be armed.
         if ModeCondition.ARMING not in MODES[mode].needs:
-            self._after_disarm = mode
+            self._mode_after_disarming = mode
 
     def _arm(self, now_s: float) -> None:
         self.is_armed = True
         self._armed_time_s = now_s
-        self._has_failed = False
+        self._has_attitude_failed = False
         self._tilted_since_s = math.inf
         self.charge_state = ChargeState.OK
         self.failsafe.reset()
         self.land_detector.disarmed()
-        self.mode_control.armed(now_s, self._last, self.params)
+        self.mode_control.armed(now_s, self._inputs, self.params)
 
-        why, number = REASONS["command"]
-        self.journal.say(now_s, "armed", number, why=why)
+        reason_text, number = REASONS["command"]
+        self.journal.say(now_s, "armed", number, why=reason_text)
         if self.intent is Mode.TAKEOFF:
             self._say_takeoff_height(now_s)
 
@@ -379,16 +391,16 @@ class EmulatedPx4:
         self.is_armed = False
         self.land_detector.disarmed()
         self.failsafe.reset()
-        self.intent = self._after_disarm
+        self.intent = self._mode_after_disarming
 
-        why, number = REASONS[reason]
-        self.journal.say(now_s, "disarmed", number, why=why)
+        reason_text, number = REASONS[reason]
+        self.journal.say(now_s, "disarmed", number, why=reason_text)
 
         self.mode_control.takeoff_height_m = None
         self._select_mode(now_s)
         self.mode_control.disarmed()
 
-    # -- which mode is flown -----------------------------------------------------------------------
+    # -- the mode that is flown --------------------------------------------------------------------
 
     def _select_mode(self, now_s: float) -> None:
         mode = self.intent
@@ -412,15 +424,15 @@ class EmulatedPx4:
         if mode is self.mode:
             return
         self.mode = mode
-        self.mode_control.entered(self._last)
+        self.mode_control.entered(self._inputs)
         if mode is Mode.OFFBOARD and self.is_armed and self.setpoint is not None:
             self._follow(self.setpoint)
 
     def _flyable(self, mode: Mode) -> Mode:
-        """Return a mode, or what it leads to when there is no position for it."""
+        """Return a mode, or its fallback mode when there is no position."""
         if self._has_local_position:
             return mode
-        # POSCTL is left alone: without sticks it is a blind descent in any case, and PX4 shows it.
+        # POSCTL stays, since PX4 shows it. Without sticks it is a level descent in any case.
         while mode in modes.FALLBACK and mode is not Mode.POSCTL:
             mode = modes.FALLBACK[mode]
         return mode
@@ -430,7 +442,7 @@ class EmulatedPx4:
         inputs = FailsafeInputs(
             has_offboard_signal=not needs_setpoints or self.has_fresh_setpoint(now_s),
             battery=self.charge_state,
-            attitude_failed=self._has_failed,
+            attitude_failed=self._has_attitude_failed,
             from_home_m=self._from_home_m(),
             ground_silent_s=now_s - self.ground_time_s,
             has_sticks=self.has_sticks(now_s),
@@ -453,39 +465,39 @@ class EmulatedPx4:
         )
 
     def _estimated_wind_m_s(self) -> float:
-        """Return the wind; PX4 estimates a multirotor's from its drag, if that is fused."""
-        if self._last is None or not self.params.integer("EKF2_DRAG_CTRL"):
+        """Return the estimated wind, which PX4 has for a multirotor only if it fuses the drag."""
+        if self._inputs is None or not self.params.integer("EKF2_DRAG_CTRL"):
             return 0.0
-        return self._last.wind_m_s
+        return self._inputs.wind_m_s
 
     def _from_home_m(self) -> tuple[float, float]:
         """Return the horizontal distance from home and the height above it."""
-        if self._last is None:
+        if self._inputs is None:
             return 0.0, 0.0
-        north, east, down = (self._last.position_ned_m - self.mode_control.home_ned_m).tolist()
+        north, east, down = (self._inputs.position_ned_m - self.mode_control.home_ned_m).tolist()
         return math.hypot(north, east), -down
 
-    # -- what an armed PX4 watches -----------------------------------------------------------------
+    # -- monitoring while armed --------------------------------------------------------------------
 
     def _watch_battery(self, now_s: float) -> None:
         charge_state = charge_state_of(self.battery.remaining_frac, self.params)
-        # While armed a battery does not recover.
+        # The charge state of an armed vehicle does not improve.
         if charge_state.value <= self.charge_state.value:
             return
 
         self.charge_state = charge_state
-        self.journal.say(now_s, _SAID_OF_BATTERY[charge_state])
+        self.journal.say(now_s, _BATTERY_TEXTS[charge_state])
         if charge_state is ChargeState.EMERGENCY:
             self.journal.say(now_s, "no shutdown")
 
     def _watch_attitude(self, inputs: AutopilotInputs) -> None:
-        if self._has_failed or inputs.on_ground:
+        if self._has_attitude_failed or inputs.on_ground:
             return
 
         roll_limit_deg = self.params["FD_FAIL_R"]
         pitch_limit_deg = self.params["FD_FAIL_P"]
 
-        # The usual tick needs no angles: a tilt below both limits cannot hide a roll beyond one.
+        # Most ticks need no angles: roll and pitch are within limits if the tilt is below both.
         least_limit_rad = math.radians(min(roll_limit_deg, pitch_limit_deg))
         if uprightness(inputs.attitude) > math.cos(least_limit_rad):
             self._tilted_since_s = math.inf
@@ -501,7 +513,7 @@ class EmulatedPx4:
 
         self._tilted_since_s = min(self._tilted_since_s, inputs.time_s)
         if inputs.time_s - self._tilted_since_s >= self.params["FD_FAIL_R_TTRI"]:
-            self._has_failed = True
+            self._has_attitude_failed = True
             self.journal.say(inputs.time_s, "roll failure" if is_roll else "pitch failure")
 
     def _auto_disarm(self, now_s: float) -> None:

@@ -1,12 +1,13 @@
-"""The autopilot's estimate of its own state: not an EKF, but an estimate that errs as PX4's does.
+"""The autopilot's estimate of its state: the true state with errors like those of PX4's EKF.
 
 Each vehicle has its own local origin. Position and velocity carry the slow errors of
-`estimator_errors.py`, sized by the source: satellites, external vision, nothing.
+`estimator_errors.py`, whose size depends on the source: satellites, external vision or nothing.
 
-* With satellites, vision only steadies the estimate.
-* Without satellites the estimate follows vision, right or wrong: a jump sideways at once, one in
-  height when it has been refused for 5 s. Each jump of the estimate counts up PX4's reset counters.
-* Without any source the estimate drifts away.
+* With satellites, vision only corrects the estimate slightly.
+* Without satellites the estimate follows vision, right or wrong. It follows a horizontal jump at
+  once, and a jump in height after refusing it for 5 s. Each jump of the estimate counts up PX4's
+  reset counters.
+* Without any source the estimate drifts.
 """
 
 from __future__ import annotations
@@ -37,62 +38,68 @@ from sitl.px4.satellite_receiver import RTK_FIXED, RTK_FLOAT
 
 ESTIMATE_EVERY_STEPS = 2  # 125 Hz, the rate of PX4's estimator
 PERIOD_S = ESTIMATE_EVERY_STEPS * STEP_S
-_BLOCK = 64  # random numbers are drawn for so many periods at once
-_SELECT_EVERY = 4  # periods between looks at the sources: 31 Hz
-_HISTORY = 64  # periods for which a position is remembered, for vision that comes late
+_BLOCK = 64  # number of periods for which random numbers are drawn at once
+_SELECT_EVERY = 4  # number of periods between two selections of the sources: 31 Hz
+_HISTORY = 64  # number of periods whose positions are stored for delayed vision
+# Separate these random numbers from others with the same seed.
+_RANDOM_STREAM = 2
+_DRIFT_STREAM = 5
 
-GPS_FIX_S = 2.3  # from the start until satellites give a position
-_VISION_TIMEOUT_S = 1.0  # without vision, after which PX4 says that it has lost it
-_VISION_GAP_S = 0.1  # without vision, after which the estimate errs
+GPS_FIX_S = 2.3  # time from the start until satellites give a position
+_VISION_TIMEOUT_S = 1.0  # time without vision after which PX4 reports its loss
+_VISION_GAP_S = 0.1  # time without vision after which the estimate drifts
 
-# How vision is fused.
+# Fusion of vision.
 _FUSE_GAIN = 0.2
 _YAW_FUSE_GAIN = 0.1
-_GATE_SIGMAS = 5.0  # beyond so many EKF2_EVP_NOISE a position is a jump
+_GATE_SIGMAS = 5.0  # a difference beyond this multiple of EKF2_EVP_NOISE is a jump
 _SMALLEST_GATE_M = 0.2
-_HEIGHT_REFUSED_S = 5.0  # for which a jump in height is refused
+_HEIGHT_REFUSAL_S = 5.0  # time for which a jump in height is refused
 
-# Dead reckoning, measured on PX4 v1.16 that had lost its vision in flight; each is between two
-# values. With these an agent that reckons by PX4's attitude is wrong by 0.09 m two seconds later
-# (median, worst 0.22 m), as with 27 real ones (0.09, worst 0.23 m). Its height is wrong by -0.25 to
-# 0.32 m; that of 33 real ones was by -0.24 to 0.21 m at contact.
+# Dead reckoning, measured on PX4 v1.16 that had lost its vision in flight. Pairs are the limits of
+# a uniform draw. With these values an agent that reckons by PX4's attitude has an error of 0.09 m
+# two seconds later (median, worst 0.22 m), as with 27 real ones (0.09 m, worst 0.23 m). The error
+# of its height is -0.25 to 0.32 m; that of 33 real ones was -0.24 to 0.21 m at contact.
 _DRIFT_M = (0.9, 2.0)  # displacement after 3.5 s
-_TILT_ERROR_DEG = (0.7, 3.5)  # error of the attitude then; small ones are more frequent
+# Error of the attitude after that time. By this power of the draw small errors are more frequent.
+_TILT_ERROR_DEG = (0.7, 3.5)
 _TILT_POWER = 1.5
-_HIGH_M = (-0.20, 0.30)  # by how much height soon reads too high
-_DRIFT_ACCELERATION_1_S2 = 0.214  # that leads, damped, one metre away in that time
-# On the ground the estimate wanders on as fast as it did, until it sees that it rests.
-_RESTS_AFTER_S = 4.0
+_HEIGHT_ERROR_M = (-0.20, 0.30)  # error that the height reaches soon, positive upwards
+# Acceleration whose damped motion leads one metre away in 3.5 s.
+_DRIFT_ACCELERATION_1_S2 = 0.214
+# On the ground the estimate drifts on at the same speed, until PX4 detects the rest.
+_REST_DETECTION_S = 4.0
 
+_START_HEIGHT_M = (-0.2, 0.2)  # limits of the estimated height before the first flight
 _COMPASS_MEAN_DEG = (2.0, 17.0)
 _COMPASS_STD_DEG = (2.0, 7.0)
 _YAW_KEEP = math.exp(-PERIOD_S / estimator_errors.YAW_CORRELATION_S)
 
 # Reset counters in PX4's order.
 XY, VXY, Z, VZ, HEADING = range(5)
-# How often PX4's filter has jumped before it has any position: with that it has jumped 13 times.
+# Counters of PX4's filter before its first position. The first position brings the sum to 13.
 _RESETS_AT_START = (2, 2, 2, 2, 1)
 
-# What ESTIMATOR_STATUS says of the horizontal error, measured on PX4 v1.18 (SIH) that lost its
-# satellites in flight: 0.3 m with a source; 0.37, 0.53, 0.74, 1.0, 1.3 m one to five seconds after
-# it; then 5 m and more. The growth is fitted by a parabola.
+# The horizontal error in ESTIMATOR_STATUS, measured on PX4 v1.18 (SIH) that lost its satellites in
+# flight: 0.3 m with a source; 0.37, 0.53, 0.74, 1.0, 1.3 m one to five seconds after the loss; then
+# 5 m and more. The growth is fitted by a parabola.
 GPS_ACCURACY_M = 0.3
-# The same with corrections; not measured.
+# The error with corrections, not measured.
 GPS_ACCURACIES_M = {RTK_FLOAT: 0.2, RTK_FIXED: 0.1}
-# How the estimate errs by the fix.
+# Error level of the estimate by the type of the fix.
 GPS_LEVELS = {RTK_FLOAT: estimator_errors.RTK_FLOAT, RTK_FIXED: estimator_errors.RTK_FIXED}
 _ACCURACY_M_S = 0.185
 _ACCURACY_M_S2 = 0.012
-_ACCURACY_KNOWN_S = 5.7  # for which the parabola holds
+_ACCURACY_KNOWN_S = 5.7  # time after the loss for which the parabola holds
 _ACCURACY_LOST_M = 4.8
 
-# ESTIMATOR_STATUS.flags. With satellites PX4 adds what is absolute to what it was measured to say
-# with vision.
+# ESTIMATOR_STATUS.flags. The value with vision was measured. With satellites PX4 adds the flags of
+# an absolute position.
 _FLAGS = {Source.VISION: 0x1EF, Source.GPS: 0x3FF}
 _FLAGS_RECKONING = 0xEF
 _FLAGS_LOST = 0xE5
-_FLAGS_FADE_S = 5.0  # from the first to the second of these two
-_FLAG_ABSOLUTE = 0x10  # it is known where on Earth the local frame lies
+_RECKONING_S = 5.0  # time after the loss of the last source for which _FLAGS_RECKONING are shown
+_FLAG_ABSOLUTE = 0x10  # the position of the local frame on Earth is known
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,37 +111,35 @@ class LocalEstimate:
 
 
 class Estimator:
-    """Estimates of all vehicles; rows as in the world.
+    """Estimates of all vehicles, one row per vehicle.
 
     Args:
-        start_ned_m: (n, 3) true start positions: each is the origin of its vehicle's local frame.
+        start_ned_m: true start positions (n, 3), which are the origins of the local frames.
         seed: seed of all errors.
-        is_common: all vehicles err alike, as PX4 instances do that are started together and share
-            SIH's random numbers; otherwise each errs on its own.
-        scale: scale of all random errors; 0 for an estimate that is right.
-        ground_altitude_m: above the sea, of the ground where the vehicles start.
+        is_common: whether all vehicles have the same errors, as PX4 instances that are started
+            together and share SIH's random numbers; otherwise the errors are independent.
+        scale: scale of all random errors; 0 for an estimate without errors.
+        ground_altitude_m: altitude above the sea of the ground at the start.
 
     Attributes:
-        offset_ned_m: (n, 3) of the local frame against the true motion since the start.
-        yaw_error_rad: (n,) believed heading minus true heading.
-        tilt_error_rad: (n, 2) turn about north and east that takes the believed attitude to the
+        offset_ned_m: offset (n, 3) of the local position from the true motion since the start.
+        yaw_error_rad: estimated heading minus true heading (n,).
+        tilt_error_rad: turn (n, 2) about north and east that takes the estimated attitude to the
             true one.
-        source: what each estimate rests on.
-        has_gps: per vehicle, whether the parameters allow satellites.
-        uses_vision_yaw: per vehicle, whether the parameters take the heading from vision.
-        vision_levels: per vehicle, how the estimate errs with vision.
-        vision_noise_m: per vehicle, EKF2_EVP_NOISE.
-        gps_blocked: per vehicle, satellites are not received, whatever the parameters say.
-        gps_levels: per vehicle, how the estimate errs with satellites.
-        gps_accuracy_m: per vehicle, what ESTIMATOR_STATUS says with a source.
-        gps_delay_s: per vehicle, by which horizontal position and velocity by satellites are late.
-        gps_drift_ned_m_s: (n, 3) with which positions by satellites drift; velocities do not show
-            it.
-        resets: (n, 5) counters XY, VXY, Z, VZ, HEADING.
-        origin_altitude_m: per vehicle, altitude of the local frame's origin above the sea: from
-            satellites, or as somebody said; None before either.
-        jumps: index of each vehicle whose position has jumped and by how much, until somebody takes
-            them.
+        source: source of each estimate.
+        has_gps: whether the parameters allow satellites, per vehicle.
+        uses_vision_yaw: whether the parameters take the heading from vision, per vehicle.
+        vision_levels: error level of the estimate with vision, per vehicle.
+        vision_noise_m: EKF2_EVP_NOISE, per vehicle.
+        gps_blocked: whether a fault prevents the reception of satellites, per vehicle.
+        gps_levels: error level of the estimate with satellites, per vehicle.
+        gps_accuracy_m: horizontal error in ESTIMATOR_STATUS with satellites, per vehicle.
+        gps_delay_s: delay of horizontal position and velocity by satellites, per vehicle.
+        gps_drift_ned_m_s: drift (n, 3) of positions by satellites, which velocities do not show.
+        resets: counters (n, 5) XY, VXY, Z, VZ, HEADING.
+        origin_altitude_m: altitude of the origin of the local frame above the sea, per vehicle: as
+            received, or from satellites; None before either.
+        jumps: index and shift of each position that has jumped; the emulator clears the list.
     """
 
     def __init__(
@@ -149,15 +154,15 @@ class Estimator:
         n = start_ned_m.shape[0]
         self._ground_altitude_m = ground_altitude_m
 
-        # random numbers
-        self._rng = np.random.default_rng([seed, 2])
+        # Random numbers.
+        self._rng = np.random.default_rng([seed, _RANDOM_STREAM])
         self._drift_rngs = [
-            np.random.default_rng([seed, 5, 0 if is_common else i]) for i in range(n)
+            np.random.default_rng([seed, _DRIFT_STREAM, 0 if is_common else i]) for i in range(n)
         ]
         self._is_common = is_common
         self._scale = scale
 
-        # errors
+        # Errors.
         self._origin = np.array(start_ned_m, dtype=np.float64)
         self._errors = records(n, estimator_errors.ERRORS)
         self._draws = np.zeros((_BLOCK, n, 4))
@@ -168,18 +173,18 @@ class Estimator:
         self.yaw_error_rad = self._errors["yaw_error"]
         self.tilt_error_rad = self._errors["tilt_error"]
 
-        # when each vehicle had what
-        self._vision_time_s = [-math.inf] * n  # of the newest external position
-        self._height_time_s = [-math.inf] * n  # of the newest one whose height was taken
-        self._lost_time_s = [-math.inf] * n  # when the last source went
+        # Times of events of each vehicle.
+        self._vision_time_s = [-math.inf] * n  # newest external position
+        self._height_time_s = [-math.inf] * n  # newest external position whose height was fused
+        self._lost_time_s = [-math.inf] * n  # loss of the last source
         self._start_time_s = [0.0] * n
 
-        # for vision that comes late, and lies in another frame
+        # Vision can be delayed, and can have another frame than the estimate.
         self._vision_frame: list[Array | None] = [None] * n  # offset to the frame of satellites
         self._history = np.zeros((_HISTORY, n, 3))
         self._history_index = 0
 
-        # satellites
+        # Satellites.
         self.source = [Source.NONE] * n
         self.has_gps = [True] * n
         self.gps_blocked = [False] * n
@@ -187,23 +192,23 @@ class Estimator:
         self.gps_accuracy_m = [GPS_ACCURACY_M] * n
         self.gps_delay_s = [0.0] * n
         self.gps_drift_ned_m_s = np.zeros((n, 3))
-        # per vehicle, positions and velocities of the delay, oldest first
+        # Positions and velocities during the delay of each vehicle, oldest first.
         self._late: list[deque[tuple[Array, Array]]] = [deque() for _ in range(n)]
 
-        # vision
+        # Vision.
         self.uses_vision_yaw = [True] * n
         self.vision_levels = [VISION_DEFAULT] * n
         self.vision_noise_m = [0.1] * n
 
-        # what is reported besides the estimate
+        # Reported values besides the estimate.
         self.resets = np.tile(np.array(_RESETS_AT_START, dtype=np.int64), (n, 1))
         self.jumps: list[tuple[int, Array]] = []
         self.origin_altitude_m: list[float | None] = [None] * n
 
-        # as it was at the last look at the sources
+        # State at the last selection of the sources.
         self._levels: list[ErrorLevel | None] = [None] * n
-        self._rests = [True] * n
-        self._rests_since_s = [-math.inf] * n
+        self._is_resting = [True] * n
+        self._rest_begin_s = [-math.inf] * n
 
     def _begin_errors(self) -> None:
         """Draw the errors at the start."""
@@ -213,8 +218,8 @@ class Estimator:
         errors["unit_velocity"] = self._random(lambda size: self._rng.standard_normal((size, 3)))
         self._bias_draw = scale * self._random(lambda size: self._rng.standard_normal((size, 3)))
 
-        # The filter starts before the vehicle rests: height on the ground is not exactly zero.
-        height_m = self._random(lambda size: self._rng.uniform(-0.2, 0.2, size))
+        # The filter starts before the vehicle rests, so the height on the ground is not exactly 0.
+        height_m = self._random(lambda size: self._rng.uniform(*_START_HEIGHT_M, size))
         errors["offset"][:, 2] = scale * height_m
 
         sign = self._random(lambda size: self._rng.choice([-1.0, 1.0], size))
@@ -261,9 +266,9 @@ class Estimator:
             self._drift_by_satellites()
 
     def _delay(self, index: int, delay_s: float) -> None:
-        """Replace the horizontal estimate by the one of a while ago.
+        """Replace the horizontal estimate by that of a delay ago.
 
-        Height stays as it is: it comes from the barometer.
+        The height does not change, because it comes from the barometer.
         """
         if self.source[index] is not Source.GPS:
             self._late[index].clear()
@@ -276,19 +281,18 @@ class Estimator:
         while len(late) > 1 + round(delay_s / PERIOD_S):
             late.popleft()
 
-        # a delay that has ended
-        if not delay_s:
+        if not delay_s:  # the fault is over
             late.clear()
             return
         position[:], velocity[:] = late[0]
 
     def _drift_by_satellites(self) -> None:
-        """Let the positions that rest on satellites move away."""
+        """Shift the positions that come from satellites by their drift."""
         for index, source in enumerate(self.source):
             if source is Source.GPS:
                 self.offset_ned_m[index] += PERIOD_S * self.gps_drift_ned_m_s[index]
 
-    # -- what is fused -----------------------------------------------------------------------------
+    # -- fusion ------------------------------------------------------------------------------------
 
     def fuse_vision(
         self,
@@ -299,17 +303,17 @@ class Estimator:
         delay_s: float,
         yaw_error_rad: float = 0.0,
     ) -> None:
-        """Take one external position of a vehicle; one that is not finite is ignored.
+        """Fuse one external position of a vehicle; one that is not finite is ignored.
 
-        While satellites give the frame, vision only steadies the estimate: PX4 then estimates the
-        offset between both.
+        With satellites the frame is theirs, and vision only corrects the estimate slightly: PX4
+        then estimates the offset between the two frames.
 
         Args:
             index: index of the vehicle.
             time_s: present time.
-            position_ned_m: (3,) in the frame of its sender.
+            position_ned_m: position (3,) in the frame of the sender.
             delay_s: age that PX4 assumes for the pose (EKF2_EV_DELAY).
-            yaw_error_rad: the sender's heading minus the true one.
+            yaw_error_rad: heading of the sender minus the true heading.
         """
         x, y, z = position_ned_m.tolist()
         if not math.isfinite(x + y + z):
@@ -324,8 +328,8 @@ class Estimator:
         if self.sees_satellites(index, time_s):
             self._steady_by_vision(index, time_s, (x, y, z), then.tolist(), is_first=is_first)
         else:
-            # PX4 takes the height for one above the sea: its local height is off by the altitude of
-            # its origin.
+            # PX4 reads the height as one above the sea, so that its local height differs by the
+            # altitude of its origin.
             z += self.origin_altitude_m[index] or 0.0
             self._follow_vision(index, time_s, (x, y, z), then.tolist(), is_first=is_first)
 
@@ -346,7 +350,7 @@ class Estimator:
         *,
         is_first: bool,
     ) -> None:
-        """Correct the estimate a little by vision, moved into the frame of the satellites."""
+        """Correct the estimate slightly by vision, shifted into the frame of the satellites."""
         x, y, z = seen_ned_m
         then_x, then_y, then_z = then_ned_m
 
@@ -376,22 +380,22 @@ class Estimator:
         *,
         is_first: bool,
     ) -> None:
-        """Correct the estimate by vision, which is the only source: a little, or by a jump."""
+        """Correct the estimate by vision as the only source, slightly or by a jump."""
         error_x = seen_ned_m[0] - then_ned_m[0]
         error_y = seen_ned_m[1] - then_ned_m[1]
         error_z = seen_ned_m[2] - then_ned_m[2]
         gate_m = max(_SMALLEST_GATE_M, _GATE_SIGMAS * self.vision_noise_m[index])
 
-        # PX4 follows a jump sideways at once.
+        # PX4 follows a horizontal jump at once.
         jumps_sideways = is_first or math.hypot(error_x, error_y) > gate_m
         if not jumps_sideways:
             error_x = _FUSE_GAIN * error_x
             error_y = _FUSE_GAIN * error_y
 
-        # PX4 refuses a jump in height for a while.
+        # PX4 refuses a jump in height at first.
         is_refused = abs(error_z) > gate_m and not is_first
         refused_for_s = time_s - self._height_time_s[index]
-        jumps_in_height = is_first or (is_refused and refused_for_s >= _HEIGHT_REFUSED_S)
+        jumps_in_height = is_first or (is_refused and refused_for_s >= _HEIGHT_REFUSAL_S)
         if not is_refused or jumps_in_height:
             self._height_time_s[index] = time_s
         if is_refused and not jumps_in_height:
@@ -412,7 +416,7 @@ class Estimator:
             self.jumps.append((index, shift))
 
     def set_origin_altitude(self, index: int, altitude_m: float) -> None:
-        """Take the altitude of the local frame's origin: local heights change by the difference."""
+        """Set the altitude of the local frame's origin, and shift the height by the change."""
         before_m = self.origin_altitude_m[index]
         self.origin_altitude_m[index] = altitude_m
 
@@ -422,13 +426,13 @@ class Estimator:
             self.resets[index, Z] += 1
 
     def begin_vision_anew(self, index: int) -> None:
-        """Take the next external position wherever it lies, as its sender has said."""
+        """Let the estimate jump to the next external position, as the sender has requested."""
         self._vision_time_s[index] = -math.inf
 
     def restart(self, index: int, time_s: float, position_ned_m: Array) -> None:
-        """Begin anew, as after a reboot.
+        """Restart the estimate of a vehicle, as a reboot does.
 
-        The origin is where the vehicle is, there is no source yet, and the counters are those of a
+        The origin is the present position, there is no source yet, and the counters are those of a
         start.
         """
         local = position_ned_m - self._origin[index]
@@ -448,7 +452,7 @@ class Estimator:
         self.source[index] = Source.NONE
         self.resets[index] = _RESETS_AT_START
 
-    # -- what is reported --------------------------------------------------------------------------
+    # -- reported values ---------------------------------------------------------------------------
 
     def local(self, index: int) -> LocalEstimate:
         """Return the newest estimate of one vehicle."""
@@ -458,25 +462,25 @@ class Estimator:
 
     @property
     def position_ned_m(self) -> Array:
-        """Estimated positions (n, 3), each in its own frame: a window, not a copy."""
+        """Estimated positions (n, 3), each in its local frame: a view, not a copy."""
         return self._errors["position"]
 
     @property
     def bias_ned_m(self) -> Array:
-        """Constant errors (n, 3) of the positions: a window, not a copy."""
+        """Constant errors (n, 3) of the positions: a view, not a copy."""
         return self._errors["bias"]
 
     @property
     def velocity_ned_m_s(self) -> Array:
-        """Estimated velocities (n, 3): a window, not a copy."""
+        """Estimated velocities (n, 3): a view, not a copy."""
         return self._errors["velocity"]
 
     def reset_counter(self, index: int) -> int:
-        """ODOMETRY.reset_counter: all jumps of the estimate so far, modulo 256."""
+        """Return ODOMETRY.reset_counter: the number of jumps of the estimate, modulo 256."""
         return int(self.resets[index].sum()) & 0xFF
 
     def flags(self, index: int, time_s: float) -> int:
-        """ESTIMATOR_STATUS.flags: they fade in two steps when the last source is gone."""
+        """Return ESTIMATOR_STATUS.flags, of which some end in two steps without a source."""
         absolute = 0
         if self.origin_altitude_m[index] is not None:
             absolute = _FLAG_ABSOLUTE
@@ -484,12 +488,12 @@ class Estimator:
         flags = _FLAGS.get(self.source[index])
         if flags is not None:
             return flags | absolute
-        if time_s - self._lost_time_s[index] < _FLAGS_FADE_S:
+        if time_s - self._lost_time_s[index] < _RECKONING_S:
             return _FLAGS_RECKONING | absolute
         return _FLAGS_LOST
 
     def accuracy_m(self, index: int, time_s: float) -> float:
-        """ESTIMATOR_STATUS.pos_horiz_accuracy: it grows when the last source is gone."""
+        """Return ESTIMATOR_STATUS.pos_horiz_accuracy, which grows without a source."""
         if self.source[index] is Source.GPS:
             return self.gps_accuracy_m[index]
         if self.source[index] is not Source.NONE or not math.isfinite(self._lost_time_s[index]):
@@ -501,14 +505,14 @@ class Estimator:
         return math.hypot(GPS_ACCURACY_M, _ACCURACY_M_S * lost_s + _ACCURACY_M_S2 * lost_s**2)
 
     def sees_satellites(self, index: int, time_s: float) -> bool:
-        """Whether the estimate may rest on satellites: allowed, received, and with a fix."""
+        """Whether satellites are allowed, are received and give a fix."""
         has_fix = time_s - self._start_time_s[index] >= GPS_FIX_S
         return self.has_gps[index] and has_fix and not self.gps_blocked[index]
 
-    # -- what an estimate rests on -----------------------------------------------------------------
+    # -- sources -----------------------------------------------------------------------------------
 
     def _select_source(self, index: int, time_s: float, is_resting: bool) -> None:
-        """Follow the sources of one vehicle: what its estimate rests on, and so how it errs."""
+        """Select the source of one vehicle's estimate, and with it the error level."""
         source = Source.NONE
         level = RESTING if is_resting else self.gps_levels[index]
         if time_s - self._vision_time_s[index] < _VISION_TIMEOUT_S:
@@ -523,10 +527,10 @@ class Estimator:
 
         before = self.source[index]
         is_same_level = level is self._levels[index]
-        if source is before and is_same_level and is_resting is self._rests[index]:
+        if source is before and is_same_level and is_resting is self._is_resting[index]:
             return
 
-        self._rests[index] = is_resting
+        self._is_resting[index] = is_resting
         self._errors["is_flying"][index] = not is_resting
         if not is_same_level:
             self._set_level(index, level)
@@ -536,8 +540,8 @@ class Estimator:
     def _watch_drift(self, index: int, time_s: float, *, is_resting: bool) -> None:
         """Begin and end dead reckoning."""
         if not is_resting:
-            self._rests_since_s[index] = time_s
-        has_flown = time_s - self._rests_since_s[index] < _RESTS_AFTER_S
+            self._rest_begin_s[index] = time_s
+        has_flown = time_s - self._rest_begin_s[index] < _REST_DETECTION_S
 
         has_vision = time_s - self._vision_time_s[index] < _VISION_GAP_S
         is_aided = has_vision or self.sees_satellites(index, time_s)
@@ -565,7 +569,7 @@ class Estimator:
         if source is not Source.VISION:
             self._vision_frame[index] = None
 
-        # When everything is gone the gyros carry the heading on from where it was.
+        # Without a source the gyros keep the heading, with its present error.
         has_vision_yaw = source is Source.VISION and self.uses_vision_yaw[index]
         if source is not Source.NONE:
             self._errors["yaw_share_goal"][index] = 0.0 if has_vision_yaw else 1.0
@@ -575,21 +579,22 @@ class Estimator:
         if source is Source.NONE:
             self._lost_time_s[index] = time_s
         elif before is Source.NONE:
-            # A first position is a jump of everything; vision has counted its own of the position.
-            jumped = [VXY, VZ] if source is Source.VISION else [XY, VXY, Z, VZ]
-            self.resets[index, jumped] += 1
+            # The first position is a jump of position and velocity. The fusion of vision has
+            # already counted the jump of the position.
+            counters = [VXY, VZ] if source is Source.VISION else [XY, VXY, Z, VZ]
+            self.resets[index, counters] += 1
 
     def _begin_drift(self, index: int) -> None:
-        """Let the estimate run away in one direction.
+        """Begin the drift of an estimate in a random direction.
 
-        The vehicle, which is not as level as believed, flies in the other.
+        The error of the attitude makes the vehicle fly in the opposite direction.
         """
         draw = self._drift_rngs[index].uniform
         heading_rad = draw(0.0, 2.0 * math.pi)
         distance_m = draw(*_DRIFT_M)
         least_deg, most_deg = _TILT_ERROR_DEG
         tilt_error_deg = least_deg + (most_deg - least_deg) * draw(0.0, 1.0) ** _TILT_POWER
-        high_m = draw(*_HIGH_M)
+        height_error_m = draw(*_HEIGHT_ERROR_M)
 
         north = math.cos(heading_rad)
         east = math.sin(heading_rad)
@@ -597,8 +602,8 @@ class Estimator:
 
         push_m_s2 = self._scale * _DRIFT_ACCELERATION_1_S2 * distance_m
         errors["drift_acceleration"][index] = push_m_s2 * north, push_m_s2 * east, 0.0
-        # Damped, this velocity leads as high as the height is to read.
-        down_m_s = -self._scale * high_m / estimator_errors.DRIFT_DAMPING_S[2]
+        # The damped motion with this velocity leads to the error of the height.
+        down_m_s = -self._scale * height_error_m / estimator_errors.DRIFT_DAMPING_S[2]
         errors["drift_velocity"][index] = 0.0, 0.0, down_m_s
 
         tilt_error_rad = self._scale * math.radians(tilt_error_deg)
@@ -611,10 +616,10 @@ class Estimator:
         self._history[:, index] += correction
 
     def _random(self, draw: Callable[[int], Array]) -> Array:
-        """Return random numbers for each vehicle, the same for all where their errors are common.
+        """Return random numbers for each vehicle, which are equal if the errors are common.
 
         Args:
-            draw: returns numbers for so many vehicles, along the first axis.
+            draw: function that returns the numbers of a number of vehicles along the first axis.
         """
         count = self._origin.shape[0]
         if self._is_common:

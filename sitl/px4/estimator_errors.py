@@ -1,11 +1,12 @@
 """Errors of PX4's estimate, measured on its simulator, and random processes that reproduce them.
 
 The velocity error is an Ornstein-Uhlenbeck process, e_v' = -e_v / tau + noise. The position error
-integrates it, and the measurements pull it back: e_p' = e_v - e_p / T. T follows from the three
-measured numbers, since the variance of e_p is then sigma_v^2 T^2 tau / (T + tau).
+integrates the velocity error, and measurements pull the position error back: e_p' = e_v - e_p / T.
+T follows from the three measured numbers, since the variance of e_p is then
+sigma_v^2 T^2 tau / (T + tau).
 
-So both errors belong together, as a filter's do, and are slow. The correlation time, more than the
-size, decides what an error costs in separation.
+So the two errors are correlated, as those of a filter, and slow. The loss of separation by an error
+depends more on its correlation time than on its size.
 
 All processes run with unit variance and are multiplied by their present sizes, which change
 smoothly when the source of the estimate changes.
@@ -24,45 +25,45 @@ from sitl.physics.jit import Record, Records, compiled
 
 ERRORS = np.dtype(
     [
-        # unit processes
+        # Processes of unit variance.
         ("unit_velocity", "f8", 3),
         ("unit_position", "f8", 3),
-        # present sizes [m, m/s, m]
+        # Present sizes [m, m/s, m].
         ("std_position", "f8", 3),
         ("std_velocity", "f8", 3),
         ("bias", "f8", 3),
-        # sizes that they approach
+        # Sizes that the present sizes approach.
         ("std_position_goal", "f8", 3),
         ("std_velocity_goal", "f8", 3),
         ("bias_goal", "f8", 3),
-        # couplings of the unit processes: sigma_v / sigma_p and 1 / T [1/s]
+        # Couplings of the unit processes: sigma_v / sigma_p and 1 / T [1/s].
         ("ratio", "f8", 3),
         ("pull", "f8", 3),
-        # correlation of the velocity error over a step
+        # Correlation of the velocity error over a step.
         ("keep", "f8"),
-        # of the local frame against the true motion since the start [m]
+        # Offset of the local position from the true motion since the start [m].
         ("offset", "f8", 3),
-        # of dead reckoning [m/s, m/s^2]
+        # Velocity and acceleration of the drift in dead reckoning [m/s, m/s^2].
         ("drift_velocity", "f8", 3),
         ("drift_acceleration", "f8", 3),
-        # turn about north and east that takes the believed attitude to the true one [rad], and the
-        # size up to which it grows while nothing aids the filter
+        # Turn about north and east that takes the estimated attitude to the true one, and the value
+        # up to which it grows in dead reckoning [rad].
         ("tilt_error", "f8", 2),
         ("tilt_error_most", "f8", 2),
-        # position without errors but those of the frame [m]
+        # True motion plus offset [m].
         ("base", "f8", 3),
-        # results [m, m/s]
+        # Estimates [m, m/s].
         ("position", "f8", 3),
         ("velocity", "f8", 3),
-        # error of the compass: unit process, smoothed process, size and mean [rad]
+        # Error of the compass: unit process, smoothed process, size and mean [rad].
         ("yaw_unit", "f8"),
         ("yaw_smooth", "f8"),
         ("yaw_std", "f8"),
         ("yaw_mean", "f8"),
-        # share of the compass in the heading, and the share that this approaches
+        # Share of the compass in the heading, and the share that this approaches.
         ("yaw_share", "f8"),
         ("yaw_share_goal", "f8"),
-        # error of the vision's heading, and of the heading in use [rad]
+        # Error of the heading by vision, and of the estimated heading [rad].
         ("vision_yaw", "f8"),
         ("yaw_error", "f8"),
         ("is_drifting", "?"),
@@ -71,17 +72,22 @@ ERRORS = np.dtype(
     align=True,
 )
 
-# Not measured. The error wanders in flight only, and smoothly, as the heading of a filter that
-# integrates a gyro does: white noise through two such lags.
+# The error of the compass is white noise through two lags with this time constant, which was not
+# measured. The error changes in flight only, and smoothly, as the heading of a filter that
+# integrates a gyro.
 YAW_CORRELATION_S = 6.0
-BLEND_S = 0.5  # time constant with which one kind of error gives way to another
+BLEND_S = 0.5  # time constant of the change from one error level to another
 
-# Dead reckoning: the error of the velocity grows at first and is damped; that of the vertical
-# velocity ends soon, so that the height stays at another level.
+# Dead reckoning: the error of the horizontal velocity grows at first and is damped. That of the
+# vertical velocity ends soon, so that the height stays at another level.
 DRIFT_DAMPING_S = (4.0, 4.0, 0.5)
-# The error of the attitude begins with a quarter of its largest value and reaches it after 3.5 s.
+# The error of the attitude begins at a quarter of its largest value, which it reaches after 3.5 s.
 TILT_ERROR_AT_FIRST = 0.25
 TILT_ERROR_GROWTH_S = 3.5 / math.log(4.0)
+
+# Largest values of EKF2_EVP_NOISE and EKF2_TAU_VEL for which PX4 counts as tuned to vision.
+_TRUSTED_NOISE_M = 0.03
+_TUNED_TAU_S = 0.05
 
 _ROOT_TWO = math.sqrt(2.0)
 
@@ -101,12 +107,12 @@ class ErrorLevel:
     position_m: tuple[float, float, float]  # standard deviation
     velocity_m_s: tuple[float, float, float]  # standard deviation
     correlation_s: float  # tau of the velocity error
-    # standard deviation, over vehicles, of a constant error of the position
+    # Standard deviation over vehicles of a constant error of the position.
     bias_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def pull_s(self) -> tuple[float, float, float]:
-        """Time T in which measurements pull the position error back, per axis [s].
+        """Time constant T with which measurements pull the position error back, per axis [s].
 
         It solves sigma_p^2 = sigma_v^2 T^2 tau / (T + tau) for T, with r = (sigma_p / sigma_v)^2.
         """
@@ -138,8 +144,8 @@ GPS = ErrorLevel(
     correlation_s=3.4,
     bias_m=(0.09, 0.14, 0.18),
 )
-# With corrections; not measured. PX4's filter smooths what its receiver says, so that a metre that
-# comes with another fix takes a while.
+# Satellites with corrections, not measured. PX4's filter smooths the positions of the receiver, so
+# a change by a metre with another fix takes time.
 RTK_FLOAT = ErrorLevel(
     position_m=(0.06, 0.06, 0.10),
     velocity_m_s=(0.08, 0.12, 0.06),
@@ -152,8 +158,8 @@ RTK_FIXED = ErrorLevel(
     correlation_s=1.5,
     bias_m=(0.005, 0.005, 0.010),
 )
-# Of a vehicle that flew by vision and has lost it: sideways the drift adds to these. The height
-# stays the barometer's, which was compared with the vision until then.
+# A vehicle in flight without vision. The horizontal errors come in addition to the drift. The
+# height is that of the barometer, which PX4 compared with the vision until its loss.
 RECKONING = ErrorLevel(
     position_m=(0.12, 0.20, 0.04),
     velocity_m_s=(0.16, 0.29, 0.07),
@@ -188,12 +194,12 @@ def vision_level(evp_noise_m: float, tau_vel_s: float, *, has_velocity: bool = F
     Args:
         evp_noise_m: EKF2_EVP_NOISE.
         tau_vel_s: EKF2_TAU_VEL.
-        has_velocity: whether ODOMETRY brings a velocity; as measured it helps only a filter that is
-            tuned already.
+        has_velocity: whether ODOMETRY contains a velocity, which improves only the estimate of a
+            tuned filter, as measured.
     """
-    if evp_noise_m > 0.03:
+    if evp_noise_m > _TRUSTED_NOISE_M:
         return VISION_DEFAULT
-    if tau_vel_s > 0.05:
+    if tau_vel_s > _TUNED_TAU_S:
         return VISION_TRUSTED
     if has_velocity:
         return VISION_TUNED_WITH_VELOCITY
@@ -201,7 +207,14 @@ def vision_level(evp_noise_m: float, tau_vel_s: float, *, has_velocity: bool = F
 
 
 def set_level(error: Record, level: ErrorLevel, bias_draw: Array, dt_s: float) -> None:
-    """Aim one vehicle's processes at a level; `bias_draw` (3,) standard normal scales the bias."""
+    """Let the errors of one vehicle approach a level.
+
+    Args:
+        error: record ERRORS of the vehicle, updated.
+        level: the level to approach.
+        bias_draw: standard normal numbers (3,) that scale the constant error.
+        dt_s: length of a step.
+    """
     error["std_position_goal"] = level.position_m
     error["std_velocity_goal"] = level.velocity_m_s
     error["bias_goal"] = bias_draw * level.bias_m
@@ -213,20 +226,20 @@ def set_level(error: Record, level: ErrorLevel, bias_draw: Array, dt_s: float) -
 @compiled
 def _advance_motion(e: Record, draws: Array, dt_s: float, position: Array, velocity: Array) -> None:
     blend = dt_s / BLEND_S
-    spread = math.sqrt(1.0 - e.keep * e.keep)  # keeps the variance of the unit process at 1
+    spread = math.sqrt(1.0 - e.keep * e.keep)  # with it the variance of the unit process stays 1
 
     for k in range(3):
-        # the unit processes
+        # The unit processes.
         unit = e.keep * e.unit_velocity[k] + spread * draws[k]
         e.unit_velocity[k] = unit
         e.unit_position[k] += dt_s * (e.ratio[k] * unit - e.pull[k] * e.unit_position[k])
 
-        # their sizes
+        # The sizes of the errors.
         e.std_position[k] += blend * (e.std_position_goal[k] - e.std_position[k])
         e.std_velocity[k] += blend * (e.std_velocity_goal[k] - e.std_velocity[k])
         e.bias[k] += blend * (e.bias_goal[k] - e.bias[k])
 
-        # dead reckoning; on the ground the estimate wanders on as fast as it did
+        # The drift in dead reckoning. On the ground its velocity does not change.
         drift = 0.0
         if e.is_drifting:
             drift = e.drift_velocity[k]
@@ -236,7 +249,7 @@ def _advance_motion(e: Record, draws: Array, dt_s: float, position: Array, veloc
         e.drift_velocity[k] = drift
         e.offset[k] += dt_s * drift
 
-        # the estimates
+        # The estimates.
         e.base[k] = position[k] + e.offset[k]
         e.position[k] = e.base[k] + e.bias[k] + e.std_position[k] * e.unit_position[k]
         e.velocity[k] = velocity[k] + drift + e.std_velocity[k] * unit
@@ -253,7 +266,7 @@ def _advance_tilt(e: Record, dt_s: float) -> None:
 
 @compiled
 def _advance_heading(e: Record, draw: float, dt_s: float, yaw_keep: float) -> None:
-    # The compass's error wanders in flight only.
+    # The error of the compass changes in flight only.
     lag = 0.0
     if e.is_flying:
         lag = 1.0 - yaw_keep
@@ -274,12 +287,12 @@ def advance(
     """Advance all errors by `dt_s` and form the estimates from the true motion.
 
     Args:
-        errors: (n,) records ERRORS, updated.
-        draws: (n, 4) standard normal numbers.
+        errors: records ERRORS (n,), updated.
+        draws: standard normal numbers (n, 4).
         dt_s: time since the last step.
-        position: (n, 3) truth, NED, relative to the origin of the local frame.
-        velocity: (n, 3) truth, NED.
-        yaw_keep: part of the compass's error that a lag keeps over a step.
+        position: true positions (n, 3), NED, relative to the origins of the local frames.
+        velocity: true velocities (n, 3), NED.
+        yaw_keep: part of the error of the compass that a lag keeps over a step.
     """
     for i in range(errors.shape[0]):
         _advance_motion(errors[i], draws[i], dt_s, position[i], velocity[i])

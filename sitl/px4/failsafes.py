@@ -1,13 +1,13 @@
-"""PX4's failsafes as a table: which trigger leads to which action, and by which parameter.
+"""PX4's failsafes as a table of triggers, with the parameter that selects the action of each.
 
-At each tick PX4 looks at all triggers. Each one that holds selects an action, most of them by a
-parameter of the user, and PX4 takes the most severe of all these actions.
+PX4 evaluates all triggers at each tick. Each trigger that holds selects an action, in most cases by
+a parameter of the user. PX4 carries out the most severe of these actions.
 
-Two things make this more than a maximum:
+There are two exceptions:
 
-* An action that is not urgent (a battery that is critical, a ground station that is lost) waits for
-  COM_FAIL_ACT_T seconds in Hold first, so that a pilot has time to take over.
-* Some actions outlast their trigger: they are latched, and `Clears` says what ends them.
+* An action that is not urgent (a critical battery, a lost ground station) follows after
+  COM_FAIL_ACT_T seconds of Hold, so that a pilot has time to take over.
+* Some actions are latched and outlast their trigger. `Clears` names the end of each action.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class FailsafeAction(IntEnum):
 
 _MANUAL = (FailsafeAction.POSCTL, FailsafeAction.ALTCTL, FailsafeAction.STABILIZED)
 
-# The mode that an action flies; the others keep the mode, or end the flight at once.
+# Mode of an action. Actions without an entry keep the mode, or end the flight at once.
 ACTION_MODE: dict[FailsafeAction, Mode] = {
     FailsafeAction.POSCTL: Mode.POSCTL,
     FailsafeAction.ALTCTL: Mode.ALTCTL,
@@ -60,15 +60,15 @@ ACTION_MODE: dict[FailsafeAction, Mode] = {
 class FailsafeInputs(Struct, frozen=True):
     """Inputs of the failsafes at one tick."""
 
-    has_offboard_signal: bool  # False when OFFBOARD is requested and its setpoints do not come
-    battery: ChargeState  # how empty it is
-    attitude_failed: bool  # tilted beyond FD_FAIL_R or FD_FAIL_P
+    has_offboard_signal: bool  # False when OFFBOARD is requested without fresh setpoints
+    battery: ChargeState  # charge of the battery
+    attitude_failed: bool  # whether the tilt was beyond FD_FAIL_R or FD_FAIL_P
     from_home_m: tuple[float, float]  # horizontal and vertical distance from the point of arming
     ground_silent_s: float  # time since the last heartbeat of a ground station
-    has_sticks: bool = False  # a pilot's sticks are received
+    has_sticks: bool = False  # whether the sticks of a pilot are received
     flown_s: float = 0.0  # time since the take-off
-    battery_left_s: float = math.inf  # how long its charge lasts
-    wind_m_s: float = 0.0  # as PX4 estimates it
+    battery_left_s: float = math.inf  # time that the charge lasts
+    wind_m_s: float = 0.0  # wind that PX4 estimates
 
 
 class Clears(Enum):
@@ -84,12 +84,12 @@ class FailsafeTrigger:
     """One row of the table."""
 
     name: str
-    holds: Callable[[FailsafeInputs, Parameters], bool]  # whether the trigger is there now
-    parameter: str | None  # what decides; None when the action is always `otherwise`
-    actions: Mapping[int, FailsafeAction]  # value of the parameter -> action
-    otherwise: FailsafeAction  # for every other value
+    holds: Callable[[FailsafeInputs, Parameters], bool]  # whether the trigger holds now
+    parameter: str | None  # parameter of the action; None when the action is always `otherwise`
+    actions: Mapping[int, FailsafeAction]  # action by value of the parameter
+    otherwise: FailsafeAction  # action for every other value
     waits: bool = False  # whether COM_FAIL_ACT_T seconds of Hold precede the action
-    clears: Clears = Clears.WITH_CONDITION  # when the action ends
+    clears: Clears = Clears.WITH_CONDITION  # end of the action
 
     def action(self, inputs: FailsafeInputs, params: Parameters) -> FailsafeAction:
         """Return the action that the parameters select."""
@@ -98,7 +98,7 @@ class FailsafeTrigger:
 
         action = self.actions.get(params.integer(self.parameter), self.otherwise)
 
-        # A mode for sticks is no help without sticks: newer versions return home instead.
+        # Newer versions return home where a manual mode is selected and no sticks are received.
         has_manual_control = inputs.has_sticks or params.version.flies_manual_modes_without_sticks
         if action in _MANUAL and not has_manual_control:
             return FailsafeAction.RETURN
@@ -132,7 +132,7 @@ def _is_beyond_fence(inputs: FailsafeInputs, params: Parameters) -> bool:
     max_distance_m = params["GF_MAX_HOR_DIST"]
     max_height_m = params["GF_MAX_VER_DIST"]
 
-    # A limit of 0 is none.
+    # A limit of 0 stands for no limit.
     is_too_far = 0.0 < max_distance_m < distance_m
     is_too_high = 0.0 < max_height_m < height_m
     return is_too_far or is_too_high
@@ -147,11 +147,11 @@ def _is_flight_too_long(inputs: FailsafeInputs, params: Parameters) -> bool:
 
 
 def _is_battery_short_of_home(inputs: FailsafeInputs, params: Parameters) -> bool:
-    return inputs.battery_left_s <= _way_home_s(inputs, params)
+    return inputs.battery_left_s <= _return_s(inputs, params)
 
 
-def _way_home_s(inputs: FailsafeInputs, params: Parameters) -> float:
-    """Return how long PX4 takes to climb, fly home and land, with its margins [s]."""
+def _return_s(inputs: FailsafeInputs, params: Parameters) -> float:
+    """Return the time that PX4 expects to climb, fly home and land, with its margins [s]."""
     distance_m, height_m = inputs.from_home_m
     top_m = height_m
     if distance_m > params["RTL_MIN_DIST"]:
@@ -160,8 +160,8 @@ def _way_home_s(inputs: FailsafeInputs, params: Parameters) -> float:
     climb_s = (top_m - height_m) / params["MPC_Z_V_AUTO_UP"]
     cruise_s = distance_m / params["MPC_XY_CRUISE"]
     descent_s = max(0.0, top_m) / params["MPC_LAND_SPEED"]
-    way_s = climb_s + cruise_s + descent_s
-    return params["RTL_TIME_FACTOR"] * way_s + params["RTL_TIME_MARGIN"]
+    flight_s = climb_s + cruise_s + descent_s
+    return params["RTL_TIME_FACTOR"] * flight_s + params["RTL_TIME_MARGIN"]
 
 
 def _is_wind_too_strong(inputs: FailsafeInputs, params: Parameters) -> bool:
@@ -297,9 +297,9 @@ FAILSAFE_TRIGGERS: tuple[FailsafeTrigger, ...] = (
 class Failsafe:
     """The failsafes of one armed vehicle."""
 
-    action: FailsafeAction = FailsafeAction.NONE  # what is done now
-    delayed: FailsafeAction = FailsafeAction.NONE  # what follows when the Hold before it is over
-    present: frozenset[str] = frozenset()  # names of the triggers that act
+    action: FailsafeAction = FailsafeAction.NONE  # present action
+    delayed: FailsafeAction = FailsafeAction.NONE  # action that follows the present Hold
+    present: frozenset[str] = frozenset()  # names of the triggers with an action
     _latched: dict[str, FailsafeAction] = field(default_factory=dict)  # by name of the trigger
     _waiting_since_s: float = math.inf  # begin of the Hold before an action that waits
 
@@ -317,17 +317,17 @@ class Failsafe:
         self._waiting_since_s = math.inf
 
     def commanded_mode(self) -> None:
-        """End the actions that last until somebody asks for a mode."""
+        """End the actions that last until a mode is requested."""
         for trigger in FAILSAFE_TRIGGERS:
             if trigger.clears is Clears.BY_MODE_CHANGE:
                 self._latched.pop(trigger.name, None)
 
     def step(self, now_s: float, inputs: FailsafeInputs, params: Parameters) -> bool:
-        """Decide anew; True when PX4 has something new to say."""
+        """Determine the present action; return whether PX4 announces it."""
         action_before = self.action
         present_before = self.present
 
-        # The usual tick: nothing holds, and nothing has held.
+        # In most ticks no trigger holds, and no action is latched.
         has_trigger = any(trigger.holds(inputs, params) for trigger in FAILSAFE_TRIGGERS)
         if not self._latched and not has_trigger:
             self.action = FailsafeAction.NONE
@@ -336,9 +336,9 @@ class Failsafe:
             self._waiting_since_s = math.inf
             return False
 
-        # The most severe action of each of the two kinds.
+        # The most severe action that acts at once, and the most severe that waits.
         urgent = FailsafeAction.NONE
-        patient = FailsafeAction.NONE
+        waiting = FailsafeAction.NONE
         present: list[str] = []
 
         for trigger in FAILSAFE_TRIGGERS:
@@ -348,13 +348,12 @@ class Failsafe:
 
             present.append(trigger.name)
             if trigger.waits and FailsafeAction.WARN < action < FailsafeAction.DISARM:
-                patient = max(patient, action)
+                waiting = max(waiting, action)
             else:
                 urgent = max(urgent, action)
 
         self.present = frozenset(present)
-        patient = self._hold_first(now_s, patient, params)
-        self.action = max(urgent, patient)
+        self.action = max(urgent, self._hold_first(now_s, waiting, params))
 
         if self.action is FailsafeAction.NONE:
             return False
@@ -365,7 +364,7 @@ class Failsafe:
     def _latching_action(
         self, trigger: FailsafeTrigger, inputs: FailsafeInputs, params: Parameters
     ) -> FailsafeAction:
-        """Return the action of one trigger, now or latched, and latch it if it is to last."""
+        """Return the present or latched action of one trigger; latch one that outlasts it."""
         latched = self._latched.get(trigger.name, FailsafeAction.NONE)
 
         action = FailsafeAction.NONE
@@ -377,16 +376,16 @@ class Failsafe:
         return max(action, latched)
 
     def _hold_first(
-        self, now_s: float, patient: FailsafeAction, params: Parameters
+        self, now_s: float, waiting: FailsafeAction, params: Parameters
     ) -> FailsafeAction:
-        """Return Hold as long as an action that is not urgent has to wait, then the action."""
+        """Return Hold while an action has to wait, then the action."""
         self.delayed = FailsafeAction.NONE
-        if patient is FailsafeAction.NONE:
+        if waiting is FailsafeAction.NONE:
             self._waiting_since_s = math.inf
             return FailsafeAction.NONE
 
         self._waiting_since_s = min(self._waiting_since_s, now_s)
         if now_s - self._waiting_since_s < params["COM_FAIL_ACT_T"]:
-            self.delayed = patient
+            self.delayed = waiting
             return FailsafeAction.HOLD
-        return patient
+        return waiting

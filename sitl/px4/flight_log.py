@@ -1,13 +1,13 @@
-"""PX4's own log of a flight: a ULog file, from arming to disarming, as the emulator flew it.
+"""PX4's log of an emulated flight from arming to disarming, as a ULog file.
 
-A ULog names the layout of its topics first, then come their samples in the order of time, and the
-texts that PX4 said meanwhile. Here are the few topics that somebody who compares flights asks for:
-attitude and its setpoint, local position, battery, status. Their fields have PX4's names and units,
-and are a part of PX4's; the rates are some of PX4's own. Described in PX4's documentation, "ULog
-File Format".
+A ULog begins with the layouts of its topics. The samples follow in the order of time, with the
+texts that PX4 sent meanwhile. PX4's documentation describes the format in "ULog File Format". The
+emulator logs the topics that are needed to compare flights: attitude and its setpoint, local
+position, battery, status. Their fields are a part of PX4's fields, with PX4's names and units. The
+rates are some of PX4's rates.
 
-Logs stay in memory. The oldest is forgotten when there are too many, and a flight that lasts very
-long fills its log, as it fills PX4's card.
+Logs are stored in memory. When there are too many, the oldest is removed. A log ends when it is
+full, as on PX4's card.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ FOLDER = "/fs/microsd/log"
 _MAGIC = b"ULog\x01\x12\x35"
 _VERSION = 1
 _MOST_LOGS = 5
-_MOST_BYTES = 8_000_000  # of one log
-_TEXT_LEVEL = ord("0")  # of a logged text: the digit of its severity
+_MOST_BYTES = 8_000_000  # largest size of one log
+_LEVEL_ZERO = ord("0")  # the level of a logged text is the digit of its severity
 _CELLS = 4
-_SAID_BEFORE_S = 0.1
+_ARMING_TEXT_S = 0.1  # a log includes the texts of this time before its begin
 
-# ticks of 20 ms between two samples of a topic
+# Ticks of 20 ms between two samples of a topic.
 _ATTITUDE_TICKS = 2
 _POSITION_TICKS = 5
 _STATUS_TICKS = 25
 
-# vehicle_status.nav_state
+# Values of vehicle_status.nav_state.
 _NAV_STATES: dict[Mode, int] = {
     Mode.MANUAL: 0,
     Mode.ALTCTL: 1,
@@ -56,8 +56,8 @@ class LogTopic(NamedTuple):
     """One logged topic."""
 
     name: str
-    fields: str  # as the file declares them
-    packer: struct.Struct  # of the same
+    fields: str  # declaration of the fields in the file
+    packer: struct.Struct  # layout of the same fields
 
 
 ATTITUDE = LogTopic("vehicle_attitude", "uint64_t timestamp;float[4] q;", struct.Struct("<Q4f"))
@@ -86,12 +86,12 @@ TOPICS = (ATTITUDE, ATTITUDE_SETPOINT, LOCAL_POSITION, BATTERY, STATUS)
 
 
 def _message(kind: str, content: bytes) -> bytes:
-    """Return one message of a ULog: its size, its letter, its content."""
+    """Return one message of a ULog: size, letter of the kind, content."""
     return struct.pack("<Hc", len(content), kind.encode("ascii")) + content
 
 
 class LogWriter:
-    """One ULog that grows.
+    """Content of one ULog, to which samples and texts are appended.
 
     Args:
         start_us: time since PX4's start.
@@ -103,7 +103,7 @@ class LogWriter:
         self, start_us: int, infos: dict[str, str], parameters: dict[str, float | int]
     ) -> None:
         self.content = bytearray(_MAGIC + struct.pack("<BQ", _VERSION, start_us))
-        flag_bits = bytes(8 + 8 + 3 * 8)  # nothing special, and nothing appended
+        flag_bits = bytes(8 + 8 + 3 * 8)  # no incompatible flags, and no appended data
         self.content += _message("B", flag_bits)
 
         for topic in TOPICS:
@@ -129,16 +129,16 @@ class LogWriter:
 
     @property
     def is_full(self) -> bool:
-        """Whether nothing more is written."""
+        """Whether the log has reached its largest size."""
         return len(self.content) >= _MOST_BYTES
 
     def sample(self, topic: LogTopic, time_us: int, *values: float) -> None:
         """Append a sample of a topic.
 
         Args:
-            topic: one of :data:`TOPICS`.
-            time_us: since PX4's start.
-            values: values of its other fields.
+            topic: topic of :data:`TOPICS`.
+            time_us: time since PX4's start.
+            values: values of the fields other than the timestamp.
         """
         if self.is_full:
             return
@@ -146,10 +146,10 @@ class LogWriter:
         self.content += _message("D", number + topic.packer.pack(time_us, *values))
 
     def text(self, time_us: int, severity: int, text: str) -> None:
-        """Append a text that PX4 said."""
+        """Append a text that PX4 has sent."""
         if self.is_full:
             return
-        head = struct.pack("<BQ", _TEXT_LEVEL + severity, time_us)
+        head = struct.pack("<BQ", _LEVEL_ZERO + severity, time_us)
         self.content += _message("L", head + text.encode("utf-8"))
 
 
@@ -158,7 +158,7 @@ class LogFile:
     """One log on the vehicle's card."""
 
     path: str
-    unix_s: float  # when it was begun
+    unix_s: float  # date of its begin
     writer: LogWriter
 
     @property
@@ -169,21 +169,21 @@ class LogFile:
 
 @dataclass(slots=True)
 class FlightLogs:
-    """The logs of one vehicle; they survive a restart of its PX4.
+    """The logs of one vehicle, which a restart of its PX4 keeps.
 
     Attributes:
-        files: the oldest first.
-        session_limit_bytes: after which a file transfer ends without a word; 0 for never.
+        files: the logs, oldest first.
+        session_limit_bytes: number of bytes after which a file transfer ends silently; 0: no limit.
     """
 
     files: list[LogFile] = field(default_factory=list)
     session_limit_bytes: int = 0
     _open: LogFile | None = None
     _ticks: int = 0
-    _texts_seen: int = 0
+    _texts_logged: int = 0  # number of texts of the journal that need not be logged any more
 
     def tick(self, autopilot: EmulatedPx4, inputs: AutopilotInputs, unix_s: float) -> None:
-        """Write what is due of the present tick; begin and end the log with the flight.
+        """Write the samples and texts of the present tick; begin and end the log with the flight.
 
         Args:
             autopilot: autopilot after its tick.
@@ -210,11 +210,11 @@ class FlightLogs:
         del self.files[:-_MOST_LOGS]
         self._ticks = 0
 
-        # what it said as it was armed belongs to this flight
+        # The texts about the arming belong to this flight.
         texts = autopilot.journal.texts
         now_s = autopilot.boot_time_s + time_us * 1e-6
-        recent = [text for text in texts.newest if now_s - text.time_s <= _SAID_BEFORE_S]
-        self._texts_seen = texts.count - len(recent)
+        recent = [text for text in texts.newest if now_s - text.time_s <= _ARMING_TEXT_S]
+        self._texts_logged = texts.count - len(recent)
 
     def _write(
         self, writer: LogWriter, autopilot: EmulatedPx4, inputs: AutopilotInputs, time_us: int
@@ -227,9 +227,9 @@ class FlightLogs:
             self._write_status(writer, autopilot, time_us)
 
         texts = autopilot.journal.texts
-        for text in texts.since(self._texts_seen):
-            writer.text(time_us, text.severity, _spoken(text))
-        self._texts_seen = texts.count
+        for text in texts.since(self._texts_logged):
+            writer.text(time_us, text.severity, _without_tab(text))
+        self._texts_logged = texts.count
 
     def _write_position(
         self, writer: LogWriter, autopilot: EmulatedPx4, inputs: AutopilotInputs, time_us: int
@@ -264,6 +264,6 @@ class FlightLogs:
         writer.sample(BATTERY, time_us, voltage_v, battery.remaining_frac, _CELLS, is_connected)
 
 
-def _spoken(text: StatusText) -> str:
-    """Return a text without the tab that says that an event says the same."""
+def _without_tab(text: StatusText) -> str:
+    """Return a text without the tab at its end, which stands for an event of the same content."""
     return text.text.rstrip("\t")

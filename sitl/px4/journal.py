@@ -1,7 +1,7 @@
-"""What a PX4 says to people: STATUSTEXTs for ground stations, and EVENTs with the same content.
+"""Texts of a PX4 for ground stations (STATUSTEXT), and events of the same content (EVENT).
 
-`journal.toml` lists everything that it can say. A text ends in a tab when an event says the same,
-so that a ground station that reads events can drop the text.
+`journal.toml` lists all texts and events. A text ends in a tab when there is an event of the same
+content, so that a ground station that reads events can drop the text.
 """
 
 from __future__ import annotations
@@ -17,25 +17,29 @@ from sitl.px4.signals import StatusText
 
 _INFO = 6  # MAV_SEVERITY
 _AUTOPILOT_NAMESPACE = 1 << 24
-_KEPT = 100  # newest entries of each kind, at least
+_STORED = 100  # smallest number of newest entries of each kind that are stored
+# Constants of the 32-bit FNV-1a hash.
+_FNV_OFFSET = 0x811C9DC5
+_FNV_PRIME = 0x01000193
+
 Entry = TypeVar("Entry")
 
 
 def event_id(name: str) -> int:
     """Return the number of an event: 24 bits of the FNV-1a hash of its name, and the namespace."""
-    value = 0x811C9DC5
+    value = _FNV_OFFSET
     for byte in name.encode("ascii"):
-        value = ((value ^ byte) * 0x01000193) & 0xFFFFFFFF
+        value = ((value ^ byte) * _FNV_PRIME) & 0xFFFFFFFF
     return value & 0xFFFFFF | _AUTOPILOT_NAMESPACE
 
 
 class Saying(NamedTuple):
-    """One thing that PX4 says."""
+    """One row of the table: a text, an event, or both."""
 
-    severity: int  # of the text (MAV_SEVERITY), also the event's external level
-    text: str | None  # with places for arguments; None when there is only an event
-    event: str | None = None  # the event's name; None when there is only a text
-    internal: int = _INFO  # level of the event in PX4's own log
+    severity: int  # severity of the text (MAV_SEVERITY) and external level of the event
+    text: str | None  # text with fields for words; None when there is only an event
+    event: str | None = None  # name of the event; None when there is only a text
+    internal: int = _INFO  # level of the event in PX4's log
     arguments: str = ""  # struct codes of the event's arguments
 
 
@@ -63,10 +67,10 @@ class Px4Event(NamedTuple):
 
 @dataclass(slots=True)
 class EntryLog(Generic[Entry]):
-    """The newest entries of one kind; of older ones only their number is kept."""
+    """The newest entries of one kind, and the number of the older ones."""
 
     newest: list[Entry] = field(default_factory=list)  # oldest first
-    forgotten: int = 0
+    forgotten: int = 0  # number of entries that are no longer stored
 
     @property
     def count(self) -> int:
@@ -75,13 +79,13 @@ class EntryLog(Generic[Entry]):
 
     def add(self, entry: Entry) -> None:
         """Append an entry."""
-        if len(self.newest) >= 2 * _KEPT:
-            del self.newest[:_KEPT]
-            self.forgotten += _KEPT
+        if len(self.newest) >= 2 * _STORED:
+            del self.newest[:_STORED]
+            self.forgotten += _STORED
         self.newest.append(entry)
 
     def since(self, count: int) -> list[Entry]:
-        """Return the entries after the first `count` ever, as far as they are kept."""
+        """Return the entries after the first `count` of all, as far as they are stored."""
         return self.newest[max(0, count - self.forgotten) :]
 
 
@@ -91,7 +95,7 @@ class Journal:
 
     texts: EntryLog[StatusText] = field(default_factory=EntryLog)
     events: EntryLog[Px4Event] = field(default_factory=EntryLog)
-    # of texts for which the version has another one than the table; -1: the text is not sent
+    # Severities of texts where the version differs from the table. -1: the text is not sent.
     severities: Mapping[str, int] = field(default_factory=dict)
 
     @property
@@ -99,18 +103,18 @@ class Journal:
         """Sequence number of the newest event."""
         return self.events.count & 0xFFFF
 
-    def say(self, now_s: float, what: str, *arguments: float, **words: object) -> None:
-        """Say one of :data:`SAYINGS`.
+    def say(self, now_s: float, key: str, *arguments: float, **words: object) -> None:
+        """Send the text and the event of a row of :data:`SAYINGS`.
 
         Args:
-            now_s: simulated time.
-            what: key of the table.
+            now_s: present time.
+            key: key of the row.
             arguments: arguments of the event.
-            words: words of the text.
+            words: words for the fields of the text.
         """
-        saying = SAYINGS[what]
+        saying = SAYINGS[key]
 
-        severity = self.severities.get(what, saying.severity)
+        severity = self.severities.get(key, saying.severity)
         if saying.text is not None and severity >= 0:
             self.texts.add(StatusText(now_s, severity, saying.text.format(**words)))
 

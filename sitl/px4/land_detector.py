@@ -9,14 +9,14 @@ from sitl.px4.modes import LandedState, Mode
 from sitl.px4.parameters import Parameters
 from sitl.px4.signals import AutopilotInputs
 
-# How long contact and low thrust have to last in PX4's own modes, which push down before they give
-# up. Setpoints do not: for OFFBOARD the version says how long.
-_PATIENCE_S = 4.3
+# Time for which contact and low thrust have to last in PX4's own modes, which push the vehicle down
+# first. Setpoints do not push, and for OFFBOARD the version sets the time.
+_CONTACT_S = 4.3
 _LOWEST_THRUST = 0.12  # MPC_THR_MIN
-_LOW_SHARE = 0.3  # of the range between the lowest thrust and the hover thrust
+_LOW_SHARE = 0.3  # thrust that counts as low, from the lowest (0) to the hover thrust (1)
 
-# What a vehicle in the air is said to be doing, by mode; everything else is just in the air.
-_IN_MODE: dict[Mode, LandedState] = {
+# State of a vehicle in the air by mode. In other modes it is IN_AIR.
+_STATE_IN_AIR: dict[Mode, LandedState] = {
     Mode.TAKEOFF: LandedState.TAKEOFF,
     Mode.LAND: LandedState.LANDING,
     Mode.DESCEND: LandedState.LANDING,
@@ -25,16 +25,16 @@ _IN_MODE: dict[Mode, LandedState] = {
 
 @dataclass(slots=True)
 class LandDetector:
-    """Memory of the detector."""
+    """State of the detector."""
 
-    state: LandedState = LandedState.ON_GROUND  # what is reported
+    state: LandedState = LandedState.ON_GROUND  # reported state
     has_flown: bool = False  # whether there was a take-off since arming
-    takeoff_time_s: float = math.inf  # when the first take-off since arming was detected
-    landed_time_s: float = 0.0  # when the last landing was detected
-    _contact_time_s: float = 0.0  # since when it has rested on the ground at low thrust
+    takeoff_time_s: float = math.inf  # detection of the first take-off since arming
+    landed_time_s: float = 0.0  # detection of the last landing
+    _contact_time_s: float = 0.0  # begin of the present rest on the ground at low thrust
 
     def disarmed(self) -> None:
-        """Take the vehicle for landed, as PX4 does with whatever is not armed."""
+        """Report the vehicle as landed, as PX4 does while it is not armed."""
         self.state = LandedState.ON_GROUND
         self.has_flown = False
         self.takeoff_time_s = math.inf
@@ -42,13 +42,13 @@ class LandDetector:
     def step(
         self, inputs: AutopilotInputs, mode: Mode, thrust_frac: float, params: Parameters
     ) -> str | None:
-        """Look again; the key of what PX4 says when the answer has changed, otherwise None."""
+        """Determine the state; return the key of PX4's text about a change, otherwise None."""
         now_s = inputs.time_s
         was_on_ground = self.state is LandedState.ON_GROUND
 
         if not inputs.on_ground:
             self._contact_time_s = now_s
-            self.state = _IN_MODE.get(mode, LandedState.IN_AIR)
+            self.state = _STATE_IN_AIR.get(mode, LandedState.IN_AIR)
             if was_on_ground:
                 self.has_flown = True
                 self.takeoff_time_s = min(self.takeoff_time_s, now_s)
@@ -60,10 +60,10 @@ class LandDetector:
             self._contact_time_s = now_s
             return None
 
-        patience_s = _PATIENCE_S
+        required_contact_s = _CONTACT_S
         if mode is Mode.OFFBOARD:
-            patience_s = params.version.landed_offboard_s
-        if was_on_ground or now_s - self._contact_time_s < patience_s:
+            required_contact_s = params.version.landed_offboard_s
+        if was_on_ground or now_s - self._contact_time_s < required_contact_s:
             return None
 
         self.state = LandedState.ON_GROUND

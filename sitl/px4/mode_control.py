@@ -1,8 +1,8 @@
 """Control of a PX4 in each of its own modes and in OFFBOARD: from its inputs to an actuation.
 
-Each of PX4's modes states a goal (a position, a speed, a heading), and `position_control.py` flies
-to it. An OFFBOARD setpoint of a position is such a goal, too; one of an attitude or of rates is
-flown as it is.
+Each of PX4's modes has a goal (a position, a velocity, a heading), to which `position_control.py`
+flies. A position setpoint in OFFBOARD is such a goal as well. A setpoint of an attitude or of body
+rates is commanded directly.
 """
 
 from __future__ import annotations
@@ -24,23 +24,29 @@ from sitl.px4.signals import DRIFT_RAD_S, Actuation, AutopilotInputs, Setpoint, 
 from sitl.px4.sticks import Axes
 
 TICK_S = 0.02
-_SPOOL_S = 1.0  # from arming until a take-off begins
-_FIRST_SHARE = 0.25  # of the climb speed, with which the ramp of a take-off begins
+_SPOOL_S = 1.0  # time from arming until a take-off begins
+_FIRST_SHARE = 0.25  # share of the climb speed with which the ramp of a take-off begins
+_LEAST_RAMP_S = 0.1  # lower limit of the duration of that ramp
 
-# A take-off ends close to its height; after a while it ends also when it has come near.
+# A take-off ends within the first distance from its height. Later than this time after arming it
+# ends within the second distance, which is larger.
 _TAKEOFF_REACHED_M = 0.1
 _TAKEOFF_NEAR_M = 0.4
-_TAKEOFF_PATIENCE_S = 6.5
+_TAKEOFF_LATE_S = 6.5
 
-_RTL_NEAR_M = 0.5  # from home, horizontally: there the return becomes a landing
+_RTL_NEAR_M = 0.5  # horizontal distance from home at which a return becomes a landing
 
-_HOVER_LEARN_S = 2.0  # time constant
-_HOVER_LEARN_BELOW_M_S = 0.5  # vertical speed
+# The hover thrust is estimated below this vertical speed, with this time constant, within limits.
+_HOVER_TIME_S = 2.0
+_HOVER_SPEED_M_S = 0.5
+_LEAST_HOVER_THRUST = 0.1
+_MOST_HOVER_THRUST = 0.9
 
-_STICK_REST = 0.1  # of full deflection, within which a stick stands in its middle (MPC_HOLD_DZ)
+# Share of full deflection below which a stick counts as centred (MPC_HOLD_DZ).
+_STICK_REST = 0.1
 
-_NOWHERE = np.full(3, math.nan)
-_STILL = np.zeros(3)
+_NO_POSITION = np.full(3, math.nan)
+_ZERO = np.zeros(3)
 
 
 def level(yaw_rad: float) -> Array:
@@ -51,7 +57,7 @@ def level(yaw_rad: float) -> Array:
 def _motors_off(attitude: Array) -> Actuation:
     return Actuation(
         attitude=attitude,
-        rate_rad_s=_STILL,
+        rate_rad_s=_ZERO,
         is_rate=False,
         thrust_frac=0.0,
         motors_on=False,
@@ -60,26 +66,26 @@ def _motors_off(attitude: Array) -> Actuation:
 
 @dataclass(slots=True)
 class ModeControl:
-    """Memory of what is flown."""
+    """State of the control of one vehicle."""
 
-    # the newest output
+    # Newest output.
     actuation: Actuation = field(
         default_factory=lambda: _motors_off(np.array([1.0, 0.0, 0.0, 0.0]))
     )
-    goal: PositionGoal | None = None  # where PX4's own control flies to; None while it does not
-    home_ned_m: Array = field(default_factory=lambda: np.zeros(3))  # (3,) where it was armed
-    takeoff_height_m: float | None = None  # requested by a command; None for MIS_TAKEOFF_ALT
-    has_lost_attitude: bool = False  # the attitude control is broken until PX4 restarts
+    goal: PositionGoal | None = None  # goal of the position control; None while it is not used
+    home_ned_m: Array = field(default_factory=lambda: np.zeros(3))  # (3,) position of arming
+    takeoff_height_m: float | None = None  # height of a command; None: MIS_TAKEOFF_ALT
+    has_lost_attitude: bool = False  # whether the attitude control has failed until a restart
     _control: PositionControl = field(default_factory=PositionControl)
     _armed_time_s: float = 0.0
-    _entry: AutopilotInputs | None = None  # what was known when the mode began
-    _hold_ned_m: Array | None = None  # where Hold was sent to; None for where it began
-    _yaw_setpoint_rad: float | None = None  # None before the mode's first heading
-    _hover_thrust_frac: float = 0.5  # learnt in flight
-    _sticks: Axes | None = None  # of a pilot, at this tick; None while none are heard
+    _entry: AutopilotInputs | None = None  # inputs at the begin of the mode
+    _hold_ned_m: Array | None = None  # position for Hold; None: position at its begin
+    _yaw_setpoint_rad: float | None = None  # None before the first heading of the mode
+    _hover_thrust_frac: float = 0.5  # estimated in flight
+    _sticks: Axes | None = None  # sticks of a pilot at this tick; None while none are received
 
     def armed(self, now_s: float, inputs: AutopilotInputs | None, params: Parameters) -> None:
-        """Start afresh, with home here."""
+        """Reset the control at arming, and set home to the present position."""
         self._armed_time_s = now_s
         self._control.reset()
         self._hover_thrust_frac = params["MPC_THR_HOVER"]
@@ -93,7 +99,7 @@ class ModeControl:
         self.terminate()
 
     def entered(self, inputs: AutopilotInputs | None) -> None:
-        """Begin a mode here."""
+        """Begin a mode with the present inputs."""
         self._entry = inputs
         self._hold_ned_m = None
         self._yaw_setpoint_rad = None
@@ -104,9 +110,9 @@ class ModeControl:
         self._hold_ned_m = position_ned_m
 
     def frame_jumped(self, shift_ned_m: Array) -> None:
-        """Move all remembered positions along with a jump of the local frame.
+        """Shift all stored positions by a jump of the local frame.
 
-        The vehicle stays where it is.
+        So the jump does not move the vehicle.
         """
         self.home_ned_m = self.home_ned_m + shift_ned_m
         if self._entry is not None:
@@ -116,11 +122,11 @@ class ModeControl:
             self._hold_ned_m = self._hold_ned_m + shift_ned_m
 
     def terminate(self) -> None:
-        """Stop the motors for good, though the vehicle is still armed."""
+        """Stop the motors, also of a vehicle that is armed."""
         self.actuation = _motors_off(self.actuation.attitude)
 
     def take_setpoint(self, setpoint: Setpoint) -> None:
-        """Act on an attitude or rate setpoint at once; positions wait for the next tick."""
+        """Command an attitude or rate setpoint at once; a position waits for the next tick."""
         if setpoint.kind is SetpointKind.POSITION:
             return
 
@@ -143,9 +149,9 @@ class ModeControl:
         setpoint: Setpoint | None,
         sticks: Axes | None = None,
     ) -> bool:
-        """Advance an armed vehicle by one tick; True when a take-off has reached its height."""
+        """Advance an armed vehicle by one tick; return whether a take-off has ended."""
         self._sticks = sticks
-        self._learn_hover_thrust(inputs)
+        self._estimate_hover_thrust(inputs)
 
         if mode is Mode.OFFBOARD:
             if setpoint is not None and setpoint.goal is not None:
@@ -156,8 +162,9 @@ class ModeControl:
             self.terminate()
             return False
 
-        # On the ground only a take-off turns the motors; Hold goes on until the landing is
-        # detected, so that a touch of the ground does not drop a vehicle that hovers low.
+        # On the ground the motors idle in every mode but a take-off. Modes that hold the height
+        # continue until the landing is detected, so that a vehicle that hovers low and touches the
+        # ground does not drop.
         has_landed = landed is LandedState.ON_GROUND
         holds_height = mode is Mode.LOITER or (mode in modes.BLIND_DESCENT and sticks is not None)
         has_touched = inputs.on_ground and not holds_height
@@ -165,7 +172,7 @@ class ModeControl:
             self._idle(self._start(inputs).yaw_rad)
             return False
 
-        _FLOWN[mode](self, inputs, params)
+        _MODE_STEPS[mode](self, inputs, params)
 
         if mode is not Mode.TAKEOFF or has_landed:
             return False
@@ -175,31 +182,32 @@ class ModeControl:
 
     def _take_off(self, inputs: AutopilotInputs, params: Parameters) -> None:
         yaw_rad = self._start(inputs).yaw_rad
-        since_s = inputs.time_s - self._armed_time_s - _SPOOL_S
-        if since_s < 0.0:
+        climbing_s = inputs.time_s - self._armed_time_s - _SPOOL_S
+        if climbing_s < 0.0:
             self._idle(yaw_rad)
             return
 
         position = np.array([self.home_ned_m[0], self.home_ned_m[1], self._takeoff_down_m(params)])
-        # The climb begins gently, and from the ground at once.
-        share = min(1.0, _FIRST_SHARE + since_s / max(params["MPC_TKO_RAMP_T"], 0.1))
+        # The speed begins at a share, so that the vehicle leaves the ground at once, and grows.
+        ramp_s = max(params["MPC_TKO_RAMP_T"], _LEAST_RAMP_S)
+        share = min(1.0, _FIRST_SHARE + climbing_s / ramp_s)
         up_m_s = share * params["MPC_TKO_SPEED"]
-        self._fly(inputs, PositionGoal(position, _STILL, yaw_rad), params, up_m_s=up_m_s)
+        self._fly(inputs, PositionGoal(position, _ZERO, yaw_rad), params, up_m_s=up_m_s)
 
     def _has_reached_takeoff_height(self, inputs: AutopilotInputs, params: Parameters) -> bool:
         left_m = abs(float(inputs.position_ned_m[2]) - self._takeoff_down_m(params))
-        # The slow errors of the estimate keep the last centimetres away for seconds.
-        is_patient = inputs.time_s - self._armed_time_s < _TAKEOFF_PATIENCE_S
-        if is_patient:
-            return left_m < _TAKEOFF_REACHED_M
-        return left_m < _TAKEOFF_NEAR_M
+        # Slow errors of the estimate can prevent the last centimetres for seconds.
+        is_late = inputs.time_s - self._armed_time_s >= _TAKEOFF_LATE_S
+        if is_late:
+            return left_m < _TAKEOFF_NEAR_M
+        return left_m < _TAKEOFF_REACHED_M
 
     def _hold(self, inputs: AutopilotInputs, params: Parameters) -> None:
         start = self._start(inputs)
         position = start.position_ned_m
         if self._hold_ned_m is not None:
             position = np.where(np.isfinite(self._hold_ned_m), self._hold_ned_m, position)
-        self._fly(inputs, PositionGoal(position, _STILL, start.yaw_rad), params)
+        self._fly(inputs, PositionGoal(position, _ZERO, start.yaw_rad), params)
 
     def _land(self, inputs: AutopilotInputs, params: Parameters) -> None:
         start = self._start(inputs)
@@ -211,18 +219,18 @@ class ModeControl:
         if math.dist(home[:2], inputs.position_ned_m[:2]) < _RTL_NEAR_M:
             self._descend(inputs, home, start.yaw_rad, params)
         else:
-            self._fly(inputs, PositionGoal(home, _STILL, start.yaw_rad), params)
+            self._fly(inputs, PositionGoal(home, _ZERO, start.yaw_rad), params)
 
     def _sink(self, inputs: AutopilotInputs, params: Parameters) -> None:
-        # Level, whatever the position does: there is nobody at the sticks, or no position.
+        # The descent is level and does not hold a position: no sticks or no position are received.
         velocity = np.array([0.0, 0.0, params["MPC_LAND_SPEED"]])
-        goal = PositionGoal(_NOWHERE, velocity, self._start(inputs).yaw_rad)
+        goal = PositionGoal(_NO_POSITION, velocity, self._start(inputs).yaw_rad)
         self._fly(inputs, goal, params, is_level=True)
 
-    # -- by hand -----------------------------------------------------------------------------------
+    # -- manual modes ------------------------------------------------------------------------------
 
     def _fly_position_by_hand(self, inputs: AutopilotInputs, params: Parameters) -> None:
-        """POSCTL: sticks in their middle hold the position, moved ones give a velocity."""
+        """Fly POSCTL: centred sticks hold the position, others command a velocity."""
         if self._sticks is None:
             self._sink(inputs, params)
             return
@@ -232,7 +240,7 @@ class ModeControl:
         if max(abs(pitch), abs(roll), abs(climb)) < _STICK_REST:
             if self._hold_ned_m is None:
                 self._hold_ned_m = inputs.position_ned_m.copy()
-            goal = PositionGoal(self._hold_ned_m, _STILL, self._start(inputs).yaw_rad)
+            goal = PositionGoal(self._hold_ned_m, _ZERO, self._start(inputs).yaw_rad)
             self._fly(inputs, goal, params)
             return
 
@@ -242,21 +250,27 @@ class ModeControl:
         speed_m_s = params["MPC_VEL_MANUAL"]
         down_m_s = -climb * params["MPC_Z_VEL_MAX_UP"]
         velocity = np.array([speed_m_s * north, speed_m_s * east, down_m_s])
-        self._fly(inputs, PositionGoal(_NOWHERE, velocity, self._start(inputs).yaw_rad), params)
+        self._fly(inputs, PositionGoal(_NO_POSITION, velocity, self._start(inputs).yaw_rad), params)
 
     def _fly_height_by_hand(self, inputs: AutopilotInputs, params: Parameters) -> None:
-        """ALTCTL: the throttle gives a climb, roll and pitch a tilt; nothing holds the place."""
+        """Fly ALTCTL: the throttle commands a climb, roll and pitch a tilt.
+
+        No position is held.
+        """
         if self._sticks is None:
             self._sink(inputs, params)
             return
 
         climb = 2.0 * self._sticks[2] - 1.0
         velocity = np.array([0.0, 0.0, -climb * params["MPC_Z_VEL_MAX_UP"]])
-        goal = PositionGoal(_NOWHERE, velocity, self._start(inputs).yaw_rad)
+        goal = PositionGoal(_NO_POSITION, velocity, self._start(inputs).yaw_rad)
         self._fly(inputs, goal, params, is_level=True)
 
     def _fly_attitude_by_hand(self, inputs: AutopilotInputs, params: Parameters) -> None:
-        """STABILIZED and MANUAL: roll and pitch give a tilt, the throttle's middle hovers."""
+        """Fly STABILIZED or MANUAL: roll and pitch command a tilt, the throttle a thrust.
+
+        The vehicle hovers with the throttle in its middle.
+        """
         if self._sticks is None:
             self._sink(inputs, params)
             return
@@ -267,15 +281,16 @@ class ModeControl:
         if throttle > 0.5:
             thrust_frac = hover_frac + (2.0 * throttle - 1.0) * (1.0 - hover_frac)
         self.goal = None
-        self._command(self._held_level(self._start(inputs).yaw_rad, params), thrust_frac)
+        attitude = self._attitude_by_sticks(self._start(inputs).yaw_rad, params)
+        self._command(attitude, thrust_frac)
 
-    def _held_level(self, yaw_rad: float, params: Parameters) -> Array:
-        """Return the level attitude (4,), tilted as the sticks say."""
+    def _attitude_by_sticks(self, yaw_rad: float, params: Parameters) -> Array:
+        """Return the attitude (4,) that the sticks command; without sticks it is level."""
         if self._sticks is None:
             return level(yaw_rad)
 
         most_rad = math.radians(params["MPC_MAN_TILT_MAX"])
-        half_pitch_rad = -0.5 * most_rad * self._sticks[0]  # forward is nose down
+        half_pitch_rad = -0.5 * most_rad * self._sticks[0]  # a stick forward turns the nose down
         half_roll_rad = 0.5 * most_rad * self._sticks[1]
         tilt = np.array([1.0, half_roll_rad, half_pitch_rad, 0.0])
         return frames.multiply(level(yaw_rad), tilt / np.linalg.norm(tilt))
@@ -331,13 +346,14 @@ class ModeControl:
             yaw_rad=yaw_rad,
         )
         if is_level:
-            attitude = self._held_level(yaw_rad, params)
+            attitude = self._attitude_by_sticks(yaw_rad, params)
         self._command(attitude, thrust_frac)
 
     def _heading(self, goal: PositionGoal, inputs: AutopilotInputs) -> float:
         """Return the heading to fly.
 
-        Without one in the goal the last one stays; a mode begins with the heading that it finds.
+        A goal without a heading keeps the last one. The first is the heading at the begin of the
+        mode.
         """
         if math.isfinite(goal.yaw_rad):
             self._yaw_setpoint_rad = goal.yaw_rad
@@ -365,26 +381,26 @@ class ModeControl:
 
         self.actuation = Actuation(
             attitude=attitude,
-            rate_rad_s=_STILL if rate_rad_s is None else rate_rad_s,
+            rate_rad_s=_ZERO if rate_rad_s is None else rate_rad_s,
             is_rate=rate_rad_s is not None,
             thrust_frac=thrust_frac,
             motors_on=True,
         )
 
-    def _learn_hover_thrust(self, inputs: AutopilotInputs) -> None:
-        # PX4 estimates its hover thrust in flight; without that a heavy vehicle sinks when a
-        # failsafe takes over.
-        is_level_flight = abs(inputs.velocity_ned_m_s[2]) <= _HOVER_LEARN_BELOW_M_S
+    def _estimate_hover_thrust(self, inputs: AutopilotInputs) -> None:
+        # PX4 estimates its hover thrust in flight. Without an estimate a heavy vehicle would sink
+        # at the begin of a failsafe.
+        is_level_flight = abs(inputs.velocity_ned_m_s[2]) <= _HOVER_SPEED_M_S
         if inputs.on_ground or not is_level_flight:
             return
 
         lift_frac = self.actuation.thrust_frac * frames.uprightness(inputs.attitude)
         error_frac = lift_frac - self._hover_thrust_frac
-        learnt_frac = self._hover_thrust_frac + TICK_S / _HOVER_LEARN_S * error_frac
-        self._hover_thrust_frac = min(0.9, max(0.1, learnt_frac))
+        estimate_frac = self._hover_thrust_frac + TICK_S / _HOVER_TIME_S * error_frac
+        self._hover_thrust_frac = min(_MOST_HOVER_THRUST, max(_LEAST_HOVER_THRUST, estimate_frac))
 
 
-_FLOWN: dict[Mode, Callable[[ModeControl, AutopilotInputs, Parameters], None]] = {
+_MODE_STEPS: dict[Mode, Callable[[ModeControl, AutopilotInputs, Parameters], None]] = {
     Mode.TAKEOFF: ModeControl._take_off,
     Mode.LOITER: ModeControl._hold,
     Mode.MISSION: ModeControl._hold,

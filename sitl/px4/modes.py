@@ -1,4 +1,4 @@
-"""PX4's flight modes and what the commander does about them, as tables."""
+"""PX4's flight modes as tables: MAVLink numbers, conditions, names and fallback modes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class LandedState(IntEnum):
 
 
 class SystemStatus(IntEnum):
-    """MAV_STATE as far as PX4 shows it here."""
+    """The values of MAV_STATE that the emulated PX4 shows."""
 
     UNINIT = 0
     STANDBY = 3
@@ -52,14 +52,17 @@ class CommandResult(IntEnum):
 
 
 class ModeCondition(Flag):
-    """Conditions of a mode: all to be armed in it, all but ARMING to change to it in the air."""
+    """Conditions of a mode.
+
+    Arming in the mode requires all of them. Changing to it in the air requires all but ARMING.
+    """
 
     NOTHING = 0
     LOCAL_POSITION = auto()
     GLOBAL_POSITION = auto()
     SETPOINTS = auto()
     MISSION = auto()
-    ARMING = auto()  # never there: nobody arms in this mode
+    ARMING = auto()  # never met: a vehicle cannot be armed in this mode
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +73,8 @@ class ModeRow:
     sub: int  # sub mode in HEARTBEAT.custom_mode
     base_mode: int  # HEARTBEAT.base_mode without the armed bit
     standard_mode: int  # CURRENT_MODE.standard_mode (MAV_STANDARD_MODE)
-    needs: ModeCondition  # to be armed in it, and to be changed to it
-    is_selectable: bool = True  # whether somebody may ask for it
+    needs: ModeCondition  # conditions for arming in the mode and for changing to it
+    is_selectable: bool = True  # whether the mode can be requested
 
     @property
     def custom_mode(self) -> int:
@@ -171,7 +174,7 @@ MODES: dict[Mode, ModeRow] = {
     ),
 }
 
-# What PX4 calls a mode in a text, and its number in an event.
+# Name of a mode in PX4's texts, and its number in events.
 NAMES: dict[Mode, tuple[str, int]] = {
     Mode.MANUAL: ("Manual", 0),
     Mode.ALTCTL: ("Altitude", 1),
@@ -199,7 +202,8 @@ _IS_AUTO = 4
 _IS_GUIDED = 8
 _IS_STABILIZED = 16
 _IS_MANUAL = 64
-# What an old client means that knows only MAVLink's modes: the first row whose bits are all set.
+# Mode that a client requests by MAVLink's base_mode only: that of the first row whose bits are all
+# set.
 _BY_BASE_MODE: tuple[tuple[int, Mode], ...] = (
     (_IS_AUTO, Mode.MISSION),
     (_IS_MANUAL | _IS_GUIDED, Mode.POSCTL),
@@ -207,7 +211,7 @@ _BY_BASE_MODE: tuple[tuple[int, Mode], ...] = (
     (_IS_MANUAL, Mode.MANUAL),
 )
 
-# What a mode leads to when there is no position for it; LAND becomes a level, blind descent.
+# Mode that replaces a mode when there is no position. LAND becomes a level descent.
 FALLBACK: dict[Mode, Mode] = {
     Mode.TAKEOFF: Mode.LAND,
     Mode.LOITER: Mode.LAND,
@@ -217,17 +221,17 @@ FALLBACK: dict[Mode, Mode] = {
     Mode.POSCTL: Mode.ALTCTL,
 }
 
-# Without sticks (there is no radio control) these modes are a level, blind descent.
+# Modes that are a level descent without a position while no sticks are received.
 BLIND_DESCENT = frozenset({Mode.MANUAL, Mode.ALTCTL, Mode.POSCTL, Mode.STABILIZED, Mode.DESCEND})
 
 
 def mode_of(base_mode: int, main: int, sub: int) -> Mode | None:
-    """Return the mode that a DO_SET_MODE requests; None for one that the emulator does not have.
+    """Return the mode that a DO_SET_MODE requests; None for a mode that is not emulated.
 
     Args:
-        base_mode: bit 0 says that the other two count; without it MAVLink's own bits decide.
+        base_mode: base_mode of the request; without its bit 0 its other bits select the mode.
         main: main mode, as in custom_mode.
-        sub: sub mode; AUTO without one is a mission.
+        sub: sub mode; 0 in AUTO selects MISSION.
     """
     if not base_mode & _IS_CUSTOM:
         for bits, mode in _BY_BASE_MODE:
@@ -236,5 +240,5 @@ def mode_of(base_mode: int, main: int, sub: int) -> Mode | None:
         return None
 
     if main == AUTO_MAIN:
-        return BY_NUMBERS.get((main, sub or 4))
+        return BY_NUMBERS.get((main, sub or MODES[Mode.MISSION].sub))
     return BY_NUMBERS.get((main, 0))

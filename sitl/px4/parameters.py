@@ -1,7 +1,7 @@
-"""PX4's parameters that the emulator honours or that clients ask for, with PX4's defaults.
+"""PX4's parameters that the emulator obeys or that clients request, with PX4's defaults.
 
-MAVLink carries every value in a float field. PX4 puts the bytes of an integer there and does not
-convert the number, so each value is encoded and decoded by the type of its parameter.
+MAVLink sends every value in a float field. PX4 copies the bytes of an integer into the field
+instead of converting the number. So the type of a parameter decides how its value is encoded.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ MAV_PARAM_TYPE_UINT32 = 5
 MAV_PARAM_TYPE_INT32 = 6
 MAV_PARAM_TYPE_REAL32 = 9
 HASH_CHECK = "_HASH_CHECK"
+_NEVER_NAN = 0xBFFFFFFF
 
 _GROUPS: dict[str, dict[str, int | float]] = tomllib.loads(
     files(__package__).joinpath("parameters.toml").read_text()
@@ -28,11 +29,11 @@ _GROUPS: dict[str, dict[str, int | float]] = tomllib.loads(
 
 
 def _defaults(version: Version) -> dict[str, int | float]:
-    named = ChainMap(dict(version.parameters), *_GROUPS.values()).items()
-    return {name: value for name, value in sorted(named) if name not in version.parameters_gone}
+    values = ChainMap(dict(version.parameters), *_GROUPS.values()).items()
+    return {name: value for name, value in sorted(values) if name not in version.parameters_gone}
 
 
-# of each version, in PX4's order
+# Defaults of each version, in PX4's order.
 DEFAULTS: dict[str, dict[str, int | float]] = {
     version.name: _defaults(version) for version in versions.VERSIONS.values()
 }
@@ -40,10 +41,10 @@ DEFAULTS: dict[str, dict[str, int | float]] = {
 
 @dataclass(slots=True)
 class Parameters:
-    """Values of one vehicle for this run."""
+    """Parameters of one vehicle."""
 
     version: Version = versions.DEFAULT
-    # the version's defaults at the start
+    # Values by name, at the start the defaults of the version.
     values: dict[str, int | float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -51,7 +52,7 @@ class Parameters:
 
     @property
     def defaults(self) -> dict[str, int | float]:
-        """Values of a PX4 of this version that nobody has changed."""
+        """Default values of this version of PX4."""
         return DEFAULTS[self.version.name]
 
     def __getitem__(self, name: str) -> float:
@@ -66,7 +67,7 @@ class Parameters:
         return list(self.defaults)
 
     def index(self, name: str) -> int:
-        """Return the index of a known parameter in that order."""
+        """Return the index of a known parameter in the order of :meth:`names`."""
         return list(self.defaults).index(name)
 
     def kind(self, name: str) -> int:
@@ -76,7 +77,7 @@ class Parameters:
         return MAV_PARAM_TYPE_REAL32
 
     def encoded_value(self, name: str) -> float:
-        """Return the value as MAVLink's float field carries it: the bytes of an integer."""
+        """Return the value for MAVLink's float field, which has the bytes of an integer."""
         value = self.values[name]
         if isinstance(self.defaults[name], int):
             return float(struct.unpack("<f", struct.pack("<i", int(value)))[0])
@@ -90,15 +91,15 @@ class Parameters:
             packed = struct.pack(layout, self.values[name])
             checksum = zlib.crc32(name.encode("ascii") + packed, checksum)
 
-        # One bit is given away, so that the four bytes are never those of a NaN: Python does not
-        # keep the bytes of a NaN when it is a float in between.
-        checksum &= 0xBFFFFFFF
+        # One bit is cleared, so that the four bytes are never those of a NaN. Python can change the
+        # bytes of a NaN when it converts them to a float.
+        checksum &= _NEVER_NAN
         return float(struct.unpack("<f", struct.pack("<I", checksum))[0])
 
     def set_encoded(self, name: str, encoded: float, kind: int) -> bool:
-        """Take a PARAM_SET; False when PX4 would not accept its name or type.
+        """Set the value of a PARAM_SET; return False for a name or type that PX4 does not accept.
 
-        PX4 accepts a NaN, and the value stays what it was.
+        PX4 accepts a NaN without changing the value.
         """
         if name not in self.values or kind != self.kind(name):
             return False

@@ -1,8 +1,8 @@
 """The position controller of PX4's own modes and of position setpoints in OFFBOARD.
 
-A plain cascade: position to velocity, velocity with integral action to acceleration, acceleration
-to attitude and thrust. Take-off, hold, landing and return have to fly safely and about as fast as
-PX4, not exactly alike.
+It is a cascade: position to velocity, velocity with integral action to acceleration, acceleration
+to attitude and thrust. Take-off, hold, landing and return are safe and about as fast as those of
+PX4, but not equal to them.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ _INTEGRAL_GAIN_1_S2 = (0.4, 0.4, 2.0)
 _INTEGRAL_LIMIT_M_S2 = (2.0, 2.0, 8.0)
 
 _THRUST_MIN = 0.12
-_LEAST_LIFT = 0.2  # of the weight: below that the tilt would have no meaning
-_MOST_ACCELERATION_M_S2 = 20.0  # that a setpoint can add, in each axis
+_LEAST_LIFT = 0.2  # least lift in units of the weight, since the tilt is not defined without lift
+_MOST_ACCELERATION_M_S2 = 20.0  # largest acceleration that a setpoint adds, per axis
 
 
 def _unset() -> Array:
@@ -36,22 +36,22 @@ def _unset() -> Array:
 class PositionGoal:
     """Goal of the position control, local NED.
 
-    NaN leaves an axis to the next quantity: position, then velocity, then acceleration. Where
-    several are given, the later ones are added to what the first requires.
+    The first of position, velocity and acceleration that is not NaN controls an axis. Those after
+    it are added as feedforward.
     """
 
     position_ned_m: Array  # (3,)
     velocity_ned_m_s: Array  # (3,)
     yaw_rad: float  # heading; NaN keeps the present one
     acceleration_ned_m_s2: Array = field(default_factory=_unset)  # (3,)
-    yaw_rate_rad_s: float = math.nan  # how fast the heading turns on; NaN for not at all
+    yaw_rate_rad_s: float = math.nan  # rate at which the heading turns; NaN: it does not turn
 
 
 @dataclass(frozen=True, slots=True)
 class PositionLimits:
     """Limits from the parameters."""
 
-    speed_m_s: float  # horizontally
+    speed_m_s: float  # horizontal
     up_m_s: float
     down_m_s: float
     tilt_rad: float
@@ -59,16 +59,16 @@ class PositionLimits:
 
 @dataclass(slots=True)
 class PositionControl:
-    """Memory of one vehicle's controller."""
+    """State of one vehicle's controller."""
 
     integral_m_s2: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
 
     def reset(self) -> None:
-        """Forget the integral, as when the vehicle has stood on the ground."""
+        """Reset the integral, as on the ground."""
         self.integral_m_s2 = [0.0, 0.0, 0.0]
 
     def forget_horizontal(self) -> None:
-        """Forget what was learnt of wind and drag, as when the mode changes."""
+        """Reset the horizontal integral, which balances wind and drag, as when the mode changes."""
         self.integral_m_s2[:2] = [0.0, 0.0]
 
     def step(
@@ -82,12 +82,12 @@ class PositionControl:
         limits: PositionLimits,
         yaw_rad: float,
     ) -> tuple[Array, float]:
-        """Advance by one step.
+        """Advance the controller by one step.
 
         Args:
-            goal: position to fly to.
-            position_ned_m: (3,) estimated.
-            velocity_ned_m_s: (3,) estimated.
+            goal: goal to fly to.
+            position_ned_m: estimated position (3,).
+            velocity_ned_m_s: estimated velocity (3,).
             dt_s: time since the last step.
             hover_thrust_frac: thrust that carries the weight.
             limits: limits of speed and tilt.
@@ -104,12 +104,12 @@ class PositionControl:
             dt_s,
         )
 
-        # Body z is opposite to the thrust, which carries the weight and accelerates besides.
+        # Body z is opposite to the thrust, which balances the weight and accelerates the vehicle.
         north_m_s2, east_m_s2, down_m_s2 = acceleration_m_s2
         lift_m_s2 = max(GRAVITY_M_S2 - down_m_s2, _LEAST_LIFT * GRAVITY_M_S2)
         body_z_m_s2 = [-north_m_s2, -east_m_s2, lift_m_s2]
 
-        # The tilt is limited by less acceleration sideways, never by less lift.
+        # The tilt is limited by reducing the horizontal acceleration, and never the lift.
         horizontal_m_s2 = math.hypot(body_z_m_s2[0], body_z_m_s2[1])
         most_m_s2 = math.tan(limits.tilt_rad) * lift_m_s2
         if horizontal_m_s2 > most_m_s2:
@@ -152,9 +152,9 @@ class PositionControl:
 def _velocity_setpoint(
     goal: PositionGoal, position_ned_m: list[float], limits: PositionLimits
 ) -> list[float]:
-    """Return the velocity for a goal's position and velocity together, within the limits.
+    """Return the velocity for the position and velocity of a goal, within the limits.
 
-    It is NaN on the axes that have neither.
+    It is NaN on the axes that have neither a position nor a velocity.
     """
     velocity_m_s = [math.nan] * 3
     goal_position_ned_m = goal.position_ned_m.tolist()
@@ -184,7 +184,8 @@ def attitude_for(down: Array, yaw_rad: float) -> Array:
     """Return the attitude (4,) whose body z points along `down` (3,), at a heading."""
     unit = down / np.linalg.norm(down)
 
-    # turned into the heading, where the tilt is about body x and y
+    # The direction turned into the horizontal axes of the vehicle, where the tilt is about body x
+    # and y.
     c = math.cos(yaw_rad)
     s = math.sin(yaw_rad)
     from_heading = np.array([c * unit[0] + s * unit[1], -s * unit[0] + c * unit[1], unit[2]])

@@ -1,12 +1,12 @@
 """The satellite receiver of an emulated PX4, as far as corrections change its fix.
 
-Fragments of GPS_RTCM_DATA are assembled to frames as MAVLink's text says, and a frame whose
-checksum is wrong is ignored. With observations of a base that has said where it is, the fix goes
-from 3D over RTK float to RTK fixed, and back when they stay away. A receiver places itself by where
-the base says it is: a base that says another place moves it.
+Fragments of GPS_RTCM_DATA are assembled to frames as MAVLink's documentation describes. A frame
+with a wrong checksum is ignored. With observations of a base whose position was received, the fix
+improves from 3D over RTK float to RTK fixed. It becomes worse when observations stay away. The
+position of a receiver is relative to the base: a base that reports another position shifts it.
 
-The times are those of usual receivers under a free sky, made short: nobody wants to wait a minute
-for a simulated fix.
+The times to a fix are shorter than those of usual receivers under a free sky, so that simulated
+flights do not wait for a minute.
 """
 
 from __future__ import annotations
@@ -23,20 +23,26 @@ FIX_3D = 3
 RTK_FLOAT = 5
 RTK_FIXED = 6
 
-FLOAT_AFTER_S = 3.0  # of corrections
-FIXED_AFTER_S = 8.0
-FLOAT_WITHOUT_S = 5.0  # without corrections a fixed receiver is a floating one
-LOST_WITHOUT_S = 15.0  # and one without RTK
-# The accuracy that it tells, horizontally [m]: 3D as SIH tells it.
+FLOAT_AFTER_S = 3.0  # time with corrections until RTK float
+FIXED_AFTER_S = 8.0  # time with corrections until RTK fixed
+FLOAT_WITHOUT_S = 5.0  # time without corrections until a fixed solution becomes a float one
+LOST_WITHOUT_S = 15.0  # time without corrections until the fix is 3D
+# Reported horizontal accuracy [m]. That of 3D is SIH's.
 ACCURACIES_M = {NO_FIX: 0.0, FIX_3D: 0.9, RTK_FLOAT: 0.3, RTK_FIXED: 0.014}
 
 _FRAGMENT_BYTES = 180
 _FRAGMENTS = 4
-_ASSEMBLY_S = 1.0  # fragments that are further apart are not of one frame
+_ASSEMBLY_S = 1.0  # largest time between two fragments of one frame
 _CRC_POLYNOMIAL = 0x1864CFB
+_LEAST_FRAME_BYTES = 8
 _MOST_FRAME_BYTES = 1029
-_BASE_POSITION = (1005, 1006)
+_FRAME_OVERHEAD_BYTES = 6  # header and checksum
+_PREAMBLE = 0xD3
 _BASE_FRAME_BYTES = 25
+_COORDINATE_BITS = 38  # size of a coordinate of the base [0.1 mm]
+_BASE_RESOLUTION_M = 1e-4
+# Numbers of RTCM messages.
+_BASE_POSITION = (1005, 1006)
 _OBSERVATIONS = (range(1001, 1005), range(1009, 1013), range(1071, 1138))
 
 
@@ -49,7 +55,7 @@ class Assembly:
     newest_s: float = -math.inf
 
     def take(self, flags: int, data: bytes, time_s: float) -> bytes | None:
-        """Take a fragment; return the frame that is whole with it.
+        """Add a fragment; return the frame if the fragment completes it.
 
         Args:
             flags: flags of the message.
@@ -71,7 +77,7 @@ class Assembly:
         self.newest_s = time_s
         self.pieces[number] = data
 
-        # whole with all four, or with all before the first one that is not full
+        # A frame is complete with all four fragments, or with all up to one that is not full.
         frame = b""
         for index in range(_FRAGMENTS):
             piece = self.pieces.get(index)
@@ -85,14 +91,14 @@ class Assembly:
 
 
 class SatelliteReceiver:
-    """One vehicle's receiver.
+    """Satellite receiver of one vehicle.
 
     Attributes:
-        is_deaf: it gets no corrections, whatever arrives (a fault).
-        is_garbled: what it gets has wrong bits (a fault).
-        is_obstructed: it finds no better fix than 3D (a fault).
-        frames: whole frames with a right checksum.
-        bad_frames: those that were none.
+        is_deaf: whether a fault prevents the reception of corrections.
+        is_garbled: whether a fault corrupts received corrections.
+        is_obstructed: whether a fault prevents a better fix than 3D.
+        frames: number of correct frames.
+        bad_frames: number of frames with a wrong form or checksum.
     """
 
     def __init__(self) -> None:
@@ -102,18 +108,18 @@ class SatelliteReceiver:
         self.frames = 0
         self.bad_frames = 0
         self._assembly = Assembly()
-        self._base_m: Array | None = None  # where the base says it is, from the centre of the Earth
+        self._base_m: Array | None = None  # position of the base from the centre of the Earth
         self._first_base_m: Array | None = None
-        self._since_s = math.inf  # corrections have come without a gap since then
-        self._newest_s = -math.inf  # of observations
+        self._corrected_from_s = math.inf  # begin of the present corrections without a gap
+        self._newest_s = -math.inf  # time of the newest observations
 
     def hear(self, flags: int, data: bytes, time_s: float) -> None:
-        """Take a fragment.
+        """Receive a fragment.
 
         Args:
             flags: flags of GPS_RTCM_DATA.
-            data: bytes of the message, as many as its length field says.
-            time_s: the time.
+            data: bytes of the message, of the length in its length field.
+            time_s: present time.
         """
         if self.is_deaf:
             return
@@ -134,26 +140,27 @@ class SatelliteReceiver:
             self._hear_observations(time_s)
 
     def _hear_base(self, frame: bytes) -> None:
-        bits = int.from_bytes(frame[3:22], "big")  # 152 of them
-        axes = [bits >> shift & ((1 << 38) - 1) for shift in (80, 40, 0)]
-        signed = [axis - (1 << 38) if axis >> 37 else axis for axis in axes]
-        self._base_m = np.array(signed, dtype=np.float64) * 1e-4
+        bits = int.from_bytes(frame[3:22], "big")
+        modulus = 1 << _COORDINATE_BITS
+        unsigned = [bits >> shift & (modulus - 1) for shift in (80, 40, 0)]
+        signed = [value - modulus if 2 * value >= modulus else value for value in unsigned]
+        self._base_m = np.array(signed, dtype=np.float64) * _BASE_RESOLUTION_M
         if self._first_base_m is None:
             self._first_base_m = self._base_m
 
     def _hear_observations(self, time_s: float) -> None:
         gap_s = time_s - self._newest_s
         if gap_s > LOST_WITHOUT_S:
-            self._since_s = time_s
+            self._corrected_from_s = time_s
         elif gap_s > FLOAT_WITHOUT_S:
-            self._since_s = time_s - FLOAT_AFTER_S
+            self._corrected_from_s = time_s - FLOAT_AFTER_S
         self._newest_s = time_s
 
     def fix_type(self, time_s: float, *, has_fix: bool) -> int:
         """Return GPS_RAW_INT.fix_type.
 
         Args:
-            time_s: the time.
+            time_s: present time.
             has_fix: whether satellites are received at all.
         """
         if not has_fix:
@@ -161,7 +168,7 @@ class SatelliteReceiver:
         silent_s = time_s - self._newest_s
         if silent_s > LOST_WITHOUT_S or self.is_obstructed:
             return FIX_3D
-        corrected_s = self._newest_s - self._since_s
+        corrected_s = self._newest_s - self._corrected_from_s
         if corrected_s < FLOAT_AFTER_S:
             return FIX_3D
         if corrected_s < FIXED_AFTER_S or silent_s > FLOAT_WITHOUT_S:
@@ -169,10 +176,12 @@ class SatelliteReceiver:
         return RTK_FIXED
 
     def shift_m(self, time_s: float) -> float:
-        """Return how far the base says it is from where it was at first; 0 without corrections.
+        """Return the distance between the present and the first position of the base.
+
+        It is 0 without corrections.
 
         Args:
-            time_s: the time.
+            time_s: present time.
         """
         if self._base_m is None or time_s - self._newest_s > LOST_WITHOUT_S:
             return 0.0
@@ -182,9 +191,11 @@ class SatelliteReceiver:
 
 def _is_right(frame: bytes) -> bool:
     """Whether bytes are one frame with a right checksum."""
-    if not 8 <= len(frame) <= _MOST_FRAME_BYTES or frame[0] != 0xD3 or frame[1] & 0xFC:
+    if not _LEAST_FRAME_BYTES <= len(frame) <= _MOST_FRAME_BYTES:
         return False
-    if (frame[1] << 8 | frame[2]) + 6 != len(frame):
+    if frame[0] != _PREAMBLE or frame[1] & 0xFC:
+        return False
+    if (frame[1] << 8 | frame[2]) + _FRAME_OVERHEAD_BYTES != len(frame):
         return False
     crc = 0
     for byte in frame:

@@ -1,7 +1,8 @@
-"""OFFBOARD setpoints as PX4 takes them from MAVLink.
+"""Setpoints for OFFBOARD as PX4 reads them from MAVLink messages.
 
-PX4 refuses no number. Odd ones become tame here (a thrust of NaN is none, a rate is limited), or
-they do what they do to a real PX4: an attitude of NaN makes the vehicle drift.
+PX4 refuses no number. Some unusual numbers are replaced or limited here: a thrust of NaN is 0, a
+rate is limited. Others have the effect that they have on a real PX4: an attitude of NaN makes the
+vehicle drift.
 """
 
 from __future__ import annotations
@@ -32,18 +33,20 @@ _IGNORE_YAW_RATE = 4
 _IGNORE_THRUST = 64
 _IGNORE_ATTITUDE = 128
 
-# Bits of the type mask of the two position targets; 0 to 8 are the axes of each quantity.
+# Bits of the type mask of the two position targets. Bits 0 to 8 ignore the axes of position,
+# velocity and acceleration.
 _IGNORE_YAW = 1024
 _IGNORE_TURN = 2048
 _IS_FORCE = 512
 
-_RATES: tuple[tuple[int, float], ...] = (  # bit that ignores it, limit [rad/s]
+# For each body rate the bit that ignores it, and its limit [rad/s].
+_RATES: tuple[tuple[int, float], ...] = (
     (_IGNORE_ROLL_RATE, 3.84),  # MC_ROLLRATE_MAX, 220 deg/s
     (_IGNORE_PITCH_RATE, 3.84),  # MC_PITCHRATE_MAX, 220 deg/s
     (_IGNORE_YAW_RATE, 3.49),  # MC_YAWRATE_MAX, 200 deg/s
 )
-_SHORT = 1e-6  # length of a quaternion that is taken for zero
-_HUGE = 1e6  # a number that no vehicle can mean
+_LEAST_NORM = 1e-6  # a shorter quaternion counts as zero
+_MOST_VALUE = 1e6  # larger numbers are ignored
 
 
 def from_attitude(
@@ -56,13 +59,13 @@ def from_attitude(
     yaw_rad: float,
     version: Version,
 ) -> Setpoint | None:
-    """Return the setpoint of a SET_ATTITUDE_TARGET; None for one that PX4 does not count.
+    """Return the setpoint of a SET_ATTITUDE_TARGET; None for a message that PX4 ignores.
 
-    PX4 does not count one with neither attitude nor rates; some versions none without thrust.
+    PX4 ignores a message with neither attitude nor rates. Some versions ignore one without thrust.
 
     Args:
         attitude_wxyz: attitude of the message, NED <- FRD.
-        rate_rad_s: rate of the message, about the body's axes.
+        rate_rad_s: rates of the message about the axes of the body.
         thrust_frac: thrust of the message.
         type_mask: type mask of the message.
         now_s: present time.
@@ -85,7 +88,7 @@ def from_attitude(
         )
 
     norm = math.nan
-    if all(abs(c) < _HUGE for c in attitude_wxyz):
+    if all(abs(c) < _MOST_VALUE for c in attitude_wxyz):
         norm = math.sqrt(sum(c * c for c in attitude_wxyz))
 
     if math.isnan(norm):
@@ -96,7 +99,7 @@ def from_attitude(
             thrust_frac=thrust_frac,
             is_rotation=False,
         )
-    if norm < _SHORT:
+    if norm < _LEAST_NORM:
         return Setpoint(
             kind=SetpointKind.ATTITUDE,
             time_s=now_s,
@@ -124,10 +127,10 @@ def _limited_rates(rate_rad_s: list[float], type_mask: int) -> Array:
 
 
 def from_local(fields: Mapping[str, Any], *, now_s: float, yaw_rad: float) -> Setpoint | str:
-    """Return the setpoint of a SET_POSITION_TARGET_LOCAL_NED; else the key of what PX4 says to it.
+    """Return the setpoint of a SET_POSITION_TARGET_LOCAL_NED, or the key of PX4's refusal.
 
-    Ignored and NaN axes are left alone. In BODY_NED there are no positions, and velocities turn
-    with the heading.
+    The setpoint does not control ignored and NaN axes. In BODY_NED positions are ignored, and
+    velocities turn with the heading.
     """
     frame = int(fields["coordinate_frame"])
     if frame not in (LOCAL_NED, BODY_NED):
@@ -148,7 +151,7 @@ def from_local(fields: Mapping[str, Any], *, now_s: float, yaw_rad: float) -> Se
 def from_global(
     fields: Mapping[str, Any], position_ned_m: tuple[float, float, float], *, now_s: float
 ) -> Setpoint | str:
-    """Return the setpoint of a SET_POSITION_TARGET_GLOBAL_INT; else the key of what PX4 says to it.
+    """Return the setpoint of a SET_POSITION_TARGET_GLOBAL_INT, or the key of PX4's refusal.
 
     Args:
         fields: fields of the message.
@@ -168,9 +171,9 @@ def _axes(fields: Mapping[str, Any], names: tuple[str, str, str], mask: int) -> 
     values: list[float] = []
     for bit, name in enumerate(names):
         is_ignored = bool(mask >> bit & 1)
-        # Numbers that no vehicle can mean are taken for none, before they overflow anything.
-        is_sound = abs(fields[name]) < _HUGE
-        if is_ignored or not is_sound:
+        # Too large numbers are ignored before they overflow.
+        is_usable = abs(fields[name]) < _MOST_VALUE
+        if is_ignored or not is_usable:
             values.append(math.nan)
         else:
             values.append(fields[name])
@@ -210,7 +213,7 @@ def _setpoint(
 
 
 def _angle(fields: Mapping[str, Any], name: str, is_ignored: bool) -> float:
-    """Return a heading or its rate; NaN when it is ignored or makes no sense."""
-    if is_ignored or not abs(fields[name]) < _HUGE:
+    """Return a heading or its rate; NaN when it is ignored, NaN or too large."""
+    if is_ignored or not abs(fields[name]) < _MOST_VALUE:
         return math.nan
     return float(fields[name])

@@ -1,7 +1,7 @@
-"""Values that flow between an emulated autopilot and the rest of the emulator.
+"""Values that pass between an emulated autopilot and the rest of the emulator.
 
-Each flows in one direction: `Setpoint` and `AutopilotInputs` into the autopilot, `Actuation` and
-`StatusText` out of it.
+`Setpoint` and `AutopilotInputs` are inputs of the autopilot. `Actuation` and `StatusText` are
+outputs.
 """
 
 from __future__ import annotations
@@ -28,30 +28,30 @@ class SetpointKind(Enum):
 
 
 class Setpoint(Struct, frozen=True):
-    """Newest OFFBOARD setpoint, already reduced to what PX4 makes of it."""
+    """A setpoint for OFFBOARD, as PX4 reads it from its message."""
 
     kind: SetpointKind
-    time_s: float  # when it came
+    time_s: float  # time of arrival
     attitude: Array | None = None  # (4,) NED <- FRD
     rate_rad_s: Array | None = None  # (3,) body rates
     thrust_frac: float = 0.0  # collective thrust, in [0, 1]
-    goal: PositionGoal | None = None  # of positions and velocities
-    is_rotation: bool = True  # whether its attitude is a rotation; zeros and NaN are none
+    goal: PositionGoal | None = None  # goal of a position setpoint
+    is_rotation: bool = True  # whether the attitude is a rotation; zeros and NaN are not
 
     @property
     def needs_position(self) -> bool:
-        """Whether PX4 needs a position estimate for it."""
+        """Whether PX4 needs a position estimate for the setpoint."""
         return self.kind is SetpointKind.POSITION
 
 
 class AutopilotInputs(Struct, frozen=True):
-    """What the autopilot knows of its vehicle at one tick, in its own local NED frame."""
+    """Inputs of an autopilot at one tick, in its local NED frame."""
 
-    time_s: float  # by the autopilot's clock
+    time_s: float  # time of the autopilot's clock
     position_ned_m: Array  # (3,) estimated
     velocity_ned_m_s: Array  # (3,) estimated
-    attitude: Array  # (4,) NED <- FRD, with the heading that the autopilot believes in
-    yaw_rad: float  # that heading
+    attitude: Array  # (4,) NED <- FRD, with the estimated heading
+    yaw_rad: float  # estimated heading
     on_ground: bool
     has_global_position: bool
     has_local_position: bool
@@ -59,11 +59,11 @@ class AutopilotInputs(Struct, frozen=True):
 
 
 class Actuation(Struct, frozen=True):
-    """Command to the vehicle at this tick."""
+    """Command to the vehicle at one tick."""
 
-    attitude: Array  # (4,) NED <- FRD, with the heading that the autopilot believes in
+    attitude: Array  # (4,) NED <- FRD, relative to the estimated heading
     rate_rad_s: Array  # (3,) body rates
-    is_rate: bool  # whether the rates are flown, and not the attitude
+    is_rate: bool  # whether the rates are flown instead of the attitude
     thrust_frac: float  # collective thrust, in [0, 1]
     motors_on: bool
 

@@ -1,8 +1,8 @@
 """MAVLink signing as PX4 v1.18 does it.
 
-One key is for all links of a vehicle and survives restarts. The timestamps of what a vehicle sends
-are counted by each link; those of what it receives are remembered for each sender, so that nobody
-can send a recorded message again.
+All links of a vehicle use one key, which a restart keeps. Each link counts the timestamps of the
+frames that it sends. The timestamps of received frames are stored for each sender, so that a
+recorded frame cannot be sent again.
 """
 
 from __future__ import annotations
@@ -11,22 +11,23 @@ from hashlib import sha256
 
 SIGNATURE_BYTES = 13  # link id, timestamp and six bytes of the hash
 KEY_BYTES = 32
-# SETUP_SIGNING brings a timestamp of 64 bits; a frame carries the lower 48 of them.
+# SETUP_SIGNING has a timestamp of 64 bits. A frame has the lower 48 of them.
 _LOWEST_48_BITS = 2**48 - 1
 _TIMESTAMP_BYTES = 6
-_STREAMS = 16  # most senders that are remembered
-_NEW_STREAM = 60 * 100_000  # a sender that was not heard before may be a minute behind [10 us]
-# HEARTBEAT, RADIO_STATUS, ADSB_VEHICLE, COLLISION: taken whatever their signature is
-_TAKEN_UNSIGNED = frozenset({0, 109, 246, 247})
+_HASH_BYTES = 6
+_MOST_STREAMS = 16  # largest number of stored senders
+_NEW_STREAM_LAG = 60 * 100_000  # largest lag of the first timestamp of a sender [10 us]
+# HEARTBEAT, RADIO_STATUS, ADSB_VEHICLE, COLLISION are accepted with any signature and without one.
+_ACCEPTED_UNSIGNED = frozenset({0, 109, 246, 247})
 
 
 class KeyStore:
-    """The key on one vehicle's memory card, and the senders since its PX4 started.
+    """The key on the memory card of one vehicle, and the senders since the start of its PX4.
 
     Attributes:
-        key: empty without one.
-        timestamp: of the time at which the key was set [10 us since 2015].
-        changes: counts new keys and restarts, which all links follow.
+        key: the key; empty if there is none.
+        timestamp: time at which the key was set [10 us since 2015].
+        changes: number of new keys and restarts, after which each link restarts its timestamps.
         streams: newest timestamp of each system, component and link.
     """
 
@@ -37,14 +38,14 @@ class KeyStore:
         self.streams: dict[tuple[int, int, int], int] = {}
 
     def put(self, key: bytes, timestamp: int) -> None:
-        """Keep a key; a blank one with timestamp 0 removes it."""
+        """Store a key; a key of zeros with timestamp 0 removes it."""
         is_key = any(key) or timestamp != 0
         self.key = key if is_key else b""
         self.timestamp = timestamp if self.key else 0
         self.changes += 1
 
     def restart(self) -> None:
-        """Forget the senders."""
+        """Remove all senders, as a restart of PX4 does."""
         self.streams.clear()
         self.changes += 1
 
@@ -53,7 +54,7 @@ class LinkSigning:
     """Signatures of one link.
 
     Args:
-        store: parameter store of the vehicle.
+        store: key store of the vehicle.
         link_id: number of the link.
     """
 
@@ -64,37 +65,38 @@ class LinkSigning:
         self._changes = store.changes
 
     def sign(self, frame: bytes) -> bytes:
-        """Return a frame, whose flags say that it is signed, with its signature."""
+        """Return a frame with its signature; the flags of the frame have to announce it."""
         self._follow()
 
         timestamp = self._timestamp & _LOWEST_48_BITS
         self._timestamp += 1
 
         signed = frame + bytes((self._link_id,)) + timestamp.to_bytes(_TIMESTAMP_BYTES, "little")
-        return signed + sha256(self.store.key + signed).digest()[:6]
+        return signed + sha256(self.store.key + signed).digest()[:_HASH_BYTES]
 
     def takes(
         self, frame: bytes, message_id: int, sender: tuple[int, int], *, is_signed: bool
     ) -> bool:
-        """Whether PX4 listens to a frame; the timestamp of one that it checked is remembered."""
+        """Whether PX4 accepts a frame; a right signature stores the timestamp of the frame."""
         self._follow()
         if is_signed and self._is_fresh(frame, sender):
             return True
-        return message_id in _TAKEN_UNSIGNED
+        return message_id in _ACCEPTED_UNSIGNED
 
     def _is_fresh(self, frame: bytes, sender: tuple[int, int]) -> bool:
         """Whether a frame has the right signature and is newer than the last of its sender."""
-        if sha256(self.store.key + frame[:-6]).digest()[:6] != frame[-6:]:
+        signed = frame[:-_HASH_BYTES]
+        if sha256(self.store.key + signed).digest()[:_HASH_BYTES] != frame[-_HASH_BYTES:]:
             return False
 
-        timestamp = int.from_bytes(frame[-12:-6], "little")
+        timestamp = int.from_bytes(signed[-_TIMESTAMP_BYTES:], "little")
         streams = self.store.streams
         stream = (*sender, frame[-SIGNATURE_BYTES])
 
         if stream in streams:
             if timestamp <= streams[stream]:
                 return False
-        elif len(streams) >= _STREAMS or timestamp + _NEW_STREAM < self._timestamp:
+        elif len(streams) >= _MOST_STREAMS or timestamp + _NEW_STREAM_LAG < self._timestamp:
             return False
 
         streams[stream] = timestamp
@@ -102,7 +104,7 @@ class LinkSigning:
         return True
 
     def _follow(self) -> None:
-        """Count from the store's timestamp again when the key or the PX4 is a new one."""
+        """Restart the timestamps at that of the store after a new key or a restart of PX4."""
         if self._changes != self.store.changes:
             self._timestamp = self.store.timestamp
             self._changes = self.store.changes

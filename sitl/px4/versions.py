@@ -1,6 +1,6 @@
-"""Differences between the versions of PX4 that the emulator can be, from one table.
+"""The versions of PX4 that can be emulated, from one table.
 
-The first version of `versions.toml` says everything; each later one says only what changes.
+In `versions.toml` the first version has all values. Each later version has only its changes.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _SETS = ("unsupported_commands", "silent_streams", "parameters_gone")
 
 def _versions(table: Mapping[str, Mapping[str, Any]]) -> dict[str, Version]:
     versions: dict[str, Version] = {}
-    values: dict[str, Any] = {}  # of the version before
+    values: dict[str, Any] = {}  # values of the version before
 
     for name, changes in table.items():
         added = {key: {**values.get(key, {}), **changes.get(key, {})} for key in _ADDED}
