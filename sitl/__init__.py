@@ -1,3 +1,1 @@
-"""PX4 autopilots, their vehicles and their world, as a MAVLink client and a motion capture see
-them.
-"""
+"""Emulation of PX4 autopilots, their vehicles and their world, for MAVLink and motion capture."""

@@ -1,7 +1,8 @@
-"""Emulated PX4s in real time: one process, one UDP socket per link as PX4 lays them out.
+"""Emulated PX4s in real time: one process, and one UDP socket per link in PX4's layout of ports.
 
-This is the one door of the emulator to the rest of the project: it reads fleet files and publishes
-poses and ground truth on the bus. From the bus it takes faults to inject, and nothing else.
+Only this module connects the emulator with the rest of the project. It reads fleet files, and it
+publishes poses and ground truth on the bus. It receives orders for faults from the bus, and nothing
+else.
 """
 
 from __future__ import annotations
@@ -51,14 +52,14 @@ from sitl.physics.vehicle import STEP_S, VehicleProfile
 from sitl.px4.parameters import DEFAULTS
 from sitl.px4.versions import VERSIONS
 
-# A busy machine holds the process up now and then: up to this much it catches up (below PX4's
-# shortest COM_OF_LOSS_T in use), reading its sockets in between; a longer stall is a pause of
-# simulated time.
+# A busy machine delays the process at times. The process makes up for a delay of up to this number
+# of steps, and reads its sockets between them. The number is below PX4's shortest COM_OF_LOSS_T in
+# use. A longer delay is a pause of simulated time.
 _LARGEST_BACKLOG_STEPS = 70
 TRUTH_EVERY_STEPS = 5
-_REALTIME_PRIORITY = 5  # below that of the loops of agents, which they may ask for
-_HOVER_S = 300.0  # of a battery about which the fleet file says nothing
-_LONGEST_WAIT_S = 1e6  # before a fault that is ordered
+_REALTIME_PRIORITY = 5  # below the priority that the loops of agents may request
+_HOVER_S = 300.0  # hover time of a battery without a value in the fleet file
+_LONGEST_WAIT_S = 1e6  # longest time until an ordered fault begins
 
 
 def profile_of(vehicle: Vehicle) -> VehicleProfile:
@@ -89,10 +90,10 @@ def emulator_of(
 
     Args:
         fleet: the fleet file.
-        vehicles: those to emulate.
-        seed: seed of everything random.
+        vehicles: vehicles to emulate.
+        seed: seed of all random numbers.
         environment: wind, downwash and errors.
-        px4: version of all their PX4s; None: the one that the fleet file names for each.
+        px4: version of PX4 of all vehicles; None: the version of each in the fleet file.
     """
     environment = environment or Environment()
 
@@ -121,7 +122,7 @@ def emulator_of(
 
 
 def _earth_point(fleet: FleetConfig) -> EarthPoint:
-    """Return the origin of a fleet; indoors, where it has none, that of PX4's own simulator."""
+    """Return the origin of a fleet; without one, as indoors, that of PX4's own simulator."""
     origin = fleet.fleet.origin
     if isinstance(origin, str):
         return ZURICH
@@ -133,7 +134,7 @@ def _earth_point(fleet: FleetConfig) -> EarthPoint:
 
 
 def answer_fault(emulator: Emulator, order: FaultOrder | Malformed) -> OrderReply:
-    """Plan the fault that a ground orders, or say why not."""
+    """Plan the fault of an order; return the reply with the reason of a refusal."""
     if isinstance(order, Malformed):
         return OrderReply(
             order_id="", vehicle="", is_accepted=False, reason=f"This is no fault: {order.reason}."
@@ -166,14 +167,15 @@ class Broadcast:
     """Poses of an emulated motion capture and ground truth, as messages of the bus.
 
     Args:
-        emulator: emulator whose truth it is.
-        vehicles: those of the emulator, in its order.
+        emulator: emulator with the vehicles.
+        vehicles: vehicles of the emulator, in its order.
         mocap: quality of the motion capture.
-        seed: seed of its noise.
+        seed: seed of the noise of the motion capture.
         boot_id: boot id of the sender.
-        stamp_ns: turns simulated seconds into the stamp of a message.
-        source: node of the sender, where receivers have other clocks than it.
-        truth_offset_m: added to the true positions, to prove that no flight depends on them.
+        stamp_ns: function from simulated seconds to the stamp of a message.
+        source: node of the sender, if receivers have other clocks.
+        truth_offset_m: offset of the published true positions, to prove that no flight depends on
+            them.
     """
 
     def __init__(
@@ -242,13 +244,13 @@ class Broadcast:
 
 @dataclass(frozen=True, slots=True)
 class _LinkPlan:
-    """One link that is to be opened."""
+    """One link that will be opened."""
 
-    index: int  # of the vehicle
+    index: int  # index of the vehicle
     ports: Ports
     rates_hz: dict[int, float]
-    name: str  # as :class:`LossyLink` calls it
-    what: str  # for people
+    name: str  # name for :class:`LossyLink`
+    title: str  # name in sentences
 
 
 class Server:
@@ -256,16 +258,20 @@ class Server:
 
     Args:
         fleet: the fleet file.
-        vehicles: names to emulate.
-        seed: seed of everything random.
+        vehicles: names of the vehicles to emulate.
+        seed: seed of all random numbers.
         mocap: quality of the emulated motion capture.
-        bus: where poses and truth are published; None for MAVLink only.
-        truth_offset_m: added to the published truth, to prove that no flight depends on it.
-        station: ground station that every vehicle streams to; None for none.
+        bus: session of the bus for poses and truth; None: MAVLink only.
+        truth_offset_m: offset of the published true positions, to prove that no flight depends on
+            them.
+        station: ground station to which every vehicle streams; None: no ground station.
         environment: wind, downwash and errors.
-        injected: faults to come; FaultError when one is impossible.
-        px4: version of all their PX4s; None: the fleet file's.
-        file_session_bytes: after which a file transfer ends without a word; 0 for never.
+        injected: planned faults.
+        px4: version of PX4 of all vehicles; None: the version of each in the fleet file.
+        file_session_bytes: number of bytes after which a file transfer ends silently; 0: no limit.
+
+    Raises:
+        FaultError: a planned fault is impossible.
     """
 
     def __init__(
@@ -303,18 +309,17 @@ class Server:
             mocap,
             seed=seed,
             boot_id=time.time_ns() & 0x7FFFFFFF,
-            # The event loop's clock is the monotonic one, so simulated time maps onto everybody's
-            # stamps.
+            # The clock of the event loop is the monotonic one, from which all nodes take stamps.
             stamp_ns=lambda time_s: round((self._epoch_s + time_s) * 1e9),
             source="" if bus is None else bus.node,
             truth_offset_m=truth_offset_m,
         )
         self._sockets: list[Socket] = []
         self._ready = selectors.DefaultSelector()
-        self._epoch_s = 0.0  # the event loop's time at which simulated time began
+        self._epoch_s = 0.0  # time of the event loop at the begin of simulated time
 
     def _put_keys(self, fleet: FleetConfig) -> None:
-        """Give each PX4 that knows signing its key, as if it had been set before."""
+        """Store the key of each PX4 that supports signing, as if it had been set earlier."""
         for vehicle, px4, store in zip(
             self._vehicles, self.emulator.autopilots, self.emulator.key_stores, strict=True
         ):
@@ -322,7 +327,7 @@ class Server:
                 store.put(mavlink_key(fleet, vehicle.name) or b"", 0)
 
     async def start(self) -> list[str]:
-        """Bind every port, or none when one is taken; return a line per link.
+        """Bind all ports, or no port if one cannot be bound; return a line per link.
 
         Raises:
             StartError: a port is taken or an endpoint cannot be emulated.
@@ -332,7 +337,7 @@ class Server:
         sockets: list[socket.socket] = []
         try:
             for plan in plans:
-                sockets.append(bind(plan.ports, plan.what))
+                sockets.append(bind(plan.ports, plan.title))
         except StartError:
             for sock in sockets:
                 sock.close()
@@ -361,7 +366,7 @@ class Server:
                 ports=onboard_ports(vehicle.autopilot, f"{key}.autopilot"),
                 rates_hz=ONBOARD_RATES_HZ,
                 name="companion",
-                what=f"The companion link of {vehicle.name}",
+                title=f"The companion link of {vehicle.name}",
             )
             plans.append(companion)
 
@@ -372,7 +377,7 @@ class Server:
                     ports=ports,
                     rates_hz=GCS_RATES_HZ,
                     name="ground",
-                    what=f"The ground link of {vehicle.name}",
+                    title=f"The ground link of {vehicle.name}",
                 )
                 plans.append(ground)
 
@@ -383,7 +388,7 @@ class Server:
                     ports=ports,
                     rates_hz=SIMULATOR_RATES_HZ,
                     name="simulator",
-                    what=f"The simulator's link of {vehicle.name}",
+                    title=f"The simulator's link of {vehicle.name}",
                 )
                 plans.append(simulator)
         return plans
@@ -397,8 +402,7 @@ class Server:
             elapsed_steps = int((loop.time() - self._epoch_s) / STEP_S)
             due_steps = elapsed_steps - self.emulator.world.vehicles.steps
             if due_steps > _LARGEST_BACKLOG_STEPS:
-                # The machine slept: simulated time stands still meanwhile, as PX4's does, rather
-                # than racing after.
+                # The delay is too long to make up for. Simulated time pauses for it, as PX4's does.
                 self._epoch_s += (due_steps - 1) * STEP_S
                 due_steps = 1
 
@@ -415,7 +419,7 @@ class Server:
         self._sockets.clear()
 
     def _step(self, say: Callable[[str], None]) -> None:
-        """Read, advance by one step, and send."""
+        """Read the sockets, advance by one step, and send."""
         read_all(self._ready)
 
         for collision in self.emulator.step():
@@ -446,14 +450,15 @@ class Server:
 def simulator_bus(
     fleet: FleetConfig, node: str = "sitl", *, is_partial: bool = False
 ) -> BusSession:
-    """Return the node of an emulator, or of a relay of truth, on a fleet's bus.
+    """Return the node of an emulator, or of a relay of truth, on the bus of a fleet.
 
-    It connects to the agents.
+    The node connects to the agents.
 
     Args:
         fleet: the fleet file.
         node: name of the node.
-        is_partial: it emulates a part of the fleet, beside a relay of the other part's poses.
+        is_partial: whether the node emulates a part of the fleet, while a relay publishes the poses
+            of the other part.
     """
     agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
     return BusSession(
@@ -467,10 +472,11 @@ def simulator_bus(
 
 
 def run(server: Server) -> None:
-    """Emulate until SIGINT or SIGTERM; prints "ready: ..." when every port is bound and streams.
+    """Emulate until SIGINT or SIGTERM, and print "ready: ..." when all ports are bound.
 
     Raises:
-        StartError, BusError: it could not start; a sentence.
+        StartError: a port or an endpoint cannot be used.
+        BusError: the bus cannot be opened.
     """
     asyncio.run(_serve(server))
 
@@ -497,8 +503,8 @@ async def _serve(server: Server) -> None:
             bus.serve_faults(take_fault)
             clock = loop.create_task(ClockNode(bus).keep())  # agents may run on other hosts
 
-        # A full collection would stop every vehicle at once; nothing that exists now will ever be
-        # garbage.
+        # A full garbage collection would delay all vehicles. The present objects stay in use until
+        # the end, so that the collector can leave them out.
         gc.collect()
         gc.freeze()
 
@@ -513,9 +519,10 @@ async def _serve(server: Server) -> None:
 
 
 def take_precedence() -> None:
-    """Run before other processes, if this is permitted: real vehicles wait for no computer.
+    """Let this thread run before other processes, if this is permitted.
 
-    It holds for this thread and those that it will start.
+    It applies to the threads that this thread starts as well. Real vehicles do not wait for a
+    computer either.
     """
     with contextlib.suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_REALTIME_PRIORITY))

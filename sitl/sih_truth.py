@@ -1,11 +1,11 @@
-"""Ground truth of real PX4s with their built-in simulator (SIH), put on the bus.
+"""Ground truth of real PX4s with their built-in simulator (SIH), published on the bus.
 
-PX4's SIH sends its true state on a link of its own, from port 19450 + N to 19410 + N, where N is
-the system id - 1. As truth it lets a flight of real PX4s be judged as one of emulated ones is; as
-motion capture (`--mocap`) it feeds agents that need one.
+PX4's SIH sends its true state on a separate link, from port 19450 + N to 19410 + N, where N is the
+system id - 1. With it a flight of real PX4s can be judged like a flight of emulated ones. As motion
+capture (`--mocap`) it gives poses to agents that need them.
 
-This is the command `covey sitl truth`. It stands where `server.py` stands in an emulated flight:
-same node, same topics, and no emulator.
+This is the command `covey sitl truth`. It replaces `server.py` of an emulated flight: it has the
+same node and topics, and no emulator.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ _FIRST_PORT = 19410
 _STATE = "HIL_STATE_QUATERNION"
 _ACTUATORS = "HIL_ACTUATOR_CONTROLS"
 _SET_MESSAGE_INTERVAL = 511
-_PERIOD_US = 10_000.0  # of the states; PX4 makes 99 Hz of that
-_ASK_AGAIN_S = 2.0  # for the states
-_SHOW_S = 2.0  # between looks at who is heard
+_PERIOD_US = 10_000.0  # requested period of the states; PX4 then sends 99 Hz
+_REQUEST_AGAIN_S = 2.0  # time between two requests for the states
+_SHOW_S = 2.0  # time between two checks for silent vehicles
 
 _MOCAP_PERIOD_S = 0.019
 _MOCAP_NOISE_M = 0.002
@@ -47,14 +47,14 @@ _GROUND_M = 0.10
 _STILL_M_S = 0.10
 
 # First contact of a flight: the ground of the simulator stops a vehicle from one state to the next.
-_FLEW_M = 0.5
-_MAY_TOUCH_M = 0.4
-_STOPPED_M_S = 0.05
-_CONTACT_NS = 50_000_000
+_FLIGHT_M = 0.5  # least height of a flight
+_CONTACT_M = 0.4  # largest height of a contact
+_STOPPED_M_S = 0.05  # a slower vehicle has stopped
+_CONTACT_NS = 50_000_000  # time before a contact whose largest speed is that of the contact
 
 HOME_PARAMS = ("SIH_LOC_LAT0", "SIH_LOC_LON0", "SIH_LOC_H0")
-_HOME_AGAIN_S = 0.3  # between requests for them
-_HOME_WITHIN_S = 3.0  # after which they are no longer waited for
+_HOME_AGAIN_S = 0.3  # time between two requests for these parameters
+_HOME_WITHIN_S = 3.0  # time to wait for these parameters
 
 _EARTH_RADIUS_M = 6_371_000.0
 
@@ -62,9 +62,9 @@ Vec3 = tuple[float, float, float]
 
 
 def east_north_m(origin: tuple[float, float], position: tuple[float, float]) -> tuple[float, float]:
-    """Return how far one position on Earth lies east and north of another.
+    """Return the distances by which a position on Earth is east and north of an origin.
 
-    Both are latitude and longitude in degrees. It holds for a few kilometres.
+    Both are latitude and longitude in degrees. The result is right up to a few kilometres.
     """
     north_rad = math.radians(position[0] - origin[0])
     east_rad = math.radians(position[1] - origin[1])
@@ -74,35 +74,36 @@ def east_north_m(origin: tuple[float, float], position: tuple[float, float]) -> 
 
 @dataclass(slots=True)
 class Body:
-    """One vehicle's true state in the fleet frame.
+    """The true state of one vehicle in the fleet frame.
 
-    Zero is where PX4's simulator began, by PX4's parameters (:data:`HOME_PARAMS`): the same
-    whenever this program starts, also in flight, and however far a vehicle has sunk into the
-    ground. Without a global origin of the fleet it counts as the vehicle's start of the fleet file:
-    simulated vehicles may then all begin at the same position on Earth.
+    States are relative to the start of PX4's simulator, which comes from PX4's parameters
+    (:data:`HOME_PARAMS`). So the result does not depend on the time at which this program starts,
+    nor on how far a vehicle has sunk into the ground. If the fleet has no global origin, the start
+    of the simulator is the start of the vehicle in the fleet file. All simulated vehicles may then
+    start at the same position on Earth.
     """
 
     vehicle: Vehicle
-    origin: Origin | None  # of the fleet
+    origin: Origin | None  # global origin of the fleet
     home: dict[str, float] = field(default_factory=dict)  # values of HOME_PARAMS that PX4 has sent
-    # where the simulator began: latitude [deg], longitude [deg], altitude [m]
+    # Start of the simulator: latitude [deg], longitude [deg], altitude [m].
     _begin: Vec3 | None = field(default=None)
 
-    # of the flight under way: greatest height [m], and times and climb rates of the last moment
+    # Greatest height of the present flight [m], and recent stamps and climb rates.
     _highest_m: float = -math.inf
     _climbs: deque[tuple[int, float]] = field(default_factory=deque)
     _touchdowns: int = 0
     _touchdown_m_s: float = 0.0
 
     def missing(self) -> tuple[str, ...]:
-        """Return the parameters that PX4 has yet to send."""
+        """Return the parameters that PX4 has not sent yet."""
         return tuple(name for name in HOME_PARAMS if name not in self.home)
 
     def truth(self, state: dict[str, Any], stamp_ns: int) -> Truth:
         """Return the truth from the fields of HIL_STATE_QUATERNION."""
         position = (state["lat"] * 1e-7, state["lon"] * 1e-7, state["alt"] * 1e-3)
         if self._begin is None:
-            self._begin = self._began_at(position)
+            self._begin = self._start_of_simulator(position)
 
         start_east, start_north, start_up = self.vehicle.start_enu_m
         if self.origin is None:
@@ -128,13 +129,13 @@ class Body:
             velocity_enu_m_s=velocity,
             quaternion_enu_flu_wxyz=(w, x, y, z),
             is_on_ground=is_low and is_still,
-            is_collided=False,  # vehicles of different PX4s fly through each other
+            is_collided=False,  # the simulators of different PX4s are independent
             touchdowns=self._touchdowns,
             touchdown_m_s=self._touchdown_m_s,
         )
 
     def _look_for_contact(self, stamp_ns: int, height_m: float, climb_m_s: float) -> None:
-        """Note with which speed the simulator's ground has stopped a vehicle that flew."""
+        """Count a contact that ends a flight, and store its speed."""
         self._highest_m = max(self._highest_m, height_m)
         self._climbs.append((stamp_ns, climb_m_s))
         while stamp_ns - self._climbs[0][0] > _CONTACT_NS:
@@ -142,29 +143,30 @@ class Body:
 
         fastest_m_s = -min(climb for _, climb in self._climbs)
         has_stopped = abs(climb_m_s) < _STOPPED_M_S < fastest_m_s
-        is_near_ground = height_m < _MAY_TOUCH_M
-        if self._highest_m > _FLEW_M and is_near_ground and has_stopped:
+        is_near_ground = height_m < _CONTACT_M
+        if self._highest_m > _FLIGHT_M and is_near_ground and has_stopped:
             self._touchdowns += 1
             self._touchdown_m_s = fastest_m_s
             self._highest_m = height_m
 
-    def _began_at(self, position: Vec3) -> Vec3:
-        """Return where the simulator began: here, if PX4 does not send its parameters."""
+    def _start_of_simulator(self, position: Vec3) -> Vec3:
+        """Return the start of the simulator: a position, if PX4 does not send its parameters."""
         if self.missing():
             return position
         return cast(Vec3, tuple(self.home[name] for name in HOME_PARAMS))
 
 
 class Listener(asyncio.DatagramProtocol):
-    """One PX4's truth link: requests the rate it needs, hands every state on.
+    """The truth link of one PX4, which requests the rate of the states and passes each on.
 
     Args:
         system_id: MAVLink system id of the PX4.
-        take: takes the fields of a state and when it came [ns].
-        body: body whose home is to be known before its states pass; None: no home is requested.
+        take: function that receives the fields of a state and the time of its arrival [ns].
+        body: body whose home has to be known before states are passed on; None: no home is
+            requested.
 
     Attributes:
-        heard: how many states have come.
+        heard: number of states that have arrived.
     """
 
     def __init__(
@@ -176,17 +178,17 @@ class Listener(asyncio.DatagramProtocol):
         self._body = body
         self._decoder = Decoder()
         self._encoder = Encoder(system_id=255, component_id=190)
-        self._first_ns = 0  # when the first state came
+        self._first_ns = 0  # time of the first state
         self._home_requested_ns = 0
-        self._requested_s = -math.inf  # when the rate was last requested
+        self._requested_s = -math.inf  # time of the last request for the rate
         self._transport: asyncio.DatagramTransport | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Keep the socket, to send to PX4."""
+        """Store the transport, to send to PX4."""
         self._transport = cast(asyncio.DatagramTransport, transport)
 
     def datagram_received(self, data: bytes, addr: tuple[str | Any, int]) -> None:
-        """Take one datagram of PX4."""
+        """Receive one datagram of PX4."""
         now_ns = time.monotonic_ns()
         for message in self._decoder.decode(data):
             if message.system_id != self._system_id:
@@ -199,8 +201,8 @@ class Listener(asyncio.DatagramProtocol):
                 if name in HOME_PARAMS:
                     self._body.home[name] = message.fields["param_value"]
             elif message.name == _ACTUATORS:
-                # PX4 sends this here by default: it has just started, or has not received our
-                # request yet.
+                # PX4 sends this message by default, when it has just started or has not received
+                # the request yet.
                 self._request_rates(addr, now_ns)
 
     def _take_state(self, fields: dict[str, Any], addr: tuple[str | Any, int], now_ns: int) -> None:
@@ -211,14 +213,14 @@ class Listener(asyncio.DatagramProtocol):
             self._take(fields, now_ns)
 
     def _request_rates(self, addr: tuple[str | Any, int], now_ns: int) -> None:
-        if now_ns * 1e-9 - self._requested_s <= _ASK_AGAIN_S:
+        if now_ns * 1e-9 - self._requested_s <= _REQUEST_AGAIN_S:
             return
         self._requested_s = now_ns * 1e-9
         self._set_interval(addr, ID_BY_NAME[_STATE], _PERIOD_US)
         self._set_interval(addr, ID_BY_NAME[_ACTUATORS], -1.0)
 
     def _has_home(self, addr: tuple[str | Any, int], now_ns: int) -> bool:
-        """Whether states may pass: home is known, or has been requested in vain for too long."""
+        """Whether states are passed on: home is known, or was not received within the time."""
         missing = () if self._body is None else self._body.missing()
         if not missing or now_ns - self._first_ns > _HOME_WITHIN_S * 1e9:
             return True
@@ -252,7 +254,7 @@ class Listener(asyncio.DatagramProtocol):
 
 @dataclass(slots=True)
 class TruthRelay:
-    """Truth of one vehicle onto the bus, and poses of a motion capture if requested."""
+    """Relay of the truth of one vehicle to the bus, with poses of a motion capture if requested."""
 
     bus: BusSession
     body: Body
@@ -278,8 +280,7 @@ class TruthRelay:
         self._pose_s = now_s
         self._sequence += 1
 
-        # No camera is that still: agents take poses that are the same to the last bit for frozen
-        # ones.
+        # Noise is needed, because agents refuse poses that do not change at all as frozen.
         x, y, z = (truth.position_enu_m + self.noise.normal(0.0, _MOCAP_NOISE_M, 3)).tolist()
         pose = MocapPose(
             body=vehicle.mocap_body or vehicle.name,
@@ -296,7 +297,7 @@ class TruthRelay:
 async def serve(
     fleet: FleetConfig, names: Sequence[str], bus: BusSession, *, with_mocap: bool
 ) -> None:
-    """Relay the truth of these vehicles onto a bus until SIGINT or SIGTERM; see :func:`run`."""
+    """Relay the truth of vehicles to a bus until SIGINT or SIGTERM; see :func:`run`."""
     loop = asyncio.get_running_loop()
     stopped = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -337,7 +338,7 @@ async def serve(
 
 
 async def _show_silence(listeners: dict[str, Listener], stopped: asyncio.Event) -> None:
-    """Say of each vehicle when it falls silent and when it is heard again, until stopped."""
+    """Print for each vehicle when it becomes silent and when it is heard again, until stopped."""
     was_heard = dict.fromkeys(listeners, False)
     while not stopped.is_set():
         counts = {name: listener.heard for name, listener in listeners.items()}
@@ -352,7 +353,7 @@ async def _show_silence(listeners: dict[str, Listener], stopped: asyncio.Event) 
 
 
 def run(fleet: FleetConfig, names: Sequence[str], *, with_mocap: bool) -> None:
-    """Relay the truth of these vehicles until SIGINT or SIGTERM.
+    """Relay the truth of vehicles until SIGINT or SIGTERM.
 
     Raises:
         BusError: the bus cannot be opened.

@@ -1,4 +1,4 @@
-"""Behaviour of a real PX4 as checks of any endpoint: `covey check endpoint`.
+"""Checks of an endpoint against the behaviour of a real PX4: `covey check endpoint`.
 
-It shares no code with the emulator.
+The checks share no code with the emulator.
 """

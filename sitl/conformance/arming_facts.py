@@ -1,4 +1,4 @@
-"""On the ground: texts and their receivers, mode requests, arming, the motors' first seconds."""
+"""Facts on the ground: texts and their receivers, mode requests, arming, motors after arming."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ from sitl.conformance.vehicle_client import (
     VehicleClient,
 )
 
-_TEXTS_END_S = 5.2  # after which older texts and the last ground station are forgotten
+# Time after which PX4 does not send older texts any more, and has lost the last ground station.
+_TEXTS_END_S = 5.2
 MODES_ON_GROUND = facts("arming", "modes_on_ground")
 TEXTS = facts("arming", "texts")
 ARMED = facts("arming", "armed")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
-    """Be refused, as a companion and as a ground station, then arm and wait."""
+    """Request refused actions as a companion and as a ground station, then arm and wait."""
     if report.wants("mode.*", "text.*", "event.*", "arm.denied"):
         _refusals(client, report)
     if report.wants(*(fact.name for fact in ARMED)):
@@ -77,7 +78,7 @@ def _text_about_denial(client: VehicleClient, report: FactReport, denied_s: floa
     """Report the text about a denial that came before the ground station appeared."""
     client.greet(as_ground_station=True)
     client.text("Arming denied", denied_s, wait_s=1.5)
-    client.spend(0.2)  # for the rest of its pieces
+    client.spend(0.2)  # for the remaining pieces of the text
 
     text = client.text("Arming denied", denied_s)
     report.add("text.backlog", sent_or_not(text))
@@ -102,7 +103,7 @@ def _set_mode_message(client: VehicleClient, report: FactReport) -> None:
     client.send("SET_MODE", target_system=client.system_id, base_mode=1, custom_mode=loiter)
     client.acks(SET_MODE, since_s)
 
-    # All acknowledgements count: it is not known which command they name for this message.
+    # All acknowledgements count, since it is unknown which command they name for this message.
     accepted = 0
     answers: list[str] = []
     for packet in client.received.of("COMMAND_ACK", since_s):
@@ -119,7 +120,8 @@ def _armed(client: VehicleClient, report: FactReport) -> None:
     client.spend(1.2)
     report.add("arm.disarm-disarmed", client.command(ARM, 0.0))
 
-    # Half way between two heartbeats, so that one that the change causes would come early.
+    # Arming comes half way between two heartbeats, so that a heartbeat caused by the change would
+    # be early.
     client.next_heartbeat()
     client.spend(0.4)
     armed_s = client.now_s

@@ -1,4 +1,4 @@
-"""Take-off and landing by PX4 itself, as any ground station would request them."""
+"""Facts of PX4's own take-off and landing, requested as by any ground station."""
 
 from __future__ import annotations
 
@@ -10,12 +10,16 @@ from sitl.conformance.hover import grounded
 from sitl.conformance.measurements import mean
 from sitl.conformance.vehicle_client import ARM, LAND, LANDED, TAKEOFF, Stuck, VehicleClient
 
+# Heights between which the speed of the landing is measured.
+_LOWEST_M = 0.5
+_HIGHEST_M = 1.3
+_SAME_TIME_S = 0.3  # a text and a state that are closer than this come together
 UP = facts("automatic", "up")
 DOWN = facts("automatic", "down")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
-    """Take off, wait, land."""
+    """Take off, wait and land."""
     client.greet(as_ground_station=True)
     grounded(client)
     client.spend(1.2)
@@ -55,6 +59,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
 
 
 def _since(client: VehicleClient, state: str, armed_s: float) -> float:
+    """Return the time from arming to the first EXTENDED_SYS_STATE with a state."""
     for packet in client.received.of("EXTENDED_SYS_STATE", armed_s):
         if LANDED.get(packet.message.landed_state) == state:
             return packet.at_s - armed_s
@@ -74,7 +79,7 @@ def _land(client: VehicleClient, report: FactReport, ground_z: float) -> None:
     sinking_m_s = [
         packet.message.vz
         for packet in client.received.of("LOCAL_POSITION_NED", since_s)
-        if 0.5 < ground_z - packet.message.z < 1.3
+        if _LOWEST_M < ground_z - packet.message.z < _HIGHEST_M
     ]
     report.add("land.speed", mean(sinking_m_s))
 
@@ -84,7 +89,7 @@ def _land(client: VehicleClient, report: FactReport, ground_z: float) -> None:
         return
 
     apart_s = on_ground_s - detected.at_s
-    if abs(apart_s) < 0.3:
+    if abs(apart_s) < _SAME_TIME_S:
         report.add("land.detected", "yes")
     else:
         report.add("land.detected", f"{apart_s:+.1f} s apart")

@@ -1,4 +1,4 @@
-"""The simulated battery, and what PX4 does as it empties, down to ending OFFBOARD."""
+"""Facts of the simulated battery, and of PX4's actions while it empties in OFFBOARD."""
 
 from __future__ import annotations
 
@@ -11,17 +11,21 @@ from sitl.conformance.measurements import NOT_MEASURED, yes_or_no
 from sitl.conformance.vehicle_client import VehicleClient
 
 _HEIGHT_M = 2.5
-# The band from critical to emergency is 2 % wide, and has to last for a heartbeat.
-_LAG_S = 1.5  # the percentage follows the voltage
+# The battery empties fast down to a charge and slowly below it. The charges between critical and
+# emergency are a band of 2 %, which has to last for a heartbeat.
 _FAST_DRAIN_S = 12.0
 _SLOW_DRAIN_S = 60.0
 _SLOW_FROM_PCT = 19
+_LAG_S = 1.5  # time by which the percentage lags behind the voltage
+# Voltage of the simulated battery by its charge.
+_EMPTY_MV = 14400
+_MV_PER_PCT = 18
 DRAIN = facts("battery", "drain")
 EMPTY = facts("battery", "empty")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
-    """Fly until the battery is empty, faster than usual, then let it fill up."""
+    """Fly until the battery is empty, which is faster than usual, then let it fill up."""
     client.greet(as_ground_station=True)
     if report.wants("battery.floor"):
         _floor(client, report)
@@ -45,14 +49,14 @@ def run(client: VehicleClient, report: FactReport) -> None:
 
 
 def _floor(client: VehicleClient, report: FactReport) -> None:
-    """Report the least charge of what was flown before this, which shows the default floor."""
-    before = [packet.message.battery_remaining for packet in client.received.of("BATTERY_STATUS")]
-    least = min(before, default=100)
-    if least < 90 and before.count(least) >= 3:
+    """Report the least charge in earlier flights, which is the default floor if it lasted."""
+    charges = [packet.message.battery_remaining for packet in client.received.of("BATTERY_STATUS")]
+    least = min(charges, default=100)
+    if least < 90 and charges.count(least) >= 3:
         report.add("battery.floor", float(least))
     else:
-        floor = [fact for fact in DRAIN if fact.name == "battery.floor"]
-        report.skip(floor, "nothing flew long enough before")
+        floor_facts = [fact for fact in DRAIN if fact.name == "battery.floor"]
+        report.skip(floor_facts, "nothing flew long enough before")
 
 
 def _drain(client: VehicleClient, report: FactReport) -> None:
@@ -64,8 +68,8 @@ def _drain(client: VehicleClient, report: FactReport) -> None:
 
     client.spend(5.0)
     end = client.received.of("BATTERY_STATUS", begin_s)[-1]
-    # Voltage has more digits than the percentage.
-    drained_pct = (begin_mv - end.message.voltages[0]) / 18.0
+    # The voltage has a finer resolution than the percentage.
+    drained_pct = (begin_mv - end.message.voltages[0]) / _MV_PER_PCT
     report.add("battery.drain", drained_pct / (end.at_s - begin_s))
 
 
@@ -78,17 +82,17 @@ def _empty(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     client.params.set("SIM_BAT_DRAIN", _SLOW_DRAIN_S)
     slow_s = client.now_s + _LAG_S
 
-    # low
+    # Low battery.
     client.text("Low battery", since_s, wait_s=0.1 * _SLOW_DRAIN_S)
     low_s = _report_text(client, report, "low", "Low battery", since_s)
     client.text("Critical battery", since_s, wait_s=0.12 * _SLOW_DRAIN_S)
-    # The last heartbeat before that text.
+    # Mode of the last heartbeat before that text.
     low_mode = "not seen"
     if math.isfinite(low_s):
         low_mode = client.mode
     report.add("battery.low-mode", low_mode)
 
-    # critical: Hold, then a landing
+    # Critical battery: Hold, then a landing.
     critical_s = _report_text(client, report, "critical", "Critical battery", since_s)
     client.next_heartbeat()
     report.add("battery.hold-mode", client.mode)
@@ -96,17 +100,18 @@ def _empty(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     report.add("battery.hold-text", _words(client, "Failsafe activated: entering", since_s))
     is_landing = client.spend(8.0, lambda: client.mode == "AUTO.LAND")
     if is_landing:
-        # The heartbeat shows it up to a second later.
+        # The heartbeat shows the landing up to a second later.
         report.add("battery.land-after", client.now_s - critical_s)
 
-    # emergency
+    # Battery at emergency level.
     report.add("battery.emergency-text", _words(client, "Emergency battery", since_s))
 
     errors_mv: list[int] = []
     for packet in client.received.of("BATTERY_STATUS", slow_s):
         remaining_pct = packet.message.battery_remaining
         if remaining_pct > 0:
-            errors_mv.append(abs(packet.message.voltages[0] - 14400 - 18 * remaining_pct))
+            expected_mv = _EMPTY_MV + _MV_PER_PCT * remaining_pct
+            errors_mv.append(abs(packet.message.voltages[0] - expected_mv))
     report.add("battery.voltage", float(max(errors_mv)))
 
     statuses = client.received.of("BATTERY_STATUS")
@@ -119,7 +124,7 @@ def _empty(client: VehicleClient, report: FactReport, hover: Hover) -> None:
 
 
 def _words(client: VehicleClient, start: str, since_s: float) -> str:
-    """Return the text that begins so, without the tab at its end; "none" when it did not come."""
+    """Return the text with a beginning, without the tab at its end; "none" when it is missing."""
     text = client.text(start, since_s)
     if text is None:
         return "none"
@@ -129,7 +134,7 @@ def _words(client: VehicleClient, start: str, since_s: float) -> str:
 def _report_text(
     client: VehicleClient, report: FactReport, charge_state: str, start: str, since_s: float
 ) -> float:
-    """Report the text about a charge state; return when it came, or NOT_MEASURED."""
+    """Report the text about a charge state; return its time, or NOT_MEASURED."""
     text = client.text(start, since_s)
     if text is None:
         report.add(f"battery.{charge_state}-text", "none")

@@ -1,7 +1,7 @@
-"""Datagrams to and from one MAVLink endpoint, recorded with the vehicle's own time.
+"""Datagrams to and from one MAVLink endpoint, recorded with the time of the vehicle.
 
-Frames are cut by hand and decoded only when somebody looks into them: a fast vehicle sends
-thousands a second.
+Frames are separated here, and pymavlink decodes only those whose message is read, because a fast
+vehicle sends thousands of frames a second.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any, Protocol
 from pymavlink.dialects.v20 import common
 
 IDS: dict[str, int] = {kind.msgname: number for number, kind in common.mavlink_map.items()}
-# Not in pymavlink's dialect.
+# Messages that are missing in pymavlink's dialect.
 IDS |= {
     "LINK_NODE_STATUS": 8,
     "TIME_ESTIMATE_TO_TARGET": 380,
@@ -28,7 +28,13 @@ IDS |= {
 NAMES = {number: name for name, number in IDS.items()}
 _EVENT = struct.Struct("<IIHBBB")
 _ATTITUDE = IDS["ATTITUDE"]
-_PACE_AFTER_S = 1.0  # between the first stamp and the first estimate of the pace
+_PACE_AFTER_S = 1.0  # time between the first stamp and the first estimate of the pace
+_LEAST_PACE = 0.05
+_MOST_PACE = 50.0
+_RESTART_S = 0.5  # a stamp that goes back by more than this belongs to a new start of the vehicle
+_RECEIVE_BUFFER_BYTES = 1 << 21
+_MOST_DATAGRAMS = 256  # datagrams that are read at once
+_LARGEST_DATAGRAM = 4096
 _MAGIC_V2 = 0xFD
 _MAGIC_V1 = 0xFE
 _SHORTEST_V2 = 12  # bytes of a frame without payload
@@ -37,30 +43,35 @@ _SIGNATURE_BYTES = 13
 
 
 class Port(Protocol):
-    """A way to one vehicle."""
+    """A connection with one vehicle."""
 
     def now_s(self) -> float:
-        """Clock of the port."""
+        """Return the time of the port's clock."""
 
     def receive(self, timeout_s: float) -> list[bytes]:
-        """Datagrams that have come, waiting for the first one up to `timeout_s`."""
+        """Return the datagrams that have arrived; wait for the first up to `timeout_s`."""
 
     def send(self, datagram: bytes) -> None:
-        """Send to the vehicle; dropped while nobody has been heard."""
+        """Send to the vehicle; the datagram is dropped before the vehicle's address is known."""
 
     def another_sender(self) -> Port:
-        """Another sender's way to the same vehicle, from an address of its own."""
+        """Return a port to the same vehicle from another address."""
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
 
 
 class UdpPort:
-    """A UDP socket: listens (`udpin`) and answers whom it hears, or speaks first (`udpout`)."""
+    """A UDP socket.
+
+    Args:
+        bind: address to bind; None: any.
+        peer: address of the vehicle (`udpout`); None: the sender of the newest datagram (`udpin`).
+    """
 
     def __init__(self, bind: tuple[str, int] | None, peer: tuple[str, int] | None) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 21)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
         self._peer = peer
         self._is_peer_given = peer is not None
         try:
@@ -75,12 +86,12 @@ class UdpPort:
         return time.monotonic()
 
     def receive(self, timeout_s: float) -> list[bytes]:
-        """Return the datagrams that are there, at the latest when the time is over."""
+        """Return the datagrams that have arrived; wait for the first up to `timeout_s`."""
         select.select([self._socket], [], [], max(0.0, timeout_s))
         datagrams: list[bytes] = []
-        while len(datagrams) < 256:
+        while len(datagrams) < _MOST_DATAGRAMS:
             try:
-                datagram, sender = self._socket.recvfrom(4096)
+                datagram, sender = self._socket.recvfrom(_LARGEST_DATAGRAM)
             except (BlockingIOError, ConnectionRefusedError):
                 break
             if not self._is_peer_given:
@@ -94,7 +105,7 @@ class UdpPort:
             try:
                 self._socket.sendto(datagram, self._peer)
             except (BlockingIOError, ConnectionRefusedError):
-                return  # nobody is there; silence says so later
+                return  # the peer does not exist, which shows later by its silence
 
     def another_sender(self) -> UdpPort:
         """Return a port of another address that sends to the same peer."""
@@ -112,9 +123,9 @@ def is_signed(frame: bytes) -> bool:
 
 @dataclass(slots=True)
 class ReceivedPacket:
-    """One frame: when it came (vehicle's time) and its bytes."""
+    """One received frame."""
 
-    at_s: float
+    at_s: float  # time of arrival, in the time of the vehicle
     message_id: int
     is_v1: bool
     frame: bytes
@@ -122,24 +133,24 @@ class ReceivedPacket:
 
     @property
     def system_id(self) -> int:
-        """Sender's system."""
+        """System of the sender."""
         if self.is_v1:
             return self.frame[3]
         return self.frame[5]
 
     @property
     def component_id(self) -> int:
-        """Sender's component."""
+        """Component of the sender."""
         if self.is_v1:
             return self.frame[4]
         return self.frame[6]
 
     @property
     def message(self) -> Any:
-        """Decoded by pymavlink, checksum included.
+        """The message, decoded by pymavlink with a check of its checksum.
 
         Raises:
-            common.MAVError: a broken frame.
+            common.MAVError: the frame is malformed.
         """
         if self._message is None:
             self._message = common.MAVLink(None).decode(bytearray(self.frame))
@@ -153,22 +164,22 @@ class ReceivedPacket:
 
 @dataclass(slots=True)
 class VehicleClock:
-    """The vehicle's time: the stamps it sends (`time_boot_ms`), carried on at the measured pace."""
+    """The time of the vehicle: its stamps (`time_boot_ms`), extrapolated at the measured pace."""
 
-    pace: float = 1.0  # vehicle's time over the port's
+    pace: float = 1.0  # time of the vehicle over time of the port
     boot_s: float = 0.0  # newest stamp
-    _port_s: float = 0.0  # port's time of it
-    _first: tuple[float, float] | None = None  # port's time and stamp of the first
-    _shown_s: float = 0.0  # newest time that somebody has read
+    _port_s: float = 0.0  # time of the port at the newest stamp
+    _first: tuple[float, float] | None = None  # time of the port at the first stamp, and that stamp
+    _shown_s: float = 0.0  # newest time that was returned
 
     @property
     def is_known(self) -> bool:
-        """Whether a stamp has come."""
+        """Whether a stamp has arrived."""
         return self._first is not None
 
     def stamp(self, port_s: float, boot_s: float) -> None:
-        """Take a stamp that arrived."""
-        has_restarted = boot_s < self.boot_s - 0.5
+        """Update the clock with a stamp that has arrived."""
+        has_restarted = boot_s < self.boot_s - _RESTART_S
         if self._first is None or has_restarted:
             self._first = (port_s, boot_s)
             self._shown_s = 0.0
@@ -176,13 +187,14 @@ class VehicleClock:
         first_port_s, first_boot_s = self._first
         elapsed_s = port_s - first_port_s
         if elapsed_s > _PACE_AFTER_S:
-            self.pace = min(50.0, max(0.05, (boot_s - first_boot_s) / elapsed_s))
+            pace = (boot_s - first_boot_s) / elapsed_s
+            self.pace = min(_MOST_PACE, max(_LEAST_PACE, pace))
 
         self.boot_s = boot_s
         self._port_s = port_s
 
     def now_s(self, port_s: float) -> float:
-        """Return the vehicle's time, which never goes backwards."""
+        """Return the time of the vehicle, which never decreases without a restart."""
         if self._first is None:
             return 0.0
         self._shown_s = max(self._shown_s, self.boot_s + (port_s - self._port_s) * self.pace)
@@ -191,18 +203,18 @@ class VehicleClock:
 
 @dataclass(slots=True)
 class Recording:
-    """Everything that came, by message."""
+    """All received frames, by message."""
 
     packets: dict[int, list[ReceivedPacket]] = field(default_factory=lambda: defaultdict(list))
     datagrams: int = 0
     frames: int = 0
     v1_frames: int = 0
     octets: int = 0
-    # came before the first stamp, and when
+    # Packets that arrived before the first stamp, with the time of the port at their arrival.
     _undated: list[tuple[ReceivedPacket, float]] = field(default_factory=list)
 
     def take(self, datagram: bytes, clock: VehicleClock, port_s: float) -> None:
-        """File the frames of a datagram."""
+        """Record the frames of a datagram."""
         self.datagrams += 1
         self.octets += len(datagram)
 
@@ -215,8 +227,8 @@ class Recording:
             start += len(frame)
 
         if clock.is_known and self._undated:
-            for packet, came_s in self._undated:
-                packet.at_s = max(0.0, clock.boot_s - (port_s - came_s))
+            for packet, arrival_s in self._undated:
+                packet.at_s = max(0.0, clock.boot_s - (port_s - arrival_s))
             self._undated.clear()
 
     def _file(self, frame: bytes, clock: VehicleClock, port_s: float) -> None:
@@ -231,7 +243,7 @@ class Recording:
             payload = frame[10 : 10 + frame[1]]
 
         if message_id == _ATTITUDE:
-            # Its first field is time_boot_ms; zeros at the end of a payload are not sent.
+            # The first field is time_boot_ms. Zeros at the end of a payload are not sent.
             clock.stamp(port_s, int.from_bytes(payload[:4], "little") * 1e-3)
 
         packet = ReceivedPacket(
@@ -244,7 +256,7 @@ class Recording:
     def of(
         self, name: str, since_s: float = 0.0, until_s: float = float("inf")
     ) -> list[ReceivedPacket]:
-        """Return the packets of one message that came within a stretch of vehicle's time."""
+        """Return the packets of one message within an interval of the vehicle's time."""
         packets = self.packets.get(IDS[name], [])
         first = len(packets)
         while first and packets[first - 1].at_s >= since_s:
@@ -260,11 +272,11 @@ class Recording:
 
 
 def _frame(datagram: bytes, start: int) -> bytes | None:
-    """Return the frame that starts here; None when there is none."""
-    left = len(datagram) - start
-    if datagram[start] == _MAGIC_V1 and left >= _SHORTEST_V1:
+    """Return the frame that starts at an index; None when there is none."""
+    left_bytes = len(datagram) - start
+    if datagram[start] == _MAGIC_V1 and left_bytes >= _SHORTEST_V1:
         length = datagram[start + 1] + _SHORTEST_V1
-    elif datagram[start] == _MAGIC_V2 and left >= _SHORTEST_V2:
+    elif datagram[start] == _MAGIC_V2 and left_bytes >= _SHORTEST_V2:
         length = datagram[start + 1] + _SHORTEST_V2
         if datagram[start + 2] & 1:
             length += _SIGNATURE_BYTES

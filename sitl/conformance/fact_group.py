@@ -1,4 +1,4 @@
-"""A group of facts: what it settles, and how."""
+"""A group of facts, and the function that measures them."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from sitl.conformance.vehicle_client import VehicleClient
 
 @dataclass(frozen=True, slots=True)
 class FactGroup:
-    """Facts that are settled together, in one go with one vehicle."""
+    """Facts that are measured together with one vehicle."""
 
-    name: str  # for people
-    facts: tuple[Fact, ...]  # the group runs when one of them was requested
-    run: Callable[[VehicleClient, FactReport], None]  # measures and reports
-    turns_motors: bool = True  # motors spin; only done with a vehicle that is simulated
+    name: str  # name in sentences
+    facts: tuple[Fact, ...]  # the group runs when one of its facts is requested
+    run: Callable[[VehicleClient, FactReport], None]  # function that measures and reports
+    turns_motors: bool = True  # whether motors turn, which needs a simulated vehicle

@@ -1,4 +1,4 @@
-"""Facts, their measured results, and the report that compares both."""
+"""Facts about a real PX4, and the report that compares measurements with them."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ class FactVerdict(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """One thing that a real PX4 does, as it was measured on v1.16.0.
+    """One detail of the behaviour of a real PX4, as measured on v1.16.0.
 
-    `versions.toml` says what other versions do.
+    `versions.toml` has the differences of other versions.
     """
 
     name: str  # topic, dot, detail
-    section: str  # of the list of measured facts
+    section: str  # section of the list of measured facts
     says: str  # the fact in words
-    # bounds of a number, wide enough for the scatter of a real PX4, and its unit
+    # Bounds of a number, wide enough for the scatter of a real PX4, and its unit.
     low: float = math.nan
     high: float = math.nan
     unit: str = ""
-    allowed: tuple[str, ...] = ()  # allowed words, when it is not a number
+    allowed: tuple[str, ...] = ()  # allowed words of a fact that is not a number
 
     def accepts(self, measured: Measured) -> bool:
-        """Whether a measurement agrees."""
+        """Whether a measurement agrees with the fact."""
         if self.allowed or isinstance(measured, str):
             return self.show(measured) in self.allowed
         return self.low <= measured <= self.high
 
     @property
     def expected(self) -> str:
-        """The accepted values, in words."""
+        """The accepted values as text."""
         if self.allowed:
             return " or ".join(self.allowed)
         if self.low == self.high:
@@ -53,7 +53,7 @@ class Fact:
         return self._with_unit(f"{self.low:g} to {self.high:g}")
 
     def show(self, measured: Measured) -> str:
-        """Return a measurement in words."""
+        """Return a measurement as text."""
         if isinstance(measured, str):
             return measured
         if math.isnan(measured):
@@ -80,27 +80,27 @@ _TABLE = tomllib.loads(files(__package__).joinpath("facts.toml").read_text(encod
 
 
 def facts(group: str, part: str) -> tuple[Fact, ...]:
-    """Return one part of a group of facts in `facts.toml`: words, or numbers within bounds."""
-    listed: list[Fact] = []
+    """Return the facts of one part of a group in `facts.toml`: words, or numbers within bounds."""
+    part_facts: list[Fact] = []
     for name, (section, says, *values) in _TABLE[group][part].items():
         if isinstance(values[0], str):
-            listed.append(word(name, section, says, *values))
+            part_facts.append(word(name, section, says, *values))
         else:
-            listed.append(number(name, section, says, *values))
-    return tuple(listed)
+            part_facts.append(number(name, section, says, *values))
+    return tuple(part_facts)
 
 
 @dataclass(frozen=True, slots=True)
 class FactResult:
-    """Result of one fact; `reason` says why nothing could be measured."""
+    """Result of one fact."""
 
     fact: Fact
     verdict: FactVerdict
     measured: str
-    reason: str = ""
+    reason: str = ""  # reason why nothing could be measured
 
     def as_json(self) -> dict[str, str]:
-        """Return plain values."""
+        """Return the result for a JSON file."""
         return {
             "name": self.fact.name,
             "section": self.fact.section,
@@ -114,19 +114,19 @@ class FactResult:
 
 @dataclass(slots=True)
 class FactReport:
-    """Collects results and shows each at once.
+    """Results of the requested facts, each of which is shown at once.
 
-    What is measured before the version is known waits for it.
+    Measurements before the version is known wait until it is known.
     """
 
-    facts: dict[str, Fact]  # those that were requested, by name
+    facts: dict[str, Fact]  # requested facts by name
     show: Callable[[FactResult], None] = lambda result: None  # called with every result
     results: dict[str, FactResult] = field(default_factory=dict)
     is_version_known: bool = True
     _waiting: dict[str, Measured] = field(default_factory=dict)
 
     def expect(self, facts: Mapping[str, Fact]) -> None:
-        """Judge by these facts from now on, and what has waited."""
+        """Judge the measurements by the facts of a version, also those that have waited."""
         self.facts = {name: facts[name] for name in self.facts}
         self.is_version_known = True
 
@@ -136,14 +136,14 @@ class FactReport:
             self.add(name, measured)
 
     def wants(self, *patterns: str) -> bool:
-        """Whether a fact that matches one of these shell patterns was requested.
+        """Whether a fact was requested that matches one of these shell patterns.
 
-        What nobody requested is not flown.
+        A flight that no requested fact needs is left out.
         """
         return any(fnmatchcase(name, pattern) for name in self.facts for pattern in patterns)
 
     def add(self, name: str, measured: Measured) -> None:
-        """Judge one measurement; one of a fact that was not requested is dropped."""
+        """Judge one measurement; it is dropped if its fact was not requested."""
         fact = self.facts.get(name)
         if fact is None:
             return
@@ -155,11 +155,11 @@ class FactReport:
         self._file(FactResult(fact, verdict, fact.show(measured)))
 
     def skip(self, facts: Iterable[Fact], reason: str) -> None:
-        """Leave facts out, for a reason that is not the vehicle's."""
+        """Report facts as skipped, for a reason that the vehicle has not caused."""
         self._unmeasured(facts, FactVerdict.SKIPPED, reason)
 
     def fail(self, facts: Iterable[Fact], reason: str) -> None:
-        """Let facts differ that the vehicle has left unmeasured."""
+        """Report facts as different that the vehicle did not allow to measure."""
         self._unmeasured(facts, FactVerdict.DIFFERS, reason)
 
     def count(self, verdict: FactVerdict) -> int:
@@ -181,10 +181,10 @@ class FactReport:
 def matching(facts: Iterable[Fact], patterns: Sequence[str]) -> dict[str, Fact]:
     """Return the facts whose name, or the topic before its dot, matches one of the patterns.
 
-    Without patterns they are all.
+    Without patterns all facts are returned.
 
     Raises:
-        KeyError: a pattern that matches nothing, as its argument.
+        KeyError: a pattern matches nothing; the pattern is the argument of the error.
     """
     facts = tuple(facts)
     if not patterns:
@@ -204,23 +204,23 @@ def matching(facts: Iterable[Fact], patterns: Sequence[str]) -> dict[str, Fact]:
     return {fact.name: fact for fact in facts if fact.name in names}
 
 
-# What facts expect from a version on, where that differs: words, or low and high of a number.
+# Changes of facts from a version on: allowed words, or low and high of a number.
 CHANGES: dict[str, dict[str, list[str] | list[float]]] = tomllib.loads(
     files(__package__).joinpath("versions.toml").read_text(encoding="utf-8")
 )
-VERSIONS: tuple[str, ...] = tuple(CHANGES)  # from the oldest, which the facts themselves describe
+VERSIONS: tuple[str, ...] = tuple(CHANGES)  # oldest first, to which facts.toml applies
 
 
 def facts_of(version: str, facts: Sequence[Fact]) -> dict[str, Fact]:
-    """Return the facts, by name, as they hold for one version.
+    """Return the facts of one version by name.
 
     Args:
-        version: one of VERSIONS.
-        facts: facts as they hold for the oldest version.
+        version: version in VERSIONS.
+        facts: facts of the oldest version.
     """
     by_name = {fact.name: fact for fact in facts}
-    for each in VERSIONS[: VERSIONS.index(version) + 1]:
-        for pattern, expected in CHANGES[each].items():
+    for changed_version in VERSIONS[: VERSIONS.index(version) + 1]:
+        for pattern, expected in CHANGES[changed_version].items():
             words = tuple(value for value in expected if isinstance(value, str))
             numbers = [value for value in expected if not isinstance(value, str)]
             low, high = numbers or (math.nan, math.nan)
@@ -230,7 +230,7 @@ def facts_of(version: str, facts: Sequence[Fact]) -> dict[str, Fact]:
 
 
 def nearest(reported: tuple[int, int] | None) -> tuple[str, str]:
-    """Return the version to judge by, and a sentence when it is not the reported one.
+    """Return the version to judge by, and a sentence when it differs from the reported version.
 
     Args:
         reported: major and minor number of AUTOPILOT_VERSION; None when nothing was reported.

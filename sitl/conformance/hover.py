@@ -1,4 +1,4 @@
-"""A crude position hold by attitude setpoints, and the flights that groups begin or end with."""
+"""A simple position hold by attitude setpoints, and the begin and end of the groups' flights."""
 
 from __future__ import annotations
 
@@ -19,10 +19,27 @@ _GRAVITY = 9.81
 _PERIOD_S = 0.02
 _CLIMB_LIMIT_M_S = 2.5
 _SINK_LIMIT_M_S = 1.5
-_SPEED_LIMIT_M_S = 1.5  # horizontally
-_ACCEL_LIMIT_M_S2 = 3.0  # horizontally
-_LEARN_BELOW_M_S = 0.4  # vertical speed at which the thrust is learnt
-_LEARN_1_M = 0.04  # thrust per second, for each m/s of error
+_SPEED_LIMIT_M_S = 1.5  # horizontal
+_ACCEL_LIMIT_M_S2 = 3.0  # horizontal
+_POSITION_GAIN_1_S = 0.7
+_VELOCITY_GAIN_1_S = 1.5
+_HEIGHT_GAIN_1_S = 3.0  # acceleration per error of the vertical speed
+_DRAG_1_S = 1.0
+
+# The hover thrust of an unknown vehicle is estimated below this vertical speed, within limits.
+_ESTIMATE_BELOW_M_S = 0.4
+_ESTIMATE_GAIN_1_M = 0.04  # change of the thrust per second, for each m/s of error
+_SIH_HOVER_THRUST = 0.49
+_LEAST_HOVER_THRUST = 0.2
+_MOST_HOVER_THRUST = 0.8
+_LEAST_THRUST = 0.12
+
+# A vehicle within these limits has come to rest in the air.
+_CALM_HEIGHT_M = 0.3
+_CALM_CLIMB_M_S = 0.35
+_CALM_SPEED_M_S = 0.6
+_CALM_TILT_RAD = 0.1
+
 _RATES_HZ = {
     "LOCAL_POSITION_NED": 100.0,
     "ATTITUDE": 250.0,
@@ -32,13 +49,13 @@ _RATES_HZ = {
 
 
 class Hover:
-    """Holds a position and a height; callable as a setpoint stream.
+    """Hold of a position and a height, which can be called as a setpoint stream.
 
     Attributes:
-        goal: north, east, down in the vehicle's local frame [m].
+        goal: north, east, down in the local frame of the vehicle [m].
         yaw_rad: heading.
-        thrust: what carries the weight; begins at the SIH quadrotor's and is learnt for others.
-        tilt: roll and pitch instead of the horizontal hold, when given [rad].
+        thrust: thrust that balances the weight, estimated from that of the SIH quadrotor on.
+        tilt: roll and pitch that replace the horizontal hold [rad]; None: the position is held.
     """
 
     def __init__(self, client: VehicleClient) -> None:
@@ -48,12 +65,12 @@ class Hover:
         self.goal = [float(position.x), float(position.y), float(position.z)]
         self.yaw_rad = client.euler()[2]
         self.tilt: tuple[float, float] | None = None
-        self.thrust = 0.49
+        self.thrust = _SIH_HOVER_THRUST
         self.is_resting = True
 
     @property
     def height_m(self) -> float:
-        """Height above where it stood."""
+        """Height above the ground at the begin."""
         return self.ground_z - float(self._client.newest("LOCAL_POSITION_NED").z)
 
     def to_height(self, height_m: float) -> None:
@@ -68,35 +85,35 @@ class Hover:
         self.tilt = None
 
     def __call__(self) -> None:
-        """Send attitude and thrust for now."""
+        """Send the present attitude and thrust."""
         self._client.attitude(*self.output())
 
     def output(self) -> tuple[Quaternion, float]:
-        """Return attitude and thrust for now."""
+        """Return the present attitude and thrust."""
         if self.is_resting:
             return quaternion(0.0, 0.0, self.yaw_rad), 0.0
 
         position = self._client.newest("LOCAL_POSITION_NED")
         roll, pitch = self.tilt or self._tilt(position)
 
-        # The error in height asks for a vertical speed, the error in speed for lift.
+        # The error in height determines a vertical speed, the error in speed a lift.
         down_m_s = _clip(self.goal[2] - position.z, _CLIMB_LIMIT_M_S, _SINK_LIMIT_M_S)
-        excess_m_s = position.vz - down_m_s  # how much faster it sinks than it should
-        lift_m_s2 = _GRAVITY + 3.0 * excess_m_s
-        if abs(position.vz) < _LEARN_BELOW_M_S:
-            learnt = self.thrust + _LEARN_1_M * _PERIOD_S * excess_m_s
-            self.thrust = min(0.8, max(0.2, learnt))
+        excess_m_s = position.vz - down_m_s  # sinking speed above the setpoint
+        lift_m_s2 = _GRAVITY + _HEIGHT_GAIN_1_S * excess_m_s
+        if abs(position.vz) < _ESTIMATE_BELOW_M_S:
+            estimate = self.thrust + _ESTIMATE_GAIN_1_M * _PERIOD_S * excess_m_s
+            self.thrust = min(_MOST_HOVER_THRUST, max(_LEAST_HOVER_THRUST, estimate))
 
         # A tilted vehicle lifts with the cosine of its tilt.
         thrust = self.thrust * lift_m_s2 / _GRAVITY / (math.cos(roll) * math.cos(pitch))
-        return quaternion(roll, pitch, self.yaw_rad), min(1.0, max(0.12, thrust))
+        return quaternion(roll, pitch, self.yaw_rad), min(1.0, max(_LEAST_THRUST, thrust))
 
     def _tilt(self, position: Any) -> tuple[float, float]:
         """Return roll and pitch that lead to the goal, from a LOCAL_POSITION_NED."""
         north = self._acceleration(self.goal[0] - position.x, position.vx)
         east = self._acceleration(self.goal[1] - position.y, position.vy)
 
-        # In the heading that the vehicle has, not the one it is turning to.
+        # Roll and pitch are relative to the present heading, and not to the goal's.
         yaw = self._client.euler()[2]
         forward = math.cos(yaw) * north + math.sin(yaw) * east
         right = -math.sin(yaw) * north + math.cos(yaw) * east
@@ -105,9 +122,9 @@ class Hover:
 
     @staticmethod
     def _acceleration(error_m: float, speed_m_s: float) -> float:
-        setpoint_m_s = _clip(0.7 * error_m, _SPEED_LIMIT_M_S, _SPEED_LIMIT_M_S)
-        drag_m_s2 = speed_m_s  # about 1 / s times the speed
-        acceleration_m_s2 = 1.5 * (setpoint_m_s - speed_m_s) + drag_m_s2
+        setpoint_m_s = _clip(_POSITION_GAIN_1_S * error_m, _SPEED_LIMIT_M_S, _SPEED_LIMIT_M_S)
+        drag_m_s2 = _DRAG_1_S * speed_m_s
+        acceleration_m_s2 = _VELOCITY_GAIN_1_S * (setpoint_m_s - speed_m_s) + drag_m_s2
         return _clip(acceleration_m_s2, _ACCEL_LIMIT_M_S2, _ACCEL_LIMIT_M_S2)
 
 
@@ -117,12 +134,12 @@ def _clip(value: float, below: float, above: float) -> float:
 
 
 def airborne(client: VehicleClient, height_m: float) -> Hover:
-    """Fly in OFFBOARD by attitude setpoints at a height; return the hold when it is calm there.
+    """Fly to a height in OFFBOARD by attitude setpoints; return the hold when the vehicle rests.
 
-    It begins wherever the vehicle is.
+    The flight begins on the ground or in the air.
 
     Raises:
-        Stuck: it cannot be armed or does not get there.
+        Stuck: the vehicle cannot be armed or does not come to rest at the height.
     """
     hover = client.setpoint_duty.act
     is_flying = client.is_armed and client.mode == "OFFBOARD"
@@ -139,7 +156,7 @@ def _arm_in_offboard(client: VehicleClient) -> Hover:
     """Bring the vehicle to the ground and arm it in OFFBOARD; return its hold, which rests.
 
     Raises:
-        Stuck: it cannot be armed.
+        Stuck: the vehicle cannot be armed.
     """
     grounded(client)
     fast_streams(client)
@@ -155,10 +172,10 @@ def _arm_in_offboard(client: VehicleClient) -> Hover:
 
 
 def settle(client: VehicleClient, hover: Hover, timeout_s: float = 14.0) -> None:
-    """Wait until the goal's height is reached and the vehicle is calm.
+    """Wait until the vehicle rests at the height of the goal.
 
     Raises:
-        Stuck: it is not within the time.
+        Stuck: the vehicle does not rest within the time.
     """
 
     def is_calm() -> bool:
@@ -167,10 +184,10 @@ def settle(client: VehicleClient, hover: Hover, timeout_s: float = 14.0) -> None
         speed_m_s = math.hypot(position.vx, position.vy)
         roll, pitch, _ = client.euler()
         return (
-            height_error_m < 0.3
-            and abs(position.vz) < 0.35
-            and speed_m_s < 0.6
-            and math.hypot(roll, pitch) < 0.1
+            height_error_m < _CALM_HEIGHT_M
+            and abs(position.vz) < _CALM_CLIMB_M_S
+            and speed_m_s < _CALM_SPEED_M_S
+            and math.hypot(roll, pitch) < _CALM_TILT_RAD
         )
 
     if not client.spend(timeout_s, is_calm):
@@ -178,7 +195,7 @@ def settle(client: VehicleClient, hover: Hover, timeout_s: float = 14.0) -> None
 
 
 def fast_streams(client: VehicleClient) -> None:
-    """Request the rates that flying and measuring need."""
+    """Request the rates that the hold and the measurements need."""
     for name, hz in _RATES_HZ.items():
         client.interval(name, hz)
 
@@ -190,12 +207,12 @@ def default_streams(client: VehicleClient) -> None:
 
 
 def grounded(client: VehicleClient) -> None:
-    """Bring the vehicle to where every group on the ground begins.
+    """Bring the vehicle to the state in which all groups on the ground begin.
 
-    It then stands on the ground, disarmed, in AUTO.LOITER, and no setpoint is sent.
+    The vehicle then is on the ground, disarmed, in AUTO.LOITER, and receives no setpoints.
 
     Raises:
-        Stuck: it cannot be brought there.
+        Stuck: the vehicle cannot be disarmed.
     """
     if client.is_armed:
         _disarm(client)
@@ -209,14 +226,14 @@ def grounded(client: VehicleClient) -> None:
 
 
 def _disarm(client: VehicleClient) -> None:
-    """Land if it flies, and disarm: by force when nothing else has done it after a while."""
+    """Land if the vehicle flies, and disarm it, by force if it does not disarm in time."""
     if client.landed != "ON_GROUND":
         client.command(LAND)
     else:
         client.stream(None)
         client.command(ARM, 0.0)
 
-    # In the air setpoints go on until PX4 has left OFFBOARD for the landing.
+    # In the air setpoints continue until PX4 has left OFFBOARD for the landing.
     client.spend(2.0, lambda: client.mode != "OFFBOARD")
     client.stream(None)
 

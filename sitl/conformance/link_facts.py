@@ -1,4 +1,4 @@
-"""Links on sockets of their own: the ground station's, and the simulator's for viewers."""
+"""Facts of links on other ports: those of the ground station and of the simulator's viewers."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from sitl.conformance.vehicle_client import ARM, VehicleClient
 FACTS = facts("ground_link", "facts")
 SIMULATOR_FACTS = facts("simulator_link", "facts")
 _WATCH_S = 6.0
-_NOW_AND_THEN = ("EVENT", "PARAM_VALUE")  # when something happens
+_OCCASIONAL = ("EVENT", "PARAM_VALUE")  # messages that are sent only after events
 
 
 def run_ground_link(client: VehicleClient, report: FactReport) -> None:
-    """Listen, then be a ground station."""
+    """Listen, then act as a ground station."""
     system_id = client.system_id
     if not client.listen(3.0, lambda: client.received.newest("HEARTBEAT") is not None):
         client.send_heartbeat()
@@ -24,12 +24,12 @@ def run_ground_link(client: VehicleClient, report: FactReport) -> None:
             return
     client.spend(4.2)
 
-    everybody = client.received.of("HEARTBEAT")
-    beats = [packet for packet in everybody if packet.system_id == system_id]
-    autopilots = {packet.system_id for packet in everybody if packet.component_id == 1}
-    others = sorted(autopilots - {system_id})
-    if others and beats:
-        systems = ", ".join(map(str, others))
+    all_beats = client.received.of("HEARTBEAT")
+    beats = [packet for packet in all_beats if packet.system_id == system_id]
+    autopilots = {packet.system_id for packet in all_beats if packet.component_id == 1}
+    other_autopilots = sorted(autopilots - {system_id})
+    if other_autopilots and beats:
+        systems = ", ".join(map(str, other_autopilots))
         report.skip(
             FACTS,
             f"other autopilots send to this port as well (system {systems}): stop them",
@@ -51,7 +51,7 @@ def run_ground_link(client: VehicleClient, report: FactReport) -> None:
     client.spend(1.2)
     report.add("gcs.answers", client.set_mode("OFFBOARD").partition(",")[0])
     since_s = client.now_s
-    client.command(ARM, 1.0)  # in OFFBOARD without setpoints: refused, with a text
+    client.command(ARM, 1.0)  # PX4 refuses it in OFFBOARD without setpoints, with a text
     client.spend(0.5)
     report.add("gcs.text", sent_or_not(client.texts(since_s)))
     client.set_mode("AUTO.LOITER")
@@ -59,22 +59,23 @@ def run_ground_link(client: VehicleClient, report: FactReport) -> None:
 
 
 def run_simulator_link(client: VehicleClient, report: FactReport) -> None:
-    """Listen, and say nothing: a viewer only watches."""
+    """Listen without sending, as a viewer does."""
     if not client.listen(3.0, lambda: client.received.newest("HIL_STATE_QUATERNION") is not None):
         report.fail(SIMULATOR_FACTS, "no HIL_STATE_QUATERNION comes there")
         return
 
-    before = _counts(client)
-    client.listen(_WATCH_S, lambda: False)  # by our clock: nothing here shows the vehicle's
-    counts = {name: count - before.get(name, 0) for name, count in _counts(client).items()}
+    counts_before = _counts(client)
+    # The time is that of this computer, because no message of the link has the time of the vehicle.
+    client.listen(_WATCH_S, lambda: False)
+    counts = {name: count - counts_before.get(name, 0) for name, count in _counts(client).items()}
 
     report.add("sih.state", counts["HIL_STATE_QUATERNION"] / _WATCH_S)
     report.add("sih.actuators", counts.get("HIL_ACTUATOR_CONTROLS", 0) / _WATCH_S)
     report.add("sih.heartbeat", counts.get("HEARTBEAT", 0) / _WATCH_S)
 
-    expected = {"HIL_STATE_QUATERNION", "HIL_ACTUATOR_CONTROLS", "HEARTBEAT", *_NOW_AND_THEN}
-    others = sorted(set(counts) - expected)
-    report.add("sih.others", ", ".join(others) or "nothing")
+    expected = {"HIL_STATE_QUATERNION", "HIL_ACTUATOR_CONTROLS", "HEARTBEAT", *_OCCASIONAL}
+    other_messages = sorted(set(counts) - expected)
+    report.add("sih.others", ", ".join(other_messages) or "nothing")
 
     state = client.newest("HIL_STATE_QUATERNION")
     senders = {packet.system_id for packet in client.received.of("HIL_STATE_QUATERNION")}

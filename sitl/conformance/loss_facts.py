@@ -1,4 +1,4 @@
-"""Setpoints stop: how long nothing happens, what each COM_OBL_RC_ACT does, what a return does."""
+"""Facts of missing setpoints: delay of the failsafe, COM_OBL_RC_ACT, return of setpoints."""
 
 from __future__ import annotations
 
@@ -6,15 +6,18 @@ from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import Fact, FactReport, facts, number, word
 from sitl.conformance.hover import Hover, airborne, fast_streams, grounded, settle
 from sitl.conformance.measurements import NOT_MEASURED, mean, sent_or_not
-from sitl.conformance.vehicle_client import ARM, VehicleClient, quaternion
+from sitl.conformance.vehicle_client import ARM, VehicleClient, other_system_id, quaternion
 
 _HEIGHT_M = 3.0
+# Heights between which the speed of the descent is measured.
+_LOWEST_M = 0.5
+_HIGHEST_M = 1.5
 _TEXT = "Failsafe activated"
 
-# COM_OBL_RC_ACT -> mode in which it ends, in the order of the flights.
+# Mode that follows by COM_OBL_RC_ACT, in the order of the flights.
 _ACTIONS = {1: "ALTCTL", 3: "AUTO.RTL", 4: "AUTO.LAND", 5: "AUTO.LOITER", 0: "POSCTL"}
 _DEFAULT_ACTION = 0
-# What is seen in the flight with the default action.
+# Facts that are measured in the flight with the default action.
 _OF_DEFAULT_ACTION = (
     "loss.status",
     "loss.base-mode",
@@ -52,7 +55,7 @@ GROUND = facts("loss", "ground")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
-    """Pause, stop, and stop for good; then the same on the ground."""
+    """Pause setpoints, stop them, stop them until the landing, then stop them on the ground."""
     client.greet(as_ground_station=True)
     if report.wants(*(fact.name for fact in (*AIR, *DESCENT))):
         hover = airborne(client, _HEIGHT_M)
@@ -68,10 +71,10 @@ def _in_the_air(client: VehicleClient, report: FactReport, hover: Hover) -> None
         _short_gap(client, report, hover)
 
     for action in _ACTIONS:
-        wanted = [f"loss.action-{action}*"]
+        measured_facts = [f"loss.action-{action}*"]
         if action == _DEFAULT_ACTION:
-            wanted.extend(_OF_DEFAULT_ACTION)
-        if report.wants(*wanted):
+            measured_facts.extend(_OF_DEFAULT_ACTION)
+        if report.wants(*measured_facts):
             _act(client, report, hover, action)
 
     if report.wants("loss.timeout-follows"):
@@ -106,9 +109,9 @@ def _other_timeout(client: VehicleClient, report: FactReport, hover: Hover) -> N
 
 def _wrong_target(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     since_s = _stop(client, hover)
-    other_system = client.system_id % 250 + 3
     level = quaternion(0.0, 0.0, hover.yaw_rad)
-    client.stream(lambda: client.attitude(level, hover.thrust, target=other_system))
+    target = other_system_id(client)
+    client.stream(lambda: client.attitude(level, hover.thrust, target=target))
     report.add("loss.wrong-target", _until_failsafe(client, since_s))
 
     _resume(client, hover)
@@ -117,7 +120,7 @@ def _wrong_target(client: VehicleClient, report: FactReport, hover: Hover) -> No
 
 
 def _stop(client: VehicleClient, hover: Hover) -> float:
-    """Stop sending; return when the last setpoint went out, a level one, which PX4 holds."""
+    """Send a last setpoint, which is level and which PX4 holds; return its time."""
     level = quaternion(0.0, 0.0, hover.yaw_rad)
     client.attitude(level, hover.thrust)
     client.stream(None)
@@ -134,7 +137,7 @@ def _until_failsafe(client: VehicleClient, since_s: float) -> float:
 
 
 def _act(client: VehicleClient, report: FactReport, hover: Hover, action: int) -> None:
-    """Stop sending with an action set, see what it does, and come back to OFFBOARD."""
+    """Set an action and stop sending; report the result, and return to OFFBOARD."""
     client.params.set("COM_OBL_RC_ACT", action)
     since_s = _stop(client, hover)
     report.add(f"loss.action-{action}-time", _until_failsafe(client, since_s))
@@ -177,7 +180,7 @@ def _descend(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     client.next_heartbeat()
     if client.mode == "POSCTL":
         _descend_blindly(client, report, hover, since_s)
-    else:  # it goes home, by way of a height that depends on how far that is
+    else:  # PX4 returns home, at a height that depends on the distance
         for name in ("descent", "landed", "disarmed"):
             report.add(f"loss.{name}", NOT_MEASURED)
 
@@ -193,7 +196,7 @@ def _descend_blindly(
     sinking_m_s = [
         packet.message.vz
         for packet in client.received.of("LOCAL_POSITION_NED", since_s)
-        if 0.5 < hover.ground_z - packet.message.z < 1.5
+        if _LOWEST_M < hover.ground_z - packet.message.z < _HIGHEST_M
     ]
     report.add("loss.descent", mean(sinking_m_s))
 

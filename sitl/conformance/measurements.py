@@ -1,7 +1,7 @@
-"""The numbers and words that the measuring groups make of what they received.
+"""Numbers and words of the facts, computed from received messages.
 
-A number that could not be measured is NOT_MEASURED. Reports show it as "nothing", and it lies
-within no bounds: it agrees only with a fact that allows the word "nothing".
+A number that could not be measured is NOT_MEASURED, which reports show as "nothing". It agrees with
+no bounds, but only with a fact that allows the word "nothing".
 """
 
 from __future__ import annotations
@@ -16,32 +16,32 @@ NOT_MEASURED = math.nan
 
 
 def mean(values: Iterable[float]) -> float:
-    """Return the mean of what was measured; NOT_MEASURED of no values."""
-    measured = list(values)
-    if not measured:
+    """Return the mean of measured values; NOT_MEASURED without values."""
+    listed = list(values)
+    if not listed:
         return NOT_MEASURED
-    return statistics.fmean(measured)
+    return statistics.fmean(listed)
 
 
 def first_s(packets: Sequence[ReceivedPacket]) -> float:
-    """Return when the first of some packets came; NOT_MEASURED when none did."""
+    """Return the time of the first packet; NOT_MEASURED without packets."""
     if not packets:
         return NOT_MEASURED
     return packets[0].at_s
 
 
 def sent_or_not(received: object) -> str:
-    """Return whether something was received, in the words of the facts."""
+    """Return the word of the facts for whether packets or texts were received."""
     return "sent" if received else "not sent"
 
 
 def yes_or_no(answer: bool) -> str:
-    """Return an answer in the words of the facts."""
+    """Return the word of the facts for an answer."""
     return "yes" if answer else "no"
 
 
 def count_or_none(count: int, unit: str) -> str:
-    """Return how many there were of what should not come; "none" when none did."""
+    """Return the number of unexpected messages as text, or "none"."""
     if not count:
         return "none"
     return f"{count} {unit}"

@@ -1,4 +1,4 @@
-"""OFFBOARD by attitude setpoints: how it begins, what it refuses, how it ends on the ground."""
+"""Facts of OFFBOARD by attitude setpoints: its begin, refused requests, its end on the ground."""
 
 from __future__ import annotations
 
@@ -19,14 +19,17 @@ from sitl.conformance.vehicle_client import (
 
 _EARLY_THRUST = 0.6
 _HEIGHT_M = 2.5
-_TURNING_US = 1500  # shortest pulse of a motor that carries
+_TURNING_US = 1500  # shortest pulse of a motor that gives lift
+# The early climb is measured within a time about this one after the acknowledgement of arming.
+_EARLY_CLIMB_S = 0.44
+_EARLY_CLIMB_HALF_WIDTH_S = 0.06
 START = facts("offboard", "start")
 KEPT = facts("offboard", "kept")
 END = facts("offboard", "end")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
-    """Start, fly, request the impossible, put down."""
+    """Start OFFBOARD, fly, request refused actions, and land."""
     client.greet(as_ground_station=True)
     grounded(client)
     client.spend(1.0)
@@ -58,7 +61,7 @@ def _disarm(client: VehicleClient, report: FactReport) -> None:
 
 
 def _start(client: VehicleClient, report: FactReport) -> Hover:
-    """Take off in OFFBOARD by attitude setpoints; return the hold when it is calm."""
+    """Take off in OFFBOARD by attitude setpoints; return the hold when the vehicle rests."""
     fast_streams(client)
     hover = Hover(client)
     level = quaternion(0.0, 0.0, hover.yaw_rad)
@@ -95,7 +98,7 @@ def _start(client: VehicleClient, report: FactReport) -> Hover:
     sinking_m_s = [
         packet.message.vz
         for packet in client.received.of("LOCAL_POSITION_NED", armed_s)
-        if abs(packet.at_s - acked_s - 0.44) < 0.06
+        if abs(packet.at_s - acked_s - _EARLY_CLIMB_S) < _EARLY_CLIMB_HALF_WIDTH_S
     ]
     report.add("offboard.early-climb", -mean(sinking_m_s))
 
@@ -129,7 +132,7 @@ def _hover(client: VehicleClient, report: FactReport) -> None:
 
 
 def _odometry(client: VehicleClient, report: FactReport, hover: Hover) -> None:
-    """Fly sideways to the heading, and report in which frame ODOMETRY gives the velocity."""
+    """Fly sideways to the heading, and report the frame of the velocity of ODOMETRY."""
     hover.yaw_rad += math.pi / 2
     client.spend(2.5)
     hover.goal[0] += 2.0
@@ -137,7 +140,8 @@ def _odometry(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     since_s = client.now_s
     client.spend(1.8)
 
-    # Which velocity does ODOMETRY come nearer to: in NED, or along the body?
+    # Errors of the velocity of ODOMETRY if it is in NED, and if it is along the body. The frame is
+    # that of the smaller error.
     yaw = client.euler()[2]
     from_ned_m_s: list[float] = []
     from_body_m_s: list[float] = []

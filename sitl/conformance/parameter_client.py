@@ -1,4 +1,4 @@
-"""Parameters of one vehicle: read, set and put back."""
+"""Reading, setting and restoring of the parameters of one vehicle."""
 
 from __future__ import annotations
 
@@ -10,13 +10,17 @@ from pymavlink.dialects.v20 import common
 from sitl.conformance.endpoint import ReceivedPacket, Recording, VehicleClock
 
 # Struct of each MAV_PARAM_TYPE that is a whole number.
-_TYPES = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
+_INTEGER_STRUCTS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
+_ATTEMPTS = 3
+# Longest wait for an answer: the larger of two times, the second of which is in real time.
+_ANSWER_S = 0.5
+_ANSWER_REAL_S = 0.3
 _MAV_PARAM_TYPE_REAL32 = 9
 _PARAM_VALUE = int(common.MAVLink_param_value_message.id)
 
 
 class Messenger(Protocol):
-    """The part of a vehicle's client that parameters need."""
+    """The parts of a vehicle's client that parameters need."""
 
     system_id: int
     clock: VehicleClock
@@ -26,18 +30,19 @@ class Messenger(Protocol):
         """Send one message."""
 
     def spend(self, duration_s: float, until: Any = None) -> bool:
-        """Let time pass, at most until a condition holds."""
+        """Wait for a time, or until a condition holds."""
 
 
 class ParameterClient:
-    """Reads and sets parameters, and remembers every one that it changed."""
+    """Client for the parameters of one vehicle, which can restore all changed values."""
 
     def __init__(self, client: Messenger) -> None:
         self._client = client
-        self._originals: dict[str, tuple[float, int]] = {}  # value and type before the first change
+        # Value and type of each changed parameter before its first change.
+        self._originals: dict[str, tuple[float, int]] = {}
 
     def read(self, name: str) -> float | None:
-        """Return one parameter; None without an answer."""
+        """Return the value of a parameter; None without an answer."""
         answer = self._read(name)
         if answer is None:
             return None
@@ -45,7 +50,7 @@ class ParameterClient:
         return value
 
     def set(self, name: str, value: float) -> float | None:
-        """Set a parameter and remember its value before; return the value that is answered."""
+        """Set a parameter and store its original value; return the value in the answer."""
         before = self._read(name)
         if before is None:
             return None
@@ -55,13 +60,13 @@ class ParameterClient:
         return self._write(name, value, kind)
 
     def restore(self) -> None:
-        """Put back all that were changed."""
+        """Restore the original values of all changed parameters."""
         while self._originals:
             name, (value, kind) = self._originals.popitem()
             self._write(name, value, kind)
 
     def _read(self, name: str) -> tuple[float, int] | None:
-        for _ in range(3):
+        for _ in range(_ATTEMPTS):
             count = len(self._values)
             self._client.send(
                 "PARAM_REQUEST_READ",
@@ -78,7 +83,7 @@ class ParameterClient:
     def _write(self, name: str, value: float, kind: int) -> float | None:
         encoded = value
         if kind != _MAV_PARAM_TYPE_REAL32:
-            packed = struct.pack(_TYPES[kind], int(value)).ljust(4, b"\0")
+            packed = struct.pack(_INTEGER_STRUCTS[kind], int(value)).ljust(4, b"\0")
             encoded = struct.unpack("<f", packed)[0]
 
         count = len(self._values)
@@ -110,18 +115,19 @@ class ParameterClient:
                     return True
             return False
 
-        self._client.spend(max(0.5, 0.3 * self._client.clock.pace), is_answered)
+        wait_s = max(_ANSWER_S, _ANSWER_REAL_S * self._client.clock.pace)
+        self._client.spend(wait_s, is_answered)
         if not answers:
             return None
         return answers[0]
 
 
 def parameter_value(message: Any) -> tuple[float, int]:
-    """Return value and type of a PARAM_VALUE; the bytes of whole numbers lie in the float."""
+    """Return value and type of a PARAM_VALUE, whose float has the bytes of a whole number."""
     kind = int(message.param_type)
-    if kind not in _TYPES:
+    if kind not in _INTEGER_STRUCTS:
         return float(message.param_value), kind
 
-    layout = struct.Struct(_TYPES[kind])
+    layout = struct.Struct(_INTEGER_STRUCTS[kind])
     packed = struct.pack("<f", message.param_value)
     return float(layout.unpack(packed[: layout.size])[0]), kind

@@ -1,4 +1,4 @@
-"""Parameters: defaults, reading and setting over MAVLink."""
+"""Facts of parameters: defaults, reading and setting over MAVLink."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _DEFAULTS = {
     "SIM_BAT_DRAIN": 60.0,
     "SIM_BAT_MIN_PCT": 50.0,
 }
-# A drone in use has its own values; only a freshly installed one has these.
+# A newly installed PX4 has these values. A drone in use usually has others.
 DEFAULTS = tuple(
     number(
         f"param.{name}",
@@ -53,7 +53,7 @@ ACCESS = facts("parameters", "access")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
-    """Read the defaults, then set one of each kind and put it back."""
+    """Read the defaults, then set and restore one parameter of each type."""
     for name, value in _DEFAULTS.items():
         if report.wants(f"param.{name}"):
             report.add(f"param.{name}", _default(client, name, value))
@@ -68,19 +68,19 @@ def run(client: VehicleClient, report: FactReport) -> None:
 
 
 def _default(client: VehicleClient, name: str, expected: float) -> float:
-    """Return a parameter; NOT_MEASURED when it is not answered."""
+    """Return the value of a parameter; NOT_MEASURED without an answer."""
     read = client.params.read(name)
     if read is None:
         return NOT_MEASURED
 
-    # Floats travel with 24 bits.
+    # The value in a message has a precision of 24 bits.
     if math.isclose(read, expected, rel_tol=1e-6, abs_tol=1e-9):
         return expected
     return read
 
 
 def _set(client: VehicleClient, name: str, value: float) -> str:
-    """Set a parameter; return what was answered to that, and what is read afterwards."""
+    """Set a parameter; return the value in the answer and the value that is read afterwards."""
     answer = client.params.set(name, value)
     read = client.params.read(name)
     return f"{_shown(answer)} and {_shown(read)}"

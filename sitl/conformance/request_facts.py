@@ -1,4 +1,4 @@
-"""Requests and their answers: message rates, single messages, acknowledgements."""
+"""Facts of requests and their answers: message rates, single messages, acknowledgements."""
 
 from __future__ import annotations
 
@@ -10,13 +10,21 @@ from sitl.conformance.endpoint import ReceivedPacket
 from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.measurements import NOT_MEASURED, sent_or_not
-from sitl.conformance.vehicle_client import REQUEST, SET_INTERVAL, VehicleClient, common_id
+from sitl.conformance.vehicle_client import (
+    REQUEST,
+    SET_INTERVAL,
+    VehicleClient,
+    common_id,
+    other_system_id,
+)
 
 _WATCH_S = 3.0
+_LATENCY_SAMPLES = 15
 _GET_INTERVAL = 510
 _UNKNOWN_COMMAND = 31999
 _UNKNOWN_MESSAGE = 60000
-# Fact, message, requested rate [Hz]; two rounds, so that not everything is requested at once.
+# Fact, message, requested rate [Hz]. There are two rounds, so that fewer messages are requested at
+# once.
 _ROUNDS = (
     (
         ("rate.attitude", "ATTITUDE", 250.0),
@@ -38,7 +46,7 @@ ANSWERS = facts("requests", "answers")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
-    """Raise rates and put them back, then request messages."""
+    """Raise and restore rates, then request messages."""
     if report.wants("rate.*", "truth.*"):
         _rates(client, report)
     _answers(client, report)
@@ -122,8 +130,8 @@ def _answers(client: VehicleClient, report: FactReport) -> None:
     if report.wants("ack.unknown-command"):
         report.add("ack.unknown-command", client.command(_UNKNOWN_COMMAND))
     if report.wants("ack.wrong-target"):
-        wrong = client.system_id % 250 + 3
-        report.add("ack.wrong-target", client.command(SET_INTERVAL, 1.0, 2e5, target=wrong))
+        target = other_system_id(client)
+        report.add("ack.wrong-target", client.command(SET_INTERVAL, 1.0, 2e5, target=target))
     if report.wants("ack.target", "ack.latency"):
         _latency(client, report)
 
@@ -133,18 +141,18 @@ def _latency(client: VehicleClient, report: FactReport) -> None:
     targets: set[tuple[int, int]] = set()
     acks = client.received.packets[common_id("COMMAND_ACK")]
 
-    for _ in range(15):
-        before = len(acks)
+    for _ in range(_LATENCY_SAMPLES):
+        count_before = len(acks)
         sent_s = client.port.now_s()
         client.send_command(SET_INTERVAL, float(common_id("SYS_STATUS")), 0.0)
         is_answered = client.spend(
-            max(0.3, 0.2 * client.clock.pace), partial(_longer, acks, before)
+            max(0.3, 0.2 * client.clock.pace), partial(_has_more, acks, count_before)
         )
         if is_answered:
             times_ms.append((client.port.now_s() - sent_s) * 1e3)
         else:
             times_ms.append(math.inf)
-        for ack in acks[before:]:
+        for ack in acks[count_before:]:
             targets.add((ack.message.target_system, ack.message.target_component))
         client.spend(0.02)
 
@@ -156,8 +164,8 @@ def _latency(client: VehicleClient, report: FactReport) -> None:
     report.add("ack.latency", statistics.median(times_ms))
 
 
-def _longer(packets: list[ReceivedPacket], before: int) -> bool:
-    return len(packets) > before
+def _has_more(packets: list[ReceivedPacket], count: int) -> bool:
+    return len(packets) > count
 
 
 FACT_GROUP = FactGroup("requests and answers", (*RATES, *ANSWERS), run, turns_motors=False)

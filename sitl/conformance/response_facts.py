@@ -1,4 +1,4 @@
-"""Step responses in the air: roll, pitch, yaw, thrust."""
+"""Facts of step responses in the air: roll, pitch, yaw, thrust."""
 
 from __future__ import annotations
 
@@ -13,20 +13,27 @@ from sitl.conformance.hover import Hover, airborne, settle
 from sitl.conformance.vehicle_client import VehicleClient, quaternion, wrap
 
 _HEIGHT_M = 4.0
+# Tolerance of times: the larger of a time and a share of the measured time.
+_MEAN_S = 0.15  # time before a step whose mean angle is the start of the step
 _SLACK_S = 0.02
+_SLACK_SHARE = 0.12
+# Part of a step of roll or pitch [%]: shortest and longest time to reach it, as measured [s].
 _TILT_TIMES = {
     "t5": (0.062, 0.073),
     "t50": (0.165, 0.175),
     "t63": (0.190, 0.200),
     "t90": (0.250, 0.260),
 }
-# Step [deg]: when it reaches which part [s], overshoot [%].
+# Step of the heading [deg]: time to reach each part [s], overshoot [%].
 _YAW = {
     30: ({"t5": 0.220, "t63": 0.615, "t90": 0.765}, 30.0),
     90: ({"t63": 0.736, "t90": 0.930}, 16.0),
     170: ({"t63": 1.049}, 11.0),
 }
-_PEAK_RATES = {10: 58.0, 20: 123.0, 30: 160.0}
+_PEAK_RATES = {10: 58.0, 20: 123.0, 30: 160.0}  # largest rate [deg/s] by step [deg]
+# Tolerance of the time to 5 % of a heading step, most of which a drift of the compass by a degree
+# can take.
+_YAW_START_SLACK_S = 0.09
 
 
 def _tilt_facts(axis: str, step_deg: int) -> tuple[Fact, ...]:
@@ -50,7 +57,7 @@ def _tilt_facts(axis: str, step_deg: int) -> tuple[Fact, ...]:
 
 
 def _slack_s(time_s: float) -> float:
-    return max(_SLACK_S, 0.12 * time_s)
+    return max(_SLACK_S, _SLACK_SHARE * time_s)
 
 
 def _yaw_facts(step_deg: int) -> tuple[Fact, ...]:
@@ -62,7 +69,7 @@ def _yaw_facts(step_deg: int) -> tuple[Fact, ...]:
     for part, time_s in times_s.items():
         slack_s = _slack_s(time_s)
         if part == "t5":
-            slack_s = 0.09  # a degree of drift of the compass is most of the first 5 %
+            slack_s = _YAW_START_SLACK_S
         words = f"{says}, {part[1:]} % after"
         times.append(number(f"{name}-{part}", "8", words, time_s - slack_s, time_s + slack_s, "s"))
 
@@ -75,7 +82,7 @@ _TILTS = (("roll", 10), ("roll", 20), ("roll", 30), ("pitch", 10), ("pitch", 30)
 FACTS = (
     *(fact for axis, step in _TILTS for fact in _tilt_facts(axis, step)),
     *(fact for step in _YAW for fact in _yaw_facts(step)),
-    # Only this one comes near the limit.
+    # Only the largest step comes near the limit of the rate.
     number("step.yaw-170-rate", "8", "yaw step of 170 deg, largest rate", 140.0, 200.0, "deg/s"),
     number("step.thrust", "8", "climb 0.6 s after 0.1 more thrust", 0.6, 1.15, "m/s"),
 )
@@ -85,12 +92,12 @@ FACTS = (
 class MeasuredResponse:
     """One step response."""
 
-    times_s: list[float]  # since the step was sent
-    parts: list[float]  # fraction of the step, at each of them
+    times_s: list[float]  # times of the samples since the step was sent
+    parts: list[float]  # fraction of the step at each time
     largest_rate_deg_s: float
 
     def reaches(self, part: float) -> float:
-        """Return when it first reaches a fraction, interpolated between samples."""
+        """Return the time of the first reaching of a fraction, interpolated between samples."""
         samples = zip(self.times_s, self.parts, strict=True)
         for (t0, p0), (t1, p1) in itertools.pairwise(samples):
             if t0 >= 0.0 and p0 < part <= p1:
@@ -99,7 +106,7 @@ class MeasuredResponse:
 
     @property
     def overshoot_pct(self) -> float:
-        """Beyond the step."""
+        """Largest excursion beyond the step, in percent of the step."""
         return 100.0 * (max(self.parts) - 1.0)
 
     @property
@@ -109,7 +116,7 @@ class MeasuredResponse:
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
-    """One step after the other, with calm between them."""
+    """Measure the steps one after the other, and let the vehicle rest between them."""
     client.greet(as_ground_station=True)
     hover = airborne(client, _HEIGHT_M)
     for axis, step_deg in _TILTS:
@@ -127,7 +134,7 @@ def _tilt(
 ) -> None:
     step = math.radians(step_deg)
 
-    def go(sign: float) -> None:
+    def command(sign: float) -> None:
         if axis == "roll":
             hover.tilt = (sign * step, 0.0)
         else:
@@ -135,8 +142,8 @@ def _tilt(
 
     hover.tilt = (0.0, 0.0)
     client.spend(0.5)
-    response = _record(client, axis, step, lambda: go(1.0), 0.6)
-    go(-1.0)  # undo the speed that this gave
+    response = _record(client, axis, step, lambda: command(1.0), 0.6)
+    command(-1.0)  # the opposite step removes the speed
     client.spend(0.6)
     hover.here()
     client.spend(0.5)
@@ -151,15 +158,15 @@ def _tilt(
 def _yaw(client: VehicleClient, report: FactReport, hover: Hover, step_deg: int) -> None:
     hover.tilt = (0.0, 0.0)
     client.spend(0.3)
-    # From where the vehicle really points, so that the step has the size that is meant.
+    # The step begins at the actual heading, so that its size is right.
     hover.yaw_rad = client.euler()[2]
     client.spend(0.8)
     goal = wrap(hover.yaw_rad + math.radians(step_deg))
 
-    def go() -> None:
+    def command() -> None:
         hover.yaw_rad = goal
 
-    response = _record(client, "yaw", math.radians(step_deg), go, 2.0)
+    response = _record(client, "yaw", math.radians(step_deg), command, 2.0)
     hover.here()
     settle(client, hover)
     times, _ = _YAW[step_deg]
@@ -171,32 +178,44 @@ def _yaw(client: VehicleClient, report: FactReport, hover: Hover, step_deg: int)
 
 
 def _record(
-    client: VehicleClient, axis: str, step_rad: float, go: Callable[[], None], for_s: float
+    client: VehicleClient,
+    axis: str,
+    step_rad: float,
+    command: Callable[[], None],
+    duration_s: float,
 ) -> MeasuredResponse:
-    """Send a step, and return what ATTITUDE shows.
+    """Send a step, and return the response in ATTITUDE.
 
-    Time zero is when ATTITUDE_TARGET echoes the new setpoint.
+    Time zero is the first ATTITUDE_TARGET with the new setpoint.
+
+    Args:
+        client: client of the vehicle.
+        axis: name of the angle in ATTITUDE.
+        step_rad: size of the step.
+        command: function that changes the setpoint by the step.
+        duration_s: duration of the record.
     """
     begin_s = client.now_s
-    before = [packet.message for packet in client.received.of("ATTITUDE", begin_s - 0.15)]
+    earlier = [packet.message for packet in client.received.of("ATTITUDE", begin_s - _MEAN_S)]
     start_rad = math.atan2(
-        sum(math.sin(getattr(message, axis)) for message in before),
-        sum(math.cos(getattr(message, axis)) for message in before),
+        sum(math.sin(getattr(message, axis)) for message in earlier),
+        sum(math.cos(getattr(message, axis)) for message in earlier),
     )
-    echoed_before = client.newest("ATTITUDE_TARGET").q
+    target_before = client.newest("ATTITUDE_TARGET").q
 
-    go()
+    command()
     client.setpoint_duty.due_s = 0.0
-    client.spend(for_s)
+    client.spend(duration_s)
 
-    zero_ms = before[0].time_boot_ms + 150.0
+    # A quarter of the step in the target shows the new setpoint.
+    zero_ms = earlier[0].time_boot_ms + 1e3 * _MEAN_S
     for packet in client.received.of("ATTITUDE_TARGET", begin_s):
-        if math.dist(packet.message.q, echoed_before) > 0.25 * abs(step_rad) / 2:
+        if math.dist(packet.message.q, target_before) > 0.25 * abs(step_rad) / 2:
             zero_ms = packet.message.time_boot_ms
             break
 
-    # Counted from the middle of the step, so that what overshoots 180 deg does not appear on the
-    # other side.
+    # Angles count from the middle of the step, so that an overshoot beyond 180 deg does not become
+    # negative.
     middle_rad = start_rad + 0.5 * step_rad
     samples = [packet.message for packet in client.received.of("ATTITUDE", begin_s)]
     return MeasuredResponse(
@@ -212,10 +231,10 @@ def _thrust(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     level = quaternion(0.0, 0.0, hover.yaw_rad)
     client.stream(lambda: client.attitude(level, hover.thrust))
     client.spend(0.6)
-    before = client.newest("LOCAL_POSITION_NED").vz
+    down_before_m_s = client.newest("LOCAL_POSITION_NED").vz
     client.stream(lambda: client.attitude(level, hover.thrust + 0.1))
     client.spend(0.6)
-    report.add("step.thrust", before - client.newest("LOCAL_POSITION_NED").vz)
+    report.add("step.thrust", down_before_m_s - client.newest("LOCAL_POSITION_NED").vz)
     hover.here()
     client.stream(hover)
     settle(client, hover)

@@ -1,4 +1,4 @@
-"""Senders that a vehicle listens to: the first for good, and with a key only those who sign."""
+"""Facts of senders: the first sender stays the peer, and a key requires signatures."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _KEY = bytes(range(1, 33))
 _OTHER_KEY = bytes(range(2, 34))
 LINK_ID = 12
 _OTHER_LINK_ID = 13
-_BEGIN_S = 1_420_070_400  # of 2015
-_STEPS_PER_S = 100_000
+_BEGIN_OF_2015_S = 1_420_070_400  # Unix time
+_STEPS_PER_S = 100_000  # resolution of the timestamps
 _HEARTBEAT = 0.0  # message id, as a parameter
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
-    """Speak for the first time, from one port or the other, then from both."""
+    """Send the first datagrams to the vehicle from one port, then datagrams from another."""
     if client.moves_first_sender:
         _from_elsewhere(client, report)
         return
@@ -73,8 +73,8 @@ def _from_elsewhere(client: VehicleClient, report: FactReport) -> None:
 
 
 def signing_time() -> int:
-    """Return the timestamp of now [10 us since 2015]."""
-    return int((time.time() - _BEGIN_S) * _STEPS_PER_S)
+    """Return the present timestamp [10 us since 2015]."""
+    return int((time.time() - _BEGIN_OF_2015_S) * _STEPS_PER_S)
 
 
 def run_signing(client: VehicleClient, report: FactReport) -> None:

@@ -1,4 +1,4 @@
-"""Setpoints that no sane client sends, other kinds than attitudes, and sticks beside them."""
+"""Facts of unusual setpoints, of other kinds than attitudes, and of sticks during setpoints."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from sitl.conformance.vehicle_client import (
 )
 
 _HEIGHT_M = 8.0
-_LOWEST_M = 5.5  # from which a fall does not end on the ground
+_LOWEST_M = 5.5  # least height from which a fall does not end on the ground
 _BREAKING_HEIGHT_M = 5.0
 _STICKS_HEIGHT_M = 3.0
-_BAD_S = 0.6  # for which an odd setpoint is sent
+_UNUSUAL_S = 0.6  # time for which an unusual setpoint is sent
 
 # Type masks.
 _IGNORE_THRUST = 64
@@ -41,12 +41,12 @@ _SLOW_1_S = 0.5
 FACTS = facts("setpoints", "facts")
 
 STICKS = facts("setpoints", "sticks")
-# Some versions do not recover from these: they come last of all.
+# Some versions do not recover from these setpoints, so that they come last.
 BREAKING = facts("setpoints", "breaking")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
-    """Send each for a moment, with calm after it."""
+    """Send each setpoint for a moment, and let the vehicle come to rest after it."""
     client.greet(as_ground_station=True)
     hover = airborne(client, _HEIGHT_M)
     since_s = client.now_s
@@ -79,7 +79,7 @@ def _thrusts(client: VehicleClient, report: FactReport, hover: Hover) -> None:
 
     if report.wants("setpoint.thrust-above-one"):
         client.interval("SERVO_OUTPUT_RAW", 50.0)
-        _for_a_moment(client, partial(client.attitude, level, 1.5), _BAD_S)
+        _for_a_moment(client, partial(client.attitude, level, 1.5), _UNUSUAL_S)
         report.add("setpoint.thrust-above-one", float(client.newest("SERVO_OUTPUT_RAW").servo1_raw))
         client.interval("SERVO_OUTPUT_RAW", 0.0)
         _recover(client, hover)
@@ -90,12 +90,12 @@ def _attitudes(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     tripled = (3.0 * tilted[0], 3.0 * tilted[1], 3.0 * tilted[2], 3.0 * tilted[3])
 
     if report.wants("setpoint.scaled-quaternion"):
-        _for_a_moment(client, partial(client.attitude, tripled, hover.thrust), _BAD_S)
+        _for_a_moment(client, partial(client.attitude, tripled, hover.thrust), _UNUSUAL_S)
         report.add("setpoint.scaled-quaternion", math.degrees(client.euler()[0]))
         _recover(client, hover)
 
     if report.wants("setpoint.mask-zero"):
-        _for_a_moment(client, partial(client.attitude, tilted, hover.thrust, mask=0), _BAD_S)
+        _for_a_moment(client, partial(client.attitude, tilted, hover.thrust, mask=0), _UNUSUAL_S)
         report.add("setpoint.mask-zero", math.degrees(client.euler()[0]))
         echoed = client.newest("ATTITUDE_TARGET").q
         cosine = min(1.0, abs(sum(a * b for a, b in zip(echoed, tilted, strict=True))))
@@ -103,14 +103,14 @@ def _attitudes(client: VehicleClient, report: FactReport, hover: Hover) -> None:
         _recover(client, hover)
 
 
-def _for_a_moment(client: VehicleClient, send: Callable[[], None], for_s: float) -> None:
+def _for_a_moment(client: VehicleClient, send: Callable[[], None], duration_s: float) -> None:
     client.stream(send)
-    client.spend(for_s)
+    client.spend(duration_s)
 
 
 def _recover(client: VehicleClient, hover: Hover) -> None:
     hover.here()
-    # Where it is, unless the next fall would end on the ground.
+    # The height stays, unless the next fall would end on the ground.
     hover.to_height(min(_HEIGHT_M + 2.0, max(_LOWEST_M, hover.height_m)))
     client.stream(hover)
     settle(client, hover)
@@ -119,23 +119,23 @@ def _recover(client: VehicleClient, hover: Hover) -> None:
 def _falls(
     client: VehicleClient, hover: Hover, level: Quaternion, thrust: float, mask: int
 ) -> float:
-    _for_a_moment(client, partial(client.attitude, level, thrust, mask=mask), _BAD_S)
+    _for_a_moment(client, partial(client.attitude, level, thrust, mask=mask), _UNUSUAL_S)
     sinking = float(client.newest("LOCAL_POSITION_NED").vz)
     _recover(client, hover)
     return sinking
 
 
 def _rates(client: VehicleClient, report: FactReport, hover: Hover) -> None:
-    nothing: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    still = (0.0, 0.0, 0.0)
-    rolling = (math.radians(25.0), 0.0, 0.0)
+    ignored: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    no_rates = (0.0, 0.0, 0.0)
+    roll_rates = (math.radians(25.0), 0.0, 0.0)
 
-    client.stream(lambda: client.attitude(nothing, hover.thrust, mask=_RATES, rates=still))
+    client.stream(lambda: client.attitude(ignored, hover.thrust, mask=_RATES, rates=no_rates))
     client.next_heartbeat(2)
     report.add("setpoint.rates-base-mode", str(client.newest("HEARTBEAT").base_mode))
     _recover(client, hover)
 
-    client.stream(lambda: client.attitude(nothing, hover.thrust, mask=_RATES, rates=rolling))
+    client.stream(lambda: client.attitude(ignored, hover.thrust, mask=_RATES, rates=roll_rates))
     client.spend(0.45)
     attitudes = client.received.of("ATTITUDE", client.now_s - 0.06)
     roll_rate = mean(packet.message.rollspeed for packet in attitudes)
@@ -154,7 +154,7 @@ def _other_sender(client: VehicleClient, report: FactReport, hover: Hover) -> No
 
 def _positions(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     start = client.newest("LOCAL_POSITION_NED")
-    # The hold does not take part: only these setpoints are flown.
+    # The hold is off, so that only these setpoints are flown.
     x = start.x + 1.0
     y = start.y
     z = hover.goal[2]
@@ -185,14 +185,11 @@ def _positions(client: VehicleClient, report: FactReport, hover: Hover) -> None:
 
 
 def _steep(client: VehicleClient, report: FactReport, hover: Hover) -> None:
-    for name, tilt_deg, for_s in (
-        ("setpoint.steep-50", 50.0, 0.6),
-        ("setpoint.steep-75", 75.0, 0.6),
-    ):
+    for name, tilt_deg in (("setpoint.steep-50", 50.0), ("setpoint.steep-75", 75.0)):
         since_s = client.now_s
         for sign in (1.0, -1.0):
             q = quaternion(sign * math.radians(tilt_deg), 0.0, hover.yaw_rad)
-            _for_a_moment(client, partial(client.attitude, q, 0.9), for_s)
+            _for_a_moment(client, partial(client.attitude, q, 0.9), _UNUSUAL_S)
             if sign > 0.0:
                 rolls = [
                     math.degrees(packet.message.roll)
@@ -207,7 +204,7 @@ def _steep(client: VehicleClient, report: FactReport, hover: Hover) -> None:
 
 
 def run_sticks(client: VehicleClient, report: FactReport) -> None:
-    """Hold the sticks in the middle, then move one, slowly and fast."""
+    """Centre the sticks, then move one, first slowly and then fast."""
     client.greet(as_ground_station=True)
     for name, rate_1_s in (("stick.slow", _SLOW_1_S), ("stick.fast", _FAST_1_S)):
         if not report.wants(name):
@@ -230,6 +227,8 @@ def run_sticks(client: VehicleClient, report: FactReport) -> None:
 
 
 def _sticks(client: VehicleClient, from_s: float, rate_1_s: float) -> Callable[[], None]:
+    """Return a function that sends sticks, of which roll moves at a rate from a time on."""
+
     def send() -> None:
         moved = min(0.5, max(0.0, rate_1_s * (client.now_s - from_s)))
         client.send(
@@ -242,12 +241,12 @@ def _sticks(client: VehicleClient, from_s: float, rate_1_s: float) -> Callable[[
 def _calm(client: VehicleClient) -> Hover:
     try:
         return airborne(client, _BREAKING_HEIGHT_M)
-    except Stuck:  # what was measured before may have left it with a poor estimate of its position
+    except Stuck:  # earlier measurements can leave a poor estimate of the position
         return airborne(client, _BREAKING_HEIGHT_M)
 
 
 def run_breaking(client: VehicleClient, report: FactReport) -> None:
-    """Send attitudes that are no rotation, and see whether the vehicle can still be flown."""
+    """Send attitudes that are not rotations, and report whether the vehicle follows afterwards."""
     client.greet(as_ground_station=True)
     for name, part in (("setpoint.zero-quaternion", 0.0), ("setpoint.nan-quaternion", math.nan)):
         if not report.wants(f"{name}*"):
@@ -260,14 +259,15 @@ def run_breaking(client: VehicleClient, report: FactReport) -> None:
                 [fact for fact in BREAKING if fact.name.startswith(name)], f"before it: {error}"
             )
             continue
-        _for_a_moment(client, partial(client.attitude, (part,) * 4, hover.thrust), _BAD_S)
+        _for_a_moment(client, partial(client.attitude, (part,) * 4, hover.thrust), _UNUSUAL_S)
         report.add(name, math.degrees(math.hypot(*client.euler()[:2])))
         hover.here()
 
         follows = True
-        for sign in (1.0, -1.0):  # one that drifts may pass by one of them
+        # Two tilts are needed, because a vehicle that drifts may have one of them by chance.
+        for sign in (1.0, -1.0):
             tilted = quaternion(sign * math.radians(10.0), 0.0, hover.yaw_rad)
-            _for_a_moment(client, partial(client.attitude, tilted, hover.thrust), _BAD_S)
+            _for_a_moment(client, partial(client.attitude, tilted, hover.thrust), _UNUSUAL_S)
             roll_deg = sign * math.degrees(client.euler()[0])
             if not 5.0 < roll_deg < 15.0:
                 follows = False
@@ -275,7 +275,7 @@ def run_breaking(client: VehicleClient, report: FactReport) -> None:
         if follows:
             _recover(client, hover)
         else:
-            client.command(ARM, 0.0, FORCE)  # it would fly away
+            client.command(ARM, 0.0, FORCE)  # the vehicle would fly away otherwise
             client.next_heartbeat()
 
 

@@ -1,4 +1,4 @@
-"""Start, streams and field quirks: what a resting vehicle sends by itself, while nobody speaks."""
+"""Facts of a resting vehicle that receives nothing: its start, its streams, details of fields."""
 
 from __future__ import annotations
 
@@ -17,9 +17,15 @@ from sitl.conformance.vehicle_client import MODES, STATUS, VehicleClient
 
 _WATCH_S = 10.0
 _READY_S = 6.0
-_FIRST_LOOK_S = 1.0  # after the boot's first messages
-_READY_BEFORE_S = 1.3  # whoever is ready by then may have been so before the first look
-_FRESH_S = 1.8  # of its own clock, at its first ATTITUDE
+_FIRST_LOOK_S = 1.0  # time of the first look at the readiness after the first ATTITUDE
+_READY_BEFORE_S = 1.3  # a vehicle ready before this may have been ready before the first look
+_FRESH_S = 1.8  # largest time of the clock of a new start at the first ATTITUDE
+_RATE_SLACK_SHARE = 0.06
+_TIMED_STEP_MS = 4  # step of the clock
+_LEAST_PACE = 0.9  # limits of the pace of a vehicle in real time
+_MOST_PACE = 1.1
+# Positions of the diagonal in the upper triangle of a 6 x 6 matrix, row by row.
+_DIAGONAL = (0, 6, 11, 15, 18, 20)
 _RATES_HZ = {
     "ATTITUDE": 100.0,
     "HIGHRES_IMU": 50.0,
@@ -68,8 +74,8 @@ def _stream_name(message: str) -> str:
 
 
 def _rate_fact(message: str, hz: float) -> Fact:
-    # one message more or less in the watched time, or 6 % of the rate, whichever is more
-    slack = max(1.01 / _WATCH_S, 0.06 * hz)
+    # The tolerance is the larger of one message in the watched time and a share of the rate.
+    slack = max(1.01 / _WATCH_S, _RATE_SLACK_SHARE * hz)
     return number(
         _stream_name(message), "4", f"{message} at {hz:g} Hz unasked", hz - slack, hz + slack, "Hz"
     )
@@ -82,7 +88,7 @@ QUIRKS = facts("streams", "quirks")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
-    """Watch, without a word."""
+    """Watch the vehicle without sending."""
     _boot(client, report)
     if not report.wants(
         "stream.*", "wire.*", "clock.*", "heartbeat.*", "pad.*", "quirk.*", "text.silent-alone"
@@ -111,18 +117,18 @@ def run(client: VehicleClient, report: FactReport) -> None:
 
 def _boot(client: VehicleClient, report: FactReport) -> None:
     received = client.received
-    report.add("boot.unasked", "yes")  # whoever came here has heard it without a word
-    rest = [fact for fact in BOOT if fact.name != "boot.unasked"]
+    report.add("boot.unasked", "yes")  # the check came here without sending
+    other_facts = [fact for fact in BOOT if fact.name != "boot.unasked"]
     client.listen(1.5, lambda: received.newest("ATTITUDE") is not None)
     attitudes = received.of("ATTITUDE")
     if not attitudes:
-        report.skip(rest, "no ATTITUDE tells its time")
+        report.skip(other_facts, "no ATTITUDE tells its time")
         return
 
     clock_s = attitudes[0].message.time_boot_ms * 1e-3
     if clock_s > _FRESH_S:
         reason = f"it started {clock_s:.0f} s before: start it while the check already waits"
-        report.skip(rest, reason)
+        report.skip(other_facts, reason)
         return
     report.add("boot.clock", clock_s)
     if not report.wants("boot.*"):
@@ -133,7 +139,8 @@ def _boot(client: VehicleClient, report: FactReport) -> None:
     if client.spend(_READY_S, client.shows_ready):
         armable_s = client.now_s
         if armable_s < _READY_BEFORE_S:
-            # it was ready before the first look: its first SYS_STATUS is the nearest moment known
+            # The vehicle was ready before the first look. The time of its first SYS_STATUS is the
+            # best estimate.
             armable_s = received.of("SYS_STATUS")[0].at_s
     client.spend(1.0)
 
@@ -155,13 +162,13 @@ def _streams(client: VehicleClient, report: FactReport, since_s: float, until_s:
         count = len(client.received.of(message, since_s, until_s))
         report.add(_stream_name(message), count / (until_s - since_s))
 
-    others: list[str] = []
+    other_messages: list[str] = []
     for message_id, packets in client.received.packets.items():
         is_recent = bool(packets) and packets[-1].at_s >= since_s
         is_known = NAMES.get(message_id) in (*_RATES_HZ, *_EVENTS_ONLY)
         if is_recent and not is_known:
-            others.append(NAMES.get(message_id, str(message_id)))
-    report.add("wire.unasked-others", ", ".join(sorted(others)) or "nothing")
+            other_messages.append(NAMES.get(message_id, str(message_id)))
+    report.add("wire.unasked-others", ", ".join(sorted(other_messages)) or "nothing")
 
 
 def _message_layout(client: VehicleClient, report: FactReport, since_s: float) -> None:
@@ -183,7 +190,7 @@ def _message_layout(client: VehicleClient, report: FactReport, since_s: float) -
 
 
 def _clock(client: VehicleClient, report: FactReport, since_s: float) -> None:
-    if 0.9 < client.clock.pace < 1.1:
+    if _LEAST_PACE < client.clock.pace < _MOST_PACE:
         report.add("clock.pace", client.clock.pace)
     else:
         pace = f"it runs at {client.clock.pace:.1f} times real time"
@@ -193,12 +200,17 @@ def _clock(client: VehicleClient, report: FactReport, since_s: float) -> None:
     gaps_ms = [after - before for before, after in itertools.pairwise(stamps_ms)]
     report.add("clock.gap-mean", mean(gaps_ms))
 
-    # Whole steps of 4 ms; a stamp is rounded to a millisecond.
-    whole = [gap for gap in gaps_ms if min(gap % 4, 4 - gap % 4) <= 1 and gap >= 3]
     whole_fraction = NOT_MEASURED
     if gaps_ms:
-        whole_fraction = len(whole) / len(gaps_ms)
+        whole_fraction = sum(map(_is_whole, gaps_ms)) / len(gaps_ms)
     report.add("clock.gap-steps", whole_fraction)
+
+
+def _is_whole(gap_ms: int) -> bool:
+    """Whether a gap is a whole number of steps; its stamps are rounded to a millisecond."""
+    remainder_ms = gap_ms % _TIMED_STEP_MS
+    off_ms = min(remainder_ms, _TIMED_STEP_MS - remainder_ms)
+    return off_ms <= 1 and gap_ms >= _TIMED_STEP_MS - 1
 
 
 def _heartbeats(client: VehicleClient, report: FactReport, since_s: float) -> None:
@@ -209,7 +221,7 @@ def _heartbeats(client: VehicleClient, report: FactReport, since_s: float) -> No
         report.add("heartbeat.interval-max", NOT_MEASURED)
         return
 
-    # Arrival is seen by the wall clock: an error of it counts more at a faster pace.
+    # The arrival is measured by the clock of this computer, so that its error grows with the pace.
     slack_s = 0.02 * max(0.0, client.clock.pace - 1.0)
     report.add("heartbeat.interval-min", min(1.0, min(intervals_s) + slack_s))
     report.add("heartbeat.interval-max", max(1.0, max(intervals_s) - slack_s))
@@ -222,7 +234,7 @@ def _checksums(client: VehicleClient) -> str:
             continue
         for packet in packets[:20]:
             try:
-                _ = packet.message  # decodes it now, checksum included
+                _ = packet.message  # decodes the frame and checks its checksum
             except common.MAVError:
                 wrong += 1
 
@@ -232,12 +244,12 @@ def _checksums(client: VehicleClient) -> str:
 
 
 def _quirks(client: VehicleClient, report: FactReport) -> None:
-    def shown(name: str, message: str, read: str) -> None:
+    def add_field(name: str, message: str, field: str) -> None:
         packet = client.received.newest(message)
         if packet is None:
             report.add(name, f"no {message}")
         else:
-            report.add(name, str(getattr(packet.message, read)))
+            report.add(name, str(getattr(packet.message, field)))
 
     beat = client.newest("HEARTBEAT")
     report.add("quirk.heartbeat", f"type {beat.type} autopilot {beat.autopilot}")
@@ -245,25 +257,24 @@ def _quirks(client: VehicleClient, report: FactReport) -> None:
     report.add("pad.base-mode", str(beat.base_mode))
     report.add("pad.status", client.status)
     report.add("pad.prearm-bit", client.prearm_bit)
-    shown("pad.landed", "EXTENDED_SYS_STATE", "landed_state")
-    shown("quirk.vtol-state", "EXTENDED_SYS_STATE", "vtol_state")
-    shown("quirk.odometry-estimator", "ODOMETRY", "estimator_type")
-    shown("quirk.odometry-quality", "ODOMETRY", "quality")
-    shown("quirk.battery-current", "BATTERY_STATUS", "current_battery")
-    shown("quirk.battery-temperature", "BATTERY_STATUS", "temperature")
-    shown("quirk.battery-consumed", "BATTERY_STATUS", "current_consumed")
-    shown("quirk.battery-charge-state", "BATTERY_STATUS", "charge_state")
-    shown("quirk.servo-disarmed", "SERVO_OUTPUT_RAW", "servo1_raw")
-    shown("quirk.attitude-target-mask", "ATTITUDE_TARGET", "type_mask")
+    add_field("pad.landed", "EXTENDED_SYS_STATE", "landed_state")
+    add_field("quirk.vtol-state", "EXTENDED_SYS_STATE", "vtol_state")
+    add_field("quirk.odometry-estimator", "ODOMETRY", "estimator_type")
+    add_field("quirk.odometry-quality", "ODOMETRY", "quality")
+    add_field("quirk.battery-current", "BATTERY_STATUS", "current_battery")
+    add_field("quirk.battery-temperature", "BATTERY_STATUS", "temperature")
+    add_field("quirk.battery-consumed", "BATTERY_STATUS", "current_consumed")
+    add_field("quirk.battery-charge-state", "BATTERY_STATUS", "charge_state")
+    add_field("quirk.servo-disarmed", "SERVO_OUTPUT_RAW", "servo1_raw")
+    add_field("quirk.attitude-target-mask", "ATTITUDE_TARGET", "type_mask")
 
     odometry = client.newest("ODOMETRY")
     battery = client.newest("BATTERY_STATUS")
     report.add("quirk.odometry-frames", f"{odometry.frame_id} and {odometry.child_frame_id}")
-    # The upper triangle of a 6 x 6 matrix, row by row; its diagonal lies at 0, 6, 11, 15, 18, 20.
     off_diagonal = [
         value
         for position, value in enumerate(odometry.pose_covariance)
-        if position not in (0, 6, 11, 15, 18, 20)
+        if position not in _DIAGONAL
     ]
     covariance = "numbers"
     if all(map(math.isnan, off_diagonal)):
@@ -303,7 +314,7 @@ def _noise(client: VehicleClient, report: FactReport, since_s: float) -> None:
 
 
 def _spreads(messages: list[Any], *fields: str) -> list[float]:
-    """Return the standard deviation of each of these fields."""
+    """Return the standard deviation of each field over the messages."""
     spreads: list[float] = []
     for field in fields:
         values = [getattr(message, field) for message in messages]

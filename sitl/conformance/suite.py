@@ -1,8 +1,8 @@
-"""All groups of facts in order, on one vehicle, and how a check begins and ends.
+"""A check of one vehicle: all groups of facts in order, with its begin and its end.
 
-A check begins with silence: what a vehicle sends by itself is seen only before somebody speaks.
-Then it runs the groups that settle what was requested. In the end, also when somebody interrupts
-it, it lands the vehicle and puts parameters and streams back.
+A check begins without sending, because the messages of a vehicle change after the first datagram
+that it receives. Then the check runs the groups with requested facts. At its end, and when it is
+interrupted, it lands the vehicle and restores parameters and streams.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from sitl.conformance.facts import Fact, FactReport, facts_of, nearest
 from sitl.conformance.hover import default_streams, grounded
 from sitl.conformance.vehicle_client import Gone, Signature, Stuck, VehicleClient
 
-# Streams are watched before anybody has spoken and before any rate was changed: both last until the
-# vehicle restarts.
+# Streams are watched before the first datagram to the vehicle and before any change of a rate. The
+# effects of both last until the vehicle restarts.
 FACT_GROUPS: tuple[FactGroup, ...] = (
     stream_facts.FACT_GROUP,
     sender_facts.FACT_GROUP,
@@ -50,7 +50,7 @@ FACT_GROUPS: tuple[FactGroup, ...] = (
     sender_facts.SIGNING_GROUP,
     setpoint_facts.BREAKING_GROUP,
 )
-# Each on a port of its own, and the option of `covey check endpoint` that names it.
+# Groups on other ports, and the option of `covey check endpoint` for the port of each.
 LINKS: tuple[tuple[FactGroup, str], ...] = (
     (link_facts.GROUND_LINK, "--gcs"),
     (link_facts.SIMULATOR_LINK, "--sih"),
@@ -59,28 +59,29 @@ FACTS: tuple[Fact, ...] = tuple(
     fact for group in (*FACT_GROUPS, *(group for group, _ in LINKS)) for fact in group.facts
 )
 
-_SILENT_GROUPS = (stream_facts.FACT_GROUP, sender_facts.FACT_GROUP)  # begin before anybody speaks
+# Groups that begin before the first datagram to the vehicle.
+_SILENT_GROUPS = (stream_facts.FACT_GROUP, sender_facts.FACT_GROUP)
 _NOT_SIMULATED = (
     "it does not look simulated (no ground truth comes by HIL_STATE_QUATERNION), and this turns "
     "motors: see --i-have-removed-the-propellers"
 )
-_DRAIN_S = 60.0  # in which a simulated PX4 uses a whole charge
-_READY_S = 8.0  # of the vehicle's time, after which it is no longer waited for
+_DRAIN_S = 60.0  # time in which PX4's own simulator uses a whole charge
+_READY_S = 8.0  # time of the vehicle until which the check waits for its readiness
 _MAV_AUTOPILOT_PX4 = 12
 
 
 class NobodyAnsweredError(RuntimeError):
-    """Nothing that could be a PX4 came in time."""
+    """No heartbeat of a PX4 arrived in time."""
 
 
 @dataclass(frozen=True, slots=True)
 class Terms:
     """Permissions and waiting time of a check."""
 
-    may_turn_motors: bool = False  # also on a vehicle that does not look simulated
-    wait_s: float = 10.0  # for the first heartbeat
-    from_elsewhere: bool = False  # let the first sender be another port than the one listened on
-    key: bytes | None = None  # of MAVLink signing, which the vehicle has
+    may_turn_motors: bool = False  # whether motors may turn on a vehicle that is not simulated
+    wait_s: float = 10.0  # time to wait for the first heartbeat
+    from_elsewhere: bool = False  # whether the first sender is not the port that listens
+    key: bytes | None = None  # key of MAVLink signing that the vehicle has
 
 
 def check(
@@ -91,18 +92,18 @@ def check(
     say: Callable[[str], None],
     simulator_port: Port | None = None,
 ) -> VehicleClient:
-    """Settle every fact of a report; return the client, which knows pace and system id.
+    """Measure the facts of a report; return the client, which has pace and system id.
 
     Args:
-        port: the companion's link.
-        ground_port: the ground station's link, if it is to be checked.
-        report: report with the facts that were requested.
-        terms: values that are permitted.
-        say: takes a line for people.
-        simulator_port: the simulator's link, if it is to be checked.
+        port: link of the companion.
+        ground_port: link of the ground station, if it is checked.
+        report: report with the requested facts.
+        terms: permissions and waiting time.
+        say: function that shows a line of progress.
+        simulator_port: link of the simulator, if it is checked.
 
     Raises:
-        NobodyAnsweredError: no heartbeat of a PX4 within the time.
+        NobodyAnsweredError: no heartbeat of a PX4 arrives within the time.
     """
     client = VehicleClient(port)
     client.moves_first_sender = terms.from_elsewhere
@@ -110,7 +111,7 @@ def check(
     _meet(client, terms)
 
     try:
-        _settle_all(client, report, terms, say)
+        _measure_all(client, report, terms, say)
     except Gone:
         report.fail(report.facts.values(), "it fell silent")
         return client
@@ -122,7 +123,7 @@ def check(
         elif _is_requested(group, report):
             other = _client_of_link(other_port, client, terms)
             try:
-                _settle(group, other, report, say)
+                _measure(group, other, report, say)
             except Gone:
                 report.fail(group.facts, "it fell silent")
     return client
@@ -131,7 +132,7 @@ def check(
 def _client_of_link(port: Port, client: VehicleClient, terms: Terms) -> VehicleClient:
     """Return a client of the same vehicle on another link."""
     while port.receive(0.0):
-        pass  # what came while nobody read
+        pass  # drop the datagrams that arrived during the other groups
 
     other = VehicleClient(port)
     other.system_id = client.system_id
@@ -146,7 +147,7 @@ def _signature(terms: Terms) -> Signature | None:
 
 
 def is_simulated(client: VehicleClient) -> bool:
-    """Whether it knows its own true state, which only a simulated vehicle can."""
+    """Whether the vehicle sends ground truth, which only a simulated vehicle has."""
     client.interval("HIL_STATE_QUATERNION", 20.0)
     has_truth = client.spend(
         2.0, lambda: client.received.newest("HIL_STATE_QUATERNION") is not None
@@ -156,9 +157,9 @@ def is_simulated(client: VehicleClient) -> bool:
 
 
 def _meet(client: VehicleClient, terms: Terms) -> None:
-    """Wait for a PX4, and take its system id."""
+    """Wait for a PX4, and store its system id in the client."""
     if not client.listen(terms.wait_s, lambda: client.received.datagrams > 0):
-        # A link that speaks only when spoken to.
+        # The link may send only after it has received a datagram.
         client.system_id = 1
         client.send_heartbeat()
 
@@ -179,10 +180,10 @@ def _is_requested(group: FactGroup, report: FactReport) -> bool:
     return any(fact.name in report.facts for fact in group.facts)
 
 
-def _settle_all(
+def _measure_all(
     client: VehicleClient, report: FactReport, terms: Terms, say: Callable[[str], None]
 ) -> None:
-    """Settle the groups on the companion's link, one after the other."""
+    """Measure the groups on the link of the companion, one after the other."""
     may_turn_motors: bool | None = None  # not known yet
     if terms.may_turn_motors:
         may_turn_motors = True
@@ -197,22 +198,24 @@ def _settle_all(
                 _judge_by_version(client, report, say)
 
             if not group.turns_motors:
-                _settle(group, client, report, say)
+                _measure(group, client, report, say)
                 continue
 
             if may_turn_motors is None:
                 may_turn_motors = is_simulated(client)
             if may_turn_motors:
-                # of PX4's own simulator: a fleet file may have another one
+                # The facts hold for the battery of PX4's own simulator. A fleet file may set
+                # another.
                 client.params.set("SIM_BAT_DRAIN", _DRAIN_S)
-                # With vision only it never says so on the ground: then on without.
+                # A vehicle with vision only is never ready on the ground. The check continues.
                 client.spend(_READY_S - min(_READY_S, client.now_s), client.shows_ready)
-                _settle(group, client, report, say)
+                _measure(group, client, report, say)
             else:
                 report.skip(group.facts, _NOT_SIMULATED)
         _judge_by_version(client, report, say)
     finally:
-        # Also when somebody interrupts: nothing is left in the air or changed.
+        # This runs after an interrupt as well, so that no vehicle stays in the air and no parameter
+        # stays changed.
         client.params.restore()
         if may_turn_motors:
             _put_down(client, say)
@@ -225,7 +228,7 @@ def _has_greeted(client: VehicleClient) -> bool:
 
 
 def _greet_once(client: VehicleClient) -> None:
-    """Send heartbeats from now on, unless they are sent already."""
+    """Start heartbeats, unless they have started already."""
     if not _has_greeted(client):
         client.greet(as_ground_station=False)
         client.spend(0.5)
@@ -234,7 +237,7 @@ def _greet_once(client: VehicleClient) -> None:
 def _judge_by_version(
     client: VehicleClient, report: FactReport, say: Callable[[str], None]
 ) -> None:
-    """Judge by the facts of the version that the vehicle reports, if none was requested."""
+    """Judge by the version that the vehicle reports, unless a version was requested."""
     if report.is_version_known:
         return
     _greet_once(client)
@@ -243,12 +246,12 @@ def _judge_by_version(
     report.expect(facts_of(version, FACTS))
 
 
-def _settle(
+def _measure(
     group: FactGroup, client: VehicleClient, report: FactReport, say: Callable[[str], None]
 ) -> None:
-    """Run one group.
+    """Run one group and report its facts.
 
-    It may leave the vehicle in the air: the next one goes on from there or brings it down first.
+    A group may leave the vehicle in the air. The next group continues in the air or lands first.
     """
     say(group.name)
     reason = "not seen"

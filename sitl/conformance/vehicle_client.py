@@ -1,4 +1,4 @@
-"""A client of one vehicle: sends and receives messages, and sends setpoints on time."""
+"""A client of one vehicle, which sends and receives messages, and sends setpoints on time."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MODE_NUMBERS = {name: number for number, name in MODES.items()}
 
 
 def _words(enum: str) -> dict[int, str]:
-    """Return the names of one of MAVLink's enumerations, without its own name before each."""
+    """Return the names in an enumeration of MAVLink, without the name of the enumeration."""
     return {
         number: entry.name.removeprefix(f"{enum}_") for number, entry in common.enums[enum].items()
     }
@@ -50,13 +50,18 @@ REQUEST = 512
 ARMED = 0x80  # bit of HEARTBEAT.base_mode
 FORCE = 21196.0  # parameter 2 of ARM that disarms in any case
 ATTITUDE_AND_THRUST = 7  # type mask: body rates are ignored
-SILENCE = "silence"  # instead of an acknowledgement
+SILENCE = "silence"  # stands for a missing acknowledgement
 
 _PREARM = 0x10000000  # bit of SYS_STATUS
-_SILENT_S = 5.0  # after which a vehicle is gone
-_ANSWER_S = 0.3  # for which acknowledgements are waited for
-# Rounding a wait down to nothing would make the loop spin; rounding it up would make setpoints
-# late.
+_SILENT_S = 5.0  # time without a datagram after which a vehicle is gone
+_ANSWER_S = 0.3  # time to wait for acknowledgements
+_ANSWER_REAL_S = 0.12  # least time to wait for acknowledgements, in real time
+_INTERVAL_ANSWER_S = 0.1  # time to wait for the acknowledgement of an interval
+_VERSION_ATTEMPTS = 3
+_HEARTBEAT_S = 1.4  # longest time between two heartbeats
+_LISTEN_WAIT_S = 0.05  # longest waits for a datagram before the condition or the duties are checked
+_LONGEST_WAIT_S = 0.2
+# A shorter wait would make the loop of `spend` busy, a longer one would make setpoints late.
 _SHORTEST_WAIT_S = 0.0002
 _CLASSES = {kind.msgname: kind for kind in common.mavlink_map.values()}
 
@@ -64,15 +69,15 @@ Quaternion = tuple[float, float, float, float]
 
 
 class Gone(RuntimeError):
-    """Nothing has come for seconds: the vehicle is no more."""
+    """No datagram has arrived for seconds, so that the vehicle is gone."""
 
 
 class Stuck(RuntimeError):
-    """The vehicle did not do what the next measurement needs."""
+    """The vehicle did not reach a state that the next measurement needs."""
 
 
 class ClientIdentity(NamedTuple):
-    """What a client says that it is."""
+    """Identity of a client in MAVLink."""
 
     system_id: int
     component_id: int
@@ -82,32 +87,32 @@ class ClientIdentity(NamedTuple):
 class ReceivedText(NamedTuple):
     """A text of the vehicle, put together from its pieces."""
 
-    at_s: float  # vehicle's time of the first piece
+    at_s: float  # time of the first piece, in the time of the vehicle
     severity: int  # MAV_SEVERITY
     words: str
     pieces: int
 
 
-# Stands for a text that did not come.
+# Stands for a missing text.
 NO_TEXT = ReceivedText(at_s=math.inf, severity=-1, words="", pieces=0)
 
 
 @dataclass(slots=True)
 class Signature:
-    """Signing of what a client sends."""
+    """Signature of a client's messages."""
 
     key: bytes
     link_id: int
-    timestamp: int  # of the next message [10 us since 2015]
+    timestamp: int  # timestamp of the next message [10 us since 2015]
 
 
 @dataclass(slots=True)
 class Duty:
-    """Something sent again and again; None is a pause."""
+    """A message that is sent periodically."""
 
     period_s: float
-    act: Callable[[], None] | None = None
-    due_s: float = 0.0
+    act: Callable[[], None] | None = None  # function that sends the message; None: a pause
+    due_s: float = 0.0  # time of the next message
 
 
 def quaternion(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
@@ -132,21 +137,21 @@ def wrap(angle_rad: float) -> float:
 
 
 class VehicleClient:
-    """Flies one vehicle and sends requests.
+    """Client that flies one vehicle and sends requests.
 
-    Times are the vehicle's own, whatever pace its simulator runs at.
+    Times are those of the vehicle, at any pace of its simulator.
 
     Args:
-        port: datagrams to and from the vehicle.
+        port: port for datagrams to and from the vehicle.
 
     Attributes:
-        is_ground_station: what it says that it is; otherwise a companion.
-        moves_first_sender: whether the first sender may be another port than the one listened on.
-        signature: signs what it sends; None: nothing does.
-        heartbeat_duty: sends heartbeats.
-        setpoint_duty: sends setpoints.
-        vision_duty: sends external positions, or a pilot's sticks.
-        params: reads and sets parameters.
+        is_ground_station: whether the client is a ground station; otherwise it is a companion.
+        moves_first_sender: whether the first sender may be another port than the port that listens.
+        signature: signature of sent messages; None: messages are not signed.
+        heartbeat_duty: duty that sends heartbeats.
+        setpoint_duty: duty that sends setpoints.
+        vision_duty: duty that sends external positions, or the sticks of a pilot.
+        params: client for parameters.
     """
 
     def __init__(self, port: Port) -> None:
@@ -168,30 +173,35 @@ class VehicleClient:
 
     @property
     def now_s(self) -> float:
-        """Vehicle's time."""
+        """Present time of the vehicle."""
         return self.clock.now_s(self.port.now_s())
 
     def listen(self, timeout_s: float, until: Callable[[], bool]) -> bool:
-        """Only receive, by the port's clock: before the vehicle's own is known.
+        """Receive without sending, by the clock of the port.
 
-        Return whether the condition holds before the time is over.
+        Args:
+            timeout_s: longest time.
+            until: condition that ends the reception.
+
+        Returns:
+            whether the condition holds before the time is over.
         """
         end_s = self.port.now_s() + timeout_s
         while not until():
             if self.port.now_s() >= end_s:
                 return False
-            self._receive(0.05)
+            self._receive(_LISTEN_WAIT_S)
         self._heard_s = self.port.now_s()
         return True
 
     def spend(self, duration_s: float, until: Callable[[], bool] | None = None) -> bool:
-        """Let time pass while duties are done, at most until a condition holds.
+        """Carry out the duties for a time, or until a condition holds.
 
         Returns:
             whether the condition holds.
 
         Raises:
-            Gone: the vehicle fell silent.
+            Gone: the vehicle is silent.
         """
         end_s = self.now_s + duration_s
         duties = (self.heartbeat_duty, self.setpoint_duty, self.vision_duty)
@@ -214,7 +224,7 @@ class VehicleClient:
             self._receive(max(_SHORTEST_WAIT_S, (wake_s - now_s) / self.clock.pace))
 
     def _receive(self, timeout_s: float) -> None:
-        datagrams = self.port.receive(min(timeout_s, 0.2))
+        datagrams = self.port.receive(min(timeout_s, _LONGEST_WAIT_S))
         port_s = self.port.now_s()
         for datagram in datagrams:
             self.received.take(datagram, self.clock, port_s)
@@ -226,10 +236,10 @@ class VehicleClient:
     # -- state of the vehicle ----------------------------------------------------------------------
 
     def newest(self, name: str) -> Any:
-        """Return the newest message of a kind.
+        """Return the newest message with a name.
 
         Raises:
-            Stuck: none has come yet.
+            Stuck: no such message has arrived yet.
         """
         packet = self.received.newest(name)
         if packet is None:
@@ -250,12 +260,12 @@ class VehicleClient:
 
     @property
     def is_armed(self) -> bool:
-        """Whether the newest heartbeat says armed."""
+        """Whether the vehicle is armed in the newest heartbeat."""
         return bool(self.newest("HEARTBEAT").base_mode & ARMED)
 
     @property
     def arming_state(self) -> str:
-        """What the newest heartbeat says about arming, in a word."""
+        """The word "armed" or "disarmed", by the newest heartbeat."""
         return "armed" if self.is_armed else "disarmed"
 
     @property
@@ -270,30 +280,30 @@ class VehicleClient:
 
     @property
     def prearm_bit(self) -> str:
-        """State of the prearm bit of SYS_STATUS, in words."""
+        """State of the prearm bit of SYS_STATUS as text."""
         return "set" if self.shows_ready() else "not set"
 
     def next_heartbeat(self, count: int = 1) -> None:
-        """Wait for heartbeats that are newer than now."""
+        """Wait for the next heartbeats."""
         since_s = self.now_s
-        self.spend(1.4 * count, lambda: len(self.received.of("HEARTBEAT", since_s)) >= count)
+        self.spend(
+            _HEARTBEAT_S * count, lambda: len(self.received.of("HEARTBEAT", since_s)) >= count
+        )
 
     def texts(self, since_s: float) -> list[ReceivedText]:
         """Return the texts since a time."""
         texts: list[ReceivedText] = []
-        index_by_id: dict[int, int] = {}  # id of a text -> its index in the list
+        index_by_id: dict[int, int] = {}  # index in the list by id of the text
 
         for packet in self.received.of("STATUSTEXT", since_s):
             piece = packet.message
-            # PX4's first text has the id 0 and may have pieces too.
+            # PX4's first text has the id 0, and it can have several pieces as well.
             continues_text = bool(piece.chunk_seq) and piece.id in index_by_id
 
             if continues_text:
                 index = index_by_id[piece.id]
-                begun = texts[index]
-                texts[index] = begun._replace(
-                    words=begun.words + piece.text, pieces=begun.pieces + 1
-                )
+                text = texts[index]
+                texts[index] = text._replace(words=text.words + piece.text, pieces=text.pieces + 1)
             else:
                 index_by_id[piece.id] = len(texts)
                 texts.append(
@@ -304,7 +314,13 @@ class VehicleClient:
         return texts
 
     def text(self, start: str, since_s: float, wait_s: float = 0.0) -> ReceivedText | None:
-        """Return the first text that begins so; wait for it at most so long."""
+        """Return the first text with a beginning since a time; None without it.
+
+        Args:
+            start: beginning of the text.
+            since_s: time from which texts count.
+            wait_s: longest time to wait for the text.
+        """
 
         def first() -> ReceivedText | None:
             for text in self.texts(since_s):
@@ -316,21 +332,21 @@ class VehicleClient:
         return first()
 
     def quote(self, start: str, since_s: float) -> str:
-        """Return the whole text that begins so, in quotes; "none" when it did not come."""
+        """Return the first text with a beginning since a time, in quotes; "none" without it."""
         text = self.text(start, since_s)
         if text is None:
             return "none"
         return repr(text.words)
 
     def delay_s(self, start: str, since_s: float, wait_s: float = 0.0) -> float:
-        """Return when the text that begins so came after `since_s`; NOT_MEASURED without it."""
+        """Return the time from `since_s` to a text with a beginning; NOT_MEASURED without it."""
         text = self.text(start, since_s, wait_s)
         if text is None:
             return NOT_MEASURED
         return text.at_s - since_s
 
     def said(self, since_s: float) -> str:
-        """Return the first text since a time, in quotes; "none" when there was none."""
+        """Return the first text since a time, in quotes; "none" without a text."""
         texts = self.texts(since_s)
         if not texts:
             return "none"
@@ -340,13 +356,13 @@ class VehicleClient:
 
     @property
     def identity(self) -> ClientIdentity:
-        """A ground station's, or a companion's, which has the vehicle's system."""
+        """Identity of a ground station, or of a companion, which has the system of the vehicle."""
         if self.is_ground_station:
             return ClientIdentity(system_id=245, component_id=190, mav_type=6)
         return ClientIdentity(system_id=self.system_id, component_id=195, mav_type=18)
 
     def pack(self, name: str, **fields: Any) -> bytes:
-        """Return the bytes of a message; numbers that are not given are 0."""
+        """Return the bytes of a message; numbers that are left out are 0."""
         kind = _CLASSES[name]
         zeros = {
             field: 0
@@ -386,7 +402,7 @@ class VehicleClient:
         self.port.send(self.pack_heartbeat())
 
     def greet(self, *, as_ground_station: bool) -> None:
-        """Send heartbeats from now on."""
+        """Start sending heartbeats, as a ground station or as a companion."""
         self.is_ground_station = as_ground_station
         self.heartbeat_duty.act = self.send_heartbeat
         self.heartbeat_duty.due_s = 0.0
@@ -394,7 +410,7 @@ class VehicleClient:
     def command(
         self, number: int, *params: float, target: int | None = None, within_s: float = _ANSWER_S
     ) -> str:
-        """Send a COMMAND_LONG; return its acknowledgements in words, in order."""
+        """Send a COMMAND_LONG; return its acknowledgements as text, in order."""
         since_s = self.now_s
         self.send_command(number, *params, target=target)
         return self.acks(number, since_s, within_s)
@@ -414,8 +430,8 @@ class VehicleClient:
 
     def acks(self, number: int, since_s: float, within_s: float = _ANSWER_S) -> str:
         """Wait, then return the acknowledgements of a command since a time."""
-        # A busy machine takes a while to answer, however fast the vehicle's time runs.
-        self.spend(max(within_s, 0.12 * self.clock.pace))
+        # A busy machine needs a least real time to answer, at any pace of the vehicle.
+        self.spend(max(within_s, _ANSWER_REAL_S * self.clock.pace))
 
         results: list[str] = []
         for packet in self.received.of("COMMAND_ACK", since_s):
@@ -425,8 +441,8 @@ class VehicleClient:
         return ", ".join(results) or SILENCE
 
     def reported_version(self) -> tuple[int, int] | None:
-        """Return major and minor number of AUTOPILOT_VERSION; None after three silent requests."""
-        for _ in range(3):
+        """Return major and minor number of AUTOPILOT_VERSION; None after unanswered requests."""
+        for _ in range(_VERSION_ATTEMPTS):
             self.command(REQUEST, float(common_id("AUTOPILOT_VERSION")))
             packet = self.received.newest("AUTOPILOT_VERSION")
             if packet is not None and packet.message.flight_sw_version:
@@ -440,7 +456,12 @@ class VehicleClient:
         return self.command(SET_MODE, 1.0, float(number >> 16 & 0xFF), float(number >> 24 & 0xFF))
 
     def interval(self, name_or_id: str | int, hz: float) -> str:
-        """Send a SET_MESSAGE_INTERVAL; 0 Hz is the default rate. Return its acknowledgements."""
+        """Send a SET_MESSAGE_INTERVAL; return its acknowledgements.
+
+        Args:
+            name_or_id: name or number of the message.
+            hz: rate; 0: the default rate.
+        """
         message_id = name_or_id
         if isinstance(message_id, str):
             message_id = common_id(message_id)
@@ -448,7 +469,9 @@ class VehicleClient:
         interval_us = 0.0
         if hz:
             interval_us = 1e6 / hz
-        return self.command(SET_INTERVAL, float(message_id), interval_us, within_s=0.1)
+        return self.command(
+            SET_INTERVAL, float(message_id), interval_us, within_s=_INTERVAL_ANSWER_S
+        )
 
     # -- setpoints ---------------------------------------------------------------------------------
 
@@ -477,7 +500,12 @@ class VehicleClient:
         )
 
     def stream(self, act: Callable[[], None] | None, hz: float = 50.0) -> None:
-        """Send this setpoint again and again from now on; None stops."""
+        """Start sending a setpoint periodically; None stops.
+
+        Args:
+            act: function that sends the setpoint.
+            hz: rate.
+        """
         self.setpoint_duty.act = act
         self.setpoint_duty.period_s = 1.0 / hz
         self.setpoint_duty.due_s = 0.0
@@ -486,6 +514,11 @@ class VehicleClient:
         """Return the newest roll, pitch, yaw [rad]."""
         message = self.newest("ATTITUDE")
         return message.roll, message.pitch, message.yaw
+
+
+def other_system_id(client: VehicleClient) -> int:
+    """Return a valid system id that differs from that of the vehicle."""
+    return client.system_id % 250 + 3
 
 
 def common_id(name: str) -> int:

@@ -1,4 +1,4 @@
-"""External position on the ground: what is fused, what is ignored, what is shown when it stops."""
+"""Facts of external positions on the ground: fusion, ignored messages, and their loss."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _PARAMETERS = {
 _POSITION_NED_M = (1.0, -0.5, -0.2)
 _JUMP_M = 0.8
 _SETTLE_S = 4.0
-_NO_GPS_S = 7.0  # PX4 takes its position for valid up to 5 s after the last satellites
+_NO_GPS_S = 7.0  # PX4's position stays valid for up to 5 s after the loss of satellites
 _ORIGIN_M = 100.0
 _LATITUDE_1E7 = 473977420
 _LONGITUDE_1E7 = 85455940
@@ -29,13 +29,13 @@ LOST = facts("vision", "lost")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
-    """Switch satellites off, send positions as three messages, then stop."""
+    """Switch satellites off, send positions by three messages, then stop."""
     client.greet(as_ground_station=True)
     grounded(client)
     client.interval("ESTIMATOR_STATUS", 5.0)
     for name, value in _PARAMETERS.items():
         client.params.set(name, value)
-    _set_origin(client, 0.0)  # satellites have set one where they saw the vehicle
+    _set_origin(client, 0.0)  # it replaces the origin by satellites
 
     if report.wants("vision.before-*"):
         client.spend(_NO_GPS_S)
@@ -51,40 +51,40 @@ def run(client: VehicleClient, report: FactReport) -> None:
 
 
 def _streams(client: VehicleClient) -> str:
-    """Return whether LOCAL_POSITION_NED still comes, in the words of the facts."""
+    """Return the word of the facts for whether LOCAL_POSITION_NED is still sent."""
     recent = client.received.of("LOCAL_POSITION_NED", client.now_s - 0.5)
     return "streams" if recent else "stops"
 
 
 def _fused(client: VehicleClient, report: FactReport) -> None:
-    """Send positions of which PX4 takes notice; the duties send what stands in `position`."""
+    """Report the facts of positions that PX4 fuses; the duty sends the values of `position`."""
     since_s = client.now_s
     position = list(_POSITION_NED_M)
     client.vision_duty.act = _vision(client, position)
     client.spend(_SETTLE_S)
-    report.add("vision.estimate", _apart(client, position))
+    report.add("vision.estimate", _error_m(client, position))
     report.add("vision.flags", float(client.newest("ESTIMATOR_STATUS").flags))
 
     if report.wants("vision.jump"):
         position[0] += _JUMP_M
         client.spend(2.0)
-        report.add("vision.jump", _apart(client, position, axes="xy"))
+        report.add("vision.jump", _error_m(client, position, axes="xy"))
 
     if report.wants("vision.height-jump"):
         position[2] -= _JUMP_M
         client.spend(8.0)
-        report.add("vision.height-jump", _apart(client, position))
+        report.add("vision.height-jump", _error_m(client, position))
 
     if report.wants("vision.odometry"):
         position[1] += 0.3
         client.vision_duty.act = _odometry(client, position)
         client.spend(_SETTLE_S)
-        report.add("vision.odometry", _apart(client, position))
+        report.add("vision.odometry", _error_m(client, position))
 
     if report.wants("vision.origin-height"):
         _set_origin(client, _ORIGIN_M)
         client.spend(_SETTLE_S)
-        report.add("vision.origin-height", _apart(client, position))
+        report.add("vision.origin-height", _error_m(client, position))
         _set_origin(client, 0.0)
         client.spend(_SETTLE_S)
 
@@ -97,7 +97,7 @@ def _lost(client: VehicleClient, report: FactReport) -> None:
         client.vision_duty.act = _vision(client, list(_POSITION_NED_M))
         client.spend(_SETTLE_S)
 
-    # PX4 does not fuse ATT_POS_MOCAP: with it and without anything the position is lost alike.
+    # PX4 does not fuse ATT_POS_MOCAP, so that the position is lost with it as without any message.
     client.vision_duty.act = None
     if report.wants("vision.mocap-ignored"):
         client.vision_duty.act = _mocap(client, list(_POSITION_NED_M))
@@ -122,10 +122,10 @@ def _flags_in_turn(client: VehicleClient, since_s: float) -> list[str]:
     """Return the flags of ESTIMATOR_STATUS since a time, once for each change."""
     flags: list[str] = []
     for packet in client.received.of("ESTIMATOR_STATUS", since_s):
-        shown = hex(packet.message.flags)
-        has_changed = not flags or flags[-1] != shown
+        text = hex(packet.message.flags)
+        has_changed = not flags or flags[-1] != text
         if has_changed:
-            flags.append(shown)
+            flags.append(text)
     return flags
 
 
@@ -143,8 +143,8 @@ def _arm_in_offboard(client: VehicleClient, report: FactReport) -> None:
     client.stream(None)
 
 
-def _apart(client: VehicleClient, position: list[float], axes: str = "xyz") -> float:
-    """Return how far the mean estimate of the last second is from a position [m]."""
+def _error_m(client: VehicleClient, position: list[float], axes: str = "xyz") -> float:
+    """Return the distance of the mean estimate of the last second from a position [m]."""
     packets = client.received.of("LOCAL_POSITION_NED", client.now_s - 1.0)
     if not packets:
         return NOT_MEASURED

@@ -1,9 +1,9 @@
 """MAVLink 2 bytes to messages and back, on pymavlink's tables.
 
-This is the only file of the emulator that imports pymavlink. pymavlink's message objects cost
-several microseconds each; here a message is a tuple in wire order, packed by the message's own
-struct, which gives the same bytes. What pymavlink's dialects lack (events, link node status, ...)
-is declared in `extra_dialect.py`.
+This is the only file of the emulator that imports pymavlink. The message objects of pymavlink take
+several microseconds each. Here a message is a tuple in wire order, packed by the struct of the
+message, which gives the same bytes. Messages that are missing in pymavlink's dialects (events, link
+node status, ...) are declared in `extra_dialect.py`.
 
 A frame of MAVLink 2 is: magic, length, two bytes of flags, sequence, system, component, three bytes
 of message id, payload, two bytes of checksum, and 13 bytes of signature if the flags say so. In
@@ -23,6 +23,7 @@ from pymavlink.dialects.v20 import common
 from sitl.mavlink.extra_dialect import EXTRA, MessageLayout
 
 _MAGIC_V2 = 0xFD
+_MAGIC_V2_BYTE = bytes((_MAGIC_V2,))
 _MAGIC_V1 = 0xFE
 _HEADER_V2_BYTES = 10
 _HEADER_V1_BYTES = 6
@@ -39,7 +40,7 @@ def _layout(message_id: int, entry: Any) -> MessageLayout:
     """Return the layout of one of pymavlink's messages."""
     fields: list[tuple[str, int]] = []
     for name, array_length in zip(entry.ordered_fieldnames, entry.array_lengths, strict=True):
-        # the struct has one value for an array of characters, and one for each number of an array
+        # A struct has one value for an array of characters, and one for each number of an array.
         is_text = _field_type(entry, name) == "char"
         if is_text:
             fields.append((name, 0))
@@ -70,13 +71,13 @@ def _zero(layout: MessageLayout, field_name: str, count: int) -> Any:
     return 0
 
 
-# Name, count and zero of each field of each message.
+# Name, count and default value of each field of each message.
 _ZEROS: dict[str, tuple[tuple[str, int, Any], ...]] = {
     layout.name: tuple((name, count, _zero(layout, name, count)) for name, count in layout.fields)
     for layout in LAYOUTS.values()
 }
-# What the encoder needs of each message: struct, id as two numbers, checksum seed.
-_ENCODER_FACTS: dict[int, tuple[struct.Struct, int, int, bytes]] = {
+# Data of each message for the encoder: struct, id as two numbers, checksum seed.
+_ENCODER_DATA: dict[int, tuple[struct.Struct, int, int, bytes]] = {
     number: (layout.packer, number & 0xFFFF, number >> 16, bytes((layout.crc_extra,)))
     for number, layout in LAYOUTS.items()
 }
@@ -91,21 +92,24 @@ class MavlinkMessage:
 
     name: str
     message_id: int
-    system_id: int  # of the sender
-    component_id: int  # of the sender
+    system_id: int  # system of the sender
+    component_id: int  # component of the sender
     fields: dict[str, Any]  # numbers, lists of numbers, and bytes for texts
 
 
 @dataclass(slots=True)
 class Decoder:
-    """Datagrams to messages; what is not MAVLink is counted, never raised."""
+    """Decoder of the datagrams of one link, which counts malformed ones and raises nothing."""
 
     malformed: int = 0
-    # whether a message is listened to, by its bytes and whether it is signed; None: all are
+    # Whether a message is accepted, by its bytes and whether it is signed. None: all are accepted.
     takes: Callable[[MavlinkMessage, bytes, bool], bool] | None = None
 
     def decode(self, datagram: bytes) -> list[MavlinkMessage]:
-        """Return all messages of a datagram; the rest of a broken one is dropped, counted once."""
+        """Return all messages of a datagram.
+
+        The rest of a datagram after a malformed frame is dropped and counted once.
+        """
         messages: list[MavlinkMessage] = []
         start = 0
         while start < len(datagram):
@@ -128,21 +132,21 @@ class Decoder:
 
 
 def _frame(data: bytes, start: int) -> tuple[MavlinkMessage | None, int] | None:
-    """Return the message that starts here and where the next frame does.
+    """Return the message of the frame at an index, and the index behind the frame.
 
-    The message is None when its id is unknown. The result is None when there is no frame, or one
-    that ends too early or has a wrong checksum.
+    The message is None when its id is unknown. The result is None when there is no frame, or when
+    the frame is incomplete or has a wrong checksum.
     """
     magic = data[start]
-    left = len(data) - start
-    if magic == _MAGIC_V2 and left >= _HEADER_V2_BYTES + _CHECKSUM_BYTES:
+    left_bytes = len(data) - start
+    if magic == _MAGIC_V2 and left_bytes >= _HEADER_V2_BYTES + _CHECKSUM_BYTES:
         length = data[start + 1]
         incompat_flags = data[start + 2]
         system_id = data[start + 5]
         component_id = data[start + 6]
         message_id = data[start + 7] | data[start + 8] << 8 | data[start + 9] << 16
         body = start + _HEADER_V2_BYTES
-    elif magic == _MAGIC_V1 and left >= _HEADER_V1_BYTES + _CHECKSUM_BYTES:
+    elif magic == _MAGIC_V1 and left_bytes >= _HEADER_V1_BYTES + _CHECKSUM_BYTES:
         length = data[start + 1]
         incompat_flags = 0
         system_id = data[start + 3]
@@ -164,7 +168,7 @@ def _frame(data: bytes, start: int) -> tuple[MavlinkMessage | None, int] | None:
     if layout is None:
         return None, end
 
-    # The checksum covers all but the magic byte, and a seed of the message that is not sent.
+    # The checksum covers all bytes but the magic, and a seed of the message that is not sent.
     checksum = mcrf4xx(data[start + 1 : body + length] + bytes((layout.crc_extra,)))
     if checksum != data[body + length] | data[body + length + 1] << 8:
         return None
@@ -205,18 +209,18 @@ def text_of(raw: bytes) -> str:
 
 @dataclass(slots=True)
 class Encoder:
-    """Messages of one link: counts the sequence number."""
+    """Encoder of the messages of one link, with their sequence number."""
 
     system_id: int
     component_id: int = 1
     sequence: int = 0
-    # the frames say that a signature follows, which is added when they leave
+    # Whether frames announce a signature. The signature is added when a frame is sent.
     is_signed: bool = False
 
     def encode(self, message_id: int, *values: Any) -> bytes:
         """Return the bytes of a message from its values in wire order, arrays flattened."""
-        packer, id_low, id_high, crc_extra = _ENCODER_FACTS[message_id]
-        # MAVLink 2 cuts the zeros at the end, all but one.
+        packer, id_low, id_high, crc_extra = _ENCODER_DATA[message_id]
+        # MAVLink 2 removes zeros at the end, and leaves at least one byte.
         payload = packer.pack(*values).rstrip(b"\0") or b"\0"
 
         sequence = self.sequence
@@ -226,17 +230,17 @@ class Encoder:
             len(payload), flags, sequence, self.system_id, self.component_id, id_low, id_high
         )
 
-        # The magic byte is not part of the checksum; the seed of the message is, and is not sent.
+        # The checksum covers all bytes but the magic, and a seed of the message that is not sent.
         body = head + payload
-        return b"\xfd" + body + _CHECKSUM.pack(mcrf4xx(body + crc_extra))
+        return _MAGIC_V2_BYTE + body + _CHECKSUM.pack(mcrf4xx(body + crc_extra))
 
     def encode_named(self, name: str, **fields: Any) -> bytes:
-        """Return the bytes of a message from named fields; those that are left out are zero."""
+        """Return the bytes of a message from named fields; fields that are left out are zero."""
         return self.encode(ID_BY_NAME[name], *self.values(name, **fields))
 
     @staticmethod
     def values(name: str, **fields: Any) -> tuple[Any, ...]:
-        """Return values in wire order from named fields; those that are left out are zero."""
+        """Return values in wire order from named fields; fields that are left out are zero."""
         values: list[Any] = []
         for field_name, count, zero in _ZEROS[name]:
             value = fields.pop(field_name, zero)

@@ -1,7 +1,7 @@
-"""MAVLink commands (COMMAND_LONG, COMMAND_INT) as a table: number, what is done, and the answer.
+"""MAVLink commands (COMMAND_LONG, COMMAND_INT) as a table of numbers and handlers.
 
-The table is at the end of the file. Each handler does what the command says and returns the result
-for the acknowledgement, and messages to be sent after it.
+The table is at the end of the file. Each handler carries out a command. It returns the result for
+the acknowledgement, and messages to send after it.
 """
 
 from __future__ import annotations
@@ -23,12 +23,13 @@ from sitl.px4.modes import CommandResult, Mode
 _DO_SET_MODE = 176
 _REQUEST_MESSAGE = 512
 _REQUEST_PROTOCOL_VERSION = 519
-# Answered also when they are sent to everybody, and to any component.
+# Commands that are also answered when they are sent to all systems, and to any component.
 FOR_EVERYBODY = frozenset({_REQUEST_MESSAGE, _REQUEST_PROTOCOL_VERSION})
 
-_LARGEST = 2**31  # a parameter that is larger is no whole number
-_HIGHEST_M = 1e5  # an altitude that is higher is none
-_FARTHEST_M = 1e4  # from the local origin; a position that is farther is none
+# Parameters of larger size are ignored.
+_MOST_INTEGER = 2**31
+_MOST_ALTITUDE_M = 1e5
+_MOST_POSITION_M = 1e4  # from the local origin, per axis
 
 
 class CommandedLink(Protocol):
@@ -45,7 +46,7 @@ class CommandedLink(Protocol):
         """The autopilot behind the link."""
 
     def build(self, message_id: int) -> bytes | None:
-        """Return one message with its present contents; None: it has none."""
+        """Return one message with its present content; None when it has none."""
 
     def ack(self, message: MavlinkMessage, command: int, result: CommandResult) -> bytes:
         """Return the answer to a command."""
@@ -53,9 +54,9 @@ class CommandedLink(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ReceivedCommand:
-    """One command as it arrived."""
+    """One command, with the parameters of its message."""
 
-    # the seven parameters; NaN, which clients send for what they do not use, is kept
+    # The seven parameters. Clients send NaN for those that they do not use.
     numbers: tuple[float, ...]
     is_integer: bool  # whether coordinates are degrees times 1e7 (COMMAND_INT)
 
@@ -69,7 +70,7 @@ class ReceivedCommand:
     def integer(self, index: int) -> int:
         """Return parameter 1 to 7 as the nearest whole number; -1 when it is too large."""
         value = self[index]
-        if abs(value) >= _LARGEST:
+        if abs(value) >= _MOST_INTEGER:
             return -1
         return round(value)
 
@@ -79,7 +80,7 @@ Handler = Callable[[CommandedLink, ReceivedCommand], Answer]
 
 
 def handle(link: CommandedLink, message: MavlinkMessage) -> list[bytes]:
-    """Carry out a command; return everything that is sent back."""
+    """Carry out a command; return its acknowledgements and further messages."""
     number = message.fields["command"]
     handler = COMMANDS.get(number)
     version = link.autopilot.version
@@ -89,7 +90,7 @@ def handle(link: CommandedLink, message: MavlinkMessage) -> list[bytes]:
     result, messages = handler(link, _received(message))
     answers = [link.ack(message, number, result)]
     if number == _DO_SET_MODE and version.mode_acks > 1:
-        # Its receiver answers at once and always yes, then its commander with the truth.
+        # The MAVLink receiver of PX4 always accepts at once, then the commander sends the result.
         answers.insert(0, link.ack(message, number, CommandResult.ACCEPTED))
     return answers + messages
 
@@ -109,19 +110,19 @@ def _received(message: MavlinkMessage) -> ReceivedCommand:
 # -- flying ----------------------------------------------------------------------------------------
 
 
-def _enter(mode: Mode, said: str | None = None) -> Handler:
-    """Return the handler of a command that enters a mode."""
+def _enter(mode: Mode, text: str | None = None) -> Handler:
+    """Return the handler of a command that enters a mode, with the key of PX4's text."""
 
     def handler(link: CommandedLink, command: ReceivedCommand) -> Answer:
-        return link.autopilot.request(link.view.now_s, mode, said), []
+        return link.autopilot.request(link.view.now_s, mode, text), []
 
     return handler
 
 
 def _take_off(link: CommandedLink, command: ReceivedCommand) -> Answer:
-    altitude_m = command.numbers[6]  # above the sea, as PX4 takes it, whatever the frame
+    altitude_m = command.numbers[6]  # above the sea, since PX4 ignores the frame
     height_m = math.nan
-    if abs(altitude_m) < _HIGHEST_M:
+    if abs(altitude_m) < _MOST_ALTITUDE_M:
         height_m = altitude_m - link.view.ground_altitude_m
     return link.autopilot.request_takeoff(link.view.now_s, height_m), []
 
@@ -171,9 +172,9 @@ def _reposition(link: CommandedLink, command: ReceivedCommand) -> Answer:
     altitude_m = command.numbers[6]
     position = np.array(link.view.to_local(latitude_deg, longitude_deg, altitude_m))
 
-    # No coordinate, or one that is on another continent: stay.
-    is_near = np.abs(position) < _FARTHEST_M
-    link.autopilot.mode_control.hold_at(np.where(is_near, position, math.nan))
+    # The vehicle keeps each coordinate that is missing or too far away.
+    is_usable = np.abs(position) < _MOST_POSITION_M
+    link.autopilot.mode_control.hold_at(np.where(is_usable, position, math.nan))
     return result, []
 
 
@@ -186,7 +187,8 @@ def _change_speed(link: CommandedLink, command: ReceivedCommand) -> Answer:
 
 
 def _set_home(link: CommandedLink, command: ReceivedCommand) -> Answer:
-    # Home is where the vehicle was armed; only "here" can be said, as ground stations do.
+    # Home stays at the position of arming. A request for the present position, which ground
+    # stations send, is accepted.
     is_here = command[1] > 0.5
     if not is_here:
         return CommandResult.DENIED, []
@@ -196,10 +198,10 @@ def _set_home(link: CommandedLink, command: ReceivedCommand) -> Answer:
 
 
 def _start_mission(link: CommandedLink, command: ReceivedCommand) -> Answer:
-    return CommandResult.DENIED, []  # there is none
+    return CommandResult.DENIED, []  # missions are not emulated
 
 
-# -- everything else -------------------------------------------------------------------------------
+# -- further commands ------------------------------------------------------------------------------
 
 
 def _accept(link: CommandedLink, command: ReceivedCommand) -> Answer:
@@ -213,10 +215,10 @@ def _store(link: CommandedLink, command: ReceivedCommand) -> Answer:
 
 
 def _reboot(link: CommandedLink, command: ReceivedCommand) -> Answer:
-    nothing = 0
+    no_action = 0
     reboot = 1
     requested = command.integer(1)
-    if requested == nothing:
+    if requested == no_action:
         return CommandResult.ACCEPTED, []
     if requested != reboot or link.autopilot.is_armed:
         return CommandResult.DENIED, []
@@ -253,7 +255,7 @@ def _request_message(link: CommandedLink, command: ReceivedCommand) -> Answer:
 
 
 def _request(name: str) -> Handler:
-    """Return the handler of a command that requests one message, and is accepted in any case."""
+    """Return the handler of a command that requests one message and is always accepted."""
 
     def handler(link: CommandedLink, command: ReceivedCommand) -> Answer:
         message = link.build(ID_BY_NAME[name])
@@ -272,9 +274,9 @@ COMMANDS: dict[int, Handler] = {
     178: _change_speed,  # DO_CHANGE_SPEED
     179: _set_home,  # DO_SET_HOME
     185: _terminate,  # DO_FLIGHTTERMINATION
-    189: _accept,  # DO_LAND_START: the landing part of a mission; without one nothing happens
+    189: _accept,  # DO_LAND_START: the landing of a mission, which does nothing without a mission
     192: _reposition,  # DO_REPOSITION
-    245: _store,  # PREFLIGHT_STORAGE: parameters are kept for the run
+    245: _store,  # PREFLIGHT_STORAGE: parameters stay until the end of the emulator
     246: _reboot,  # PREFLIGHT_REBOOT_SHUTDOWN
     300: _start_mission,  # MISSION_START
     400: _arm,  # COMPONENT_ARM_DISARM

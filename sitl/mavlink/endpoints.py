@@ -1,7 +1,7 @@
-"""Sockets of the emulator: where each link of each vehicle is bound, and to whom it streams.
+"""Sockets of the emulator: the address of each link of each vehicle, and the address of its peer.
 
-PX4 starts to stream to a fixed port before it has received anything. The first datagram that
-arrives, whatever it holds, decides to whom it talks from then on, for good.
+PX4 streams to a fixed port before it has received a datagram. The sender of the first datagram, of
+any content, then becomes the peer until PX4 restarts.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ Address = tuple[str, int]
 # ground stations.
 ONBOARD_PORT_OFFSET = 40
 GROUND_STATION: Address = ("127.0.0.1", 14550)
-# First companion port, first port of the ground link, and how many: PX4's own ports collide from
-# the eleventh on.
+# First port of the companion link, first port of the ground link, and instances. PX4's own ports
+# collide from the eleventh instance on.
 _LAYOUT: tuple[tuple[int, int, range], ...] = (
     (14540, 18570, range(10)),
     (15540, 19570, range(10, 255)),
 )
-# SIH's link: instance N binds the first port + N and sends to the second + N. From the fortieth on
-# the two would meet.
+# SIH's link: instance N binds SIMULATOR_PORT + N and sends to VIEWER_PORT + N. The ports collide
+# from the instance SIMULATOR_INSTANCES on.
 SIMULATOR_PORT = 19450
 VIEWER_PORT = 19410
 SIMULATOR_INSTANCES = 40
 
 _ENDPOINT = re.compile(r"(udpin|udpout)://([^:/]*|\[[^\]]*\]):(\d{1,5})")  # scheme, host, port
-_MOST_READ_AT_ONCE = 64  # datagrams at one socket
+_MOST_DATAGRAMS = 64  # datagrams that are read at once from one socket
 _LARGEST_DATAGRAM = 65535
 _RECEIVE_BUFFER_BYTES = 1 << 20
 
 
 class StartError(RuntimeError):
-    """The emulator cannot start: a sentence for people."""
+    """The emulator cannot start; the message is a sentence with the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ports:
-    """Address of one link, and the address that it streams to by itself, if any."""
+    """Address of one link, and the address of its first peer, if any."""
 
     bind: Address
     peer: Address | None
@@ -52,7 +52,7 @@ class Ports:
 def onboard_ports(autopilot: str, key: str) -> Ports:
     """Return the addresses of the companion link.
 
-    PX4 sends at once to where the agent listens, from a port of its own that is 40 higher.
+    PX4 sends at once to the port of the agent, from a port that is 40 higher.
     """
     scheme, host, port = _parse(autopilot, key)
     if scheme == "udpout":
@@ -67,13 +67,13 @@ def ground_ports(
 ) -> Ports | None:
     """Return the addresses of the ground station's link; None when there is no such link.
 
-    They are the fleet file's `direct` endpoint, or what PX4's layout of ports says.
+    They come from the fleet file's `direct` endpoint, or from PX4's layout of ports.
 
     Args:
-        autopilot: the companion's endpoint in the fleet file.
-        direct: the ground's endpoint in the fleet file.
-        key: where both stand there, for messages.
-        station: to whom to stream; None answers only whoever speaks first.
+        autopilot: endpoint of the companion in the fleet file.
+        direct: endpoint of the ground station in the fleet file.
+        key: key of the vehicle's endpoints in the fleet file, for messages.
+        station: address of the first peer; None waits for the first datagram.
     """
     if direct is not None:
         _, host, port = _parse(direct, f"{key}.direct")
@@ -81,8 +81,8 @@ def ground_ports(
     if station is None:
         return None
 
-    # Outside of PX4's layout any free port will do: a ground station answers to the port that a
-    # datagram came from.
+    # Outside of PX4's layout any free port is right, because a ground station answers to the port
+    # of the sender.
     port = ground_port_of(autopilot) or 0
     return Ports(bind=("127.0.0.1", port), peer=station)
 
@@ -97,9 +97,9 @@ def ground_port_of(autopilot: str) -> int | None:
 
 
 def simulator_ports(autopilot: str) -> Ports | None:
-    """Return the addresses of the link on which SIH shows its true state to viewers.
+    """Return the addresses of the link on which SIH sends its true state to viewers.
 
-    None outside PX4's layout of ports, and from the instance on whose ports would meet.
+    The result is None outside PX4's layout of ports, and for instances whose ports collide.
     """
     instance = _instance(autopilot)
     if instance is None:
@@ -146,11 +146,15 @@ def _parse(endpoint: str, key: str) -> tuple[str, str, int]:
     return match[1], match[2] or "0.0.0.0", int(match[3])
 
 
-def bind(ports: Ports, what: str) -> socket.socket:
+def bind(ports: Ports, user: str) -> socket.socket:
     """Return a bound socket that never blocks.
 
+    Args:
+        ports: addresses of the link.
+        user: description of the link, for messages.
+
     Raises:
-        StartError: the port is taken, in words.
+        StartError: the port cannot be bound.
     """
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
@@ -160,7 +164,7 @@ def bind(ports: Ports, what: str) -> socket.socket:
         host, port = ports.bind
         reason = getattr(error, "strerror", None) or error
         raise StartError(
-            f"{what} needs UDP port {port} on {host}, which cannot be bound ({reason}). "
+            f"{user} needs UDP port {port} on {host}, which cannot be bound ({reason}). "
             "Is another emulator or a PX4 running? Stop it, or change the port in the fleet file."
         ) from None
 
@@ -174,7 +178,7 @@ class EndpointLink(Protocol):
 
     @property
     def boot(self) -> int:
-        """Return how often its autopilot has started."""
+        """Return the number of restarts of the autopilot."""
         ...
 
     def receive(self, datagram: bytes) -> list[bytes]:
@@ -182,17 +186,19 @@ class EndpointLink(Protocol):
         ...
 
     def poll(self) -> list[bytes]:
-        """Return what is due to be sent now."""
+        """Return the datagrams that are due now."""
         ...
 
 
 class Endpoint:
-    """One link and its peer. Pure: datagrams come in with their sender and leave through `send`.
+    """One link and its peer.
+
+    The endpoint is pure: it is given datagrams with their senders, and calls `send` to send.
 
     Args:
-        link: link that the messages pass.
-        peer: to whom, until somebody has spoken.
-        send: sends a datagram to an address.
+        link: link that answers and sends datagrams.
+        peer: address of the peer until the first datagram arrives.
+        send: function that sends a datagram to an address.
     """
 
     def __init__(
@@ -206,7 +212,7 @@ class Endpoint:
         self._is_locked = False
 
     def receive(self, datagram: bytes, sender: Address) -> None:
-        """Take a datagram, and answer the peer."""
+        """Receive a datagram and send the answers to the peer."""
         if datagram and not self._is_locked:
             self._is_locked = True
             self.peer = sender
@@ -214,12 +220,12 @@ class Endpoint:
             self._send_to_peer(answer)
 
     def poll(self) -> None:
-        """Send what is due; without a peer it is built all the same, and dropped."""
+        """Send the datagrams that are due; without a peer they are dropped."""
         for datagram in self.link.poll():
             self._send_to_peer(datagram)
 
         if self.link.boot != self._boot:
-            # Only a restart of PX4 lets go of its peer.
+            # PX4 changes its peer only at a restart.
             self._boot = self.link.boot
             self.peer = self._first_peer
             self._is_locked = False
@@ -230,14 +236,14 @@ class Endpoint:
 
 
 class Socket:
-    """A bound socket that reads for an endpoint and sends for it."""
+    """A bound socket with the endpoint that it serves."""
 
     def __init__(self, sock: socket.socket, link: EndpointLink, peer: Address | None) -> None:
         self._sock = sock
         self.endpoint = Endpoint(link, peer, self._send)
 
     def open(self, ready: selectors.BaseSelector) -> None:
-        """Be read by :func:`read_all` from now on."""
+        """Register the socket for :func:`read_all`."""
         ready.register(self._sock, selectors.EVENT_READ, self.read)
 
     def close(self, ready: selectors.BaseSelector) -> None:
@@ -246,27 +252,27 @@ class Socket:
         self._sock.close()
 
     def read(self) -> None:
-        """Take what has arrived."""
-        # A client that floods the socket has to wait for the next round: the vehicles fly on.
-        for _ in range(_MOST_READ_AT_ONCE):
+        """Pass the datagrams that have arrived to the endpoint."""
+        # The number is limited, so that a client that floods the socket does not stop the vehicles.
+        for _ in range(_MOST_DATAGRAMS):
             try:
                 data, sender = self._sock.recvfrom(_LARGEST_DATAGRAM)
             except OSError:
-                return  # nothing left, or word that the peer is not there
+                return  # no datagram is left, or the peer does not exist
             self.endpoint.receive(data, sender)
 
     def _send(self, datagram: bytes, peer: Address) -> None:
         try:
             self._sock.sendto(datagram, peer)
         except OSError:
-            return  # nobody listens, or the buffer is full: a datagram is lost, as on any network
+            return  # the peer does not exist or a buffer is full, and the datagram is lost
 
 
 def read_all(ready: selectors.BaseSelector) -> None:
-    """Take what has arrived at any open socket.
+    """Read the datagrams that have arrived at all open sockets.
 
-    Once in a step of the physics is enough, for nothing acts before the step. To wake up for each
-    datagram would cost as much as all the rest.
+    Reading once per step of the physics is enough, because datagrams take effect with the step.
+    Waking up for each datagram would take as much time as the rest of the emulator.
     """
     for key, _ in ready.select(0):
         key.data()

@@ -1,4 +1,4 @@
-"""Messages that PX4 sends or reads and pymavlink's common dialect does not know.
+"""Messages of PX4 that are missing in pymavlink's common dialect.
 
 `extra_dialect.toml` declares them by their fields. The checksum seed follows from the declaration,
 as MAVLink's generators compute it.
@@ -23,7 +23,7 @@ class MessageLayout:
     name: str
     packer: struct.Struct
     crc_extra: int  # seed of the checksum
-    # name and count of each field, in the order of the encoding; count 0 for what is no array
+    # Name and count of each field in the order of the encoding. The count is 0 for no array.
     fields: tuple[tuple[str, int], ...]
 
 

@@ -1,11 +1,11 @@
-"""One MAVLink link of one emulated PX4: what it answers and what it streams.
+"""One MAVLink link of one emulated PX4: its answers and its streams.
 
-Bytes come in with `receive` and go out with `receive` and `poll`; there are no sockets here. Which
-message is answered by what, and to whom it has to be addressed, is a table at the end of the file.
-Commands have a table of their own in `commands.py`, streams one in `streams.py`.
+`receive` takes bytes and returns the answers, `poll` returns the streams. There are no sockets
+here. A table at the end of the file lists the messages with their handlers and addressees. The
+tables of commands and of streams are in `commands.py` and `streams.py`.
 
-Whatever a client sends, nothing here raises: unknown messages are ignored, broken ones counted, odd
-numbers tamed.
+No datagram raises an error: unknown messages are ignored, malformed ones are counted, and unusual
+numbers are replaced or ignored.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ _MAV_TYPE_GCS = 6
 _DO_SET_MODE = 176
 _HASH_INDEX = 0xFFFF  # -1 as param_index
 
-_GCS_TIMEOUT_S = 3.0  # without a heartbeat, after which a ground station is gone
-_TEXT_BACKLOG_S = 5.0  # age of the texts that a new ground station still gets
+_GCS_TIMEOUT_S = 3.0  # time without a heartbeat after which a ground station is lost
+_TEXT_BACKLOG_S = 5.0  # largest age of texts that a new ground station receives
 _TEXT_CHUNK = 50  # characters in one STATUSTEXT
 _PARAMS_PER_POLL = 4
 
@@ -53,9 +53,11 @@ _PARAMS_PER_POLL = 4
 _LOCAL_NED = 1
 _LOCAL_FRD = 20
 
-_MAX_POSITION_M = 1e4  # of an external position; a larger one is no position
+# External positions and headings with a larger number are ignored.
+_MAX_POSITION_M = 1e4
+_MAX_YAW_RAD = 1e4
 _FULL_STICK = 1000.0
-_RTCM_BYTES = 180  # of one GPS_RTCM_DATA
+_RTCM_BYTES = 180  # largest number of bytes in a GPS_RTCM_DATA
 
 
 class Link:
@@ -64,8 +66,8 @@ class Link:
     Args:
         emulator: emulator with the vehicle.
         index: index of the vehicle.
-        rates_hz: default rate of each message it can stream.
-        link_id: PX4's number of the link: 0 the ground's, 1 the companion's.
+        rates_hz: default rate of each message that the link can stream.
+        link_id: PX4's number of the link: 0 for that of the ground, 1 for that of the companion.
     """
 
     def __init__(
@@ -89,9 +91,10 @@ class Link:
         self._texts_sent = 0
         self._events_sent = self.autopilot.journal.events.count
         self._text_id = -1
-        self._gcs_time_s = -math.inf  # of the newest heartbeat of a ground station on this link
+        # Time of the newest heartbeat of a ground station on this link.
+        self._gcs_time_s = -math.inf
         self._has_gcs = False
-        self._sent_origin: object = None  # the origin that the client knows
+        self._sent_origin: object = None  # origin that was sent last on this link
 
     @property
     def autopilot(self) -> EmulatedPx4:
@@ -105,11 +108,11 @@ class Link:
 
     @property
     def malformed(self) -> int:
-        """Number of datagrams that were no MAVLink."""
+        """Number of malformed datagrams."""
         return self._decoder.malformed
 
     def receive(self, datagram: bytes) -> list[bytes]:
-        """Take one datagram; return what is answered at once."""
+        """Carry out the messages of one datagram; return the answers."""
         self._key.follow()
 
         answers: list[bytes] = []
@@ -120,7 +123,7 @@ class Link:
         return self._key.signed(answers)
 
     def poll(self) -> list[bytes]:
-        """Return everything that is due at the emulator's present time."""
+        """Return all datagrams that are due at the present time of the emulator."""
         now_s = self.view.now_s
         self._key.follow()
 
@@ -147,7 +150,7 @@ class Link:
                 continue
 
             if message_id == _ORIGIN:
-                # PX4 sends the origin only when it has changed since it last sent it on this link.
+                # PX4 sends the origin only when the origin differs from the last one on this link.
                 origin = values[:3]
                 if origin == self._sent_origin:
                     continue
@@ -156,7 +159,7 @@ class Link:
         return frames
 
     def build(self, message_id: int) -> bytes | None:
-        """Return one message that can be streamed, now; None when PX4 has nothing to say."""
+        """Return one message of those that can be streamed; None when it has no content."""
         if message_id in self.schedule.silent or message_id not in BUILDERS:
             return None
         values = BUILDERS[message_id](self.view)
@@ -183,8 +186,7 @@ class Link:
     def _texts(self, now_s: float) -> list[bytes]:
         """Return the STATUSTEXTs that are new for this link.
 
-        PX4 sends its texts to a link only while a ground station's heartbeat arrives on that very
-        link.
+        PX4 sends its texts to a link only while the link receives heartbeats of a ground station.
         """
         journal = self.autopilot.journal
         new = journal.texts.since(self._texts_sent)
@@ -201,7 +203,7 @@ class Link:
 
     def _chunks(self, text: StatusText) -> list[bytes]:
         """Return a text as STATUSTEXTs."""
-        # PX4 begins with 0, and counts short texts too.
+        # PX4 begins with 0, and counts texts of a single chunk as well.
         self._text_id = (self._text_id + 1) & 0xFFFF
 
         raw = text.text.encode("ascii", "replace")
@@ -213,7 +215,7 @@ class Link:
 
     def _event(self, event: Px4Event) -> bytes:
         time_ms = round((event.time_s - self.autopilot.boot_time_s) * 1e3) & 0xFFFFFFFF
-        destination = (0, 0)  # every component of every system
+        destination = (0, 0)  # all components of all systems
         arguments = event.arguments.ljust(40, b"\0")
         return self.encoder.encode(
             _EVENT,
@@ -239,31 +241,31 @@ class Link:
             _PARAM_VALUE, value, len(params.values), index, name.encode("ascii"), kind
         )
 
-    # -- for whom a message is ---------------------------------------------------------------------
+    # -- addressees of messages --------------------------------------------------------------------
 
     def _is_for_vehicle(self, message: MavlinkMessage) -> bool:
-        """Whether it is for this vehicle, or for all."""
+        """Whether a message is for this vehicle or for all."""
         return message.fields.get("target_system", 0) in (0, self.view.system_id)
 
     def _is_for_autopilot(self, message: MavlinkMessage) -> bool:
-        """Whether it is for this vehicle's autopilot, or for all."""
+        """Whether a message is for the autopilot of this vehicle or for all."""
         if not self._is_for_vehicle(message):
             return False
         return message.fields["target_component"] in (0, _AUTOPILOT_COMPONENT)
 
     def _is_for_autopilot_alone(self, message: MavlinkMessage) -> bool:
-        """Whether it names this very vehicle: PX4 takes no command from a broadcast."""
+        """Whether a message names this vehicle; PX4 carries out no command of a broadcast."""
         is_named = message.fields["target_system"] == self.view.system_id
         return is_named and self._is_for_autopilot(message)
 
     def _is_command_for_us(self, message: MavlinkMessage) -> bool:
-        """Whether a command is for this autopilot; some are answered by everybody."""
+        """Whether a command is for this autopilot; all vehicles answer some commands."""
         if message.fields["command"] in commands.FOR_EVERYBODY:
             return self._is_for_vehicle(message)
         return self._is_for_autopilot_alone(message)
 
     def _is_for_anybody(self, message: MavlinkMessage) -> bool:
-        """Whether it is taken, whatever system it is addressed to."""
+        """Return True, since the message is accepted with any address."""
         return True
 
     # -- messages ----------------------------------------------------------------------------------
@@ -296,7 +298,7 @@ class Link:
         ]
 
     def _param_list(self, message: MavlinkMessage) -> None:
-        # The checksum comes first, so that a ground station can use what it remembers.
+        # The checksum comes first, so that a ground station can use the values that it has stored.
         self._params_to_send.clear()
         self._params_to_send.extend([HASH_CHECK, *self.autopilot.params.names()])
 
@@ -332,11 +334,11 @@ class Link:
         fields = message.fields
         name = text_of(fields["param_id"])
         if name == HASH_CHECK:
-            self._params_to_send.clear()  # the ground station knows them all
+            self._params_to_send.clear()  # the ground station has all values already
             return []
 
-        # A wrong type is met with silence, an unknown name before v1.18 as well: PX4 only writes
-        # them to its console.
+        # PX4 does not answer a wrong type, nor an unknown name before v1.18. It writes them to its
+        # console.
         is_set = self.autopilot.params.set_encoded(
             name, fields["param_value"], fields["param_type"]
         )
@@ -413,13 +415,13 @@ class Link:
         self._take_vision(message, message.fields["yaw"], has_velocity=False)
 
     def _take_vision(self, message: MavlinkMessage, yaw_rad: float, *, has_velocity: bool) -> None:
-        """Take an external position; a heading that makes no sense is left out."""
+        """Pass an external position to the estimator; a heading beyond the limit counts as NaN."""
         fields = message.fields
         position = (fields["x"], fields["y"], fields["z"])
         if not all(abs(c) < _MAX_POSITION_M for c in position):
             return
 
-        if not abs(yaw_rad) < _MAX_POSITION_M:
+        if not abs(yaw_rad) < _MAX_YAW_RAD:
             yaw_rad = math.nan
         self.emulator.vision(
             self.index,
@@ -447,21 +449,21 @@ class Link:
         self._key.set_up(self.autopilot, self.view.now_s, message)
 
     def _play_tune(self, message: MavlinkMessage) -> None:
-        self.autopilot.play_tune()  # PX4 acknowledges no tune
+        self.autopilot.play_tune()  # PX4 does not acknowledge a tune
 
     def _request_event(self, message: MavlinkMessage) -> list[bytes]:
         first = message.fields["first_sequence"]
         last = message.fields["last_sequence"]
         span = (last - first) & 0xFFFF
 
-        kept = self.autopilot.journal.events.newest
-        requested = [event for event in kept if (event.sequence - first) & 0xFFFF <= span]
+        stored = self.autopilot.journal.events.newest
+        requested = [event for event in stored if (event.sequence - first) & 0xFFFF <= span]
         if requested:
             return [self._event(event) for event in requested]
 
         oldest = 0
-        if kept:
-            oldest = kept[0].sequence
+        if stored:
+            oldest = stored[0].sequence
         return [
             self.encoder.encode_named(
                 "RESPONSE_EVENT_ERROR",
@@ -472,7 +474,7 @@ class Link:
             )
         ]
 
-    # -- what is not emulated: refused, so that nobody waits for a timeout -------------------------
+    # -- missions, which are not emulated: refused, so that no client waits for a timeout ----------
 
     def _mission_list(self, message: MavlinkMessage) -> list[bytes]:
         return [self._to_sender("MISSION_COUNT", message)]
@@ -507,7 +509,7 @@ class Link:
     def _log_list(self, message: MavlinkMessage) -> list[bytes]:
         entries = self._log_sender.listed()
         if not entries:
-            return [self.encoder.encode_named("LOG_ENTRY")]  # there are none
+            return [self.encoder.encode_named("LOG_ENTRY")]  # an entry of zeros stands for no logs
         first = message.fields["start"]
         last = message.fields["end"]
         return [
@@ -535,7 +537,7 @@ class Link:
         return self.encoder.encode(_FILE_TRANSFER, network, *receiver, *payload)
 
     def _pieces(self) -> list[bytes]:
-        """Return the pieces of logs and files that are due."""
+        """Return the messages with pieces of logs and files that are due."""
         frames = [self._file_message(*piece) for piece in self._file_server.due()]
         for number, offset, data in self._log_sender.due():
             padded = data.ljust(LOG_DATA_BYTES, b"\0")
@@ -548,7 +550,7 @@ class Link:
 
 
 class Reaction(NamedTuple):
-    """Handler of one message, and whether a link takes the message for its own."""
+    """Handler of one message, and whether the message is addressed to the link's vehicle."""
 
     handler: Callable[[Link, MavlinkMessage], list[bytes] | None]
     is_meant: Callable[[Link, MavlinkMessage], bool] = Link._is_for_vehicle

@@ -1,4 +1,4 @@
-"""The key of MAVLink signing at one link: when messages are signed and checked, SETUP_SIGNING."""
+"""The key of MAVLink signing at one link: signing and checking of messages, SETUP_SIGNING."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from sitl.mavlink.codec import Decoder, Encoder, MavlinkMessage
 from sitl.px4.commander import EmulatedPx4
 from sitl.px4.signing import KeyStore, LinkSigning
 
-_FLAGS_BYTE = 2  # of a frame of MAVLink 2: its incompat_flags
+_FLAGS_BYTE = 2  # index of incompat_flags in a frame of MAVLink 2
 _FLAG_SIGNED = 0x01  # MAVLINK_IFLAG_SIGNED
 
 
@@ -14,10 +14,10 @@ class LinkKey:
     """Signing of one link.
 
     Args:
-        store: the vehicle's key, common to all of its links.
+        store: key of the vehicle, common to all of its links.
         link_id: number of the link.
-        encoder: signs while there is a key.
-        decoder: checks while there is a key.
+        encoder: encoder of the link, whose frames announce a signature while there is a key.
+        decoder: decoder of the link, which checks signatures while there is a key.
     """
 
     def __init__(self, store: KeyStore, link_id: int, encoder: Encoder, decoder: Decoder) -> None:
@@ -28,7 +28,7 @@ class LinkKey:
         self.follow()
 
     def follow(self) -> None:
-        """Sign and check from now on if there is a key; neither if there is none."""
+        """Start signing and checking if there is a key, and stop both if there is none."""
         if self._store.key:
             self._encoder.is_signed = True
             self._decoder.takes = self._takes
@@ -37,22 +37,22 @@ class LinkKey:
             self._decoder.takes = None
 
     def signed(self, frames: list[bytes]) -> list[bytes]:
-        """Return frames as they leave the link: signed where there is a key."""
+        """Return frames with their signatures, if there is a key."""
         if not self._store.key:
             return frames
 
-        leaving: list[bytes] = []
+        signed_frames: list[bytes] = []
         for frame in frames:
-            # The flag of a frame says whether there was a key when it was made.
+            # A frame that was encoded before there was a key has no flag and stays unsigned.
             needs_signature = bool(frame[_FLAGS_BYTE] & _FLAG_SIGNED)
             if needs_signature:
-                leaving.append(self._signing.sign(frame))
+                signed_frames.append(self._signing.sign(frame))
             else:
-                leaving.append(frame)
-        return leaving
+                signed_frames.append(frame)
+        return signed_frames
 
     def set_up(self, px4: EmulatedPx4, now_s: float, message: MavlinkMessage) -> None:
-        """Take the key of a SETUP_SIGNING; a blank one with timestamp 0 removes it."""
+        """Store the key of a SETUP_SIGNING; a key of zeros with timestamp 0 removes it."""
         if not px4.version.knows_signing:
             return
         if px4.is_armed:

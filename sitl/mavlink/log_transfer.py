@@ -1,9 +1,9 @@
-"""How a PX4 gives out the logs of its flights: by file transfer (MAVLink FTP), and by LOG_DATA.
+"""Transfer of the logs of a PX4: by file transfer (MAVLink FTP), and by LOG_DATA.
 
-FTP is a small file system by messages. Each request bears a sequence number, and its answer the
-next one. A burst is one request that is answered by many pieces, one after the other, until the
-file ends or PX4 ends it. LOG_REQUEST_LIST and LOG_REQUEST_DATA are older: logs have numbers, and a
-request names a log, an offset and a count of bytes. Both are read-only here.
+FTP gives access to files by messages. Each request has a sequence number, and its answer has the
+next one. A burst is a request with many answers, each a piece of the file, until the file ends or
+PX4 ends the burst. LOG_REQUEST_LIST and LOG_REQUEST_DATA are older: logs have numbers, and a
+request has a number, an offset and a count of bytes. Both are read-only here.
 
 Layout of a payload of FTP: sequence (2 bytes), session, operation, size, operation that is
 answered, whether a burst is complete, padding, offset (4 bytes), data (up to 239 bytes).
@@ -19,13 +19,16 @@ from sitl.px4.flight_log import FOLDER, FlightLogs, LogFile
 
 PAYLOAD_BYTES = 251
 _HEAD = struct.Struct("<HBBBBBxI")
+_SIZE_BYTE = 4  # index of the size in a payload
 _MOST_DATA = PAYLOAD_BYTES - _HEAD.size
 LOG_DATA_BYTES = 90
-_KEPT_BYTES = 4  # of data; a larger answer is not kept, and its request is answered anew
+# An answer with at most this size of data is stored and sent again for a repeated request. A
+# request with a larger answer is carried out again.
+_REPEATED_BYTES = 4
 _PIECES_PER_POLL = 8
-_BURST_PIECES = 60  # of one burst; then it says that it is complete
+_BURST_PIECES = 60  # number of pieces after which a burst is complete
 
-# operations
+# Operations.
 _TERMINATE = 1
 _RESET = 2
 _LIST = 3
@@ -35,7 +38,7 @@ _BURST = 15
 _ACK = 128
 _NAK = 129
 
-# errors
+# Errors.
 _FAIL = 1
 _INVALID_SESSION = 4
 _NO_SESSION = 5
@@ -55,6 +58,8 @@ class _Request:
 
 
 class _Refused(Exception):
+    """A request is answered with an error."""
+
     def __init__(self, error: int) -> None:
         super().__init__(error)
         self.error = error
@@ -62,34 +67,34 @@ class _Refused(Exception):
 
 @dataclass(slots=True)
 class _Burst:
-    """A burst under way, and who gets it."""
+    """The present burst of a file server."""
 
-    sequence: int  # of its next piece
-    offset: int
-    left: int  # pieces
-    receiver: tuple[int, int]
+    sequence: int  # sequence number of the next piece
+    offset: int  # offset of the next piece in the file
+    pieces_left: int
+    receiver: tuple[int, int]  # system and component
 
 
 class FileServer:
     """The file transfer of one link.
 
     Args:
-        logs: flight logs of the vehicle; None where it keeps none.
+        logs: flight logs of the vehicle; None where flights are not logged.
     """
 
     def __init__(self, logs: FlightLogs | None) -> None:
         self._logs = logs
-        self._file: LogFile | None = None  # of the only session
-        self._sent = 0  # bytes of this session
+        self._file: LogFile | None = None  # file of the only session; None without a session
+        self._sent_bytes = 0  # bytes that this session has sent
         self._burst: _Burst | None = None
         self._last_answer = b""
 
     def answer(self, payload: bytes, sender: tuple[int, int]) -> bytes | None:
-        """Return the payload that answers one; None when it has no answer, or a later one.
+        """Return the answer to a payload; None when it has no answer, or a later one.
 
         Args:
             payload: payload of the request.
-            sender: system and component.
+            sender: system and component of the sender.
         """
         sequence, session, operation, size, _, _, offset = _HEAD.unpack_from(payload)
         if operation in (_ACK, _NAK):
@@ -104,18 +109,18 @@ class FileServer:
             data=data,
         )
         if self._last_answer[:2] == _answer_sequence(sequence):
-            return self._last_answer  # the same request again: its answer was lost
+            return self._last_answer  # the request is repeated, because its answer was lost
 
         try:
-            answered = self._answered(request, sender)
+            answer_data = self._carry_out(request, sender)
         except _Refused as refused:
             answer = _packed(request, _NAK, bytes((refused.error,)))
         else:
-            if answered is None:
+            if answer_data is None:
                 return None
-            answer = _packed(request, _ACK, answered)
+            answer = _packed(request, _ACK, answer_data)
 
-        is_small = answer[4] <= _KEPT_BYTES
+        is_small = answer[_SIZE_BYTE] <= _REPEATED_BYTES
         self._last_answer = answer if is_small else b""
         return answer
 
@@ -127,11 +132,11 @@ class FileServer:
             content = b""
             if self._file is not None:
                 content = bytes(self._file.content[burst.offset : burst.offset + _MOST_DATA])
-            if self._has_died(len(content)):
+            if self._has_ended(len(content)):
                 break
 
-            burst.left -= 1
-            is_complete = burst.left == 0
+            burst.pieces_left -= 1
+            is_complete = burst.pieces_left == 0
             piece = _Request(
                 sequence=burst.sequence - 1,
                 session=0,
@@ -153,15 +158,20 @@ class FileServer:
                 self._burst = None
         return pieces
 
-    def _answered(self, request: _Request, sender: tuple[int, int]) -> bytes | None:
+    def _carry_out(self, request: _Request, sender: tuple[int, int]) -> bytes | None:
+        """Carry out a request; return the data of the answer, or None for a burst.
+
+        Raises:
+            _Refused: the answer is an error.
+        """
         if request.operation in (_TERMINATE, _RESET):
             self._close()
             return b""
 
         if request.operation == _LIST:
-            return self._listed(request)
+            return self._list(request)
         if request.operation == _OPEN:
-            return self._opened(request)
+            return self._open(request)
         if request.operation == _READ:
             return self._read(request)
         if request.operation == _BURST:
@@ -173,8 +183,8 @@ class FileServer:
 
         raise _Refused(_UNKNOWN_COMMAND)
 
-    def _listed(self, request: _Request) -> bytes:
-        """Return entries of a folder from a number on, as many as fit."""
+    def _list(self, request: _Request) -> bytes:
+        """Return the entries of a folder from an index on, as many as fit into an answer."""
         folder = request.data.split(b"\0", 1)[0].decode("ascii", "replace").rstrip("/")
         entries = self._entries(folder)
         is_known = folder == FOLDER or bool(entries)
@@ -201,14 +211,14 @@ class FileServer:
             if file.path.rpartition("/")[0] == folder
         ]
 
-    def _opened(self, request: _Request) -> bytes:
+    def _open(self, request: _Request) -> bytes:
         if self._file is not None:
             raise _Refused(_NO_SESSION)
         path = request.data.split(b"\0", 1)[0].decode("ascii", "replace")
         for file in self._files:
             if file.path == path:
                 self._file = file
-                self._sent = 0
+                self._sent_bytes = 0
                 return len(file.content).to_bytes(4, "little")
         raise _Refused(_NOT_FOUND)
 
@@ -219,15 +229,15 @@ class FileServer:
             raise _Refused(_END_OF_FILE)
         end = request.offset + min(request.size, _MOST_DATA)
         content = bytes(self._file.content[request.offset : end])
-        if self._has_died(len(content)):
+        if self._has_ended(len(content)):
             raise _Refused(_INVALID_SESSION)
         return content
 
-    def _has_died(self, count: int) -> bool:
-        """Count bytes of this session; end it without a word at its limit."""
-        self._sent += count
-        limit = 0 if self._logs is None else self._logs.session_limit_bytes
-        if not limit or self._sent <= limit:
+    def _has_ended(self, count: int) -> bool:
+        """Add sent bytes to the session; end it silently at its limit and return True."""
+        self._sent_bytes += count
+        limit_bytes = 0 if self._logs is None else self._logs.session_limit_bytes
+        if not limit_bytes or self._sent_bytes <= limit_bytes:
             return False
         self._close()
         return True
@@ -242,12 +252,12 @@ class FileServer:
 
 
 def _answer_sequence(sequence: int) -> bytes:
-    """Return the first bytes of what answers a request."""
+    """Return the first bytes of the answer to a request, which are its sequence number."""
     return ((sequence + 1) & 0xFFFF).to_bytes(2, "little")
 
 
 def _packed(request: _Request, operation: int, data: bytes, *, is_complete: bool = False) -> bytes:
-    """Return the payload that answers a request."""
+    """Return the payload of the answer to a request."""
     head = _HEAD.pack(
         (request.sequence + 1) & 0xFFFF,
         request.session,
@@ -264,12 +274,12 @@ class LogSender:
     """LOG_DATA of one link.
 
     Args:
-        logs: flight logs of the vehicle; None where it keeps none.
+        logs: flight logs of the vehicle; None where flights are not logged.
     """
 
     def __init__(self, logs: FlightLogs | None) -> None:
         self._logs = logs
-        self._listed: list[LogFile] = []  # as the newest list numbers them
+        self._listed: list[LogFile] = []  # logs in the order of the newest list
         self._file: LogFile | None = None
         self._number = 0
         self._offset = 0
@@ -291,7 +301,7 @@ class LogSender:
         ]
 
     def request(self, number: int, offset: int, count: int) -> None:
-        """Begin to send a part of a log; an unknown one is met with silence."""
+        """Begin to send a part of a log; a request for an unknown log is ignored."""
         self._file = None
         if number < len(self._listed):
             self._file = self._listed[number]
@@ -300,7 +310,7 @@ class LogSender:
             self._end = min(offset + count, len(self._file.content))
 
     def stop(self) -> None:
-        """LOG_REQUEST_END."""
+        """Stop sending, as requested by LOG_REQUEST_END."""
         self._file = None
 
     def due(self) -> list[tuple[int, int, bytes]]:

@@ -1,7 +1,4 @@
-"""A MAVLink link behind its two wires.
-
-What arrives and what leaves passes the link's faults, and a restart of the autopilot begins anew.
-"""
+"""A MAVLink link with the faults of its two directions, and with restarts of the autopilot."""
 
 from __future__ import annotations
 
@@ -10,17 +7,17 @@ from collections.abc import Mapping
 from sitl.emulator.emulator import Emulator
 from sitl.mavlink.link import Link
 
-_LINK_IDS = ("ground", "companion", "simulator")  # PX4's numbers
+_LINK_IDS = ("ground", "companion", "simulator")  # names in the order of PX4's numbers
 
 
 class LossyLink:
-    """A link of one vehicle as its clients meet it.
+    """A link of one vehicle, with its faults and restarts.
 
     Args:
         emulator: emulator with the vehicle.
         index: index of the vehicle.
-        rates_hz: see :class:`Link`.
-        name: "companion" or "ground", as faults call it; or "simulator".
+        rates_hz: default rates of the messages, see :class:`Link`.
+        name: name of the link: "companion" or "ground", as in faults, or "simulator".
     """
 
     def __init__(
@@ -39,7 +36,7 @@ class LossyLink:
         self.boot = emulator.disturbances.boots[index]
 
     def receive(self, datagram: bytes) -> list[bytes]:
-        """Take one datagram; return what leaves now."""
+        """Receive one datagram; return the datagrams that leave now."""
         if self._in.is_clear and self._out.is_clear:
             self._follow_restart()
             return self.link.receive(datagram)
@@ -63,7 +60,7 @@ class LossyLink:
         return self._leave(now_s, self._arrived(now_s) + streamed)
 
     def _arrived(self, now_s: float) -> list[bytes]:
-        """Let the link take what has come through its wire; return its answers."""
+        """Pass the datagrams that have arrived to the link; return its answers."""
         self._follow_restart()
         answers: list[bytes] = []
         for datagram in self._in.pop(now_s):
@@ -71,7 +68,7 @@ class LossyLink:
         return answers
 
     def _leave(self, now_s: float, datagrams: list[bytes]) -> list[bytes]:
-        """Put datagrams into the other wire; return what comes out of it now."""
+        """Send datagrams through the outgoing channel; return those that leave it now."""
         if self._out.is_clear:
             return datagrams
 
@@ -82,6 +79,6 @@ class LossyLink:
     def _follow_restart(self) -> None:
         boot = self._emulator.disturbances.boots[self._index]
         if boot != self.boot:
-            # Rates, sequence numbers and requests are gone with the process.
+            # A restart resets rates, sequence numbers and requests.
             self.boot = boot
             self.link = Link(self._emulator, self._index, self._rates_hz, self._link_id)

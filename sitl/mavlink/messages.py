@@ -1,9 +1,9 @@
-"""Contents of the streamed messages of a PX4, one builder for each message.
+"""Contents of the streamed messages of a PX4, with one builder for each message.
 
-A builder takes a view of the vehicle and returns the message's values in wire order, or None while
-PX4 has nothing to say. Most are plain tuples, since they are built some thousand times a second;
-a comment behind a value names its field where the value does not. Where a message has many fields
-that stay zero, `_ordered` puts the others into wire order by their names.
+A builder takes a view of the vehicle. It returns the values of the message in wire order, or None
+while the message has no content. Most builders return plain tuples, since they are called some
+thousand times a second. A comment behind a value names its field where the value does not. Where
+many fields of a message are zero, `_ordered` puts the other fields into wire order by their names.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _PREARM_BIT = 0x10000000
 # battery.
 _SENSOR_BITS = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x400 | 0x800 | 0x8000 | 0x200000 | 0x2000000
 _GPS_BIT = 0x20
-_EXTENSION_BIT = 0x80000000  # there are further sensor bits in extension fields; always set
+_EXTENSION_BIT = 0x80000000  # extension fields have further sensor bits; always set
 
 _NAN = math.nan
 _UINT16_MAX = 65535
@@ -41,12 +41,12 @@ _INT32_MAX = 2**31 - 1
 
 # Upper triangle of a 6x6 covariance, row by row.
 _DIAGONAL = frozenset({0, 6, 11, 15, 18, 20})
-# MAVLink's capability bits that PX4 shows: mission float and int, parameters float and bytewise,
+# MAVLink's capability bits of PX4: mission float and int, parameters float and bytewise,
 # COMMAND_INT, FTP, attitude and local position targets, flight termination, MAVLink 2, fence and
 # rally missions.
 _CAPABILITIES = 0x1 | 0x2 | 0x4 | 0x8 | 0x10 | 0x20 | 0x40 | 0x80 | 0x800 | 0x2000 | 0x4000 | 0x8000
 
-# of a PX4 built for simulation, for system id 1; read from v1.16 and v1.18
+# uid of a PX4 built for simulation with system id 1, read from v1.16 and v1.18.
 _SIMULATION_UID = 0x4954414C44494E4F
 
 Values = tuple[Any, ...]
@@ -174,7 +174,8 @@ def estimator_status(v: View) -> Values:
 
 
 def mission_current(v: View) -> Values:
-    return _ordered("MISSION_CURRENT", mission_state=1)  # there is no mission
+    no_mission = 1
+    return _ordered("MISSION_CURRENT", mission_state=no_mission)
 
 
 def current_event_sequence(v: View) -> Values:
@@ -252,8 +253,8 @@ def odometry(v: View) -> Values:
         *v.sensed.attitude,
         *v.sensed.velocity_ned_m_s,
         *v.sensed.rates_rad_s,
-        *covariance,  # of the pose
-        *covariance,  # of the velocity
+        *covariance,  # pose
+        *covariance,  # velocity
         _LOCAL_NED,  # frame
         _LOCAL_NED,  # frame of the velocity
         v.reset_counter,
@@ -292,17 +293,17 @@ def gps_raw_int(v: View) -> Values:
         longitude,
         altitude_mm,
         90,  # dilution of precision, horizontal
-        90,  # and vertical
+        90,  # dilution of precision, vertical
         _clip(100.0 * speed_m_s, 0, _UINT16_MAX),
         _clip(100.0 * course_deg, 0, 35999),
         fix_type,
         satellites,
         altitude_mm,  # above the ellipsoid
         v.fix_accuracy_mm,
-        1780,  # and vertical
+        1780,  # vertical accuracy
         0,  # accuracy of the speed
-        0,  # and of the heading
-        0,  # yaw: not known
+        0,  # accuracy of the heading
+        0,  # yaw, which is not known
     )
 
 
@@ -333,7 +334,7 @@ def vfr_hud(v: View) -> Values:
 
 
 def home_position(v: View) -> Values | None:
-    # PX4 sets home once its checks pass; programs take it for the sign that it can be armed.
+    # PX4 sets home once its checks pass. Programs rely on it as the sign that PX4 can be armed.
     if not v.has_origin or v.time_s < BOOT_S:
         return None
 
@@ -405,7 +406,7 @@ def position_target_global_int(v: View) -> Values | None:
     if not px4.is_armed or goal is None or MODES[px4.mode].main != AUTO_MAIN:
         return None
 
-    # An axis without a position has the vehicle's own.
+    # An axis of the goal without a position has the position of the vehicle.
     position_ned_m = list(v.sensed.position_ned_m)
     for axis, goal_m in enumerate(goal.position_ned_m.tolist()):
         if math.isfinite(goal_m):
@@ -426,7 +427,7 @@ def position_target_global_int(v: View) -> Values | None:
 
 
 def _commanded_thrust(v: View) -> float:
-    """Return the thrust that is commanded to the motors, before their lag."""
+    """Return the thrust commanded to the motors, which is before their lag."""
     actuation = v.autopilot.actuation
     if not actuation.motors_on:
         return 0.0
@@ -468,7 +469,8 @@ def hil_actuator_controls(v: View) -> Values:
 
 
 def highres_imu(v: View) -> Values:
-    sensed = v.sensed  # before the accelerometer: both draw their noise from one generator
+    # This comes before the accelerometer, because both draw their noise from one generator.
+    sensed = v.sensed
     return (
         v.boot_us,
         *v.accelerometer(),
@@ -478,7 +480,7 @@ def highres_imu(v: View) -> Values:
         0.0,  # pressure of the airflow
         v.ground_altitude_m - sensed.position_ned_m[2],  # altitude by the pressure
         25.0,  # temperature [deg C]
-        7167,  # which of these are new
+        7167,  # bits of the updated fields
         0,  # id
     )
 
@@ -505,11 +507,11 @@ def vibration(v: View) -> Values:
 
 
 def hil_state_quaternion(v: View) -> Values:
-    """Return ground truth, as the simulator's own link of PX4 has it: its time stamp is zero."""
+    """Return ground truth as on the link of PX4's simulator, where its time stamp is zero."""
     states = v.emulator.world.vehicles.states
     index = v.index
 
-    # The local frame begins at the vehicle's start.
+    # The origin of the local frame is the start of the vehicle.
     north, east, down = states.position_ned_m[index].tolist()
     start_east, start_north, start_up = v.emulator.specs[index].start_enu_m
     local_ned_m = (north - start_north, east - start_east, down + start_up)
@@ -522,8 +524,8 @@ def hil_state_quaternion(v: View) -> Values:
         float(states.yaw_rate_rad_s[index]),
         *_degrees_and_mm(*v.to_global(local_ned_m)),
         *[_int16(100.0 * c) for c in states.velocity_ned_m_s[index].tolist()],
-        0,  # airspeed, indicated
-        0,  # and true
+        0,  # indicated airspeed
+        0,  # true airspeed
         *specific_force_mg,
     )
 
@@ -542,8 +544,8 @@ def system_time(v: View) -> Values:
 
 def ping(v: View) -> Values:
     sequence = 0
-    everybody = (0, 0)
-    return (v.boot_us, sequence, *everybody)
+    all_components = (0, 0)
+    return (v.boot_us, sequence, *all_components)
 
 
 def open_drone_id_location(v: View) -> Values:

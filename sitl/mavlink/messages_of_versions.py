@@ -1,4 +1,4 @@
-"""Contents of messages that only some versions of PX4 stream: `px4/versions.toml` says which."""
+"""Contents of messages that only some versions of PX4 stream, see `px4/versions.toml`."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def esc_info(v: View) -> Values:
         v.boot_ms // 100 & 0xFFFF,  # counter
         *[0] * 4,  # failures
         *[_NOT_MEASURED] * 4,  # temperature
-        0,  # index of the first
-        4,  # how many
+        0,  # index of the first motor
+        4,  # number of motors
         0,  # kind of connection
-        0b1111,  # which are online
+        0b1111,  # bits of the motors that are online
     )
 
 
@@ -44,7 +44,7 @@ def esc_status(v: View) -> Values:
 def estimator_sensor_fusion_status(v: View) -> Values:
     return (
         *[math.nan] * 9,  # test ratios
-        *[0] * 18,  # which sources are intended, and which active
+        *[0] * 18,  # intended sources and active sources
     )
 
 

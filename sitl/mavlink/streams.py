@@ -1,8 +1,8 @@
-"""Messages that a link streams by itself, their rates, and the time at which each is due.
+"""Messages that a link streams, their rates, and the time at which each is due.
 
-`streams.toml` lists for each message its rate on the companion's link and on the ground's, and,
-where PX4 has one, the highest rate that can be requested. The builder of a message is the function
-of `messages.py` or `messages_of_versions.py` that bears its name.
+`streams.toml` lists for each message its rates on the links of the companion and of the ground, and
+the highest rate that can be requested, where PX4 has one. The builder of a message is the function
+with its name in `messages.py` or `messages_of_versions.py`.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from sitl.mavlink.messages import Builder
 from sitl.px4.arming_checks import BOOT_S
 from sitl.px4.versions import Version
 
-FASTEST_HZ = 250.0  # the loop of PX4's simulator
+FASTEST_HZ = 250.0  # rate of the loop of PX4's simulator
 
 _TABLE = tomllib.loads(files(__package__).joinpath("streams.toml").read_text())
 _RATES: dict[int, list[float]] = {
     ID_BY_NAME[name]: rates for name, rates in _TABLE["rates_hz"].items()
 }
-_BY_NAME = {**vars(messages), **vars(messages_of_versions)}
+_BUILDER_BY_NAME = {**vars(messages), **vars(messages_of_versions)}
 BUILDERS: dict[int, Builder] = {
-    ID_BY_NAME[name]: _BY_NAME[name.lower()] for name in _TABLE["rates_hz"]
+    ID_BY_NAME[name]: _BUILDER_BY_NAME[name.lower()] for name in _TABLE["rates_hz"]
 }
 
 ONBOARD_RATES_HZ: dict[int, float] = {message_id: rates[0] for message_id, rates in _RATES.items()}
@@ -36,34 +36,38 @@ GCS_RATES_HZ: dict[int, float] = {message_id: rates[1] for message_id, rates in 
 SIMULATOR_RATES_HZ: dict[int, float] = {
     ID_BY_NAME[name]: rate for name, rate in _TABLE["simulator_hz"].items()
 }
-# The fastest that a message is sent at, where it is slower than the physics.
+# Highest rate of a message, where it is below that of the physics.
 _CEILINGS_HZ: dict[int, float] = {
     message_id: rates[2] for message_id, rates in _RATES.items() if len(rates) > 2
 }
-# Their rate can be set, and PX4 sends nothing.
+# Messages whose rate can be set, although PX4 never sends them.
 SILENT: frozenset[int] = frozenset(
     ID_BY_NAME[name] for name in _TABLE["silent"]["names"] if name in ID_BY_NAME
 )
 
 _HEARTBEAT = ID_BY_NAME["HEARTBEAT"]
-# After its start a PX4 says nothing for a moment, is alive a little later, and then knows its
-# attitude.
+# Times from the start of PX4 to the first message of a stream. PX4 is silent at first, then sends
+# its heartbeat, and then its attitude.
 _FIRST_PACKET_S = 0.3
 _FIRST_S: dict[int, float] = {
     _HEARTBEAT: 1.3,
     ID_BY_NAME["ATTITUDE"]: 1.35,
     ID_BY_NAME["ATTITUDE_QUATERNION"]: 1.35,
-    # A real PX4 tells it 2 s earlier (facts.toml); programs take it for the sign that it can be
-    # armed, which it then cannot.
+    # A real PX4 sends it 2 s earlier (facts.toml). Programs rely on it as the sign that PX4 can be
+    # armed, which is wrong in these 2 s.
     ID_BY_NAME["HOME_POSITION"]: BOOT_S,
 }
-# The streams of a link begin spread over so many steps of the physics.
+# The begins of the streams of a link are distributed over this number of steps of the physics.
 _STEP_S = 0.004
 _SPREAD_STEPS = 25
+# Factors of message and vehicle in that distribution, which have no common factor with the number.
+_SPREAD_PER_MESSAGE = 7
+_SPREAD_PER_VEHICLE = 3
 
 _LARGEST_INTERVAL_US = 2**31 - 1
-_FIRST_INTERVAL_S = 1.0  # most that passes before the first message at a new rate
-_LATE_S = 0.1  # by which a message may be late before its schedule begins anew
+_FIRST_INTERVAL_S = 1.0  # longest time before the first message at a new rate
+_LATE_S = 0.1  # messages that are later than this are left out of the schedule
+_TIME_TOLERANCE_S = 1e-6  # a message is due this much earlier
 
 
 def schedule_of(version: Version, rates_hz: Mapping[int, float]) -> Schedule:
@@ -85,19 +89,19 @@ class Schedule:
     """Times at which each message of a link is due, in simulated time."""
 
     default_hz: Mapping[int, float]  # rate of each message that the link can stream
-    silent: frozenset[int] = SILENT  # those whose rate can be set, and nothing comes
-    _interval_s: dict[int, float] = field(default_factory=dict)  # of those that are streamed
-    _due: list[tuple[float, int]] = field(default_factory=list)  # heap of times and ids
+    silent: frozenset[int] = SILENT  # messages whose rate can be set, but which are never sent
+    _interval_s: dict[int, float] = field(default_factory=dict)  # interval of each streamed message
+    _due: list[tuple[float, int]] = field(default_factory=list)  # heap of due times and ids
 
     def start(self, now_s: float, *, boot_s: float = 0.0, phase: int = 0) -> None:
-        """Schedule everything at its default rate.
+        """Schedule each message at its default rate.
 
-        The times are spread out, so that neither all messages nor all vehicles coincide.
+        The due times differ between messages and between vehicles.
 
         Args:
             now_s: present time.
             boot_s: time at which the autopilot started [s].
-            phase: any number that differs between vehicles.
+            phase: number that differs between vehicles.
         """
         for index, (message_id, rate_hz) in enumerate(self.default_hz.items()):
             if rate_hz <= 0.0:
@@ -105,16 +109,20 @@ class Schedule:
             self._interval_s[message_id] = 1.0 / rate_hz
 
             earliest_s = boot_s + _FIRST_S.get(message_id, _FIRST_PACKET_S)
-            spread_s = ((index * 7 + phase * 3) % _SPREAD_STEPS) * _STEP_S
+            position = index * _SPREAD_PER_MESSAGE + phase * _SPREAD_PER_VEHICLE
+            spread_s = (position % _SPREAD_STEPS) * _STEP_S
             heapq.heappush(self._due, (max(now_s, earliest_s) + spread_s, message_id))
 
     def set_interval(self, message_id: int, interval_us: float, now_s: float) -> bool:
-        """MAV_CMD_SET_MESSAGE_INTERVAL; False for a message whose rate cannot be set.
+        """Set the interval of a message, as requested by MAV_CMD_SET_MESSAGE_INTERVAL.
 
         Args:
             message_id: identifier of the message.
-            interval_us: zero is the default, a negative one stops the stream.
+            interval_us: interval; 0 sets the default, and a negative number stops the stream.
             now_s: present time.
+
+        Returns:
+            False for a message whose rate cannot be set.
         """
         if message_id in self.silent:
             return True
@@ -140,7 +148,7 @@ class Schedule:
         return True
 
     def interval_us(self, message_id: int) -> int:
-        """MESSAGE_INTERVAL.interval_us: -1 when not streamed, 0 when unknown."""
+        """Return MESSAGE_INTERVAL.interval_us: -1 when not streamed, 0 when unknown."""
         if message_id not in self.default_hz and message_id not in self.silent:
             return 0
 
@@ -150,9 +158,9 @@ class Schedule:
         return min(round(interval_s * 1e6), _LARGEST_INTERVAL_US)
 
     def pop_due(self, now_s: float) -> list[int]:
-        """Return the ids that are due now; each is scheduled again."""
+        """Return the ids of the messages that are due now, and schedule each again."""
         due: list[int] = []
-        limit_s = now_s + 1e-6
+        limit_s = now_s + _TIME_TOLERANCE_S
         while self._due and self._due[0][0] <= limit_s:
             due_s, message_id = self._due[0]
             due.append(message_id)

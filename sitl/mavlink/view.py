@@ -1,6 +1,6 @@
-"""One vehicle as its messages show it: estimate and sensors, in PX4's frames.
+"""Values of the messages of one vehicle: estimate and sensors, in PX4's frames.
 
-All is computed at most once in a step of the physics, however many messages show it.
+Each value is computed at most once in a step of the physics, for all messages.
 """
 
 from __future__ import annotations
@@ -17,33 +17,34 @@ from sitl.physics.earth import EarthPoint, degrees_at, metres_from
 from sitl.px4.commander import EmulatedPx4
 from sitl.px4.satellite_receiver import ACCURACIES_M
 
-# Half the standard deviation of roll, pitch and yaw, as quaternions need it.
+# Half of the standard deviations of roll, pitch and yaw, for the noise of a quaternion.
 HALF_NOISE_RAD = tuple(0.5 * math.radians(std_deg) for std_deg in (0.06, 0.06, 0.11))
 _GYRO_NOISE_RAD_S = math.radians(0.33)
-# Accelerometer noise of PX4's simulator per sample, and the little that is left on the ground.
+# Noise of the accelerometer of PX4's simulator per sample, in flight and on the ground.
 _ACCEL_NOISE_M_S2 = (0.5, 1.7, 1.4)
 _ACCEL_NOISE_RESTING_M_S2 = 0.05
 _GRAVITY_M_S2 = 9.80665
-_NOISE_BLOCK = 4096  # random numbers are drawn for so many uses at once
+_NOISE_BLOCK = 4096  # number of random numbers that are drawn at once
+_RANDOM_STREAM = 7  # separates these random numbers from others with the same seed
 
 Vector = tuple[float, float, float]
 Quaternion = frames.Quaternion
 
 
 class Sensed(NamedTuple):
-    """Values of one vehicle at one step of the physics, in its own frame."""
+    """Values of one vehicle at one step of the physics, in its local frame."""
 
-    attitude: Quaternion  # as the autopilot believes it, wxyz, with a sample of noise
+    attitude: Quaternion  # estimated, wxyz, with a sample of noise
     rates_rad_s: Vector  # measured body rates
     position_ned_m: Vector  # estimated
-    velocity_ned_m_s: Vector
+    velocity_ned_m_s: Vector  # estimated
 
 
 class View:
-    """Values that the streams of one vehicle carry.
+    """Values in the streams of one vehicle.
 
-    Sensor noise has a generator of its own, so that the streams that somebody requests do not
-    change how the vehicle flies.
+    Sensor noise has a separate generator of random numbers, so that requested streams do not change
+    the flight of the vehicle.
 
     Args:
         emulator: emulator with the vehicle.
@@ -55,13 +56,13 @@ class View:
         self.emulator = emulator
         self.index = index
         self.system_id = emulator.specs[index].system_id
-        self.ground_altitude_m = emulator.origin.altitude_m  # where the vehicles start
-        self.local_origin = _local_origin(emulator, index)  # of the vehicle's own frame
-        self._rng = np.random.default_rng([seed, 7, index])
+        self.ground_altitude_m = emulator.origin.altitude_m  # ground at the start
+        self.local_origin = _local_origin(emulator, index)
+        self._rng = np.random.default_rng([seed, _RANDOM_STREAM, index])
         self._noise: list[float] = []
-        self._clock_step = -1  # of the physics, at which the clock was read
+        self._clock_step = -1  # step of the physics at which the clock was read
         self._clock_s = 0.0
-        self._sensed_step = -1  # of the physics, at which the values were computed
+        self._sensed_step = -1  # step of the physics at which the values were computed
         self._sensed: Sensed | None = None
 
     @property
@@ -71,7 +72,7 @@ class View:
 
     @property
     def now_s(self) -> float:
-        """The autopilot's clock: simulated time, unless a fault lets it drift."""
+        """Time of the autopilot's clock: simulated time, unless a fault disturbs the clock."""
         step = self.emulator.world.vehicles.steps
         if step != self._clock_step:
             self._clock_step = step
@@ -80,17 +81,17 @@ class View:
 
     @property
     def time_s(self) -> float:
-        """Time since this autopilot started, by its own clock."""
+        """Time since the start of the autopilot, by its clock."""
         return self.now_s - self.autopilot.boot_time_s
 
     @property
     def boot_ms(self) -> int:
-        """time_boot_ms."""
+        """Value of the field time_boot_ms."""
         return round(self.time_s * 1e3) & 0xFFFFFFFF
 
     @property
     def boot_us(self) -> int:
-        """time_usec of messages that count from boot."""
+        """Value of the field time_usec of messages that count from boot."""
         return round(self.time_s * 1e6)
 
     @property
@@ -100,7 +101,7 @@ class View:
 
     @property
     def home_ned_m(self) -> Vector:
-        """Position at the last arming, or the present one before the first."""
+        """Position of the last arming; zeros before the first."""
         north, east, down = self.autopilot.mode_control.home_ned_m.tolist()
         return north, east, down
 
@@ -111,7 +112,7 @@ class View:
 
     @property
     def sensed(self) -> Sensed:
-        """Values of the present step, the same within it."""
+        """Values of the present step."""
         step = self.emulator.world.vehicles.steps
         if self._sensed is None or step != self._sensed_step:
             self._sensed_step = step
@@ -146,22 +147,22 @@ class View:
 
     @property
     def has_fix(self) -> bool:
-        """Whether satellites are seen."""
+        """Whether satellites give a position."""
         return self.emulator.estimator.sees_satellites(self.index, self.emulator.time_s)
 
     @property
     def fix_type(self) -> int:
-        """GPS_RAW_INT.fix_type."""
+        """Value of GPS_RAW_INT.fix_type."""
         return self.emulator.fix_type(self.index)
 
     @property
     def fix_accuracy_mm(self) -> int:
-        """GPS_RAW_INT.h_acc."""
+        """Value of GPS_RAW_INT.h_acc."""
         return round(1000.0 * ACCURACIES_M[self.fix_type])
 
     @property
     def has_origin(self) -> bool:
-        """Whether PX4 knows where on Earth its local frame is: by satellites or by a message."""
+        """Whether PX4 has the position of its local frame on Earth, by satellites or a message."""
         return self.has_fix or self.emulator.has_global_origin[self.index]
 
     @property
@@ -174,7 +175,7 @@ class View:
 
     @property
     def reset_counter(self) -> int:
-        """Number of jumps of the estimate, modulo 256; PX4's filter begins with a dozen."""
+        """Number of jumps of the estimate, modulo 256."""
         return self.emulator.estimator.reset_counter(self.index)
 
     def accelerometer(self) -> Vector:
@@ -229,7 +230,7 @@ class View:
 
 
 def _local_origin(emulator: Emulator, index: int) -> EarthPoint:
-    """Return the point of the Earth at which a vehicle's local frame begins: where it starts."""
+    """Return the origin of a vehicle's local frame on Earth, which is at its start."""
     east, north, _ = emulator.specs[index].start_enu_m
     latitude_deg, longitude_deg = degrees_at(emulator.origin, north, east)
     return EarthPoint(latitude_deg, longitude_deg, emulator.origin.altitude_m)
@@ -241,19 +242,19 @@ def measured_attitude(
     half_noise_rad: list[float],
     tilt_error_rad: Sequence[float] = (0.0, 0.0),
 ) -> Quaternion:
-    """Return the attitude NED <- FRD that an autopilot believes in, with a sample of noise.
+    """Return the estimated attitude NED <- FRD of an autopilot, with a sample of noise.
 
     Args:
-        attitude: true one, wxyz.
-        yaw_error_rad: the compass's error, which turns it about the vertical.
-        half_noise_rad: about the body's axes; small enough for a linear turn.
-        tilt_error_rad: the filter's error, which turns it about north and east.
+        attitude: true attitude, wxyz.
+        yaw_error_rad: error of the heading, which turns the attitude about the vertical.
+        half_noise_rad: half of the noise about the axes of the body, which has to be small.
+        tilt_error_rad: error of the level, which turns the attitude about north and east.
     """
     w, x, y, z = attitude
     level = frames.tilted((w, x, y, z), -tilt_error_rad[0], -tilt_error_rad[1])
     w, x, y, z = frames.turned(level, yaw_error_rad)
 
-    # the product with the quaternion (1, a, b, d)
+    # Product of the attitude and the quaternion (1, a, b, d).
     a, b, d = half_noise_rad
     noisy_w = w - x * a - y * b - z * d
     noisy_x = x + w * a + y * d - z * b
