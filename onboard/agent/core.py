@@ -131,7 +131,7 @@ class AgentCore:
         )
 
         # what the agent knows
-        taken_corrections: CorrectionsConfig | None = None  # None: the vehicle takes none
+        taken_corrections: CorrectionsConfig | None = None  # None: the vehicle uses none
         if fleet.takes_corrections(vehicle):
             taken_corrections = fleet.corrections
         self.own = OwnState(vehicle, fleet.fleet.global_origin, taken_corrections)
@@ -336,7 +336,7 @@ class AgentCore:
             )
 
     def _tick_context(self, view: FlightView, own: OwnEstimate) -> TickContext:
-        """Return what the failsafes have to know, besides the view and the flight."""
+        """Return the values that the failsafes need besides the view and the flight."""
         control = self.control
         law_status = 0
         active_neighbour = -1
@@ -589,7 +589,7 @@ class AgentCore:
 
 
 def _intake_of(corrections: CorrectionsConfig | None) -> CorrectionsIntake | None:
-    """Return the intake of corrections; None for a vehicle that takes none."""
+    """Return the intake of corrections; None for a vehicle that uses none."""
     if corrections is None:
         return None
 

@@ -66,7 +66,7 @@ class TickResult(Struct, frozen=True):
     ages_s: dict[str, float]  # age of the state of each followed neighbour
     distances_m: dict[str, float]  # separation from each neighbour
     not_ready: tuple[str, ...]  # sentences of the preflight check
-    corrections: CorrectionsStatus | None = None  # None: the vehicle takes no corrections
+    corrections: CorrectionsStatus | None = None  # None: the vehicle uses no corrections
 
 
 class RunCounters(Struct, frozen=True):

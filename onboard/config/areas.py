@@ -99,8 +99,8 @@ def do_cross(one: tuple[Point, Point], two: tuple[Point, Point]) -> bool:
     """Whether two segments have a point in common.
 
     Args:
-        one: its ends.
-        two: its ends.
+        one: ends of the first segment.
+        two: ends of the second segment.
     """
     (ax, ay), (bx, by) = one
     (cx, cy), (dx, dy) = two

@@ -44,24 +44,26 @@ class CorrectionsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     address: str = ""
     baud: int = 115200  # serial only
     mountpoint: str = ""  # ntrip only, as the four keys below
-    user: str = ""  # by which the caster knows you
+    user: str = ""  # your user name at the caster
     # file with the password in its first line, beside this file, readable by its owner only;
     # without it the node reads COVEY_NTRIP_PASSWORD of its environment
     password_file: str = ""
     tls: bool = False  # the caster speaks TLS
-    # the fleet's origin is sent to the caster, which then makes corrections for that place
+    # the fleet's origin is sent to the caster, which then makes corrections for that position
     sends_position: bool = False
-    # that take-off demands of PX4's receiver; one that falls back below it in flight is a failsafe
+    # worst fix of PX4's receiver for a take-off; a worse one in flight triggers a failsafe
     fix: Literal["any", "rtk_float", "rtk_fixed"] = "any"
-    max_age_s: float = 10.0  # with a demanded fix nobody takes off on older corrections
-    max_base_km: float = 20.0  # beyond it the base is too far away: nobody takes off
-    # latitude, longitude where the base was surveyed: corrections of a base elsewhere are not given
-    # to PX4
+    max_age_s: float = 10.0  # if a fix is demanded, nobody takes off with older corrections
+    max_base_km: float = 20.0  # nobody takes off if the base is farther away
+    # latitude and longitude where the base was surveyed: PX4 does not get the corrections of a base
+    # at another position
     base_deg: tuple[float, float] | None = None
-    # its height above the ellipsoid of WGS 84, not above the sea; without it heights are not judged
+    # its height above the ellipsoid of WGS 84, not above the sea; without it no height is compared
     base_height_m: float | None = None
-    base_tolerance_m: float = 2.0  # by which a base may be elsewhere, or move while a vehicle flies
-    # a vehicle whose fix has fallen back holds when its position is worse, of two axes together
+    # distance by which a base may be off, or may move while a vehicle flies
+    base_tolerance_m: float = 2.0
+    # a vehicle whose fix has become worse holds if the error of its position, of two axes together,
+    # exceeds this
     hold_accuracy_m: float = 0.5
 
     @property

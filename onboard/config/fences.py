@@ -46,9 +46,11 @@ class Fence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     polygon_deg: tuple[tuple[float, float], ...] | None = None
     # or { center_enu_m = [x, y], radius_m = r }, or with center_deg = [latitude, longitude]
     circle: FenceCircle | None = None
-    # [low, high] up in metres: floor and top to stay between; out: it counts between them only
+    # [low, high], heights in metres; in: vehicles stay between them; out: it counts only between
+    # them
     height_m: tuple[float, float] | None = None
-    buffer_m: float = 0.0  # goals and ways keep so far from its edge, and the law brakes before it
+    # distance that goals and flights keep from its edge; the law brakes before they come nearer
+    buffer_m: float = 0.0
 
 
 def area_of(fence: Fence, origin: Origin | None) -> Area:

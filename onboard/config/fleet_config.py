@@ -81,20 +81,22 @@ class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     # "mocap", or the point of the Earth where the frame begins: the three keys below
     origin: Literal["mocap"] | Origin = "mocap"
     safety_distance_m: float = 0.80  # horizontal distance of two centres that the law promises
-    # or so far apart in height; none: nobody flies above another
+    # or this difference of their heights; none: no vehicle flies above another
     vertical_separation_m: float | None = None
     body_diameter_m: float = 0.50  # from propeller tip to propeller tip
-    # standard deviation of a vehicle from its start_enu_m along one axis: how exactly people put it
-    # down. Preflight finds a turned or shifted frame by it.
+    # standard deviation of a vehicle's position from its start_enu_m along one axis: how exactly
+    # people put it down. With it preflight detects a turned or shifted frame.
     placing_m: float = 0.05
     battery_warning_pct: float = 30.0  # the console warns below it
     battery_land_pct: float = 20.0  # a vehicle lands by itself below it
-    # kill goes past an agent that has not answered for so long, and land is sent to it again
+    # if an agent has not answered for so long, kill goes directly to PX4, and land is sent again
     direct_command_timeout_s: float = 0.3
-    bus_lost_land_s: float = 5.0  # a vehicle that hears nobody holds, and lands after so long
-    # vehicles in flight land when nobody has been there to order for so long
+    # a vehicle that receives nothing on the bus holds, and lands after so long
+    bus_lost_land_s: float = 5.0
+    # vehicles in flight land when no ground that may order has been on the bus for so long
     ground_lost_land_s: float = 60.0
-    max_wind_m_s: float | None = None  # mean wind in which they fly; by default each type's alone
+    # largest mean wind in which vehicles fly; by default only the limit of each vehicle counts
+    max_wind_m_s: float | None = None
     # folder of the keys, beside this file or below it, of A-Z a-z 0-9 _ . / - without ..;
     # docs/keys.md
     keys: str = "keys"
@@ -133,10 +135,10 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     # tcp://HOST:PORT
     direct: str | None = None
     mocap_body: str | None = None  # name of its body in the mocap; the vehicle's own by default
-    type: str = ""  # a table [types.NAME], which holds for what the vehicle does not say
-    # false: takes no part; "scan": flies where it answers, is not waited for
+    type: str = ""  # a table [types.NAME] with values for the keys that the vehicle does not have
+    # false: it takes no part in flights; "scan": it takes part if it answers, nobody waits for it
     enabled: bool | Literal["scan"] = True
-    # true: covey sitl plays its PX4 and its poses, beside real vehicles: docs/mixed-reality.md
+    # true: covey sitl simulates its PX4 and poses, beside real vehicles: docs/mixed-reality.md
     emulated: bool = False
     mass_kg: float = 1.0  # with battery
     # throttle that hovers, 0 to 1; starting value: MPC_THR_HOVER of a tuned PX4, or 0.5
@@ -145,18 +147,19 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     attitude_wn_rad_s: float = 11.0  # natural frequency of its attitude; starting value 9, cautious
     attitude_zeta: float = 0.6  # damping of its attitude; starting value 0.7
     drag_1_s: float = 0.0  # deceleration for each m/s through the air; starting value 0.3
-    # from a full battery to an empty one; with it check judges a mission's length
+    # time from a full battery to an empty one; with it covey check checks a mission's length
     hover_time_s: float | None = None
     max_tilt_deg: float = 25.0  # of all manoeuvres
     max_speed_m_s: float = 1.0  # of all moves
     max_acceleration_m_s2: float = 1.5  # of all moves
-    # mean wind in which it flies; by default from tilt, thrust and drag: docs/wind.md
+    # largest mean wind in which it flies; by default from tilt, thrust and drag: docs/wind.md
     max_wind_m_s: float | None = None
-    # true: it flies by the mocap and refuses to take off without; false: by PX4's own position
+    # true: it flies by the mocap's poses, and does not take off without them; false: it flies by
+    # PX4's own position
     mocap_required: bool = True
-    # what PX4's own position comes from, without a mocap
+    # source of PX4's own position, without a mocap
     px4_position: Literal["gps", "vision"] = "gps"
-    # of its PX4: the values of its attitude were identified with it, and the emulator flies as it
+    # version of its PX4, with which its attitude was identified; the emulator behaves like it
     px4_version: Literal["1.16", "1.17", "1.18"] = "1.17"
     # its MAVLink is signed with the key keys/NAME.mavlink.key (PX4 v1.18 and later):
     # docs/mavlink-signing.md

@@ -36,9 +36,9 @@ class FormationShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     # sphere: seen from above no two stand above each other, text: from a font, image: its dark
     # part, csv: columns x,y[,z]
     shape: ShapeName
-    vehicles: str | tuple[str, ...] = "all"  # that have a slot
-    # horizontal distance of the two nearest slots; by default 1.15 times what the law needs, and a
-    # csv as it is
+    vehicles: str | tuple[str, ...] = "all"  # vehicles that have a slot
+    # horizontal distance of the two nearest slots; by default 1.15 times the distance that the law
+    # needs, and a csv as it is
     spacing_m: float | None = None
     rotation_deg: float = 0.0  # counterclockwise, seen from above
     columns: int | None = None  # of a grid; by default as many as rows
@@ -47,7 +47,7 @@ class FormationShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     text: str = ""  # of a text
     font: str | None = None  # file of a font, relative to this file; by default DejaVu Sans
     file: str | None = None  # of an image or csv, relative to this file
-    layers: int = 1  # slots take turns in so many heights, and keep their horizontal distance
+    layers: int = 1  # number of heights, in which the slots take turns at their usual distance
     layer_height_m: float = 0.5  # from one height to the next
     # true: the layers stand above each other, at least fleet.vertical_separation_m + 0.25 m from
     # one to the next

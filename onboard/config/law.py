@@ -27,44 +27,44 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     # -- six policies, each chosen by name; real vehicles take off only with their defaults --
 
-    # what share of a correction a vehicle takes
+    # share of a correction that each vehicle of a pair makes
     responsibility: Literal["shortfall", "half", "full"] = "shortfall"
     # "lag": rows hold at the time at which a command takes effect
     prediction: Literal["lag", "none"] = "lag"
-    # "accuracy": grows with the errors of the positions that fly; "fixed": design_margin_m
+    # "accuracy": it grows with the errors of the vehicles' positions; "fixed": design_margin_m
     margin: Literal["accuracy", "fixed"] = "accuracy"
     # when vehicles that meet turn about each other
     rotation: Literal["ahead", "violated", "never", "always"] = "ahead"
     direction: Literal["intent", "crowd", "pair", "fixed"] = "intent"  # to which side they turn
-    jam: Literal["slow", "ignore"] = "slow"  # "slow": who stands in a jam gives way after a while
+    jam: Literal["slow", "ignore"] = "slow"  # "slow": a vehicle in a jam gives way after a while
 
     # -- neighbours --
 
-    design_margin_m: float = 0.10  # kept beyond the safety distance
+    design_margin_m: float = 0.10  # distance kept beyond the safety distance
     lag_margin_m_s: float = 0.4  # more margin for each second of a vehicle's lag beyond QUICK_LAG_S
     uncooperative_margin_m: float = 0.05  # more margin beside a vehicle that does not avoid
-    accuracy_time_s: float = 3.0  # over which the errors of positions are averaged
-    kappa_1_1_s: float = 4.0  # how late a vehicle may brake: distance rows, first gain
+    accuracy_time_s: float = 3.0  # time over which the errors of positions are averaged
+    kappa_1_1_s: float = 4.0  # distance rows, first gain: the larger, the later vehicles brake
     kappa_2_1_s: float = 8.0  # distance rows, second gain
     kappa_3_1_s: float = 2.0  # rotation rows, first gain
     kappa_4_1_s: float = 1.0  # rotation rows, second gain
-    # share of what the other is seen not to do that this one takes over
+    # share that a vehicle takes over of the part of a correction that its neighbour visibly omits
     shortfall_gain: float = 0.85
     v_perp_m_s: float = 0.55  # speed of the turn about each other
     v_perp_crowd_m_s: float = 0.65  # the same in a crowd
     crowd_count: int = 4  # neighbours that make a crowd
-    # a rotation row is as strong as the violation, up to this one, so that nothing jumps when it
-    # begins
+    # violation from which a rotation row has its full strength; below it the strength is
+    # proportional, so that nothing jumps when the row begins
     rotation_fade_m_s2: float = 2.0
-    max_neighbours: int = 12  # the nearest of them are avoided
-    range_m: float = 8.0  # neighbours farther away are not looked at
+    max_neighbours: int = 12  # only so many of the nearest neighbours are avoided
+    range_m: float = 8.0  # neighbours farther away are ignored
 
     # -- obstacles, geofence and speed --
 
-    obstacle_margin_m: float = 0.20  # kept from obstacles beside half a body
-    fence_margin_m: float = 0.05  # kept from the fence
-    # share of its top speed that a vehicle may fly while it avoids; where the safety distance is at
-    # stake it may fly faster
+    obstacle_margin_m: float = 0.20  # distance kept between obstacles and the propellers
+    fence_margin_m: float = 0.05  # distance kept from the fence
+    # share of its top speed that a vehicle may fly while it avoids; if the safety distance is at
+    # stake, it may fly faster
     avoid_speed_frac: float = 1.25
 
     # -- the paper's law, (5)-(22) --
@@ -75,7 +75,7 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     paper_kappa_4_1_s: float = 1.5  # of (5) to (9)
     paper_v_perp_m_s: float = 0.1  # of (8)
     paper_turn: Literal["eq8", "eq9"] = "eq8"  # which equation turns the vehicles
-    # fly it with more than three vehicles all the same, in simulation
+    # true: in simulation it may fly with more than three vehicles
     paper_force_ring: bool = False
 
     @property

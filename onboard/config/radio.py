@@ -34,26 +34,27 @@ BOUNDS: dict[str, tuple[float, float]] = {
 class RadioConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """``[radio]``: docs/network.md explains each key."""
 
-    # "access point": what goes from one vehicle to another is sent twice; "direct": once, as in an
+    # "access point": a message from one vehicle to another is sent twice; "direct": once, as in an
     # ad-hoc network
     link: Literal["access point", "direct"] = "access point"
-    # of a frame's data, as the slowest vehicle gets it: 65 is 802.11n, 20 MHz, one antenna
+    # rate of a frame's data at the slowest vehicle: 65 is 802.11n, 20 MHz, one antenna
     rate_mbit_s: float = 65.0
-    # states of each vehicle to its near neighbours; 25 where the channel is full
+    # rate of each vehicle's states to its near neighbours; use 25 if the channel is full
     states_hz: Literal[50, 25] = 50
-    # of the channel's time that the fleet may take; covey check warns beyond it
+    # share of the channel's time that the fleet may use; covey check warns beyond it
     usable_frac: float = 0.6
-    # of the packets, after the radio's own repetitions; lockstep only, as all that follow
+    # share of the packets that are lost in spite of the radio's repetitions; this key and the four
+    # below are for lockstep only
     loss_frac: float = 0.001
     # mean number of packets of 50 Hz lost in a row; 1: each loss by itself
     burst_packets: float = 3.0
     jitter_s: float = 0.0  # mean of a further delay, exponentially distributed
-    duplicate_frac: float = 0.0  # of the packets that arrive twice
-    reorder_frac: float = 0.0  # of the packets that others overtake
-    # from one agent to another: covey check looks it up in the map of the law, preflight measures
-    # it on the ground
+    duplicate_frac: float = 0.0  # share of the packets that arrive twice
+    reorder_frac: float = 0.0  # share of the packets that others overtake
+    # delay from one agent to another: covey check looks it up in the map of the law, preflight
+    # measures it on the ground
     expected_delay_s: float = 0.04
-    # of the states between two agents that are lost, as expected_delay_s
+    # share of the states between two agents that are lost; used like expected_delay_s
     expected_loss_frac: float = 0.10
 
     def state_age_s(self, period_s: float) -> float:

@@ -11,7 +11,7 @@ class SitlProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     sitl/README.md explains them.
     """
 
-    static_gain: float = 1.0  # of the attitude: tilt that is reached of the tilt that is commanded
+    static_gain: float = 1.0  # of the attitude: tilt that is reached over the commanded tilt
     tilt_bias_deg: float = 0.0  # largest constant error of the tilt, drawn anew for each flight
     yaw_wn_rad_s: float = 3.0  # natural frequency of the heading
     thrust_delay_s: float = 0.012  # dead time of the thrust

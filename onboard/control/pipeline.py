@@ -397,7 +397,7 @@ def intent(position_enu_m: Vec3, goal: Goal, max_speed_m_s: float) -> Vec3:
     """
     p = position_enu_m
     goal_m = goal.position_enu_m
-    v = goal.velocity_enu_m_s  # of the path
+    v = goal.velocity_enu_m_s  # velocity of the path's point; zero for a goal at rest
     rate = goal.clock_rate_frac
 
     x = _INTENT_1_S * (goal_m.x - p.x) + rate * v.x

@@ -1,1 +1,1 @@
-"""RTK corrections: read once for the fleet, judged by each agent, given to its PX4 in fragments."""
+"""RTK corrections: read once for the fleet, checked by each agent, sent to PX4 in fragments."""

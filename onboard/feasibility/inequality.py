@@ -1,9 +1,9 @@
 """The inequality: a condition with which two vehicles keep the safety distance. Pure.
 
-No flight has to show it. A row of the law keeps the distance r of two vehicles above the design
-distance, if the row is computed from the true motion (the paper's equation for h, with both gains).
-A vehicle's knowledge differs from the true motion in two ways. The margin between the design
-distance and the safety distance has to cover both:
+It follows from the law's equations, without any simulated flight. A row of the law keeps the
+distance r of two vehicles above the design distance, if the row is computed from the true motion
+(the paper's equation for h, with both gains). A vehicle's knowledge differs from the true motion in
+two ways. The margin between the design distance and the safety distance has to cover both:
 
 * the errors of both estimates, after the row's own filter;
 * the motion of a neighbour that cannot be known yet. Its newest state is old, a tick passes before

@@ -51,8 +51,8 @@ class MapCell(NamedTuple):
     loss_frac: float
     margin_m: float  # in flight
     flights: int
-    below: int  # of the flights, those in which two vehicles came too near
-    arrived: int  # of the flights, those in which all arrived
+    below: int  # number of flights in which two vehicles came too near
+    arrived: int  # number of flights in which all vehicles arrived
     worst_m: float  # smallest distance of all flights
 
     @property

@@ -115,7 +115,7 @@ MUST_BE_ARMED = {
 class FlightEvent(Enum):
     """Causes of a change of step: an order, a failsafe's action, the preflight check, or a tick."""
 
-    __hash__ = object.__hash__  # as above
+    __hash__ = object.__hash__  # as for FlightStep
 
     ARM = "order arm"
     TAKEOFF = "order takeoff"

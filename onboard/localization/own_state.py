@@ -79,7 +79,7 @@ class OwnState:
 
     vehicle: Vehicle
     origin: Origin | None = None
-    corrections: CorrectionsConfig | None = None  # None: the vehicle takes no corrections
+    corrections: CorrectionsConfig | None = None  # None: the vehicle uses no corrections
     counts: MessageCounts = field(default_factory=MessageCounts)  # poses that were not used
     heading_offset_rad: float = 0.0  # heading in the fleet frame minus PX4's heading
     validator: PoseValidator = field(default_factory=PoseValidator)

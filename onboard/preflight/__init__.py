@@ -1,1 +1,1 @@
-"""Go or no-go on the ground: the facts, the rules that judge them, and the report of a vehicle."""
+"""Go or no-go on the ground: the facts, the rules that check them, and the report of a vehicle."""

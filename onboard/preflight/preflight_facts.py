@@ -74,7 +74,7 @@ class PreflightFacts:
 
     # satellites
     fix_type: int | None = None  # fix of PX4's receiver; None: not reported lately
-    corrections: CorrectionsStatus | None = None  # None: the vehicle takes no corrections
+    corrections: CorrectionsStatus | None = None  # None: the vehicle uses no corrections
 
     # mocap
     # arrival of the newest sample minus its stamp; None without a sample

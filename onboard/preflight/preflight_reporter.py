@@ -105,7 +105,7 @@ class PreflightReporter:
             is_airborne: whether the vehicle is in the air, by PX4 or by the flight.
             hover_frac: hover throttle learned so far.
             conditions: conditions of the failsafe table that hold.
-            corrections: status of the corrections; None: the vehicle takes none.
+            corrections: status of the corrections; None: the vehicle uses none.
             place: vehicle whose take-off spot this one uses; empty: its own.
         """
         self._observe(view, dt_s)

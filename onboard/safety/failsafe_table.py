@@ -41,7 +41,7 @@ class Condition(Enum):
     the codes of events. The values are shown in the telemetry and in docs/failsafe.md.
     """
 
-    __hash__ = object.__hash__  # as above
+    __hash__ = object.__hash__  # as for Situation
 
     # own motion
     POSITION_STALE = "own position stale"

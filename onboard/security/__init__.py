@@ -1,1 +1,1 @@
-"""Who may join the bus and say what: certificates, roles, signatures of orders, keys of MAVLink."""
+"""Security of the bus and of PX4's links: certificates, roles, signed orders, keys of MAVLink."""

@@ -91,7 +91,7 @@ class FailsafeSupervisor:
     def decide(
         self, view: FlightView, context: TickContext, situation: Situation
     ) -> FailsafeDecision:
-        """Return what follows from the conditions of this tick.
+        """Return the decision that follows from the conditions of this tick.
 
         Args:
             view: what the flight knows of its vehicle.

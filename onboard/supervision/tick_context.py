@@ -26,7 +26,7 @@ class TickContext(Struct, frozen=True, kw_only=True):
     is_disk_full: bool = False
     clock_jump_ns: int = 0  # time of the last jump of our clock; 0 never
 
-    corrections: CorrectionsStatus | None = None  # None: the vehicle takes no corrections
+    corrections: CorrectionsStatus | None = None  # None: the vehicle uses no corrections
 
     # bus
     has_ground: bool = False  # a ground station is on the bus

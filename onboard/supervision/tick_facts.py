@@ -35,7 +35,7 @@ class SlowFacts(Struct, frozen=True, kw_only=True):
     has_lost_satellites: bool = False
     position_miss_m: float = 0.0  # by how much PX4's positions contradict the own motion
 
-    # satellites, of a vehicle that takes corrections
+    # satellites, of a vehicle that uses corrections
     fix_below: str = ""  # its fix in words, if that is less than the fleet requires
     is_position_coarse: bool = False  # whether the position is worse than hold_accuracy_m
     base_fault: str = ""  # what is wrong with the base, in words; empty: nothing
