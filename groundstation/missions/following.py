@@ -106,7 +106,7 @@ async def follow(
 
 
 def _landed_by_mission(client: FleetClient, names: Iterable[str]) -> tuple[str, ...]:
-    """Return those whose newest order is this mission's to land."""
+    """Return the vehicles whose newest order is to land, and was given by this mission."""
     landed = []
     for name in names:
         telemetry = client.state.vehicles[name].telemetry

@@ -1,11 +1,12 @@
-"""A link to a vehicle's PX4 through its agent, over the bus, for PX4's own logs alone.
+"""A link to a vehicle's PX4 through its agent, over the bus. It carries PX4's own logs only.
 
-Where PX4 hangs on a cable of its companion computer, nothing but the agent reaches it. The agent
-passes on what reads logs while the vehicle is disarmed (:mod:`onboard.agent.log_relay`). Pieces
-give way to everything else on the bus, and some are lost: the transfer asks for them once more.
+PX4 is often connected to its companion computer by a serial cable, where only the agent reaches it.
+While the vehicle is disarmed, the agent forwards requests that read logs
+(:mod:`onboard.agent.log_relay`). The pieces have the lowest priority on the bus. Some are dropped,
+and the transfer requests them again.
 
-The node that fetches is a watcher: no vehicle takes it for its ground station. On a locked bus it
-uses the ground's key, since a viewer may request nothing.
+The node on the bus is a watcher, so that no vehicle takes it for its ground station. On a locked bus
+it uses the key of the ground, because a viewer may not request anything.
 """
 
 from __future__ import annotations
@@ -30,34 +31,34 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.security.node_roles import NodeRole
 
-_HEARD_S = 3.0  # within which an agent is heard
-_LOOK_S = 0.05
-_MOST_PIECES = 2000  # messages that wait
+_HEARD_S = 3.0  # longest wait for the telemetry of an agent
+_LOOK_S = 0.05  # time between two looks
+_MOST_PIECES = 2000  # most packets that wait to be decoded
 
 
 class _Armed:
-    """Says in place of a heartbeat that the vehicle is armed."""
+    """A replacement for a heartbeat that reports an armed vehicle."""
 
     def get_type(self) -> str:
-        """Return the name of the message that this stands for."""
+        """Return the name of the message that this one replaces."""
         return "HEARTBEAT"
 
 
 class AgentLogLink:
-    """One vehicle's.
+    """The link to one vehicle.
 
     Args:
-        vehicle: of the fleet file.
-        bus: of the fleet, open.
+        vehicle: the vehicle in the fleet file.
+        bus: bus of the fleet, which must be open.
     """
 
     def __init__(self, vehicle: Vehicle, bus: Bus) -> None:
-        self.is_armed: bool | None = None  # None: its agent was not heard yet
+        self.is_armed: bool | None = None  # None until telemetry of its agent has come
         self._vehicle = vehicle
         self._bus = bus
         self._codec = message_codec(self)
         self._pieces: queue.Queue[bytes] = queue.Queue(_MOST_PIECES)
-        self._messages: list[Any] = []  # decoded, not yet taken; the oldest last
+        self._messages: list[Any] = []  # decoded messages in reversed order: the oldest is last
 
         bus.subscribe(Topic.TELEMETRY, vehicle.name, self._received)
         bus.subscribe(Topic.LOG_PIECES, vehicle.name, self._received)
@@ -66,13 +67,13 @@ class AgentLogLink:
         """Send a message that is addressed to the autopilot.
 
         Args:
-            name: of the message, in small letters.
-            values: of its fields, without target system and component.
+            name: name of the message, in small letters.
+            values: values of its fields, without target system and component.
         """
         send_to_autopilot(self._codec, self._vehicle.system_id, name, values)
 
     def write(self, packet: bytes) -> None:
-        """Take a packet of the codec, as a port would."""
+        """Publish a packet that the codec has encoded; the codec calls it as the write of a port."""
         self._bus.publish(Topic.LOG_REQUEST, self._vehicle.name, LogRequest(packet=bytes(packet)))
 
     def next_message(self, names: Iterable[str], timeout_s: float) -> Any | None:
@@ -96,16 +97,16 @@ class AgentLogLink:
                 self._messages = list(reversed(self._codec.parse_buffer(packet) or []))
 
     def says_armed(self, _heartbeat: Any) -> bool:
-        """Return whether the vehicle is armed, as its agent says."""
+        """Return whether the agent reports that the vehicle is armed."""
         return bool(self.is_armed)
 
     def _received(self, _topic: Topic, _name: str, message: Message | Malformed) -> None:
-        """Take telemetry or pieces, on a thread of the bus."""
+        """Receive telemetry or log pieces; called on a thread of the bus."""
         if isinstance(message, Telemetry):
             self.is_armed = message.is_armed
         elif isinstance(message, LogPieces):
             for packet in message.packets:
-                with contextlib.suppress(queue.Full):  # a piece that is lost is asked for again
+                with contextlib.suppress(queue.Full):  # a dropped piece is requested again
                     self._pieces.put_nowait(packet)
 
 
@@ -113,13 +114,15 @@ class AgentLogLink:
 def agent_log_links(
     fleet: FleetConfig, vehicles: Sequence[Vehicle]
 ) -> Iterator[dict[str, AgentLogLink]]:
-    """Open links through the agents of vehicles, closed with the block.
+    """Open links to vehicles through their agents, and close them at the end of the block.
 
     Args:
         fleet: the fleet file.
-        vehicles: whose PX4s cannot be reached otherwise; without any, no bus is opened.
+        vehicles: vehicles whose PX4 cannot be reached directly; if there are none, no bus is
+            opened.
+
     Yields:
-        A link for each vehicle whose agent is heard.
+        The links by vehicle name, for those vehicles whose agent has sent telemetry.
     """
     if not vehicles:
         yield {}

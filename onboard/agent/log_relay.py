@@ -1,12 +1,12 @@
-"""Passes requests for PX4's own logs from the ground to PX4, and its answers back to the ground.
+"""Forwards requests for PX4's own logs from the ground to PX4, and PX4's answers to the ground.
 
-PX4 often hangs on a cable of its companion computer, where only the agent reaches it. The agent
-passes on while its vehicle stands disarmed on the ground, and only what reads logs
-(:mod:`onboard.px4.log_requests`). It keeps nothing on its own disk: whoever fetches asks once more
-for the pieces that are missing.
+PX4 is often connected to its companion computer by a serial cable, where only the agent reaches it.
+The agent forwards requests while its vehicle stands disarmed on the ground, and only requests that
+read logs (:mod:`onboard.px4.log_requests`). It stores nothing on its own disk: the program that
+fetches the log requests missing pieces again.
 
-Pieces give way to everything else: a tick sends a bounded number of them, on a topic that all
-others overtake, and of more than fit into the queue the oldest are lost.
+Log pieces have the lowest priority of all messages. Each tick sends a bounded number of them, on a
+topic that all others overtake. If the queue is full, the oldest pieces are dropped.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from onboard.px4.log_requests import is_allowed
 from onboard.px4.mavsdk_link import Px4Link
 from onboard.px4.packets import Packet, cut, packed
 
-_MOST_REQUESTS = 16  # that wait for a tick
-_MOST_ANSWERS = 4000  # packets that wait; about a megabyte
-_ANSWERS_A_TICK = 60  # about 0.7 MB/s
-_LISTENS_NS = 5_000_000_000  # after a request, for which answers are passed on
+_MOST_REQUESTS = 16  # most requests that wait for a tick
+_MOST_ANSWERS = 4000  # most packets of PX4 that wait for a tick, about one megabyte
+_ANSWERS_A_TICK = 60  # most packets of one tick, about 0.7 MB/s
+_LISTENS_NS = 5_000_000_000  # time after a request for which answers are forwarded
 
 
 class LogRelay:
-    """One agent's.
+    """The relay of one agent.
 
     Args:
-        name: of the vehicle.
-        link: to its PX4.
-        bus: of the fleet.
+        name: name of the vehicle.
+        link: link to its PX4.
+        bus: bus of the fleet.
     """
 
     def __init__(self, name: str, link: Px4Link, bus: Bus) -> None:
@@ -43,22 +43,22 @@ class LogRelay:
         self._bus = bus
         self._requests: deque[Packet] = deque(maxlen=_MOST_REQUESTS)
         self._answers: deque[bytes] = deque(maxlen=_MOST_ANSWERS)
-        self._until_ns = 0  # answers are passed on until then
+        self._until_ns = 0  # time until which answers are forwarded
         self._is_listening = False
 
     def start(self) -> None:
-        """Take requests from now on; the bus is open."""
+        """Receive requests from now on; the bus must be open."""
         self._bus.collect(
             Topic.LOG_REQUEST, self._name, self._request_received, most=_MOST_REQUESTS
         )
         self._link.on_log_answer = self._answer_received
 
     def step(self, *, is_disarmed: bool, now_ns: int) -> None:
-        """Pass on what has come since the last tick.
+        """Forward the requests and answers that have come since the last tick.
 
         Args:
-            is_disarmed: whether PX4 says so, and the vehicle stands on the ground.
-            now_ns: monotonic time.
+            is_disarmed: whether PX4 reports that it is disarmed, on the ground.
+            now_ns: monotonic time [ns].
         """
         if not is_disarmed:
             self._is_listening = False
@@ -89,7 +89,7 @@ class LogRelay:
                 self._requests.append(packet)
 
     def _answer_received(self, packet: Packet) -> None:
-        """Keep an answer of PX4, on the thread of its link."""
+        """Store an answer of PX4; called on the thread of the link."""
         if self._is_listening:
             system_id = self._link.system_id
             data = packed(packet.number, packet.payload, 0, system_id, AUTOPILOT_COMPONENT)

@@ -1,12 +1,12 @@
-"""Which requests for PX4's own logs an agent passes on to its PX4. Pure.
+"""Decides which requests for PX4's own logs an agent forwards to its PX4. Pure.
 
-A ground sends them as whole MAVLink packets. MAVLink's file transfer could write and delete files,
-and read any file of the card, so only what fetching a log needs is passed on: to list and to read
-below PX4's folders of logs, and the requests of LOG_DATA, which only read.
+A ground station sends the requests as whole MAVLink packets. MAVLink's file transfer can also
+write, delete, and read every file of PX4's card. The agent forwards only what fetching a log needs:
+requests that list or read below PX4's log folders, and the requests of LOG_DATA, which only read.
 
-Layout of a payload of file transfer, behind its three ids: sequence (2 bytes), session, operation,
-size, operation that is answered, whether a burst is complete, padding, offset (4 bytes), data.
-Described in MAVLink's documentation, "File Transfer Protocol".
+Layout of a file transfer payload after its three ids: sequence (2 bytes), session, operation, size,
+operation that is answered, end of the burst, padding, offset (4 bytes), data. Source: MAVLink's
+documentation, "File Transfer Protocol".
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ from __future__ import annotations
 from onboard.autopilot import AUTOPILOT_COMPONENT
 from onboard.px4.packets import FILE_TRANSFER, LOG_REQUESTS, Packet
 
-LOG_FOLDERS = ("/fs/microsd/log", "/log")  # on a flight controller; of PX4 on a computer
+LOG_FOLDERS = ("/fs/microsd/log", "/log")  # on a flight controller, and of a PX4 on a computer
 LOG_SUFFIX = ".ulg"
 
-# where the ids of the system and the component stand that a request is for, in its payload
+# Offset in the payload at which the ids of the requested system and component stand.
 _TARGET_AT = {
     FILE_TRANSFER: 1,
     117: 4,  # LOG_REQUEST_LIST
     119: 10,  # LOG_REQUEST_DATA
     122: 0,  # LOG_REQUEST_END
 }
-_MOST_BYTES = 255  # of a payload, without the zeros that are cut off at its end
+_MOST_BYTES = 255  # largest payload; MAVLink cuts off the zeros at its end
 
-# in a payload of file transfer
+# offsets in a file transfer payload
 _OPERATION_AT = 6
 _SIZE_AT = 7
 _DATA_AT = 15
@@ -38,6 +38,7 @@ _LIST = 3
 _OPEN_TO_READ = 4
 _READ = 5
 _BURST = 15
+# They read or close the file that is open, which is a log.
 _WITHOUT_PATH = (_TERMINATE, _RESET, _READ, _BURST)
 
 
@@ -45,8 +46,8 @@ def is_allowed(packet: Packet, system_id: int) -> bool:
     """Return whether a request only reads logs of this vehicle's autopilot.
 
     Args:
-        packet: of the ground.
-        system_id: MAVLink's, of the vehicle.
+        packet: the request of a ground station.
+        system_id: MAVLink id of the vehicle.
     """
     if packet.number not in LOG_REQUESTS or not packet.is_right:
         return False
@@ -63,10 +64,10 @@ def is_allowed(packet: Packet, system_id: int) -> bool:
 
 
 def _only_reads_logs(payload: bytes) -> bool:
-    """Return whether a request of file transfer lists or reads logs, and nothing else."""
+    """Return whether a file transfer request only lists or reads logs."""
     operation = payload[_OPERATION_AT]
     if operation in _WITHOUT_PATH:
-        return True  # they read or close the file that is open, which is a log
+        return True
 
     size = payload[_SIZE_AT]
     path = payload[_DATA_AT : _DATA_AT + size].rstrip(b"\0").decode("utf-8", "replace")
