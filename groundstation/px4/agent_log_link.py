@@ -5,8 +5,8 @@ While the vehicle is disarmed, the agent forwards requests that read logs
 (:mod:`onboard.agent.log_relay`). The pieces have the lowest priority on the bus. Some are dropped,
 and the transfer requests them again.
 
-The node on the bus is a watcher, so that no vehicle takes it for its ground station. On a locked bus
-it uses the key of the ground, because a viewer may not request anything.
+The node on the bus is a watcher, so that no vehicle takes it for its ground station. On a locked
+bus it uses the key of the ground, because a viewer may not request anything.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class AgentLogLink:
         send_to_autopilot(self._codec, self._vehicle.system_id, name, values)
 
     def write(self, packet: bytes) -> None:
-        """Publish a packet that the codec has encoded; the codec calls it as the write of a port."""
+        """Publish a packet that the codec has encoded. The codec calls it as it would a port's."""
         self._bus.publish(Topic.LOG_REQUEST, self._vehicle.name, LogRequest(packet=bytes(packet)))
 
     def next_message(self, names: Iterable[str], timeout_s: float) -> Any | None:
