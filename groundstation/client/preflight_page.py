@@ -1,8 +1,8 @@
 """The preflight page: go or no-go of every vehicle, for ``covey preflight`` and the consoles.
 
 Most checks are the agents' own; their reports come over the bus. The ground adds what no agent can
-know: whether both have the same fleet file, whether there is a direct path to PX4, whether all fly
-the same version of PX4, and whether this computer is fit.
+know: whether the vehicle and this ground have the same fleet file, whether there is a direct path
+to PX4, whether all vehicles fly the same version of PX4, and whether this computer is fit.
 """
 
 from __future__ import annotations
@@ -113,7 +113,9 @@ def _of_place(name: str, place: str) -> list[PageLine]:
 
 def _of_files(name: str, telemetry: Telemetry, fleet: FleetConfig) -> list[PageLine]:
     """Return a line if a vehicle flies with another fleet file or another law; otherwise none."""
-    # Only a built-in law is compared: a message must not make this ground import another module.
+    # The hash of a fleet file covers its law. For a vehicle that flies another built-in law, the
+    # hash of this file with that law is compared. A law of somebody's own is not loaded here,
+    # because a message must not make this ground import a module.
     is_other_built_in = telemetry.law in BUILT_IN and telemetry.law != fleet.law.name
     own_hash = (fleet.with_law(telemetry.law) if is_other_built_in else fleet).config_hash
 
@@ -126,6 +128,8 @@ def _of_files(name: str, telemetry: Telemetry, fleet: FleetConfig) -> list[PageL
             "Give the vehicle's computer this file and restart its agent, "
             "or give this command the vehicle's file."
         )
+        if telemetry.law not in BUILT_IN and telemetry.law != fleet.law.name:
+            remedy += f" If its agent was started with --law {telemetry.law}, start it without."
         return [PageLine("ground's file", False, sentence, remedy)]
 
     if telemetry.law != fleet.law.name:

@@ -5,8 +5,9 @@ Examples:
   covey mocap --fleet fleet.toml --source vicon --hostname 192.168.1.5
   covey mocap --fleet fleet.toml --check
 
-Exit status: 0 stopped, or all is right at the end (every vehicle's body tracked; with --check its
-own one, and its stamps right); 1 something is not; 2 wrong input; 10 no body was seen.
+Exit status: 0 stopped, or at the end every vehicle's body is tracked (with --check also: each
+vehicle has its own body, and right stamps); 1 one of these is wrong; 2 wrong input; 10 no body was
+seen.
 docs/mocap.md says more.
 """
 
@@ -37,8 +38,8 @@ def mocap(
     """Read a motion capture and publish its bodies on the fleet's bus.
 
     Args:
-        source: instead of mocap.type
-        hostname: instead of mocap.hostname
+        source: kind of motion capture, instead of mocap.type
+        hostname: its computer, instead of mocap.hostname
         check: only listen: does each vehicle have its own body, axes and stamps?
         seconds: end after so long (default: run until Ctrl-C)
         every_s: time between reports
@@ -64,7 +65,8 @@ def _relay(fleet: FleetConfig, source: SystemType | None, hostname: str | None) 
         ConfigError: the motion capture is not configured, or wrongly.
     """
     config = with_source(fleet, type_=source, hostname=hostname)
-    problem = next(problems(config.mocap, {}), None)
+    no_bodies: dict[str, str] = {}  # the relay reads all bodies, whichever vehicle has them
+    problem = next(problems(config.mocap, no_bodies), None)
     if problem is not None:
         raise ConfigError(f"{fleet.path}: {problem}")
 

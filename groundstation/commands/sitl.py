@@ -102,10 +102,10 @@ def sitl(
 
     config = load_fleet(fleet)
     names = _select(config, vehicles, exclude, has_poses=not no_bus)
-    if not names or seed < 0:
-        raise ConfigError(
-            "there is nothing to emulate: select at least one vehicle, and a seed of 0 or more."
-        )
+    if not names:
+        raise ConfigError("there is nothing to emulate: select at least one vehicle.")
+    if seed < 0:
+        raise ConfigError(f"--seed is {seed}; it must be 0 or more.")
 
     wind = WindSettings((*wind_of(wind_m_s), 0.0), gust_m_s, gust_s, common_gusts)
     if not all(0.0 <= value <= _LARGEST for value in (gust_m_s, gust_s, error_scale)):

@@ -33,9 +33,9 @@ def tui(
     """Attach the console to a fleet.
 
     Args:
-        readonly: only watch: no order leaves it, not even land
+        readonly: give no orders at all, not even land
         bell: ring the terminal's bell for every new alarm
-        view: only watch: do not take control, not even of a free fleet
+        view: do not take control, not even of a free fleet; land, hold and kill work
         no_preview: send arm, take-off and moves without showing them ahead
     """
     config = load_fleet(fleet)

@@ -15,6 +15,10 @@ from onboard.tuples import Xyz
 BOX_M = 0.6  # half width of the box
 HEIGHT_M = 1.0
 MOVES = 14
+_FENCE_M = 0.4  # distance that the box keeps from the fence, for the overshoot of a quick move
+_CEILING_M = 0.3  # the same below the ceiling
+_LEAST_HALF_M = 0.25  # in a smaller box nothing tilts enough to be measured
+_SLOW_S = 3.5  # duration of every third move
 _MOVE_TIMEOUT_S = 8.0
 _LEG_S = 2.2  # each move is flown at least this long
 
@@ -49,20 +53,20 @@ def manoeuvre(
     apart_m = min((math.dist((x, y), other[:2]) for other in others), default=math.inf)
     apart_m -= parking_distance_m(fleet) + fleet.law.uncooperative_margin_m
 
-    room_m = min(x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y) - 0.4
+    room_m = min(x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y) - _FENCE_M
     to_fence_m, _ = flight_space_of(fleet).room_m((x, y, height_m))
-    room_m = min(room_m, to_fence_m - 0.4)
+    room_m = min(room_m, to_fence_m - _FENCE_M)
     # areas may have edges in any direction, so there the corners of the box must fit, too
     corner_factor = 1.0 if math.isinf(to_fence_m) else math.sqrt(2.0)
     half_m = min(half_m, room_m / corner_factor, apart_m)
-    if not half_m >= 0.25:
+    if not half_m >= _LEAST_HALF_M:
         raise ConfigError(
             f"{fleet.path}: around the start of {name} there are {max(0.0, half_m):.2f} m to each "
             "side, the manoeuvre needs 0.25 m beside fence and neighbours. Move the start, or "
             "widen the fence."
         )
 
-    height_m = min(height_m, fence.z[1] - 0.3)
+    height_m = min(height_m, fence.z[1] - _CEILING_M)
     rng = np.random.default_rng(seed)
     steps: list[tuple[Xyz, float]] = []
     for index in range(MOVES):
@@ -79,7 +83,7 @@ def manoeuvre(
             goal_y += reach_m
 
         is_slow = index % 3 == 2
-        duration_s = 3.5 if is_slow else 0.0
+        duration_s = _SLOW_S if is_slow else 0.0
         steps.append(((round(goal_x, 3), round(goal_y, 3), height_m), duration_s))
     return tuple(steps)
 

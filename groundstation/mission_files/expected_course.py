@@ -57,7 +57,7 @@ _SHORT_ORDER_S = 1.0  # duration of an order that does not move a vehicle
 _PEAK_OF_MEAN = 1.875  # peak speed over mean speed of a quintic from rest to rest
 _LONGEST_MOVE_S = 600.0
 _LEAST_HEIGHT_M = 1.0  # smallest height that is assumed for a climb or a descent
-_VERTICAL = Takeoff | Land | Home  # orders with a climb or a descent
+_VerticalIntent = Takeoff | Land | Home  # orders with a climb or a descent
 
 PathsOf = Callable[[FollowPathStep], Mapping[str, Path]]
 
@@ -296,25 +296,32 @@ def _with_paths(
 
 
 def _with_order(
-    course_step: CourseStep, step: Intent, fleet: FleetConfig, at_step: _CourseFleet
+    course_step: CourseStep, written: Intent, fleet: FleetConfig, before: _CourseFleet
 ) -> CourseStep:
-    """Return a step with its order, its goals, and the time that each vehicle needs alone."""
-    intent = _filled(resolved(step, fleet), fleet, at_step)
-    planned = plan_order(intent, fleet, None, held=at_step.held, author="check", now_ns=0)
+    """Return a step with its order, its goals, and the time that each vehicle needs alone.
+
+    Args:
+        course_step: the step without these.
+        written: the intent of the step, as the mission has it.
+        fleet: the fleet file.
+        before: the fleet as it is expected to be before the step.
+    """
+    intent = _filled(resolved(written, fleet), fleet, before)
+    planned = plan_order(intent, fleet, None, held=before.held, author="check", now_ns=0)
     goals = {
-        name: _position_after(step, at_step.positions[name], order.position_enu_m)
+        name: _position_after(written, before.positions[name], order.position_enu_m)
         for name, order in planned.orders.items()
     }
     course_step = replace(course_step, planned=planned)
-    if not isinstance(step, GoalIntent | Rotate | _VERTICAL):
+    if not isinstance(written, GoalIntent | Rotate | _VerticalIntent):
         return replace(course_step, expected_s=_SHORT_ORDER_S)
 
-    intent = with_speed(intent, goals, at_step.positions)
+    intent = with_speed(intent, goals, before.positions)
     duration_s = intent.message_values().duration_s
     alone_s = {}
     for name, goal in goals.items():
-        position = at_step.positions[name]
-        if isinstance(step, _VERTICAL):
+        position = before.positions[name]
+        if isinstance(written, _VerticalIntent):
             alone_s[name] = _vertical_order_s(fleet, name, position, goal, duration_s)
         else:
             alone_s[name] = _move_or_stay_s(fleet, name, position, goal, duration_s)

@@ -17,7 +17,7 @@ import heapq
 import math
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from io import BytesIO
@@ -522,6 +522,31 @@ class _Span:
     message_count: int  # number of messages of all channels of this clock
 
 
+def _bounds_ns(
+    spans: Mapping[str, _Span], shifts_ns: Mapping[str, int], now_ns: int
+) -> tuple[int, int]:
+    """Return begin and end [ns] of a chunk on the common clock; the end is below 0 if it is empty.
+
+    Only stamps near the time of the chunk count, because its first or last stamp may be absurd.
+
+    Args:
+        spans: stamps of the chunk by clock.
+        shifts_ns: shifts of the clocks.
+        now_ns: time of the chunk on the common clock.
+    """
+    begins_ns = []
+    ends_ns = []
+    for clock, span in spans.items():
+        stamps_ns = [
+            stamp_ns - shifts_ns[clock]
+            for stamp_ns in (span.first_ns, span.middle_ns, span.last_ns)
+        ]
+        near_ns = [stamp_ns for stamp_ns in stamps_ns if abs(stamp_ns - now_ns) <= MAX_LATE_NS]
+        begins_ns += near_ns[:1]
+        ends_ns += near_ns[-1:]
+    return min(begins_ns, default=0), max(ends_ns, default=-1)
+
+
 class _Stamps:
     """Stamps of every clock in every chunk, from which the shifts of the clocks follow.
 
@@ -581,57 +606,75 @@ class _Stamps:
             span.middle_ns = middle_ns
 
     def settled(self) -> Iterator[_Settled]:
-        """Yield all chunks on the common clock, which is the clock that most chunks contain."""
+        """Yield the begin and end of each chunk, and the shift of each of its clocks.
+
+        The common clock is the one that most chunks contain. Another clock may run hours beside it,
+        as that of a computer without a battery does. Its shift [ns] is subtracted from its stamps,
+        so that they are times on the common clock. A clock gets a new shift where its stamps leave
+        the time that the chunk has on the common clock; before, and after, other shifts count.
+        """
         common = self._common_clock()
         now_ns = next((spans[common].middle_ns for spans in self._chunks if common in spans), 0)
 
-        shifts_ns: dict[str, int] = {}
+        shifts_ns: dict[str, int] = {}  # clock -> its shift so far
         for number, spans in enumerate(self._chunks):
-            earliest_ns = latest_ns = now_ns
+            earliest_ns = now_ns
+            latest_ns = now_ns
             if common in spans:
                 now_ns = self._now_ns(spans[common], now_ns)
                 earliest_ns = spans[common].first_ns
                 latest_ns = spans[common].last_ns
 
-            for clock, span in spans.items():
-                apart_ns = span.middle_ns - now_ns
-                stamp_ns = span.middle_ns - shifts_ns.get(clock, 0)
-                outside_ns = max(earliest_ns - stamp_ns, stamp_ns - latest_ns)
-                # with its shift so far this clock agrees with the common one
-                if clock == common or outside_ns <= CLOCK_APART_NS:
-                    continue
-                if clock in shifts_ns and not self._is_confirmed(clock, span, apart_ns):
-                    continue
+            # Changes make a new mapping, because earlier chunks keep the shifts of their time.
+            changes = self._changed_shifts_ns(
+                spans, common, now_ns, earliest_ns, latest_ns, shifts_ns
+            )
+            first_shifts = {clock: 0 for clock in spans if clock not in {**shifts_ns, **changes}}
+            if changes or first_shifts:
+                shifts_ns = {**shifts_ns, **changes, **first_shifts}
 
-                is_apart = abs(apart_ns) > CLOCK_APART_NS
-                # a new mapping: earlier chunks keep the shifts of their time
-                shifts_ns = {**shifts_ns, clock: apart_ns if is_apart else 0}
-
-            for clock in spans:
-                if clock not in shifts_ns:
-                    shifts_ns = {**shifts_ns, clock: 0}
-
-            begins_ns = []
-            ends_ns = []
-            for clock, span in spans.items():
-                # only stamps near the chunk's time count: first or last stamp may be absurd
-                stamps_ns = [
-                    stamp_ns - shifts_ns[clock]
-                    for stamp_ns in (span.first_ns, span.middle_ns, span.last_ns)
-                ]
-                near_ns = [
-                    stamp_ns for stamp_ns in stamps_ns if abs(stamp_ns - now_ns) <= MAX_LATE_NS
-                ]
-                begins_ns += near_ns[:1]
-                ends_ns += near_ns[-1:]
-
+            begin_ns, end_ns = _bounds_ns(spans, shifts_ns, now_ns)
             yield _Settled(
-                begin_ns=min(begins_ns, default=0),
-                end_ns=max(ends_ns, default=-1),
+                begin_ns=begin_ns,
+                end_ns=end_ns,
                 shifts_ns=shifts_ns,
                 # a chunk without an index may hold events
                 has_events=not spans or number in self._with_events,
             )
+
+    def _changed_shifts_ns(
+        self,
+        spans: Mapping[str, _Span],
+        common: str,
+        now_ns: int,
+        earliest_ns: int,
+        latest_ns: int,
+        shifts_ns: Mapping[str, int],
+    ) -> dict[str, int]:
+        """Return the new shifts [ns] of the clocks that do not agree with the common clock.
+
+        Args:
+            spans: stamps of a chunk by clock.
+            common: name of the common clock.
+            now_ns: time of the chunk on the common clock.
+            earliest_ns: first time of the chunk on the common clock.
+            latest_ns: last time of the chunk on the common clock.
+            shifts_ns: shifts of the clocks so far.
+        """
+        changes = {}
+        for clock, span in spans.items():
+            stamp_ns = span.middle_ns - shifts_ns.get(clock, 0)
+            outside_ns = max(earliest_ns - stamp_ns, stamp_ns - latest_ns)
+            agrees = outside_ns <= CLOCK_APART_NS
+            if clock == common or agrees:
+                continue
+
+            apart_ns = span.middle_ns - now_ns
+            if clock in shifts_ns and not self._is_confirmed(clock, span, apart_ns):
+                continue
+            is_apart = abs(apart_ns) > CLOCK_APART_NS
+            changes[clock] = apart_ns if is_apart else 0
+        return changes
 
     def _now_ns(self, span: _Span, before_ns: int) -> int:
         """Return the time of a chunk on the common clock.

@@ -189,7 +189,7 @@ def _show(name: str, data: Any) -> Show:
     read: list[Drone] = []
     for index, drone in enumerate(drones):
         read.append(_drone(name, index, _table(drone, "settings")))
-        check_light_count(name, read)
+        check_light_count(name, read)  # after each drone, before more memory is filled
     return Show(
         title=title[:_LONGEST_NAME],
         drones=tuple(read),
@@ -211,6 +211,7 @@ def _table(value: Any, key: str) -> dict[str, Any]:
 def _origin(location: dict[str, Any]) -> Origin | None:
     """Return the show's origin on Earth; None if the file has none, or a wrong one."""
     try:
+        # through text, so that True and lists are refused as numbers
         latitude_deg, longitude_deg, *altitude = (
             float(str(number)) for number in location["origin"]
         )

@@ -2,8 +2,8 @@
 
 A neighbour with a valid key may still lie, or be mistaken. So its state is compared with physics,
 with its own prediction, and with the motion capture. A single contradiction may come from an
-estimator that began anew; several may not. A neighbour may publish any accuracy, because the
-distances that are kept from it grow with it.
+estimator that began anew; several may not. The accuracy that a neighbour publishes is not checked:
+if it is worse than the truth, others only keep a larger distance.
 """
 
 from __future__ import annotations
@@ -17,8 +17,11 @@ from onboard.tuples import Xyz
 _JUMP_M = 0.35  # allowed difference between a position and the one that the velocities explain
 _MISS_M = 0.4  # allowed difference between a position and the mocap's
 _MOST_M_S2 = 30.0  # largest acceleration of a vehicle
+# A vehicle may accelerate aside with this for half of a time, and back for the other half.
+_ASIDE_M_S2 = 15.0
 _NOISE_M_S = 1.0  # allowed error of a change of velocity
 _STDS = 2.0  # published standard deviations that are allowed on top
+_LONGEST_LEAD_S = 1.0  # no prediction reaches farther; a message may claim any lead
 _LONGEST_S = 0.5  # two states, or a state and a pose, farther apart in time are not compared
 
 # A neighbour counts as contradicted after this many contradictions by physics within
@@ -63,7 +66,7 @@ def physical_contradiction(before: Claim | None, claim: Claim, largest_m_s: floa
         return f"says that it flies {speed_m_s:.0f} m/s"
 
     slack_m = _JUMP_M + _STDS * claim.position_std_m
-    lead_s = min(max(claim.lead_time_s, 0.0), 1.0)
+    lead_s = min(max(claim.lead_time_s, 0.0), _LONGEST_LEAD_S)
     predicted_miss_m = _miss_m(
         claim, claim.predicted_position_enu_m, claim.predicted_velocity_enu_m_s, lead_s
     )
@@ -117,8 +120,8 @@ def mocap_contradiction(claim: Claim, seen: Seen) -> str:
 def _miss_m(claim: Claim, position_enu_m: Xyz, velocity_enu_m_s: Xyz, after_s: float) -> float:
     """Return the distance [m] of a later position to the one that both velocities explain.
 
-    The expected position follows from the mean of both velocities. The largest distance that a
-    possible acceleration may add is subtracted.
+    The expected position follows from the mean of both velocities. An acceleration aside and back
+    again leaves both velocities as they are and adds the distance a * t^2 / 4, which is subtracted.
     """
     px, py, pz = claim.position_enu_m
     vx, vy, vz = claim.velocity_enu_m_s
@@ -126,8 +129,8 @@ def _miss_m(claim: Claim, position_enu_m: Xyz, velocity_enu_m_s: Xyz, after_s: f
 
     half_s = 0.5 * after_s
     expected_enu_m = (px + half_s * (vx + wx), py + half_s * (vy + wy), pz + half_s * (vz + wz))
-    granted_m = 0.125 * _MOST_M_S2 * after_s * after_s
-    return math.dist(expected_enu_m, position_enu_m) - granted_m
+    aside_m = 0.25 * _ASIDE_M_S2 * after_s * after_s
+    return math.dist(expected_enu_m, position_enu_m) - aside_m
 
 
 @dataclass(slots=True)
@@ -139,7 +142,8 @@ class PlausibilityMonitor:
     is_watched: bool = False  # whether there was a contradiction within the last seconds
     _before: Claim | None = None  # its previous state
     _seen_ns: int = 0  # stamp of the pose that was compared last
-    _jumps: int = 0  # number of contradictions by physics within the last seconds
+    # number of contradictions by physics within the last seconds: of position, speed or prediction
+    _jumps: int = 0
     _misses: int = 0  # number of contradictions by the mocap in a row
     _contradicted_ns: int = 0  # time of the last contradiction
 

@@ -1,4 +1,9 @@
-"""Rules of preflight about PX4: link, health, arming, failsafes and parameters. Pure."""
+"""Rules of preflight about PX4: link, health, arming, failsafes and parameters. Pure.
+
+Each rule returns a key and values for a sentence. The key names a row in ``preflight.toml`` below
+the rule's own name. There stands the sentence, and whether the fault refuses a take-off or only
+gives advice. The sentences also use the limits that the table of rules passes on by their names.
+"""
 
 from __future__ import annotations
 
@@ -122,7 +127,7 @@ def _port(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
         return "others", {
             "count": refused.count,
             "reason": _REASONS[refused.newest],
-            "source": refused.source or "it",
+            "source": refused.source or "it",  # "... from it": from the port itself
         }
 
     listens = vehicle.autopilot.startswith("udpin://")

@@ -172,6 +172,15 @@ def _streams(client: VehicleClient, report: FactReport, since_s: float, until_s:
 
 
 def _message_layout(client: VehicleClient, report: FactReport, since_s: float) -> None:
+    """Report what the messages of a PX4 that nobody orders look like, and how regularly they come.
+
+    Among them is ``text.silent-alone``: without orders PX4 sends no texts.
+
+    Args:
+        client: the client that has listened.
+        report: the report to add the facts to.
+        since_s: time from which messages count.
+    """
     received = client.received
     version = "MAVLink 2"
     if received.v1_frames:

@@ -38,9 +38,9 @@ CONNECT_AFTER_NS = 1_000_000_000  # time that a real link takes for discovery an
 _MAX_INPUTS = 2000  # inputs that can wait for a tick; then the oldest ones are dropped
 _TICK_NS = round(1e9 * TICK_S)
 
-# the loop statistics, as the loop of a real agent counts them
-_STATISTICS_TICKS = 25
-_STATISTICS_PERIODS = 500
+# The loop statistics, as the loop of a real agent counts them.
+_STATISTICS_TICKS = 25  # ticks from one report to the next
+_STATISTICS_PERIODS = 500  # newest periods that a report is about
 _PERIOD_MS = 1e3 * TICK_S
 _LATE_MS = 5.0  # a tick that comes later than this counts as late
 
@@ -78,8 +78,8 @@ class AgentShell:
         self.is_hung = False
         self._starts = 0
 
-        # for tests of shows: how late it starts its path, as if its clock were behind, and whether
-        # it does not compare its show clock with those of the others
+        # For tests of shows: the delay with which it starts its path, as if its clock were behind,
+        # and whether it ignores the show clocks of the others.
         self.path_delay_s = 0.0
         self.follows_alone = False
 
@@ -115,6 +115,7 @@ class AgentShell:
             boot_id=1000 * self._starts + self.index,
             pipeline_step=self._pipeline_step,
         )
+        # A real agent runs its pipeline once before it is ready, to load and compile it.
         self.core.preflight.is_warm = True
         self._followed = self.core.neighbours.followed
         self._inbox.clear()
@@ -178,6 +179,8 @@ class AgentShell:
             """Return whether a real agent would have subscribed to this topic of that vehicle.
 
             It receives fast states of the vehicles that it follows, and slow states of the others.
+            This saves messages. What is already on its way while it begins or ends to follow a
+            vehicle is filtered once more on arrival.
             """
             if topic is Topic.STATE:
                 return other in self._followed
@@ -225,7 +228,8 @@ class AgentShell:
                 inbox.append(agent_inputs.MessagesCounted(refused=1))
                 return
 
-            # skip its own messages; those that its process sent before a restart do count
+            # Skip its own messages. What arrives under its name with another boot id comes from
+            # another process of the same vehicle, which the core has to notice.
             if other != name or message.boot_id != boot_id:
                 inbox.append(agent_inputs.NeighbourReceived(message, now_ns()))
 
@@ -252,6 +256,7 @@ class AgentShell:
             self._waiting_orders.append((message, reply))
             return
 
+        # Nothing malformed and no forged order is sent in lockstep.
         if isinstance(message, Order):
             message = self._with_path_fault(message)
             self._replies[message.order_id] = reply

@@ -9,8 +9,9 @@ from sitl.px4.modes import LandedState, Mode
 from sitl.px4.parameters import Parameters
 from sitl.px4.signals import AutopilotInputs
 
-# Time for which contact and low thrust have to last in PX4's own modes, which push the vehicle down
-# first. Setpoints do not push, and for OFFBOARD the version sets the time.
+# Time for which contact and low thrust have to last in PX4's own modes. These modes first push the
+# vehicle against the ground, and the time includes that. Setpoints of OFFBOARD do not push: there
+# the time depends on the version.
 _CONTACT_S = 4.3
 _LOWEST_THRUST = 0.12  # MPC_THR_MIN
 _LOW_SHARE = 0.3  # thrust that counts as low, from the lowest (0) to the hover thrust (1)
