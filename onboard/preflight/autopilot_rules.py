@@ -1,8 +1,7 @@
 """Rules of preflight about PX4: link, health, arming, failsafes and parameters. Pure.
 
-Each rule returns a key and values for a sentence. The key names a row in ``preflight.toml`` below
-the rule's own name. There stands the sentence, and whether the fault refuses a take-off or only
-gives advice. The sentences also use the limits that the table of rules passes on by their names.
+Each rule returns a key and values for a sentence. The key names a sentence in ``preflight.toml``,
+under ``[RULE.refuses]`` if the fault refuses a take-off, under ``[RULE.advises]`` if it is advice.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""The rule of preflight about RTK corrections: their source, their base, the fix. Pure."""
+"""The rule of preflight about RTK corrections: their source, their base, the fix. Pure.
+
+Each rule returns a key and values for a sentence. The key names a sentence in ``preflight.toml``,
+under ``[RULE.refuses]`` if the fault refuses a take-off, under ``[RULE.advises]`` if it is advice.
+"""
 
 from __future__ import annotations
 

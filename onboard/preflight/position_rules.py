@@ -1,6 +1,9 @@
 """Rules of preflight about position. Pure.
 
 They are about freshness, clock, agreement with PX4, rest, take-off spot and geofence.
+
+Each rule returns a key and values for a sentence. The key names a sentence in ``preflight.toml``,
+under ``[RULE.refuses]`` if the fault refuses a take-off, under ``[RULE.advises]`` if it is advice.
 """
 
 from __future__ import annotations
