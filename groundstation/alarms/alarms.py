@@ -112,7 +112,7 @@ class Alarms:
     def __init__(self, fleet: FleetConfig) -> None:
         self.fleet = fleet
         self.has_new = False  # whether the last update brought an alarm above NOTE
-        self._lines: dict[_Key, AlarmLine] = {}  # alarms that hold, or held a moment ago
+        self._lines: dict[_Key, AlarmLine] = {}  # alarms that hold, or held until recently
         self._last_ns: dict[_Key, int] = {}  # last time at which each of them held
         self._over: deque[AlarmLine] = deque(maxlen=MAX_OVER)
         self._last_event: LoggedEvent | None = None
@@ -221,8 +221,8 @@ class Alarms:
 
     def of(self, vehicle: str) -> list[AlarmLine]:
         """Return the alarms of one vehicle, the worst first."""
-        own = [line for line in self._lines.values() if vehicle in line.alarm.subject.split(_AND)]
-        return sorted(own, key=lambda line: _urgency(line.alarm))
+        lines = [line for line in self._lines.values() if vehicle in line.alarm.subject.split(_AND)]
+        return sorted(lines, key=lambda line: _urgency(line.alarm))
 
     def acknowledge(self, line: AlarmLine | None = None) -> int:
         """Acknowledge one alarm, or all; they stay in the list.

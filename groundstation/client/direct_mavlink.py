@@ -47,7 +47,7 @@ _SET_MESSAGE_INTERVAL = 511
 _HEARTBEAT_ID = 0
 _MANUAL_CONTROL_ID = 69
 _STICKS_INTERVAL_US = 100_000
-_DEFAULT_INTERVAL_US = 0  # asks for the message's default interval
+_DEFAULT_INTERVAL_US = 0  # stands for the default interval of a message
 # Longest wait for a heartbeat that shows the mode: it comes once a second, and on request.
 _LOOK_S = 1.3
 _STICKS_S = 0.8  # longest wait for sticks, which PX4 repeats five times a second

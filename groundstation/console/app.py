@@ -139,7 +139,7 @@ class ConsoleApp(App[int]):
         has_bell: bool = False,
         forecaster: Forecaster | None = None,
     ) -> None:
-        # Set before Textual's own `__init__`, which asks for the driver's class.
+        # Set before Textual's own `__init__`, which reads the class of the driver.
         self.terminal = TerminalHooks(on_key=lambda key: self.orders.send_urgent(key))
         super().__init__()
 

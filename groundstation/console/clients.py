@@ -43,7 +43,7 @@ class OrderingClient(ConsoleClient, Protocol):
         """Plan an order and check it; nothing is sent."""
 
     def check_again(self, planned: PlannedOrder) -> PlannedOrder:
-        """Check a planned order against the fleet as it is now."""
+        """Check a planned order against the present fleet."""
 
     def send(self, planned: PlannedOrder) -> OrderResult:
         """Send a planned order from any thread; its results are filled in later."""

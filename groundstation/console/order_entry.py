@@ -232,9 +232,9 @@ class OrderEntry:
         latched = sorted(self._latch.killed.intersection(intent.names))
         if latched:
             names = ",".join(latched)
-            it = "it" if len(latched) == 1 else "them"
+            pronoun = "it" if len(latched) == 1 else "them"
             self._refuse(
-                str(intent), f"{names} was killed. Look at {it}, then write: reset {names}"
+                str(intent), f"{names} was killed. Look at {pronoun}, then write: reset {names}"
             )
             return
 

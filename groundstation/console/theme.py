@@ -246,6 +246,6 @@ def wrap(text: str, width: int, most: int = 6) -> list[str]:
     lines.append(line)
 
     if len(lines) > most:
-        rest = " ".join(lines[most - 1 :])
-        return [*lines[: most - 1], fit(rest, max(1, width))]
+        last_line = " ".join(lines[most - 1 :])
+        return [*lines[: most - 1], fit(last_line, max(1, width))]
     return lines

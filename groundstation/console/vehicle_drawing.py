@@ -197,14 +197,16 @@ def _counts(last: Telemetry, ground: FleetState, tint: str) -> Block:
     A side that has used all messages has no line.
     """
     refused = last.refused_messages + sum(last.refused_orders.values())
-    theirs = in_words(last.malformed_messages, refused, last.dropped_messages, last.late_messages)
-    ours = in_words(ground.malformed, ground.refused, ground.dropped, ground.late)
+    agent_counts = in_words(
+        last.malformed_messages, refused, last.dropped_messages, last.late_messages
+    )
+    ground_counts = in_words(ground.malformed, ground.refused, ground.dropped, ground.late)
 
     lines: Block = []
-    if theirs:
-        lines.append([(" not used   ", FAINT), (theirs, tint)])
-    if ours:
-        lines.append([(" …this side ", FAINT), (ours, tint)])
+    if agent_counts:
+        lines.append([(" not used   ", FAINT), (agent_counts, tint)])
+    if ground_counts:
+        lines.append([(" …this side ", FAINT), (ground_counts, tint)])
     return lines
 
 
@@ -303,10 +305,10 @@ def _neighbour(subject: VehicleSubject, name: str) -> _Neighbour:
         age_s = subject.tick.neighbour_ages_s.get(name, math.nan)
 
     reported_m = math.nan
-    own = subject.view.position_enu_m(subject.now_ns)
-    other = subject.state.vehicles[name].position_enu_m(subject.now_ns)
-    if own is not None and other is not None:
-        reported_m = separation_m(own, other, subject.state.height_share)
+    subject_enu_m = subject.view.position_enu_m(subject.now_ns)
+    other_enu_m = subject.state.vehicles[name].position_enu_m(subject.now_ns)
+    if subject_enu_m is not None and other_enu_m is not None:
+        reported_m = separation_m(subject_enu_m, other_enu_m, subject.state.height_share)
 
     if math.isfinite(reported_m):
         sorting_m = reported_m

@@ -304,7 +304,7 @@ class ScriptOrders:
     def _begin(
         self, kind: Kind, durations_s: dict[str, float], order: Coroutine[Any, Any, Any]
     ) -> None:
-        """Begin an order in a task of its own."""
+        """Begin an order in a separate task."""
         due_s = self.time_s + max(durations_s.values())
         task = asyncio.create_task(self._until_its_end(order))
         task.add_done_callback(self._take_failure)

@@ -11,11 +11,11 @@ _MOST_KEPT = 500  # calls in the window, at 50 a second
 
 
 class LoopLateness:
-    """Lateness of calls that are meant to come at a fixed period.
+    """Lateness of calls at a fixed period.
 
     Args:
         clock_ns: the ground's monotonic clock [ns].
-        period_s: time that is meant to pass between two calls [s].
+        period_s: planned time between two calls [s].
     """
 
     def __init__(self, clock_ns: Callable[[], int], period_s: float) -> None:

@@ -71,7 +71,7 @@ class Control:
         self._takes_control = takes_control
         self._say = say
         self._clock_ns = clock_ns
-        self._own: dict[ControlClaim, ControlToken] = {}  # tokens of this ground
+        self._own_tokens: dict[ControlClaim, ControlToken] = {}  # tokens of this ground by claim
         # Time of the newest of three: first telemetry, own claim, own request; 0 before all. Two
         # waits begin there: SETTLE_S for all vehicles' reports, and SILENCE_S for an answer.
         self._wait_begin_ns = 0
@@ -82,14 +82,14 @@ class Control:
     @property
     def is_operator(self) -> bool:
         """Whether this ground has control, by the vehicles' telemetry."""
-        if "operator" not in self._own:
+        if "operator" not in self._own_tokens:
             return False
-        return self.holder is None or self.holder == self._own["operator"]
+        return self.holder is None or self.holder == self._own_tokens["operator"]
 
     @property
     def is_waiting(self) -> bool:
         """Whether this ground has requested control and has no answer yet."""
-        return "asks" in self._own
+        return "asks" in self._own_tokens
 
     @property
     def text(self) -> str:
@@ -225,20 +225,20 @@ class Control:
         While vehicles report two holders, the token with the higher rank wins. An own claim that no
         vehicle reports is given up after all vehicles have had the time to report it.
         """
-        own = self._own.get("operator")
-        rivals = [token for token in holders if token != own]
+        own_claim = self._own_tokens.get("operator")
+        rivals = [token for token in holders if token != own_claim]
 
-        if own is not None and own in holders:
-            self.holder = own
-            has_lost = any(rival.beats(own) for rival in rivals)
+        if own_claim is not None and own_claim in holders:
+            self.holder = own_claim
+            has_lost = any(rival.beats(own_claim) for rival in rivals)
         else:
             self.holder = min(rivals, key=_rank, default=None)
-            has_lost = own is not None and bool(rivals) and is_settled
+            has_lost = own_claim is not None and bool(rivals) and is_settled
         if has_lost:
             self._drop("operator")
             self.holder = min(rivals, key=_rank)
 
-        if rivals and "operator" not in self._own:
+        if rivals and "operator" not in self._own_tokens:
             # After another ground has operated, only a command of the user takes control.
             self._takes_control = False
 
@@ -255,10 +255,10 @@ class Control:
             self._drop("asks")
             author = "The operator" if self.holder is None else self.holder.author
             self._say("warning", f"{author} keeps control.")
-        elif not has_holder and "operator" not in self._own:
+        elif not has_holder and "operator" not in self._own_tokens:
             self._claim_free_control(tokens, is_settled=is_settled)
 
-        refusal = self._own.get("keeps")
+        refusal = self._own_tokens.get("keeps")
         requesting_node = None if self.requester is None else self.requester.node
         if refusal is not None and requesting_node != refusal.node:
             self._drop("keeps")
@@ -272,7 +272,7 @@ class Control:
         requests = [token for token in tokens if token.claim == "asks"]
         first_request = min(requests, key=_text_of, default=None)
 
-        if self.is_waiting and first_request == self._own["asks"]:
+        if self.is_waiting and first_request == self._own_tokens["asks"]:
             self._drop("asks")
             self._claim(1)
         elif self._takes_control and is_settled and first_request is None:
@@ -289,7 +289,7 @@ class Control:
         if holder is None:
             if before is not None:
                 self._say("warning", f"{before.label} does not operate any more: nobody does.")
-        elif holder == self._own.get("operator"):
+        elif holder == self._own_tokens.get("operator"):
             self._say("info", "You operate this fleet.")
         else:
             severity = "info" if before is None else "warning"
@@ -313,12 +313,12 @@ class Control:
         # shortens names.
         parsed = parse_control_token(str(token))
         assert parsed is not None
-        self._own[token.claim] = parsed
+        self._own_tokens[token.claim] = parsed
         self._bus.claim(str(parsed))
 
     def _drop(self, claim: ControlClaim) -> None:
         """Release this ground's token of a kind, if there is one."""
-        token = self._own.pop(claim, None)
+        token = self._own_tokens.pop(claim, None)
         if token is not None:
             self._bus.release(str(token))
 

@@ -15,7 +15,7 @@ AFTER_LATE_S = 1.0  # time after that until silence counts again; waiting messag
 
 
 def boot_clock_ns() -> int:
-    """Return a clock that goes on while this computer sleeps [ns]."""
+    """Return the time of a clock that runs while this computer sleeps [ns]."""
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
 
@@ -38,7 +38,7 @@ class OwnStall:
         Call it several times a second, or after each wait.
 
         Args:
-            waited_s: time that was meant to pass since the last look [s].
+            waited_s: planned time since the last look [s].
 
         Returns:
             Length of the stall [s]; 0 if there was none, and at the first look.

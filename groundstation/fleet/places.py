@@ -1,4 +1,4 @@
-"""Which vehicle has which place, by the spares that report that they stand in for others. Pure.
+"""The place of each vehicle in the fleet, by the reports of spares that replace others. Pure.
 
 A place is everything that a fleet file or mission assigns to a vehicle's name: a take-off spot,
 slots of formations, paths, steps. Normally the vehicle with that name has the place. After ``swap

@@ -243,7 +243,7 @@ class FleetState(Struct, frozen=True):
     loop_late_s: float = 0.0  # largest lateness of this ground's event loop in the last seconds
 
     def is_after_stall(self, now_ns: int) -> bool:
-        """Whether this ground itself stood still a moment ago, so that silence does not count."""
+        """Whether this ground has just been stalled, so that silence does not count."""
         return now_ns - self.stalled_ns < AFTER_STALL_S * 1e9
 
     def events_after(self, last: LoggedEvent | None) -> list[LoggedEvent]:
@@ -369,8 +369,8 @@ def _fold_light(state: FleetState, message: Light) -> FleetState:
 
 def _fold_event(state: FleetState, message: Event, now_ns: int) -> FleetState:
     """Keep an event, and note the time if it says that PX4 itself has reported a disarm."""
-    kept = state.events[-(MAX_EVENTS - 1) :]
-    state = replace(state, events=(*kept, LoggedEvent(now_ns, message)))
+    earlier_events = state.events[-(MAX_EVENTS - 1) :]
+    state = replace(state, events=(*earlier_events, LoggedEvent(now_ns, message)))
 
     view = state.vehicles.get(message.vehicle)
     if view is None:
@@ -593,8 +593,8 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
         return state
     state = replace(state, vehicles=MappingProxyType(vehicles))
     if touchdowns:
-        kept = (*state.touchdowns, *touchdowns)[-MAX_TOUCHDOWNS:]
-        state = replace(state, touchdowns=kept)
+        newest_touchdowns = (*state.touchdowns, *touchdowns)[-MAX_TOUCHDOWNS:]
+        state = replace(state, touchdowns=newest_touchdowns)
     return _compared_by_truth(state, updated, now_ns)
 
 
@@ -702,12 +702,12 @@ def _is_next(last: Truth | None, message: Truth) -> bool:
 
 
 def _separation(
-    one: str, other: str, distance_m: float, stamp_ns: int, *, is_truth: bool
+    name: str, other_name: str, distance_m: float, stamp_ns: int, *, is_truth: bool
 ) -> Separation:
     """Return the separation of two vehicles, whose names come in alphabetical order."""
     return Separation(
-        first=min(one, other),
-        second=max(one, other),
+        first=min(name, other_name),
+        second=max(name, other_name),
         distance_m=distance_m,
         stamp_ns=stamp_ns,
         is_truth=is_truth,

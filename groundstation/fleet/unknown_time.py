@@ -116,10 +116,10 @@ def with_time(times: tuple[UnknownTime, ...], time: UnknownTime) -> tuple[Unknow
     if len(times) < MAX_KEPT:
         return (*times, time)
 
-    mildest = max(times, key=lambda kept: kept.possible_m)
+    mildest = max(times, key=lambda stored: stored.possible_m)
     if mildest.possible_m <= time.possible_m:
         return times
-    return (*(kept for kept in times if kept is not mildest), time)
+    return (*(stored for stored in times if stored is not mildest), time)
 
 
 def _is_seen(sighting: Sighting, now_ns: int) -> bool:

@@ -57,7 +57,7 @@ def text_slots(text: str, font: str | None, count: int) -> Array:
     x, y = np.meshgrid(np.arange(low[0], high[0]) + 0.5, np.arange(low[1], high[1]) + 0.5)
     pixels = np.column_stack([x.ravel(), y.ravel()])
 
-    # Exclusive or, because the hole of an O is a polygon of its own.
+    # Exclusive or, because the hole of an O is a separate polygon.
     inside = np.logical_xor.reduce([polygon.contains_points(pixels) for polygon in polygons])
     return _spread(pixels[inside], count, f"The text {text!r}")
 
@@ -139,7 +139,7 @@ def _matplotlib() -> Any:
     return matplotlib
 
 
-def _spread(pixels: Array, count: int, what: str) -> Array:
+def _spread(pixels: Array, count: int, title: str) -> Array:
     """Return N = `count` pixels (N, 3) of a drawing (P, 2), spread evenly over it.
 
     This is Lloyd's iteration (k-means): each slot moves to the mean of the pixels that are nearest
@@ -147,7 +147,7 @@ def _spread(pixels: Array, count: int, what: str) -> Array:
     """
     if len(pixels) < count:
         raise ConfigError(
-            f"{what} has {len(pixels)} dark pixels, too few for {count} slots. Draw it thicker."
+            f"{title} has {len(pixels)} dark pixels, too few for {count} slots. Draw it thicker."
         )
 
     # The first is the one farthest west (the small weight decides between equals); each further

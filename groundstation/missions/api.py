@@ -162,7 +162,7 @@ class Fleet(Group):
 
     @property
     def arrivals(self) -> list[Arrival]:
-        """How far each vehicle was from its goal when its move ended."""
+        """Distance of each vehicle from its goal at the end of its move."""
         return self.ground.arrivals
 
     @property

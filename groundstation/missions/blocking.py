@@ -128,7 +128,7 @@ class BlockingFleet(_Blocking):
             self._host.end_calls()
 
     async def _begin(self, fleet: FleetFile, at_end: AtEnd, ready_timeout_s: float | None) -> Fleet:
-        """Open the connection in a task of its own, which holds it open until the end."""
+        """Open the connection in a separate task, which holds it open until the end."""
         ready: asyncio.Future[Fleet] = asyncio.get_running_loop().create_future()
         end = self._end = asyncio.Event()
 

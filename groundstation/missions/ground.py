@@ -305,12 +305,12 @@ class MissionGround:
             names: names of vehicles. They do what their last order or their failsafe says, and
                 land with the mission's end.
         """
-        new = [name for name in names if name not in self.left_out]
-        if not new:
+        newly_left_out = [name for name in names if name not in self.left_out]
+        if not newly_left_out:
             return
 
-        self.left_out.update(new)
-        self.say(f"The mission goes on without {', '.join(new)}.")
+        self.left_out.update(newly_left_out)
+        self.say(f"The mission goes on without {', '.join(newly_left_out)}.")
 
     def leave_out_disabled(self) -> None:
         """Go on without vehicles that are out of service or swapped, if any vehicle is left."""

@@ -22,7 +22,7 @@ _SAMPLES = 50  # number of samples, which take ten seconds
 
 
 class WindTooStrong(RuntimeError):
-    """The wind is above the limit of a hovering vehicle, so the mission does not go on."""
+    """The wind is above the limit of a hovering vehicle, so that the mission ends."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,11 +71,11 @@ async def land_all(
             lambda _: all(_is_landing(client, name) for name in superseded), TELEMETRY_WITHIN_S
         )
 
-    said: set[str] = set()
+    shown_lines: set[str] = set()
 
     def say_once(line: str) -> None:
-        if line not in said:
-            said.add(line)
+        if line not in shown_lines:
+            shown_lines.add(line)
             say(line)
 
     left = up

@@ -205,7 +205,7 @@ class MissionOrders:
 
     @property
     def live_line(self) -> str:
-        """What the mission does, in a few words; empty when none flies."""
+        """Short text about the present mission; empty when none flies."""
         if self._run is None or not self.is_flying:
             return ""
         return self._run.fleet.ground.live_line or self._line or "mission flies"

@@ -75,7 +75,7 @@ class OwnLink:
 
     @property
     def is_settling(self) -> bool:
-        """Whether the link came back a moment ago, and single vehicles may not be heard yet."""
+        """Whether the link has just returned, and single vehicles may not be heard yet."""
         return self._client.now_ns() < self._settled_ns
 
     def look(self) -> None:

@@ -1,4 +1,4 @@
-"""How long vehicles may stay in the air until the weakest battery must go home. Pure.
+"""Time that vehicles may stay in the air until the weakest battery requires a return. Pure.
 
 A vehicle needs a share of its battery for its way to a take-off spot and for the landing there. It
 must leave while its charge is at least that share above the level at which it lands where it is.

@@ -27,7 +27,7 @@ def below_words(names: Collection[str], fleet: FleetConfig, state: FleetState, n
         A sentence that begins with the smallest difference of height; empty if no vehicle is known
         to be below.
     """
-    found: list[tuple[float, str]] = []
+    falls: list[tuple[float, str]] = []  # difference of height and its text
     for name in names:
         upper = state.vehicles.get(name)
         if upper is None or not upper.is_airborne:
@@ -43,12 +43,12 @@ def below_words(names: Collection[str], fleet: FleetConfig, state: FleetState, n
             beside_m = math.dist(upper_enu_m[:2], lower_enu_m[:2])
             height_m = upper_enu_m[2] - lower_enu_m[2]
             if height_m > 0.0 and beside_m < fleet.fleet.safety_distance_m:
-                found.append((height_m, f"{name} falls on {other}, {height_m:.1f} m below"))
+                falls.append((height_m, f"{name} falls on {other}, {height_m:.1f} m below"))
 
-    if not found:
+    if not falls:
         return ""
-    words = [text for _, text in sorted(found)]
-    named = "; ".join(words[:_MOST_NAMED])
-    if len(words) > _MOST_NAMED:
-        named += f"; and {len(words) - _MOST_NAMED} more"
-    return f"{named}."
+    texts = [text for _, text in sorted(falls)]
+    sentence = "; ".join(texts[:_MOST_NAMED])
+    if len(texts) > _MOST_NAMED:
+        sentence += f"; and {len(texts) - _MOST_NAMED} more"
+    return f"{sentence}."

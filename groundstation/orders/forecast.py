@@ -27,12 +27,12 @@ from onboard.types import TICK_S
 SEEDS = (0, 1, 2, 3)  # one flight for each, with different errors
 ARRIVED_M = 0.15  # distance from a goal at which a vehicle has arrived
 TAKEOFF_START_S = 3.0  # time before the climb: OFFBOARD, arming and spinning up
-_PATH_POINTS = 80  # about so many points of each path are drawn
+_PATH_POINTS = 80  # approximate number of drawn points of each path
 _MANY_VEHICLES = 20  # largest fleet that is flown ahead more than once
 _SPARE_S = 10.0  # time that a flight may take beyond its expected duration
 _LONGEST_S = 90.0  # longest flight that is computed
 _DETOUR = 4.0  # expected duration over the duration of the longest way at top speed
-_CLOSER_M = 0.02  # an order is blamed only for a distance that is so much smaller than now
+_CLOSER_M = 0.02  # least decrease of a distance that counts as caused by the order
 
 
 @dataclass(frozen=True, slots=True)

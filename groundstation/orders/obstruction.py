@@ -1,4 +1,4 @@
-"""Says what keeps a vehicle from its goal: neighbours, obstacles, the fence. Pure.
+"""Hindrances between a vehicle and its goal: neighbours, obstacles, the fence. Pure.
 
 The results of moves that did not end in time get these sentences.
 """

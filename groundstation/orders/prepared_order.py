@@ -39,7 +39,7 @@ class PlansOrders(Protocol):
         """Plan an order and check it; nothing is sent."""
 
     def check_again(self, planned: PlannedOrder) -> PlannedOrder:
-        """Check a planned order against the fleet as it is now."""
+        """Check a planned order against the present fleet."""
 
 
 class FliesAhead(Protocol):
@@ -94,7 +94,7 @@ class PreparedOrder:
         return not self.is_computing and not self.reasons and self.preview is not None
 
     def begin(self, note: str = "") -> None:
-        """Plan the order for the fleet as it is now, and begin to compute its paths.
+        """Plan the order for the present fleet, and begin to compute its paths.
 
         Args:
             note: reason for computing it again; empty at first.
@@ -137,7 +137,7 @@ class PreparedOrder:
             self._on_change()
 
     def check(self) -> PlannedOrder | None:
-        """Check the shown order against the fleet as it is now.
+        """Check the shown order against the present fleet.
 
         Returns:
             The order that has passed the check; None if it is computed again after a change.

@@ -93,8 +93,8 @@ def preview_order(planned: PlannedOrder, state: FleetState, now_ns: int) -> Orde
     reasons = [*dict.fromkeys(planned.refusals.values()), *unfit.values()]
     fit = tuple(name for name in planned.orders if name not in unfit)
     if unfit and fit and not planned.refusals:
-        them = "it" if len(unfit) == 1 else "them"
-        reasons.append(f"Without {them}: {replace(intent, vehicles=fit)}")
+        pronoun = "it" if len(unfit) == 1 else "them"
+        reasons.append(f"Without {pronoun}: {replace(intent, vehicles=fit)}")
 
     return OrderPreview(
         planned=planned,

@@ -201,9 +201,9 @@ def _smoothed(padded: Array, step_s: float) -> tuple[Array, Array, Array]:
     def averaged(values: Array) -> Array:
         """Return the second difference over the window, divided by the square of its length."""
         ahead = values[2 * _WINDOW :]
-        here = values[_WINDOW:-_WINDOW]
+        middle = values[_WINDOW:-_WINDOW]
         behind = values[: -2 * _WINDOW]
-        return np.asarray((ahead - 2.0 * here + behind) / window_s**2)
+        return np.asarray((ahead - 2.0 * middle + behind) / window_s**2)
 
     p = averaged(twice)
     v = averaged(once)

@@ -51,8 +51,8 @@ def declare(message_id: int, name: str, fields: Sequence[str]) -> MessageLayout:
     seed = mcrf4xx(f"{name} ".encode())
 
     for entry in fields:
-        kind, _, rest = entry.partition(" ")
-        label, _, count_text = rest.rstrip("]").partition("[")
+        kind, _, declarator = entry.partition(" ")
+        label, _, count_text = declarator.rstrip("]").partition("[")
         count = int(count_text or 0)
 
         named.append((label, count))

@@ -85,21 +85,21 @@ class QuitScreen(Dialog[str]):
             shown += " …"
 
         flies = "fly"
-        them = "them"
-        they_are = "they are"
+        pronoun = "them"
+        pronoun_are = "they are"
         if count == 1:
             flies = "flies"
-            them = "it"
-            they_are = "it is"
+            pronoun = "it"
+            pronoun_are = "it is"
 
         lines = [
             f"{shown} {flies}.",
             "",
-            f"[b]y[/b]    land {them} on the spot, wait until {they_are} down, then quit",
+            f"[b]y[/b]    land {pronoun} on the spot, wait until {pronoun_are} down, then quit",
         ]
         if self._can_stay_up:
             lines.append(
-                f"[b]f[/b]    leave {them} flying and quit: each ends its order and stays there"
+                f"[b]f[/b]    leave {pronoun} flying and quit: each ends its order and stays there"
             )
             twice = "ctrl+c twice leaves at once, with the landing under way"
         else:

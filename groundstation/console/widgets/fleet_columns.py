@@ -407,16 +407,16 @@ def fit_columns(width: int, *, has_corrections: bool = False) -> tuple[tuple[Col
 
     There is a blank after each column. If the reason would have too little room, it gets 0 cells.
     """
-    left = width
-    kept = set()
+    left_cells = width
+    shown_titles = set()
     for column in sorted(COLUMNS, key=lambda column: column.rank):
         if column.of_corrections and not has_corrections:
             continue
-        if column.width + 1 <= left:
-            kept.add(column.title)
-            left -= column.width + 1
+        if column.width + 1 <= left_cells:
+            shown_titles.add(column.title)
+            left_cells -= column.width + 1
 
-    columns = tuple(column for column in COLUMNS if column.title in kept)
-    if left < REASON_WIDTH:
+    columns = tuple(column for column in COLUMNS if column.title in shown_titles)
+    if left_cells < REASON_WIDTH:
         return columns, 0
-    return columns, left
+    return columns, left_cells

@@ -274,7 +274,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         row = max(0, min(len(self._rows) - 1, row))
         self._cursor = self._rows[row].name
 
-        body_height = max(1, self.size.height - 1)  # the heading stays where it is
+        body_height = max(1, self.size.height - 1)  # the heading does not scroll
         top = max(row - body_height + 1, min(row, round(self.scroll_offset.y)))
         self.scroll_to(y=top, animate=False, force=True)
         self.redraw()
