@@ -1,6 +1,10 @@
 """Converts the pipeline's values to those of the law, and the law's answer back.
 
 Every number that enters the law is made finite here, so that the law itself has no such checks.
+
+The law calculates for the time t + L, at which a command of now takes effect. It limits the thrust
+by half-planes, its rows: one for each neighbour, obstacle and wall. README.md beside this file has
+the lines of the algorithm (P1 to O) and the deviations from the paper (D1 to D16).
 """
 
 from __future__ import annotations
@@ -49,8 +53,8 @@ class Answer(NamedTuple):
 
     thrust_m_s2: Vec2  # safe thrust with its compensation
     status: int  # a LawStatus
-    slack_m_s2: float
-    crowd_count: float
+    slack_m_s2: float  # by which all rows had to be relaxed; 0 if they allow some thrust
+    crowd_count: float  # number of neighbours near this vehicle, which decides how it turns
     active: int  # index of the neighbour that binds most, NOBODY or NOT_A_VEHICLE
 
 
@@ -62,7 +66,7 @@ def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParam
         predicted: own motion from :func:`predict`.
         state: own estimate; its height and its standard deviations count.
     """
-    f = baseline.thrust.thrust_enu_m_s2
+    f = baseline.thrust.thrust_enu_m_s2  # as the paper's thrust
     has_motion = (
         is_within(f, LARGEST)
         and is_within(predicted.position_enu_m, LARGEST)
@@ -71,7 +75,7 @@ def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParam
     if not has_motion:
         f = _LEVEL
 
-    s = ZERO_2
+    s = ZERO_2  # compensation
     has_compensation = is_within(baseline.compensation_enu_m_s2, LARGEST)
     if has_compensation:
         s = horizontal(baseline.compensation_enu_m_s2)

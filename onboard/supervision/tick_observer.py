@@ -110,9 +110,11 @@ class TickObserver:
             position_stale_s = self._stale.seconds(now_ns)
         else:
             self._stale.checks = 0
-        jumped_onto = ""
+        jumped_onto = ""  # name of the vehicle on whose position it has jumped
         if own.jumps >= SWAP_JUMPS:
             jumped_onto = self._jumped_onto(now_ns)
+
+        # attitude and wind
         is_tracked = step.is_under_law and step is not FlightStep.LIFTOFF
         if is_tracked and height_m >= self._tracked_above_m(view):
             self._tracking.update(
@@ -149,13 +151,13 @@ class TickObserver:
             fence = self._fence_status(view)
 
         # the order, and the other vehicles
-        overdue = flight.overdue(view)
+        overdue = flight.overdue(view)  # why the order takes too long, in words; empty: it does not
         if overdue == "":
             overdue = neighbours.kept_off_by(flight.goal_position_enu_m, view)
         if step is FlightStep.LEG:
             neighbours.count_avoided(context.active_neighbour)
         silence = neighbours.look(now_ns)
-        touched = ""
+        touched = ""  # name of the neighbour that it touches
         if context.is_airborne and context.nearest_m < self._touching_m:
             touched = neighbours.nearest_to(
                 view.position_enu_m, self._limits.body_diameter_m, now_ns

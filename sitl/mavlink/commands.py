@@ -170,6 +170,9 @@ def _reposition(link: CommandedLink, command: ReceivedCommand) -> Answer:
     latitude_deg = command.numbers[4] * scale
     longitude_deg = command.numbers[5] * scale
     altitude_m = command.numbers[6]
+    if math.isinf(latitude_deg) or math.isinf(longitude_deg):
+        latitude_deg = math.nan  # as if it were missing: an infinite angle has no cosine
+        longitude_deg = math.nan
     position = np.array(link.view.to_local(latitude_deg, longitude_deg, altitude_m))
 
     # The vehicle keeps each coordinate that is missing or too far away.

@@ -1,6 +1,8 @@
-"""The file of the map's results: one JSON line for each unit, appended when it has been flown.
+"""The file of the results of a law map: one JSON line for each unit that has been flown.
 
-A map can be interrupted at any time, and continued from its file.
+The map of the law (``covey simulate --map``) shows in which cells of delay, loss, speed and number
+of vehicles the law holds. A unit is a batch of flights in one cell. A map can be interrupted at any
+time, and continued from its file.
 """
 
 from __future__ import annotations
