@@ -30,6 +30,7 @@ from onboard.bus.schema import Order, OrderReply
 from onboard.bus.session import BusSession
 from onboard.config.fleet import FleetConfig, MocapConfig
 from onboard.exit_status import EXIT_INTERRUPTED, EXIT_OK, EXIT_WRONG_INPUT
+from onboard.preflight.preflight_facts import HEARTBEAT_SILENT_S
 from onboard.process import realtime
 from onboard.process.systemd import Notifier
 from onboard.px4.mavsdk_link import Px4Link
@@ -46,7 +47,6 @@ _SATELLITES_HZ = 5.0
 _STATISTICS_TICKS = 25  # number of ticks between two reports of the loop's times
 _FAILED_TICKS_TO_LAND = 25  # number of failed ticks in a row after which PX4 is asked to land
 _TIDY_TICKS = 500  # number of ticks between two garbage collections, on the ground only
-_HEARTBEAT_NS = 3_000_000_000  # up to this age PX4's heartbeat tells whether PX4 is armed
 _ROUTER_S = 1.0  # time of one search for a router; signals are handled between two searches
 
 log = logging.getLogger("covey.agent")
@@ -304,14 +304,14 @@ class AgentProcess:
         for_px4: list[agent_commands.Command] = []
         while inbox.events:
             for_px4 += core.handle(inbox.events.popleft(), now_ns)
-        core.handle(agent_inputs.SnapshotReceived(self._link.snapshot()), now_ns)
+        snapshot = self._link.snapshot()
+        core.handle(agent_inputs.SnapshotReceived(snapshot), now_ns)
 
         execute(core.tick(now_ns))
         execute(for_px4)
 
         is_on_ground = core.flight.step.situation is Situation.GROUND
-        snapshot = self._link.snapshot()
-        hears_px4 = now_ns - snapshot.heartbeat_ns < _HEARTBEAT_NS
+        hears_px4 = (now_ns - snapshot.heartbeat_ns) * 1e-9 < HEARTBEAT_SILENT_S
         is_disarmed = is_on_ground and hears_px4 and not snapshot.is_armed
         self._log_relay.step(is_disarmed=is_disarmed, now_ns=now_ns)
 
