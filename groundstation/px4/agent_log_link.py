@@ -23,6 +23,7 @@ from groundstation.client.mavlink_port import (
     message_codec,
     send_to_autopilot,
 )
+from groundstation.px4.log_transfer import ArmedInBetween
 from onboard.bus.codec import Malformed
 from onboard.bus.control_token import WATCHER
 from onboard.bus.protocol import Bus, BusError
@@ -34,14 +35,6 @@ from onboard.security.node_roles import NodeRole
 _HEARD_S = 3.0  # longest wait for the telemetry of an agent
 _LOOK_S = 0.05  # time between two looks
 _MOST_PIECES = 2000  # most packets that wait to be decoded
-
-
-class _Armed:
-    """A replacement for a heartbeat that reports an armed vehicle."""
-
-    def get_type(self) -> str:
-        """Return the name of the message that this one replaces."""
-        return "HEARTBEAT"
 
 
 class AgentLogLink:
@@ -77,12 +70,16 @@ class AgentLogLink:
         self._bus.publish(Topic.LOG_REQUEST, self._vehicle.name, LogRequest(packet=bytes(packet)))
 
     def next_message(self, names: Iterable[str], timeout_s: float) -> Any | None:
-        """Return the autopilot's next message of these names; None when none comes in time."""
+        """Return the autopilot's next message of these names; None if none comes in time.
+
+        Raises:
+            ArmedInBetween: the agent reports that the vehicle is armed.
+        """
         wanted = tuple(names)
         end_s = time.monotonic() + timeout_s
         while True:
-            if self.is_armed and "HEARTBEAT" in wanted:
-                return _Armed()
+            if self.is_armed:
+                raise ArmedInBetween
             while self._messages:
                 message = self._messages.pop()
                 is_own = is_of_autopilot(message, self._vehicle.system_id)
@@ -95,10 +92,6 @@ class AgentLogLink:
             with contextlib.suppress(queue.Empty):
                 packet = self._pieces.get(timeout=min(left_s, _LOOK_S))
                 self._messages = list(reversed(self._codec.parse_buffer(packet) or []))
-
-    def says_armed(self, _heartbeat: Any) -> bool:
-        """Return whether the agent reports that the vehicle is armed."""
-        return bool(self.is_armed)
 
     def _received(self, _topic: Topic, _name: str, message: Message | Malformed) -> None:
         """Receive telemetry or log pieces; called on a thread of the bus."""

@@ -21,6 +21,7 @@ from groundstation.client.autopilot_link import AutopilotLink
 from groundstation.px4.agent_log_link import AgentLogLink
 from groundstation.px4.file_pieces import Pieces
 from groundstation.px4.log_transfer import (
+    ArmedInBetween,
     FileTransfer,
     LogData,
     LogEntry,
@@ -46,10 +47,6 @@ _SHOWN_BYTES = 50_000  # bytes between two reports of progress
 _MB = 1e6
 
 
-class ArmedInBetween(Exception):
-    """The vehicle was armed while its log was fetched."""
-
-
 class IncompleteError(Exception):
     """A log was not fetched completely; the message is a sentence."""
 
@@ -68,10 +65,10 @@ class CheckedLink:
     """A link that raises as soon as the vehicle is armed.
 
     Args:
-        link: the link to the vehicle's PX4, directly or through its agent.
+        link: the link to the vehicle's PX4.
     """
 
-    def __init__(self, link: AutopilotLink | AgentLogLink) -> None:
+    def __init__(self, link: AutopilotLink) -> None:
         self._link = link
 
     def send(self, name: str, *values: object) -> None:
@@ -127,13 +124,13 @@ def _fetch_one(
     progress: Progress,
 ) -> VehicleReport:
     name = link.vehicle.name
-    way: AutopilotLink | AgentLogLink
+    log_link: LogLink
     if link.link is not None:
-        way = link.link
+        log_link = CheckedLink(link.link)
         is_armed = link.is_armed
         way_words = link.version_text
     elif agent_link is not None:
-        way = agent_link
+        log_link = agent_link
         is_armed = bool(agent_link.is_armed)
         way_words = "through its agent"
     else:
@@ -144,12 +141,11 @@ def _fetch_one(
         return VehicleReport(name, False, headline)
 
     lines: list[str] = []
-    checked = CheckedLink(way)
     try:
-        logs = listed(checked, newest)
+        logs = listed(log_link, newest)
         for log in logs:
             target = folder / f"{name}-{log.name}{SUFFIX}"
-            lines.append(_fetched(checked, log, target, name, progress))
+            lines.append(_fetched(log_link, log, target, name, progress))
     except ArmedInBetween:
         headline = (
             "stopped: it was armed meanwhile. Land and disarm it, and fetch once more:"

@@ -86,6 +86,10 @@ class TransferRefused(Exception):
         self.error = error
 
 
+class ArmedInBetween(Exception):
+    """The vehicle was armed while its log was fetched."""
+
+
 class TransferSilent(Exception):
     """PX4 did not answer a request."""
 

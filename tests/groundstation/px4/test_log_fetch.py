@@ -22,7 +22,8 @@ from groundstation.cli import main
 from groundstation.client.autopilot_link import AutopilotLink
 from groundstation.px4 import agent_log_link, log_fetch, log_transfer
 from groundstation.px4.fetch_progress import FetchProgress
-from groundstation.px4.log_fetch import ArmedInBetween, IncompleteError, VehicleLog, listed
+from groundstation.px4.log_fetch import IncompleteError, VehicleLog, listed
+from groundstation.px4.log_transfer import ArmedInBetween
 from groundstation.px4.vehicle_links import VehicleLink
 from onboard.bus.protocol import BusError
 from onboard.config.fleet import FleetConfig, load_fleet
