@@ -25,6 +25,8 @@ globalThis.Covey ??= {};
   const RING_CORNERS = 48; // of a large one
   const LEAST_RING_CORNERS = 8;
   const LEAST_BODY_PX = 17;
+  const FAR_BODY_PX = 40; // a smaller body is drawn in its simple shape
+  const SHAPES = ["near", "far"];
   const MOST_PIXELS_PER_POINT = 2;
   const PICTURE_OPACITY = 0.75;
   const CREDIT_MARGIN_PX = 6;
@@ -142,8 +144,13 @@ globalThis.Covey ??= {};
 
   // -- the shape of a vehicle ------------------------------------------------------------------------
 
-  /* Returns the triangles of a quadrotor, 7 numbers a corner: point, normal, shade. */
-  function quadrotor() {
+  /*
+   * Returns the triangles of a quadrotor, 7 numbers a corner: point, normal, shade.
+   *
+   * isSimple: a quarter of the triangles, for a vehicle that is a few pixels wide: its rotors and
+   * arms are flat. Where no graphics card draws, each triangle takes time, whatever its size.
+   */
+  function quadrotor({ isSimple = false } = {}) {
     const numbers = [];
     const corner = (point, normal, shade) => numbers.push(...point, ...normal, shade);
 
@@ -153,7 +160,7 @@ globalThis.Covey ??= {};
       for (const point of [a, b, c]) corner(point, normal, shade);
     };
 
-    const bar = (from, to, half, height, shade) => {
+    const bar = (from, to, half, height, shade, isFlat = false) => {
       const along = unit(minus(to, from));
       const side = [-along[1] * half, along[0] * half, 0];
       const at = (end, across, up) => [
@@ -162,6 +169,11 @@ globalThis.Covey ??= {};
         end[2] + up * height,
       ];
       const [a, b, c, d] = [at(from, 1, 1), at(from, -1, 1), at(to, -1, 1), at(to, 1, 1)];
+      if (isFlat) {
+        triangle(a, b, c, shade);
+        triangle(a, c, d, shade);
+        return;
+      }
       const [e, f, g, h] = [at(from, 1, -1), at(from, -1, -1), at(to, -1, -1), at(to, 1, -1)];
       for (const [p, q, r, s] of [
         [a, b, c, d], [h, g, f, e], [a, d, h, e], [b, f, g, c], [d, c, g, h], [a, e, f, b],
@@ -172,7 +184,7 @@ globalThis.Covey ??= {};
     };
 
     const rotor = (middle, radius) => {
-      const corners = 12;
+      const corners = isSimple ? 6 : 12;
       for (let k = 0; k < corners; k++) {
         const at = (index, height) => {
           const angle = (2 * Math.PI * index) / corners;
@@ -182,6 +194,7 @@ globalThis.Covey ??= {};
         const [top, bottom] = [0.03, -0.03];
         const [a, b, c, d] = [at(k, top), at(k + 1, top), at(k + 1, bottom), at(k, bottom)];
         triangle([middle[0], middle[1], middle[2] + top], a, b, 0.12); // seen from below, too
+        if (isSimple) continue;
         triangle(a, d, b, 0);
         triangle(b, d, c, 0);
       }
@@ -190,7 +203,7 @@ globalThis.Covey ??= {};
     const reach = 0.62; // of the rotors' axes
     for (const [x, y] of [[1, 1], [1, -1], [-1, -1], [-1, 1]]) {
       const tip = [(x * reach) / Math.SQRT2, (y * reach) / Math.SQRT2, 0];
-      bar([0, 0, 0], tip, 0.05, 0.035, 0);
+      bar([0, 0, 0], tip, 0.05, 0.035, 0, isSimple);
       rotor([tip[0], tip[1], 0.08], 0.36);
     }
     bar([-0.2, 0, 0.02], [0.2, 0, 0.02], 0.15, 0.1, 0);
@@ -248,6 +261,11 @@ globalThis.Covey ??= {};
     }
   }
 
+  /* Returns room for the numbers of bodies, by the shape in which they are drawn. */
+  function bodies() {
+    return { near: new Numbers(), far: new Numbers() };
+  }
+
   // -- the scene -------------------------------------------------------------------------------------
 
   class Scene {
@@ -260,13 +278,14 @@ globalThis.Covey ??= {};
       this._overlay = overlay;
       this._context = overlay.getContext("2d");
       this._lines = new Numbers();
-      this._solid = new Numbers(); // bodies
-      this._ghosts = new Numbers(); // bodies that one can see through
+      this._solid = bodies();
+      this._ghosts = bodies(); // one can see through them
       this._labels = [];
       this._pictures = [];
       this._credit = "";
 
-      this._gl = canvas.getContext("webgl2", { antialias: hasGraphicsCard() });
+      // Opaque: nothing shines through it, so a browser that draws in software has half of the work.
+      this._gl = canvas.getContext("webgl2", { alpha: false, antialias: hasGraphicsCard() });
       this._gpu = this._gl ? new Drawer(this._gl) : null;
       canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
       canvas.addEventListener("webglcontextrestored", () => {
@@ -290,8 +309,10 @@ globalThis.Covey ??= {};
     /* Begins a picture. */
     begin() {
       this._lines.clear();
-      this._solid.clear();
-      this._ghosts.clear();
+      for (const shape of SHAPES) {
+        this._solid[shape].clear();
+        this._ghosts[shape].clear();
+      }
       this._labels = [];
       this._pictures = [];
       this._credit = "";
@@ -445,10 +466,12 @@ globalThis.Covey ??= {};
      * A vehicle that is far away is drawn larger than it is, so that one still sees it.
      */
     body(position, quaternion, colour, { opacity = 1, diameter_m = 0.5 } = {}) {
-      const scale_m = Math.max(diameter_m, LEAST_BODY_PX / this._pixelsPerMetreAt(position)) / 2;
+      const pixelsPerMetre = this._pixelsPerMetreAt(position);
+      const scale_m = Math.max(diameter_m, LEAST_BODY_PX / pixelsPerMetre) / 2;
 
-      const isGhost = opacity < 1;
-      const numbers = isGhost ? this._ghosts : this._solid;
+      const bodiesOfKind = opacity < 1 ? this._ghosts : this._solid;
+      const isFar = diameter_m * pixelsPerMetre < FAR_BODY_PX;
+      const numbers = isFar ? bodiesOfKind.far : bodiesOfKind.near;
       const at = numbers.more(BODY_NUMBERS);
       numbers.values.set(position, at);
       numbers.values.set(quaternion ?? [1, 0, 0, 0], at + 3);
@@ -496,7 +519,7 @@ globalThis.Covey ??= {};
       context.clearRect(0, 0, this._overlay.width, this._overlay.height);
 
       if (this._gpu && !this._gl.isContextLost()) {
-        this._gpu.begin();
+        this._gpu.begin(Covey.rgb(Covey.colour("scene")));
         this._gpu.drawPictures(this._matrix, this._pictures);
         this._gpu.draw(this._matrix, this._ratio, this._lines, this._solid, this._ghosts);
       } else {
@@ -542,11 +565,13 @@ globalThis.Covey ??= {};
         context.stroke();
       }
 
-      for (const bodies of [this._ghosts.written, this._solid.written]) {
-        for (let at = 0; at < bodies.length; at += BODY_NUMBERS) {
-          const middle = this.project(bodies.subarray(at, at + 3));
+      for (const { written } of [
+        this._ghosts.far, this._ghosts.near, this._solid.far, this._solid.near,
+      ]) {
+        for (let at = 0; at < written.length; at += BODY_NUMBERS) {
+          const middle = this.project(written.subarray(at, at + 3));
           if (!middle) continue;
-          context.fillStyle = style(bodies.subarray(at + 7, at + 10), bodies[at + 10]);
+          context.fillStyle = style(written.subarray(at + 7, at + 10), written[at + 10]);
           context.beginPath();
           context.arc(middle[0], middle[1], LEAST_BODY_PX / 2, 0, 2 * Math.PI);
           context.fill();
@@ -657,13 +682,20 @@ globalThis.Covey ??= {};
       }
 
       this._bodyProgram = program(gl, BODY_VERTEX, BODY_FRAGMENT);
-      this._bodyBuffer = gl.createBuffer();
-      const shape = quadrotor();
-      this._bodyCorners = shape.length / 7;
-      this._bodyArray = this._array(shape, [3, 3, 1], this._bodyBuffer, [3, 4, 4, 1]);
+      this._shapes = {
+        near: this._shape(quadrotor()),
+        far: this._shape(quadrotor({ isSimple: true })),
+      };
 
       this._pictureProgram = program(gl, PICTURE_VERTEX, PICTURE_FRAGMENT);
       this._onCard = new Map(); // image -> its texture and its corners
+    }
+
+    /* Brings a body's triangles to the graphics card, with a buffer for the bodies of this shape. */
+    _shape(triangles) {
+      const buffer = this._gl.createBuffer();
+      const array = this._array(triangles, [3, 3, 1], buffer, [3, 4, 4, 1]);
+      return { buffer, array, corners: triangles.length / 7 };
     }
 
     /* Returns a vertex array: a shape, and numbers for each of its instances. */
@@ -696,10 +728,11 @@ globalThis.Covey ??= {};
       return location;
     }
 
-    begin() {
+    /* Begins a picture on a background of this colour. */
+    begin([red, green, blue]) {
       const gl = this._gl;
       gl.viewport(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight);
-      gl.clearColor(0, 0, 0, 0);
+      gl.clearColor(red, green, blue, 1);
       gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
       gl.enable(gl.DEPTH_TEST);
       gl.enable(gl.BLEND);
@@ -772,10 +805,14 @@ globalThis.Covey ??= {};
       const gl = this._gl;
       gl.useProgram(this._bodyProgram.program);
       gl.uniformMatrix4fv(this._bodyProgram.matrix, false, matrix);
-      gl.bindVertexArray(this._bodyArray);
-      gl.bindBuffer(gl.ARRAY_BUFFER, this._bodyBuffer);
-      gl.bufferData(gl.ARRAY_BUFFER, bodies.written, gl.DYNAMIC_DRAW);
-      gl.drawArraysInstanced(gl.TRIANGLES, 0, this._bodyCorners, bodies.length / BODY_NUMBERS);
+      for (const name of SHAPES) {
+        const shape = this._shapes[name];
+        const numbers = bodies[name];
+        gl.bindVertexArray(shape.array);
+        gl.bindBuffer(gl.ARRAY_BUFFER, shape.buffer);
+        gl.bufferData(gl.ARRAY_BUFFER, numbers.written, gl.DYNAMIC_DRAW);
+        gl.drawArraysInstanced(gl.TRIANGLES, 0, shape.corners, numbers.length / BODY_NUMBERS);
+      }
     }
   }
 
