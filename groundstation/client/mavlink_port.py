@@ -203,9 +203,9 @@ def send_to_autopilot(codec: Any, system_id: int, name: str, values: tuple[objec
     """Send a message that is addressed to an autopilot.
 
     Args:
-        codec: of pymavlink.
-        system_id: of the vehicle.
-        name: of the message, in small letters.
+        codec: MAVLink codec of pymavlink.
+        system_id: system id of the vehicle.
+        name: name of the message, in small letters.
         values: of its fields; target system and component are put in where they belong: first, or
             behind the first field of file transfers, the network.
     """

@@ -236,7 +236,7 @@ class LogData:
     """A client of LOG_DATA.
 
     Args:
-        link: to PX4.
+        link: link to PX4.
     """
 
     def __init__(self, link: LogLink) -> None:

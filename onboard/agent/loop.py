@@ -325,11 +325,11 @@ class AgentProcess:
             self._check_certificate(now_ns)
 
     def _check_certificate(self, now_ns: int) -> None:
-        """Tell the core how long the certificates are valid, and end the process long after that.
+        """Tell the core how long the certificates stay valid; end the process after they expired.
 
-        Open links survive the end of a certificate, so that no flight is interrupted. The process
-        ends on the ground, once the certificate has been over for longer than the longest flight.
-        That closes the links.
+        Open links survive the expiry of a certificate, so that no flight is interrupted. Once the
+        certificate has been expired for longer than the longest flight, the process ends as soon as
+        the vehicle is on the ground. That closes the links.
         """
         end = self._certificate_end
         if end is None:
@@ -338,9 +338,10 @@ class AgentProcess:
         left_s = end.left_s(time.time())
         self._core.handle(agent_inputs.CertificateChecked(end.node, left_s), now_ns)
 
-        is_over = left_s < -longest_flight_s(self._fleet)
+        expired_s = -left_s
+        is_long_expired = expired_s > longest_flight_s(self._fleet)
         is_on_ground = self._core.flight.step.situation is Situation.GROUND
-        if is_over and is_on_ground and not self._ends_links:
+        if is_long_expired and is_on_ground and not self._ends_links:
             self._ends_links = True
             log.error("the certificate of %s has ended: all links are closed now", end.node)
             self._inbox.notices.append(agent_inputs.ShutdownRequested())

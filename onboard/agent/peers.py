@@ -59,20 +59,22 @@ class BusNodes:
 class NeighbourFollower:
     """Chooses from time to time the neighbours whose states are received at full rate.
 
-    In a large fleet none is followed at first.
+    In a large fleet no neighbour is followed before the first choice.
     """
 
     def __init__(self, table: NeighbourTable) -> None:
         self._table = table
-        self._ticks_left = 0
+        self._has_chosen = False
+        self._ticks_to_choice = 1
 
     def due(self, position_enu_m: Xyz | None, now_ns: int) -> list[Follow]:
-        """Return the command for a changed choice, if there is one; the first choice counts."""
-        self._ticks_left -= 1
-        if self._ticks_left > 0:
+        """Count one tick; return a command if a choice is due and is the first or a new one."""
+        self._ticks_to_choice -= 1
+        if self._ticks_to_choice > 0:
             return []
-        is_first_choice = self._ticks_left < 0
-        self._ticks_left = SELECT_TICKS
+        is_first_choice = not self._has_chosen
+        self._has_chosen = True
+        self._ticks_to_choice = SELECT_TICKS
 
         has_changed = False
         if position_enu_m is not None:

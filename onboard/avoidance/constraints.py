@@ -72,9 +72,9 @@ def constraints_around(
 
     Args:
         own: this vehicle at t + L.
-        pairs: with the neighbours that count.
-        surfaces: of the obstacles that count.
-        crowd_count: of this vehicle.
+        pairs: this vehicle and each of the neighbours that count.
+        surfaces: nearest points of the obstacles that count.
+        crowd_count: number of neighbours near this vehicle.
     """
     constraints = [neighbour_constraint(own, pair, crowd_count, params) for pair in pairs]
     constraints.extend([obstacle_constraint(own, surface, params) for surface in surfaces])
@@ -92,8 +92,8 @@ def neighbour_constraint(
 
     Args:
         own: this vehicle at t + L.
-        pair: with the neighbour.
-        crowd_count: of this vehicle.
+        pair: this vehicle and the neighbour at t + L.
+        crowd_count: number of neighbours near this vehicle.
     """
     hard = hard_constraint(own, distance_row(pair, pair.d_m, params), pair.table_index)
     strength = turning_strength(hard.violation_m_s2, pair, params)
@@ -115,9 +115,9 @@ def neighbour_constraint(
 def turning_strength(violation_m_s2: float, pair: NeighbourPair, params: LawParams) -> float:
     """Return how much of a neighbour's rotation row counts, from 0 to 1, by policy.
 
-    Under the policy "violated" the share grows with the violation of the distance row. Under
-    "ahead" the paths that both vehicles intend may raise it before there is a violation, by how
-    much they come too near. DEVIATION D4, D15.
+    Under the policy "violated" the strength grows with the violation of the distance row. Under
+    "ahead" it grows also before any violation, where the paths that both vehicles intend come too
+    near to each other. DEVIATION D4, D15.
 
     Args:
         violation_m_s2: by how much the baseline violates the distance row.
@@ -138,7 +138,7 @@ def turning_strength(violation_m_s2: float, pair: NeighbourPair, params: LawPara
 def obstacle_constraint(own: Own, surface: Surface, params: LawParams) -> Constraint:
     """Return the rows of one static obstacle.
 
-    They are its distance row and, while the baseline violates that one, a rotation row.
+    They are its distance row and, while the baseline violates the distance row, a rotation row.
 
     Args:
         own: this vehicle at t + L.
@@ -166,7 +166,7 @@ def hard_constraint(own: Own, net_row: HalfPlane, table_index: int) -> Constrain
 
     Args:
         own: this vehicle at t + L.
-        net_row: the row that keeps the distance, for the net motion without the compensation.
+        net_row: row that keeps the distance, for a thrust without the compensation.
         table_index: index of the neighbour, or NOT_A_VEHICLE.
     """
     row = compensated(net_row, own.compensation_m_s2)
@@ -231,7 +231,7 @@ def radial(e: Vec2, bound_m2_s2: float, d_m: float) -> HalfPlane:
 
     Args:
         e: relative position [m].
-        bound_m2_s2: of the undivided row.
+        bound_m2_s2: bound of the undivided row.
         d_m: distance to keep.
     """
     return HalfPlane(Vec2(e.x / d_m, e.y / d_m), bound_m2_s2 / d_m)
@@ -243,7 +243,7 @@ def orthoradial(e: Vec2, sign: float, bound_m2_s2: float, d_m: float) -> HalfPla
     Args:
         e: relative position [m].
         sign: +1 counter-clockwise, -1 clockwise.
-        bound_m2_s2: of the undivided row.
+        bound_m2_s2: bound of the undivided row.
         d_m: distance to keep.
     """
     return HalfPlane(Vec2(-e.y * sign / d_m, e.x * sign / d_m), bound_m2_s2 / d_m)
@@ -255,8 +255,8 @@ def distance_row(pair: NeighbourPair, d_m: float, params: LawParams) -> HalfPlan
     Implements: (17), (20). DEVIATION D2: a policy says how much of the bound this vehicle takes.
     Under "full" it takes all of the bound and the other's acceleration, as in the paper. Under
     "half" it takes half. Under "shortfall" it takes half, and ``shortfall_gain`` times the part of
-    the other half that the neighbour's command does not deliver. A neighbour that does not
-    cooperate always leaves it all of the bound.
+    the other half that the neighbour's command does not deliver. Beside a neighbour that does not
+    cooperate this vehicle takes all of the bound under each policy.
 
     Args:
         pair: this vehicle and the neighbour at t + L.
@@ -267,7 +267,7 @@ def distance_row(pair: NeighbourPair, d_m: float, params: LawParams) -> HalfPlan
     """
     gains = params.gains
     whole_bound = separating_bound(pair.e, pair.w, d_m, gains.kappa_1_1_s, gains.kappa_2_1_s)
-    # what the neighbour's command adds to it: positive where the neighbour accelerates towards us
+    # what the neighbour's command adds to the bound: positive if it accelerates towards us
     closing = dot_2(pair.e, pair.command_m_s2)
 
     responsibility = params.policies.responsibility
@@ -299,14 +299,14 @@ def rotation_row(
 ) -> HalfPlane:
     """Return the soft half-plane that turns the pair about each other (line R).
 
-    Implements: (18), (21). DEVIATION D4: the row is of the relative velocity, and each of the two
-    vehicles takes half of its bound, because both see the same numbers. If the neighbour does not
-    cooperate, this vehicle takes all of the bound. Under the paper's full responsibility the row is
-    of the absolute velocity, as (6) has it.
+    Implements: (18), (21). DEVIATION D4: the row constrains the relative velocity, and each of the
+    two vehicles takes half of its bound, because both see the same numbers. If the neighbour does
+    not cooperate, this vehicle takes all of the bound. Under the paper's full responsibility the
+    row constrains the absolute velocity, as in (6).
 
     Args:
         pair: this vehicle and the neighbour at t + L.
-        own_velocity_m_s: absolute, horizontal, at t + L.
+        own_velocity_m_s: this vehicle's absolute horizontal velocity at t + L.
         is_crowded: whether one of the two has ``crowd_count`` near neighbours.
     Returns:
         normal [-] and bound [m/s^2].
@@ -360,12 +360,12 @@ def turn_sign(e: Vec2, intent_m_s: Vec2, d_m: float, is_crowded: bool, direction
     """Return the side of a turn by policy: +1 counter-clockwise, (8), or -1 clockwise, (9).
 
     * "fixed": always +1.
-    * "pair": the side to which the relative velocity already turns the pair. Both vehicles see the
-      same side. It is +1 while that is undecided.
+    * "pair": the side to which the relative velocity already turns the pair; +1 while it does not
+      clearly turn the pair. Both vehicles see the same side.
     * "crowd": always +1 for a crowded pair, so that a whole crowd turns the same way; otherwise
       like "pair".
-    * "intent": like "crowd", but by the relative velocity that the two intend. So a pair that
-      circles does not go on circling.
+    * "intent": like "crowd", but by the relative velocity that the two intend. So a pair does not
+      circle forever.
 
     DEVIATION D4, D14.
 
@@ -404,7 +404,7 @@ def obstacle_rotation_row(
 
     Args:
         surface: the obstacle's nearest point.
-        velocity_m_s, intent_m_s: own, horizontal, at t + L.
+        velocity_m_s, intent_m_s: flown and intended horizontal velocity of this vehicle at t + L.
     """
     e = surface.e
     d = surface.d_m
@@ -418,12 +418,12 @@ def fence_rows(position_m: Vec2, velocity_m_s: Vec2, fence: Walls, gains: Gains)
     """Return the half-planes of the four walls: (17) for the distance from a line. DEVIATION D13.
 
     With the distance h from the wall and its inward normal n, the row is
-    ``n . u >= -(k_1 + k_2) n . v - k_1 k_2 h``. Where there is no wall, its bound is -inf.
+    ``n . u >= -(k_1 + k_2) n . v - k_1 k_2 h``. The bound of a missing wall is -inf.
 
     Args:
-        position_m, velocity_m_s: own, horizontal, at t + L.
+        position_m, velocity_m_s: horizontal position and velocity of this vehicle at t + L.
         fence: the walls.
-        gains: kappas for what stands still.
+        gains: holds the kappas for static things.
     """
     p = position_m
     v = velocity_m_s
@@ -441,8 +441,8 @@ def speed_row(velocity_m_s: Vec2, top_speed_m_s: float) -> HalfPlane:
     """Return the half-plane that lets the speed approach its limit only slowly. DEVIATION D13.
 
     Args:
-        velocity_m_s: own, horizontal, not zero.
-        top_speed_m_s: while avoiding.
+        velocity_m_s: horizontal velocity of this vehicle, not zero.
+        top_speed_m_s: largest speed while avoiding.
     """
     speed = length_2(velocity_m_s)
     backwards = Vec2(-velocity_m_s.x / speed, -velocity_m_s.y / speed)
@@ -452,11 +452,11 @@ def speed_row(velocity_m_s: Vec2, top_speed_m_s: float) -> HalfPlane:
 def compensated(row: HalfPlane, compensation_m_s2: Vec2) -> HalfPlane:
     """Return the row for the thrust that includes the compensation.
 
-    The law's rows constrain the net motion, but the thrust that is projected also compensates drag
-    and disturbance.
+    The law's rows constrain the acceleration, but the thrust that is projected also compensates
+    drag and disturbance.
 
     Args:
-        row: row for the net motion.
+        row: row for the acceleration.
         compensation_m_s2: horizontal part of the thrust against drag and disturbance.
     """
     return HalfPlane(row.normal, row.bound_m_s2 + dot_2(row.normal, compensation_m_s2))
@@ -467,13 +467,13 @@ def can_bind(row: HalfPlane, radius_m_s2: float) -> bool:
 
     Args:
         row: half-plane.
-        radius_m_s2: of the disc of possible thrusts.
+        radius_m_s2: radius of the disc of possible thrusts.
     """
     return row.bound_m_s2 > -radius_m_s2 * length_2(row.normal)
 
 
 def faded(row: HalfPlane, thrust_m_s2: Vec2, strength: float) -> HalfPlane:
-    """Return the row with its bound moved towards the value that the baseline has. DEVIATION D15.
+    """Return the row, its bound moved towards the value that the baseline reaches. DEVIATION D15.
 
     Args:
         row: half-plane.

@@ -1,7 +1,7 @@
 """Edges of the areas that a vehicle stays in or out of, as rows of the same projection.
 
-The row of an edge is that of a wall of the box: with the distance h from the edge and the unit
-vector n from its nearest point into what is allowed,
+An edge has the same row as a wall of the box. With the distance h from the edge, and the unit
+vector n from its nearest point into the allowed space, the row is
 
     n . u >= -(k_1 + k_2) n . v - k_1 k_2 h.
 
@@ -12,14 +12,14 @@ out. Inside a circle of radius r the vehicle's tangential velocity v_t lets the 
 v_t^2 / r; the row adds this. DEVIATION D13.
 
 If the vehicle is on the forbidden side of an area, only the nearest edge has a row, and it leads
-the vehicle back. The nearest edge alone tells the side. Beside the edge, the side of its line
-decides. Beyond an end of the edge, the corner there decides: a vehicle on the allowed side is never
-nearest to a corner that points away from it.
+the vehicle back. The nearest edge alone shows on which side the vehicle is. If its nearest point
+lies between its ends, the side of its line decides. If that point is a corner, the corner decides:
+a vehicle on the allowed side is never nearest to a corner that points away from it.
 
-A goal may lie behind an area to stay out of, or behind a corner that points inwards. Their edges
-have rotation rows, as obstacles have.
+A goal may lie behind an area to stay out of, or behind a corner that points inwards. The edges
+there have rotation rows, as obstacles have.
 
-Edges too far away to bind are left out quickly, by a comparison with the box around each edge.
+A comparison with the box around each edge leaves out quickly the edges too far away to bind.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ def nearest_of_area(edges: list[Edge], order: list[int], rank: int) -> int:
     Args:
         edges: edges that are near.
         order: their indexes, nearest first.
-        rank: place of one edge in that order; the result is a place in it, too.
+        rank: index of one edge in that order; the result is an index in it, too.
     """
     area = edges[order[rank]].area
     for nearer in range(rank):
@@ -176,8 +176,8 @@ def round_edge(capsule: Capsule, offset: Vec2, velocity_m_s: Vec2) -> Edge:
 
     Args:
         capsule: the circle.
-        offset: from its centre to the vehicle [m].
-        velocity_m_s: own, horizontal.
+        offset: vector from its centre to the vehicle [m].
+        velocity_m_s: horizontal velocity of the vehicle.
     """
     from_centre = separated(offset, velocity_m_s)
     radius_m = length_2(from_centre)
@@ -201,7 +201,7 @@ def round_edge(capsule: Capsule, offset: Vec2, velocity_m_s: Vec2) -> Edge:
 
 
 def edge_constraint(own: Own, edge: Edge, is_allowed: bool, params: LawParams) -> Constraint:
-    """Return the rows of one edge: its distance row and, if a goal may lie behind it, a rotation.
+    """Return the distance row of one edge and, if a goal may lie behind it, a rotation row.
 
     Args:
         own: this vehicle at t + L.
@@ -229,7 +229,7 @@ def pivot_of(own: Own, edge: Edge) -> Surface:
     """Return the point about which a vehicle turns, as the surface of an obstacle.
 
     The point lies behind the edge, so that a vehicle at the distance to keep is at least PIVOT_M
-    from it. About a nearer point the vehicle would turn too slowly to get on.
+    from it. The nearer the point, the slower the vehicle turns about it.
 
     Args:
         own: this vehicle at t + L.

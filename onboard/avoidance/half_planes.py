@@ -21,7 +21,7 @@ def unit_row(row: HalfPlane) -> HalfPlane:
     """Return the same half-plane with a normal of unit length.
 
     Args:
-        row: with a normal that is not zero.
+        row: half-plane with a normal that is not zero.
     """
     normal, bound = row
     length = length_2(normal)
@@ -33,7 +33,7 @@ def in_disc(u: Vec2, radius: float) -> bool:
 
     Args:
         u: point.
-        radius: of the disc about the origin.
+        radius: radius of the disc about the origin.
     """
     limit = radius * (1.0 + 1e-12) + 1e-12
     return u.x * u.x + u.y * u.y <= limit * limit
@@ -44,7 +44,7 @@ def into_disc(u: Vec2, radius: float) -> Vec2:
 
     Args:
         u: vector.
-        radius: at least 0.
+        radius: largest length of the result, at least 0.
     """
     size = length_2(u)
     if size <= radius:
@@ -59,7 +59,7 @@ def largest_violation(u: Vec2, rows: list[HalfPlane]) -> float:
 
     Args:
         u: point.
-        rows: of any length.
+        rows: half-planes with normals of any length.
     """
     largest = -math.inf
     for normal, bound in rows:
@@ -68,11 +68,11 @@ def largest_violation(u: Vec2, rows: list[HalfPlane]) -> float:
 
 
 def foot(u: Vec2, row: HalfPlane) -> Vec2:
-    """Return the nearest point of one half-plane of unit length.
+    """Return the point of a half-plane that is nearest to another point.
 
     Args:
-        u: point.
-        row: of unit length.
+        u: the other point.
+        row: half-plane with a normal of unit length.
     """
     normal, bound = row
     missing = max(0.0, bound - normal.x * u.x - normal.y * u.y)
@@ -99,7 +99,7 @@ def corner(one: HalfPlane, two: HalfPlane) -> Vec2:
     """Return the point where the edges of two half-planes meet; NaN for parallel ones.
 
     Args:
-        one, two: of any length.
+        one, two: half-planes with normals of any length.
     """
     (n_x, n_y), b = one
     (m_x, m_y), c = two
@@ -114,7 +114,7 @@ def difference(one: HalfPlane, two: HalfPlane) -> HalfPlane:
     """Return the half-plane whose edge holds the points that violate both rows by the same amount.
 
     Args:
-        one, two: of any length.
+        one, two: half-planes with normals of any length.
     """
     normal = Vec2(one.normal.x - two.normal.x, one.normal.y - two.normal.y)
     return HalfPlane(normal, one.bound_m_s2 - two.bound_m_s2)

@@ -1,10 +1,10 @@
 """How much of the distance to keep counts for a pair, by the heights of the two vehicles.
 
 Without ``vertical_separation_m`` every vehicle is an endless vertical cylinder. With it, two
-vehicles do not constrain each other while their heights differ by more, now and in the motion that
-both intend. As their heights approach that difference, the distance to keep grows from 0 to its
-full value. So a vehicle that climbs or sinks towards another is pushed aside in time. DEVIATION
-D16.
+vehicles do not constrain each other while their heights differ by more than this separation, now
+and in the motion that both intend. As the difference falls to the separation, the distance to keep
+grows from 0 to its full value. So a vehicle that climbs or sinks towards another is pushed aside in
+time. DEVIATION D16.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from onboard.avoidance.params import Spacing
 from onboard.avoidance.prediction import lead_time, message_age
 from onboard.types import Neighbour
 
-# An intended vertical velocity is the height left to the goal divided by this time, so that the
-# product of both is that height, or what the vehicle climbs in this time.
+# An intended vertical velocity is the remaining climb to the goal divided by this time, or the top
+# speed of a climb if that is less. So the velocity times this time is the climb that is intended.
 INTENT_S = 2.0
 
 # A climb is expected to go on for this time, whatever is intended: longer than braking takes.
@@ -31,7 +31,7 @@ TRANSITION_M = 0.2
 # are about to lose. They fly the rest of that height at the full distance.
 _GROWTH_SHARE = 0.5
 
-# Deceleration with which a vehicle that sinks above others can stop: a part of what it has.
+# Deceleration with which a vehicle that sinks above others stops: less than it is capable of.
 _SINK_BRAKE_M_S2 = 1.0
 
 HEIGHT_SIGMAS = 4.5  # standard deviations of the height difference that count as uncertain
@@ -42,8 +42,8 @@ _STALE_S = 0.25  # the heights in a message older than this do not count
 class Climb(NamedTuple):
     """Vertical motion of one vehicle; NaN: not known."""
 
-    height_m: float  # now
-    ahead_m: float  # height at the own t + L
+    height_m: float  # height now
+    ahead_m: float  # height at this vehicle's t + L, also for a neighbour
     velocity_m_s: float
     intended_climb_m: float  # after t + L, within INTENT_S; negative: it descends
     position_std_m: float
@@ -56,11 +56,11 @@ def share_of(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
 
     Args:
         own: this vehicle.
-        neighbour: as received. A neighbour that does not cooperate lands, falls or is silent. The
-            whole column below it counts. The column above it counts while it is silent, or while it
-            moves and its intent is not known.
-        own_lead_s: from now to the own t + L.
-        spacing: holds the vertical separation; infinite: always 1.
+        neighbour: the neighbour as received. A neighbour that does not cooperate lands, falls or is
+            silent. The whole column below it counts. The column above it counts while it is silent,
+            or while it moves and its intent is not known.
+        own_lead_s: time L from now to this vehicle's t + L.
+        spacing: holds the vertical separation; if that is infinite, the share is always 1.
     Properties: the same for both vehicles of a pair that know the same; translation-invariant.
     """
     if math.isinf(spacing.vertical_separation_m):
@@ -83,7 +83,7 @@ def share_of(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
     if not neighbour.is_cooperative and side < 0.0:
         return 1.0  # the whole column below it counts
 
-    # The distance begins to grow the earlier, the more height the two are about to lose.
+    # The more height the two are about to lose, the earlier the distance begins to grow.
     sigma_m = HEIGHT_SIGMAS * math.hypot(_known(own.position_std_m), _known(other.position_std_m))
     near_m = spacing.vertical_separation_m + sigma_m
     towards_m = max(0.0, _MOTION_S * closing_m_s, intended_closing_m)
@@ -97,12 +97,12 @@ def share_of(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
 def is_ahead(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spacing) -> bool:
     """Whether this vehicle intends to climb or sink towards a neighbour that is still well apart.
 
-    Well apart means: in height by at least the vertical separation.
+    Well apart means that their heights differ by at least the vertical separation.
 
     Args:
         own: this vehicle.
-        neighbour: as received.
-        own_lead_s: from now to the own t + L.
+        neighbour: the neighbour as received.
+        own_lead_s: time L from now to this vehicle's t + L.
         spacing: holds the vertical separation.
     """
     gap_m = own.ahead_m - climb_of(neighbour, own_lead_s).ahead_m
@@ -118,8 +118,8 @@ def sink_limit_m_s(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing:
 
     Args:
         own: this vehicle.
-        neighbour: as received.
-        own_lead_s: from now to the own t + L.
+        neighbour: the neighbour as received.
+        own_lead_s: time L from now to this vehicle's t + L.
         spacing: holds the vertical separation.
     """
     other = climb_of(neighbour, own_lead_s)
@@ -132,14 +132,14 @@ def sink_limit_m_s(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing:
 
 
 def climb_of(neighbour: Neighbour, own_lead_s: float) -> Climb:
-    """Return a neighbour's vertical motion, now and at the own t + L.
+    """Return a neighbour's vertical motion, now and at this vehicle's t + L.
 
     A neighbour that does not cooperate is extrapolated at constant velocity from its plain
     estimate, because its predictions do not count.
 
     Args:
-        neighbour: as received.
-        own_lead_s: from now to the own t + L.
+        neighbour: the neighbour as received.
+        own_lead_s: time L from now to this vehicle's t + L.
     """
     age_s = message_age(neighbour)
     velocity_m_s = neighbour.velocity_enu_m_s.z

@@ -30,7 +30,7 @@ from onboard.vectors import (
     within,
 )
 
-# in place of the index of a neighbour
+# values in place of the index of a neighbour
 NOBODY = -1  # no row changes the thrust
 NOT_A_VEHICLE = -2  # an obstacle, or the fence
 
@@ -53,18 +53,18 @@ class Answer(NamedTuple):
 
     thrust_m_s2: Vec2  # safe thrust with its compensation
     status: int  # a LawStatus
-    slack_m_s2: float  # by which all rows had to be relaxed; 0 if they allow some thrust
+    slack_m_s2: float  # amount by which all rows had to be relaxed; 0 if they allow some thrust
     crowd_count: float  # number of neighbours near this vehicle, which decides how it turns
     active: int  # index of the neighbour that binds most, NOBODY or NOT_A_VEHICLE
 
 
 def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParams) -> Own:
-    """Return this vehicle at t + L as the rows take it, with every number finite.
+    """Return this vehicle at t + L as the rows need it, with every number finite.
 
     Args:
         baseline: thrust, compensation and intent.
         predicted: own motion from :func:`predict`.
-        state: own estimate; its height and its standard deviations count.
+        state: own estimate, of which the height and the standard deviations are used.
     """
     f = baseline.thrust.thrust_enu_m_s2  # as the paper's thrust
     has_motion = (

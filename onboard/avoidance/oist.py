@@ -1,13 +1,14 @@
 """Output-to-input saturation (OIST) for N neighbours: turns the baseline thrust into a safe thrust.
 
-The paper's section 3 in its order. The outputs to constrain are the distance of a pair (5) and its
-orthoradial velocity (6). Their derivatives (10) turn the limits (7), (8) into bounds h_1, h_2 of
-the input (20), (21): constraints.py. The paper saturates the input of one pair at its two bounds
-(22), which is the projection of the thrust on two half-planes; here it is projected on those of all
-neighbours, obstacles and walls, and on the disc that tilt and thrust can deliver: projection.py.
-The rows are evaluated where the vehicle will be when its command takes effect: prediction.py.
+This file follows section 3 of the paper. The outputs to constrain are the distance of a pair (5)
+and its orthoradial velocity (6). Their derivatives (10) turn the limits (7), (8) into bounds h_1,
+h_2 of the input (20), (21): constraints.py. The paper saturates the input of one pair at its two
+bounds (22). That is the projection of the thrust on two half-planes. Here the thrust is projected
+on the half-planes of all neighbours, obstacles and walls, and on the disc that tilt and thrust can
+deliver: projection.py. The rows are evaluated where the vehicle will be when its command takes
+effect: prediction.py.
 
-The vertical thrust is never touched, so that height is not traded for separation. README.md beside
+The vertical thrust is never changed, so that height is not traded for separation. README.md beside
 this file has the symbols, the algorithm's lines (P1 to O) and the deviations from the paper (D1 to
 D16).
 """
@@ -71,8 +72,8 @@ from onboard.vectors import dot_2, length_2
 HELD_S = 3.0
 ROUNDABOUT_S = 5.0
 
-# A vehicle is held back when it intends to go faster than 0.2 m/s, and gets on with less than this
-# share of the intended speed.
+# A vehicle is held back when it intends to fly faster than 0.2 m/s, and flies in that direction
+# with less than this share of the intended speed.
 _HELD_INTENT_2_M2_S2 = 0.04
 _HELD_FRAC = 0.2
 
@@ -96,7 +97,7 @@ class LawMemory(NamedTuple):
     # roundabout: minus the time that is left of the call.
     held_s: float
     climb_share: float  # how fast a climb or descent may go on, from 0 to 1
-    sink_limit_m_s: float  # how fast it may sink without poses; infinite without a bound
+    sink_limit_m_s: float  # how fast it may sink without poses; infinite if nothing limits it
 
 
 def initial() -> LawMemory:
@@ -131,7 +132,7 @@ def predict(memory: LawMemory, state: State, params: LawParams) -> Motion:
 
 
 def speed_share(memory: LawMemory, params: LawParams) -> float:
-    """Return the share of the speed limit that is left to a vehicle in a jam (line G).
+    """Return the share of its speed limit with which a vehicle flies in a jam (line G).
 
     By policy, a vehicle flies slower towards its goal while the law often relaxes rows.
 
@@ -160,7 +161,7 @@ def step(
     ``params.law``.
 
     Args:
-        memory: of the last tick.
+        memory: memory of the last tick.
         baseline: thrust of the backstepping [m/s^2], compensation and intent.
         predicted: own motion from :func:`predict`.
         state: own estimate; the paper's law uses it without prediction.
@@ -267,7 +268,7 @@ def most_violating(constraints: list[Constraint]) -> int:
     """Return the table index of the constraint that the baseline violates most, or NOBODY.
 
     Args:
-        constraints: of everything around.
+        constraints: constraints of everything around the vehicle.
     """
     worst_m_s2 = VIOLATED_M_S2
     active = NOBODY
@@ -287,13 +288,13 @@ def nearest_thrust(
 ) -> Projection:
     """Return the thrust nearest to the baseline's that satisfies all rows (line Q).
 
-    If no thrust does, margins and the speed row give way before the promised distances, obstacles
-    and walls.
+    If no thrust satisfies all rows, the margins and the speed row give way first, and the promised
+    distances, obstacles and walls last.
 
     Args:
         own: this vehicle at t + L.
-        pairs: with the neighbours that count.
-        rows: of these pairs in their order, then of obstacles and walls.
+        pairs: pairs with the neighbours that count.
+        rows: rows of these pairs in their order, then those of obstacles and walls.
         soft: rows in order of importance; the last is dropped first.
     """
     radius = own.radius_m_s2
@@ -316,7 +317,7 @@ def nearest_thrust(
 def is_fleeing(own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane]) -> bool:
     """Whether the row of a neighbour that does not cooperate can bind.
 
-    If so, the top speed does not count: the vehicle gets away as fast as it can.
+    If so, the top speed does not limit the vehicle, which flees as fast as it can.
 
     Args:
         own: this vehicle at t + L.
@@ -339,7 +340,7 @@ def next_held_s(held_s: float, own: Own, is_active: bool, dt_s: float) -> float:
 
     Args:
         held_s: value at the last tick.
-        own: this vehicle at t + L; its velocity and its intent count.
+        own: this vehicle at t + L, of which the velocity and the intent are used.
         is_active: whether the row of a neighbour changes the baseline.
         dt_s: length of the tick.
     """
@@ -363,8 +364,8 @@ def next_relaxed_share(share: float, status: int, dt_s: float) -> float:
     """Return the next ``LawMemory.relaxed_share`` (line G).
 
     Args:
-        share: of the last tick.
-        status: of the law at this tick.
+        share: value at the last tick.
+        status: a LawStatus, of this tick.
         dt_s: length of the tick.
     """
     blend = 1.0 - math.pow(_RELAXED_KEPT, dt_s / _RELAXED_TICK_S)

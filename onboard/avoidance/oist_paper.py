@@ -1,5 +1,7 @@
 """The paper's law for one moving obstacle: equations (5) to (22), turning as (8) or (9) says.
 
+The paper orders its vehicles in a ring, and each vehicle avoids its successor only.
+
 All forces are per unit of mass, F / m, so that the mass cancels in M_o of (11). Only the horizontal
 x and y are used. Positions, velocities and accelerations are in fleet ENU. The orthoradial velocity
 of (6) is positive when the vehicle turns counter-clockwise about the obstacle as seen from above.
@@ -47,7 +49,7 @@ def saturate_thrust(
     Implements: (5)-(22). (9) is (8) for the mirrored orthoradial velocity ``-phi_perp``.
 
     Args:
-        own: absolute motion.
+        own: absolute motion of this vehicle.
         thrust_m_s2: F_d / m of the baseline, horizontal.
         obstacle: motion of the vehicle to avoid.
         params: the paper's tuning.
@@ -104,16 +106,16 @@ def saturate_thrust(
 def saturate_pair(
     own: Own, state: State, neighbours: Sequence[Neighbour], params: LawParams
 ) -> Answer:
-    """Return the paper's thrust (22) against the ring's successor.
+    """Return the thrust (22) that avoids the one neighbour that the paper's ring assigns.
 
     The law uses the estimates without prediction. Its thrust is shortened to what tilt and motors
     can deliver.
 
     Args:
-        own: this vehicle; its thrust and its limits count.
+        own: this vehicle, of which the thrust and its limits are used.
         state: own estimate, not predicted.
-        neighbours: neighbours as received. If the ring's successor is not among them, the thrust
-            stays as it is.
+        neighbours: neighbours as received. If the assigned one is not among them, the thrust is not
+            changed.
     """
     for neighbour in neighbours:
         if neighbour.is_paper_obstacle:
@@ -122,11 +124,12 @@ def saturate_pair(
 
 
 def _saturate_against(neighbour: Neighbour, own: Own, state: State, params: LawParams) -> Answer:
-    """Return the paper's thrust (22) against one neighbour."""
+    """Return the thrust (22) that avoids one neighbour."""
     if not _is_known(neighbour):
         return _answer(own.thrust_m_s2, INFEASIBLE, NOBODY)
 
-    # the paper's law has no compensation (line O): it is subtracted before, and added again after
+    # The paper's law has no compensation (line O). It is subtracted before the law and added again
+    # after it.
     s = own.compensation_m_s2
     thrust = Vec2(own.thrust_m_s2.x - s.x, own.thrust_m_s2.y - s.y)
 

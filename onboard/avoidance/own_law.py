@@ -34,7 +34,7 @@ class LawNeighbour(NamedTuple):
     w_m_s: Vec2  # own velocity minus the neighbour's
     d_m: float  # distance of the centres to keep, with all margins
     is_cooperative: bool  # False: it avoids nobody
-    table_index: int  # equal to that of its entry in ``LawInputs.received``
+    table_index: int  # the same number as in the neighbour's entry of ``LawInputs.received``
 
 
 class LawInputs(NamedTuple):
@@ -55,15 +55,15 @@ class LawInputs(NamedTuple):
     # largest horizontal thrust, compensation included, at the baseline's vertical thrust
     largest_m_s2: float
     vehicle: LawParams  # numbers of the vehicle and of the file's [law]; lead_time_s is L
-    dt_s: float  # since the last tick
+    dt_s: float  # time since the last tick
 
     def limited(self, x_m_s2: float, y_m_s2: float) -> Thrust:
-        """Return the thrust nearest to a horizontal one that can be flown.
+        """Return the thrust that can be flown and is nearest to a horizontal thrust.
 
         The vertical thrust is the baseline's.
 
         Args:
-            x_m_s2, y_m_s2: east and north.
+            x_m_s2, y_m_s2: horizontal thrust, east and north.
         """
         s = self.compensation_enu_m_s2
         flown = into_disc(Vec2(x_m_s2 + s.x, y_m_s2 + s.y), self.largest_m_s2)
@@ -85,10 +85,10 @@ def law_inputs(
         baseline: thrust, compensation and intent.
         predicted: own motion at t + L.
         state: own estimate.
-        neighbours: as received.
-        obstacles: static ones.
-        params: of the vehicle.
-        dt_s: since the last tick.
+        neighbours: all neighbours as received.
+        obstacles: static obstacles, and edges of the fence's areas.
+        params: numbers of the vehicle's law.
+        dt_s: time since the last tick.
     """
     own = own_at(baseline, predicted, state, params)
     u = own.thrust_m_s2
@@ -122,15 +122,15 @@ def law_inputs(
 
 
 def judged(answer: Any, inputs: LawInputs) -> tuple[Any, Vec3, str]:
-    """Return memory and thrust of a law's answer, and the reason if it cannot be flown.
+    """Return memory and thrust of a law's answer, and the reason if the thrust is refused.
 
     Args:
         answer: whatever the law returned.
         inputs: inputs of the same tick.
     Returns:
         The law's memory; its thrust per mass [m/s^2] in ENU; and the reason, as the end of a
-        sentence that begins with "the law". The reason is empty if the thrust can be flown. A
-        refused thrust that is no thrust at all is replaced by the baseline's.
+        sentence that begins with "the law". The reason is empty if the thrust can be flown. If the
+        answer holds no thrust, the memory is None and the thrust is the baseline's.
     """
     baseline = inputs.baseline.thrust_enu_m_s2
     if not isinstance(answer, tuple) or len(answer) != 2:

@@ -1,9 +1,9 @@
 """Flies a user's own law in the place of Covey's, and Covey's law when that one fails.
 
 :meth:`OwnLawRunner.step` takes and returns the same values as :func:`onboard.avoidance.oist.step`,
-so that the pipeline can call either. Covey's law is computed at every tick, too. It takes over for
-the rest of the flight when the user's law raises, returns a thrust that cannot be flown, or is
-slow.
+so that the pipeline can call either of them. Covey's law is computed at every tick, too. It takes
+over for the rest of the flight when the user's law raises an exception, returns a thrust that
+cannot be flown, or is slow.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class OwnLawRunner:
         self._clock = clock
         self._memory: Any = None
         self._slow_ticks = 0
-        self._relaxed_share = 0.0  # of Covey's law, which is computed as well
+        self._relaxed_share = 0.0  # ``LawMemory.relaxed_share`` of Covey's law
 
     def begin_anew(self) -> None:
         """Forget the flight: called on the ground."""
@@ -71,14 +71,14 @@ class OwnLawRunner:
         """Return memory and output of this tick, as :func:`onboard.avoidance.oist.step` does.
 
         Args:
-            memory: of Covey's law after the last tick.
+            memory: memory of Covey's law after the last tick.
             baseline: thrust of the backstepping, compensation and intent.
             predicted: own motion at t + L.
             state: own estimate.
-            neighbours: as received.
-            obstacles: static ones.
-            params: of the vehicle.
-            dt_s: since the last tick.
+            neighbours: all neighbours as received.
+            obstacles: static obstacles, and edges of the fence's areas.
+            params: parameters of the vehicle.
+            dt_s: time since the last tick.
         """
         if self.refusal:
             return oist.step(

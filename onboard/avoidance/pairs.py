@@ -29,8 +29,8 @@ _WAITS_FRAC = 0.5
 _GOES_FRAC = 0.9
 
 # The same for a descent without poses, whose distances are less certain: nearer than the first the
-# vehicle is above the neighbour, from the second on it is beside it. Between the two its limit
-# grows by up to 1 m/s.
+# vehicle counts as above the neighbour, from the second on as beside it. From the first to the
+# second its limit of the sinking speed grows by 1 m/s.
 _ABOVE_FRAC = 0.7
 _BESIDE_FRAC = 1.0
 _LEAST_DISTANCE_M = 0.01  # rows are divided by the distance to keep
@@ -68,7 +68,7 @@ class NeighbourPair(NamedTuple):
 
 
 class Pairs(NamedTuple):
-    """Pairs with the nearest neighbours, and two facts about all neighbours."""
+    """Pairs with the nearest neighbours, and two values about all neighbours."""
 
     pairs: list[NeighbourPair]  # nearest first
     crowd_count: float  # number of near neighbours
@@ -90,7 +90,7 @@ def nearest_pairs(own: Own, neighbours: Sequence[Neighbour], params: LawParams) 
 
     Args:
         own: this vehicle at t + L.
-        neighbours: as received, in any order.
+        neighbours: all neighbours as received, in any order.
     Properties: independent of the neighbours' order.
     """
     spacing = params.spacing
@@ -172,7 +172,7 @@ def climb_share(own: Own, neighbours: Sequence[Neighbour], params: LawParams) ->
 
     Args:
         own: this vehicle at t + L.
-        neighbours: as received, in any order.
+        neighbours: all neighbours as received, in any order.
     """
     spacing = params.spacing
     lead_s = params.lead_time_s
@@ -201,7 +201,7 @@ def sink_limit(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> 
 
     Args:
         own: this vehicle at t + L.
-        neighbours: as received, in any order.
+        neighbours: all neighbours as received, in any order.
     """
     spacing = params.spacing
     lead_s = params.lead_time_s
@@ -229,7 +229,7 @@ def design_distance(own_margin_2_m2: float, neighbour: Neighbour, spacing: Spaci
 
     Args:
         own_margin_2_m2: :func:`margin_2` of this vehicle.
-        neighbour: its published standard deviations count.
+        neighbour: the neighbour, of which the published standard deviations are used.
         spacing: distances and margins.
     """
     margin_m = spacing.margin_m
@@ -263,7 +263,7 @@ def known(std: float) -> float:
     """Return a standard deviation, clipped to _LARGEST_STD; 0 if it is not known.
 
     Args:
-        std: as published.
+        std: standard deviation as published.
     """
     return min(abs(std), _LARGEST_STD) if math.isfinite(std) else 0.0
 
@@ -297,8 +297,8 @@ def surface_of(
 
     Args:
         capsule: the obstacle, in fleet ENU.
-        position_m, velocity_m_s: own, horizontal, at t + L.
-        clearance_m: kept from the outline by the vehicle's centre.
+        position_m, velocity_m_s: horizontal position and velocity of this vehicle at t + L.
+        clearance_m: distance that the vehicle's centre keeps from the outline.
     """
     begin = capsule.begin_enu_m
     end = capsule.end_enu_m

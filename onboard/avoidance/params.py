@@ -22,9 +22,9 @@ from onboard.vectors import Vec2, cross_2
 
 OPEN_FENCE = (-math.inf, math.inf, -math.inf, math.inf)
 _BRAKE_SHARE = 0.6  # share of the largest horizontal acceleration for braking before static things
-_MAX_THRUST_FRAC = 0.97  # full throttle, of which a little stays for the attitude
+_MAX_THRUST_FRAC = 0.97  # largest throttle of the law; the rest stays for the attitude control
 
-# both fitted over simulated flights; the floor covers lag errors and gusts
+# Both numbers are fitted over simulated flights. The floor covers lag errors and gusts.
 _MARGIN_FLOOR_M = 0.05
 _MARGIN_SIGMAS = 4.5
 
@@ -71,7 +71,7 @@ class Capsule(NamedTuple):
     end_enu_m: Vec2
     radius_m: float
 
-    # the rest is used for edges only
+    # the fields below are used for edges only
     area: int = 0  # number of the edge's area, from 1 on; 0: this is an obstacle
     keep_m: float = 0.0  # distance from the edge that the vehicle's centre keeps
     # Whether the edge may have a rotation row, because a goal may lie behind it. That is so for an
@@ -231,7 +231,7 @@ def _with_law(config: LawConfig, law: str) -> LawConfig:
 
 
 def obstacles(fleet: FleetConfig) -> tuple[Capsule, ...]:
-    """Return the static obstacles of a fleet as the law takes them.
+    """Return the static obstacles of a fleet in the form that the law uses.
 
     Args:
         fleet: checked configuration.
@@ -258,7 +258,7 @@ def still(fleet: FleetConfig) -> tuple[Capsule, ...]:
 
 
 def _edges(area: Area, number: int, margin_m: float) -> Iterator[Capsule]:
-    """Yield the edges of an area as the law takes them."""
+    """Yield the edges of an area in the form that the law uses."""
     keep_m = float(area.buffer_m + margin_m)
     low_m = -math.inf if area.keeps_in else area.low_m - keep_m
     high_m = math.inf if area.keeps_in else area.high_m + keep_m
@@ -323,7 +323,7 @@ def params_of(config: LawConfig, limits: VehicleLimits = QUICK_VEHICLE) -> LawPa
 
     Args:
         config: values and policies of ``[law]``.
-        limits: of the vehicle and its room.
+        limits: properties of the vehicle and its room.
     """
     lead_time_s = 0.0
     if config.prediction == "lag" and config.built_in != "paper":
@@ -430,10 +430,10 @@ def _gains(config: LawConfig, limits: VehicleLimits) -> Gains:
 def _sigmas(config: LawConfig) -> tuple[float, float]:
     """Return the margin per metre and per m/s of one vehicle's standard deviations.
 
-    With the sum a_1 and the product a_0 of the kappas, the distance row multiplies an error of
-    position by a_0 and one of velocity by a_1, and the distance answers through the filter
-    1 / (s^2 + a_1 s + a_0). An error with the correlation time tau passes it with the power
-    Phi(tau). The powers of the two vehicles add.
+    Let a_1 be the sum and a_0 the product of the kappas. The distance row multiplies an error of
+    position by a_0, and an error of velocity by a_1. The distance follows through the filter
+    1 / (s^2 + a_1 s + a_0). An error with the correlation time tau passes this filter with the
+    power Phi(tau). The powers of the two vehicles add.
     """
     a_1 = config.kappa_1_1_s + config.kappa_2_1_s
     a_0 = config.kappa_1_1_s * config.kappa_2_1_s

@@ -16,9 +16,9 @@ from onboard.types import GRAVITY_M_S2, Neighbour
 from onboard.vectors import ZERO_3, Vec2, Vec3, horizontal_within, is_finite
 
 SLOTS = 40  # number of past commands that are kept
-MAX_MESSAGE_AGE_S = 0.30  # extrapolating a silent neighbour further than this gains nothing
-# A neighbour that cooperates publishes its prediction, which is extrapolated for longer. The
-# neighbour table counts it as silent before, if its messages are older than the radio explains.
+MAX_MESSAGE_AGE_S = 0.30  # extrapolating a silent neighbour for longer than this gains nothing
+# The same for a neighbour that cooperates, because it publishes its prediction. The neighbour table
+# counts it as silent earlier if its messages are older than the radio explains.
 MAX_PREDICTION_AGE_S = 0.80
 MAX_COMMAND_AGE_S = 0.25  # a neighbour's last command says little about what it does later
 LONGEST_LEAD_S = 1.0
@@ -134,11 +134,12 @@ def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
     """Return a neighbour's horizontal motion at the own time t + L (line P3). DEVIATION D3, D11.
 
     A neighbour that cooperates publishes its predicted motion at the end of its own lag. From there
-    it is extrapolated with its command. If its prediction is for a later time than the own t + L,
-    the motion is taken back, along the path from its plain velocity to the predicted one.
+    the motion is extrapolated with the neighbour's command. If the prediction is for a later time
+    than the own t + L, the motion is extrapolated backwards instead, with the mean acceleration
+    from the neighbour's plain velocity to its predicted one.
 
-    For any other neighbour, the plain estimate is extrapolated with its acceleration, of which at
-    most 1 g counts.
+    For any other neighbour, the plain estimate is extrapolated with its acceleration, which is
+    clipped to 1 g.
 
     An acceleration counts for at most MAX_COMMAND_AGE_S. After that time the neighbour is
     extrapolated at constant velocity.
@@ -195,7 +196,7 @@ def has_prediction(neighbour: Neighbour) -> bool:
     """Whether a neighbour cooperates and says where it will be.
 
     Args:
-        neighbour: as received.
+        neighbour: the neighbour as received.
     """
     return (
         neighbour.is_cooperative
@@ -206,10 +207,10 @@ def has_prediction(neighbour: Neighbour) -> bool:
 
 
 def message_age(neighbour: Neighbour) -> float:
-    """Return the age of a message [s], clipped to a largest age; an unknown age counts as that.
+    """Return the age of a message [s], clipped to a largest age; an unknown age counts as largest.
 
     Args:
-        neighbour: the neighbour as received. Its largest age is greater if it cooperates.
+        neighbour: the neighbour as received. The largest age is greater if it cooperates.
     """
     age_s = neighbour.age_s
     most_s = MAX_PREDICTION_AGE_S if neighbour.is_cooperative else MAX_MESSAGE_AGE_S
@@ -222,11 +223,11 @@ def message_age(neighbour: Neighbour) -> float:
 
 
 def lead_time(lead_s: float, own_lead_s: float) -> float:
-    """Return a neighbour's lead time [s], bounded; the own lead time if it is not known.
+    """Return a neighbour's lead time [s] within bounds, or the own one if it is not known.
 
     Args:
-        lead_s: of the neighbour, as received.
-        own_lead_s: of this vehicle.
+        lead_s: lead time of the neighbour, as received.
+        own_lead_s: lead time of this vehicle.
     """
     if math.isfinite(lead_s):
         return min(max(lead_s, 0.0), LONGEST_LEAD_S)

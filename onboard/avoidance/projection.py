@@ -35,7 +35,7 @@ INACTIVE = int(LawStatus.INACTIVE)
 SATURATED = int(LawStatus.SATURATED)
 RELAXED = int(LawStatus.RELAXED)
 
-_TOLERANCE = 1e-10  # by which a point may violate a row, relative to 1 plus the bound
+_TOLERANCE = 1e-10  # amount by which a point may violate a row, relative to 1 plus the bound
 
 # two solutions nearer than this, times the scale of the bounds, differ by rounding only
 _ONE_POINT = 1e-4
@@ -43,8 +43,8 @@ _ONE_POINT = 1e-4
 # a firm row violates its bound by the slack of the yielding rows, divided by this
 _FIRMNESS = 1000.0
 
-# The smallest slack leaves only one point, which rounding may exclude. So the slack is widened by
-# the first of these, times the scale of the bounds, that leaves a point.
+# The smallest slack leaves only one point, and rounding may exclude it. So the slack is widened by
+# the first of these numbers that leaves a point, times the scale of the bounds.
 _WIDENINGS = (1e-12, 1e-10, 1e-8, 1e-6)
 
 
@@ -53,7 +53,7 @@ class Projection(NamedTuple):
 
     point: Vec2
     status: int  # a LawStatus
-    slack: float  # by which hard rows had to be relaxed, in the units of the bounds
+    slack: float  # amount by which hard rows had to be relaxed, in the units of the bounds
 
 
 class Candidate(NamedTuple):
@@ -73,7 +73,7 @@ def project(u: Vec2, hard: list[HalfPlane], soft: list[HalfPlane], radius: float
         u: point to project, finite.
         hard: rows that must hold.
         soft: rows in order of importance; the last is dropped first.
-        radius: of the disc about the origin, at least 0.
+        radius: radius of the disc about the origin, at least 0.
     Returns:
         The projection; if no point satisfies the hard rows, the given point with status RELAXED.
     Properties: rotation-equivariant; homogeneous; independent of the order of the hard rows; a
@@ -119,7 +119,7 @@ def relaxed_in_order(
     if not is_firm_possible:
         return relaxed(u, firm, radius, largest_bound(firm))
 
-    # the same half-planes, scaled so that a common slack moves their bounds by a thousandth of it
+    # the firm half-planes, scaled so that a common slack moves their bounds by 1 / _FIRMNESS of it
     stiff = [
         HalfPlane(
             Vec2(_FIRMNESS * row.normal.x, _FIRMNESS * row.normal.y), _FIRMNESS * row.bound_m_s2
@@ -134,7 +134,7 @@ def largest_bound(rows: list[HalfPlane]) -> float:
     """Return 1 plus the largest absolute bound. Rounding errors are relative to it.
 
     Args:
-        rows: of any length.
+        rows: half-planes with normals of any length.
     """
     scale = 1.0
     for row in rows:
@@ -148,7 +148,7 @@ def relaxed(u: Vec2, hard: list[HalfPlane], radius: float, scale: float) -> Proj
     Args:
         u: point to project.
         hard: rows that no point of the disc satisfies together.
-        radius: of the disc.
+        radius: radius of the disc about the origin.
         scale: size of the bounds.
     """
     slack, point = least_slack(hard, radius)
@@ -172,8 +172,8 @@ def nearest(u: Vec2, rows: list[HalfPlane], radius: float) -> Candidate:
 
     Args:
         u: point to project.
-        rows: of unit length.
-        radius: of the disc.
+        rows: half-planes with normals of unit length.
+        radius: radius of the disc about the origin.
     """
     taken = rows[:0]
     while True:
@@ -193,7 +193,7 @@ def most_violated(u: Vec2, rows: list[HalfPlane]) -> int:
 
     Args:
         u: point.
-        rows: of unit length.
+        rows: half-planes with normals of unit length.
     """
     worst = -1
     most = 0.0
@@ -211,8 +211,8 @@ def nearest_of(u: Vec2, rows: list[HalfPlane], radius: float) -> Candidate:
 
     Args:
         u: point to project.
-        rows: of unit length.
-        radius: of the disc.
+        rows: half-planes with normals of unit length.
+        radius: radius of the disc about the origin.
     """
     share = min(1.0, radius / max(length_2(u), 1e-300))
     clipped = Vec2(share * u.x, share * u.y)
@@ -234,11 +234,11 @@ def nearer(
     """Return the point as a candidate if it is feasible and nearer than the best one so far.
 
     Args:
-        best: candidate so far, which is returned otherwise.
-        point: to compare with it; NaN is never nearer.
+        best: best candidate so far, which is returned if the point is no better.
+        point: point to compare with it; NaN is never nearer.
         u: point that is projected.
-        rows: of unit length, all to be satisfied.
-        radius: of the disc.
+        rows: half-planes with normals of unit length, all to be satisfied.
+        radius: radius of the disc about the origin.
     """
     x = point.x - u.x
     y = point.y - u.y

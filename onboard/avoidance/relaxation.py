@@ -62,8 +62,8 @@ def least_slack_of(rows: list[HalfPlane], radius: float) -> tuple[float, Vec2]:
     """Return the smallest common slack of a few rows over the disc, and its point.
 
     Args:
-        rows: of any length.
-        radius: of the disc.
+        rows: half-planes with normals of any length.
+        radius: radius of the disc about the origin.
     """
     best = math.inf
     u = Vec2(0.0, 0.0)
@@ -81,8 +81,8 @@ def candidates(rows: list[HalfPlane], radius: float) -> list[Vec2]:
     """Return the points where the smallest common slack may lie; NaN where rows are parallel.
 
     Args:
-        rows: of any length.
-        radius: of the disc.
+        rows: half-planes with normals of any length.
+        radius: radius of the disc about the origin.
     """
     points = [Vec2(0.0, 0.0)]
     for i in range(len(rows)):

@@ -150,7 +150,7 @@ class Clocks:
         """Take a clock message of another node.
 
         Args:
-            message: as received; our own is ignored.
+            message: the message as received; our own is ignored.
             received_ns: its arrival, by our clock.
         """
         node = message.node
@@ -255,7 +255,7 @@ class Clocks:
 
         Args:
             node: whose clock made the stamp.
-            stamp_ns: by that clock.
+            stamp_ns: time by that clock.
             received_ns: arrival of the message, by our clock.
         Returns:
             the earliest time [ns] by our clock that the stamp can mean, never later than its

@@ -76,7 +76,7 @@ class ClockNode:
 
         Args:
             node: the neighbour.
-            message: as received.
+            message: the message as received.
             received_ns: its arrival, by our clock.
         Returns:
             the same object where the clock is shared, else a changed copy.
@@ -87,7 +87,7 @@ class ClockNode:
         """Return a mocap pose with its stamp on our clock.
 
         Args:
-            pose: as received.
+            pose: the pose as received.
             received_ns: its arrival, by our clock.
         Returns:
             the pose; None while the clock of its source is not measured.
@@ -104,7 +104,7 @@ class ClockNode:
         """Return corrections with their stamp on our clock.
 
         Args:
-            message: as received.
+            message: the message as received.
             received_ns: its arrival, by our clock.
         Returns:
             the same object where the clock is shared, else a changed copy.
@@ -133,7 +133,7 @@ class ClockNode:
         """Return an order with its stamp and its times on our clock.
 
         Args:
-            order: as received.
+            order: the order as received.
             received_ns: its arrival, by our clock.
         Returns:
             the same object where the clock is shared, else a changed copy.

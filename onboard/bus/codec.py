@@ -45,7 +45,7 @@ def decode(data: bytes, kind: type[MessageT]) -> MessageT | Malformed:
     """Decode a message; its numbers need not be finite, see :func:`is_finite`.
 
     Args:
-        data: as received.
+        data: bytes as received.
         kind: type of the message.
     Returns:
         the message; Malformed, with the reason, for garbage, truncation, another type or another

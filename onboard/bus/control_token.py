@@ -98,7 +98,7 @@ def parse_control_token(name: str) -> ControlToken | None:
     """Parse a name on the bus as a control token.
 
     Args:
-        name: of a liveliness token.
+        name: name of a liveliness token.
     Returns:
         the token; None for the name of any other node.
     """
@@ -128,7 +128,7 @@ class ControlTokens:
         """Take note of a liveliness token; tokens of other nodes change nothing.
 
         Args:
-            name: of the token.
+            name: name of the token.
             is_alive: whether it appeared; False when it vanished.
         """
         token = parse_control_token(name)
@@ -180,7 +180,7 @@ class ControlTokens:
         to skip, to go home) are open to every ground of the person who operates.
 
         Args:
-            order: as received.
+            order: the order as received.
         Returns:
             the sentence that refuses the order; None when it is allowed.
         """

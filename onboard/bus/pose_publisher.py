@@ -31,7 +31,7 @@ class PosePublisher:
         """Publish one pose; never blocks.
 
         Args:
-            pose: as measured.
+            pose: the pose as measured.
         """
         self._bus.publish(Topic.MOCAP, pose.body, pose)
 

@@ -138,7 +138,7 @@ class Bus(Protocol):
         Args:
             topic: row of the table of topics, which also determines the delivery.
             name: vehicle, mocap body or node that the message is about.
-            message: of the topic's type.
+            message: value of the topic's type.
         """
 
     def subscribe(self, topic: Topic, name: str, on_message: OnMessage) -> None:
@@ -195,7 +195,7 @@ class Bus(Protocol):
         """Answer the fault orders for the emulator.
 
         Args:
-            on_fault: as ``on_order`` of :meth:`serve_orders`.
+            on_fault: function like ``on_order`` of :meth:`serve_orders`.
         """
 
     def order(

@@ -416,7 +416,7 @@ def open_zenoh(settings: Iterable[Setting]) -> zenoh.Session:
     """Open a session of zenoh.
 
     Args:
-        settings: of :mod:`onboard.bus.zenoh_settings`.
+        settings: settings from :mod:`onboard.bus.zenoh_settings`.
     Raises:
         BusError: an endpoint to listen at is taken or not valid, or no router answers.
     """

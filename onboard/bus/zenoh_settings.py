@@ -53,7 +53,7 @@ def of_node(
     Args:
         listen: endpoints to listen at.
         connect: endpoints of the others; retried for ever, so that nodes may start in any order.
-        credentials: of the node; None for a bus without keys.
+        credentials: credentials of the node; None for a bus without keys.
     """
     return [
         ("mode", "peer"),
@@ -75,7 +75,7 @@ def of_client(
     Args:
         routers: endpoints, in the order in which they are tried.
         timeout_s: longest search for a router at the start; later searches have no end.
-        credentials: of the node; None for a bus without keys.
+        credentials: credentials of the node; None for a bus without keys.
     """
     open_ms = _OPEN_MS
     if len(routers) > 1:

@@ -85,7 +85,7 @@ def problems(corrections: CorrectionsConfig | None, origin: Origin | None) -> It
 
     Args:
         corrections: the table; None where the file has none.
-        origin: of the fleet frame on Earth, if the file has one.
+        origin: origin of the fleet frame on Earth, if the file has one.
     Yields:
         a sentence for each mistake.
     """

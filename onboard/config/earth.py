@@ -63,9 +63,9 @@ def latitude_longitude_deg(origin: Origin, east_m: float, north_m: float) -> tup
     """Return latitude and longitude [deg] of a point of the fleet frame.
 
     Args:
-        origin: of the fleet.
-        east_m: of the point.
-        north_m: of the point.
+        origin: origin of the fleet frame on Earth.
+        east_m: distance of the point to the east.
+        north_m: distance of the point to the north.
     """
     origin_latitude = math.radians(origin.latitude_deg)
     distance_m = math.hypot(east_m, north_m)

@@ -58,7 +58,7 @@ def area_of(fence: Fence, origin: Origin | None) -> Area:
 
     Args:
         fence: checked, see :func:`problems`.
-        origin: of the fleet frame on Earth, if the file has one.
+        origin: origin of the fleet frame on Earth, if the file has one.
     """
     keeps_in = fence.keep == "in"
     low_m, high_m = fence.height_m or (-math.inf, math.inf)
@@ -96,8 +96,8 @@ def problems(
     """Check a fleet's fences.
 
     Args:
-        fences: of the fleet file.
-        origin: of the fleet frame on Earth, if the file has one.
+        fences: fences of the fleet file.
+        origin: origin of the fleet frame on Earth, if the file has one.
         starts_enu_m: vehicle -> its take-off spot.
         margin_m: least distance from a spot to a fence's buffer.
     Yields:

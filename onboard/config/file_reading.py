@@ -128,8 +128,8 @@ def read_bytes(path: str | os.PathLike[str], kind: FileKind) -> bytes:
     """Return the content of a file.
 
     Args:
-        path: of the file.
-        kind: of file, with its largest size.
+        path: path of the file.
+        kind: kind of the file, with its largest size.
     Raises:
         ConfigError: as :func:`opened`.
     """
@@ -150,8 +150,8 @@ def read_text(path: str | os.PathLike[str], kind: FileKind) -> str:
     """Return the content of a file of UTF-8 text, whose lines end with one newline each.
 
     Args:
-        path: of the file.
-        kind: of file, with its largest size.
+        path: path of the file.
+        kind: kind of the file, with its largest size.
     Raises:
         ConfigError: As for :func:`opened`; or the file is not UTF-8 text.
     """

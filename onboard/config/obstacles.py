@@ -74,7 +74,7 @@ def problems(
     """Check a fleet's obstacles.
 
     Args:
-        obstacles: of the fleet file.
+        obstacles: obstacles of the fleet file.
         starts_enu_m: vehicle -> its take-off spot.
         clearance_m: least distance from a spot to an obstacle.
     Yields:

@@ -219,7 +219,7 @@ def law_bounds(key: str) -> tuple[float, float]:
     """Return the bounds of a number of ``[law]``.
 
     Args:
-        key: of the number.
+        key: key of the number.
     Returns:
         least and largest value.
     """

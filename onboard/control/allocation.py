@@ -19,10 +19,10 @@ MAX_THRUST_FRAC = 0.98  # largest throttle that is sent
 class AllocationParams(NamedTuple):
     """Limits of the setpoints that are sent."""
 
-    max_tilt_rad: float  # between thrust and the vertical
-    # throttle of the level answer to unusable input: the configured hover throttle
+    max_tilt_rad: float  # largest angle between thrust and the vertical
+    # configured hover throttle, for a level setpoint where the estimated one cannot be used
     fallback_hover_thrust_frac: float
-    # keeps the propellers turning, so that attitude stays controlled
+    # smallest throttle: the propellers keep turning, so that the attitude stays controlled
     min_thrust_frac: float = 0.08
     max_thrust_frac: float = MAX_THRUST_FRAC
 
@@ -59,7 +59,7 @@ def limit(thrust: Thrust, hover_thrust_frac: float, params: AllocationParams) ->
     by_throttle = math.sqrt(largest_m_s2 * largest_m_s2 - up * up)
 
     horizontal_limit = min(by_tilt, by_throttle)
-    # 1e-12: no division by zero
+    # 1e-12 avoids a division by zero
     scale = min(1.0, horizontal_limit / max(math.sqrt(x * x + y * y), 1e-12))
     return Thrust(Vec3(scale * x, scale * y, up))
 

@@ -67,7 +67,7 @@ def path_of(pieces: Sequence[Sequence[float]]) -> Path:
 
 
 def to_bytes(path: Path) -> bytes:
-    """Return the bytes of a path; :func:`path_id` makes its id of them."""
+    """Return the bytes of a path, from which :func:`path_id` computes its id."""
     return b"".join(_ROW.pack(*piece) for piece in path.pieces)
 
 

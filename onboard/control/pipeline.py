@@ -10,9 +10,9 @@ Every intermediate value is in the returned Tick.
     -> allocation: attitude and throttle
 
 While the law holds a vehicle back, its setpoint would run away and the baseline would wind up.
-Three measures prevent that. The trajectory's clock slows with the lag behind the setpoint, as far
-as the law is active. A position error beyond the clamp pulls no harder. In a jam the whole pursuit
-of the setpoint slows down.
+Three measures prevent that. First, while the law is active, the trajectory's clock slows with the
+lag behind the setpoint. Second, a position error beyond the clamp counts like one at the clamp.
+Third, in a jam the vehicle follows its setpoint more slowly.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ from onboard.vectors import (
     subtract,
 )
 
-_INTENT_1_S = 1.0  # intended horizontal velocity per metre left to the goal
+_INTENT_1_S = 1.0  # intended horizontal velocity per metre of distance to the goal
 _ACTIVE_M_S2 = 0.05  # the law is active if it changes the thrust by more than this
 _ACTIVE_FACTOR = 2.0  # the clock slows fully if the law is active in half of the recent past
-_LEAST_CLAMP_M = 0.15  # position error that always counts, however fast the setpoint is
+_LEAST_CLAMP_M = 0.15  # smallest clamp of the position error, for the fastest setpoint
 
 # While a leg still touches the ground, tilt turns the vehicle over instead of moving it.
 _LIFTOFF_CLAMP_M = 0.1
@@ -169,11 +169,11 @@ def before_law(
     """Return the results of the stages before the law, for a vehicle in flight.
 
     Args:
-        memory: of the last tick.
+        memory: memory of the last tick.
         state: own estimate.
-        goal: of the order being flown.
+        goal: goal of the order that is flown.
         mode: a ControlMode, not on the ground.
-        params: of the vehicle.
+        params: parameters of the vehicle.
         dt_s: length of the tick.
     """
     is_usable = is_within(state.position_enu_m, LARGEST) and is_within(
@@ -182,21 +182,21 @@ def before_law(
     usable = state if is_usable else _at_rest(state, memory)
     observer, lift = _observed(memory, usable, mode, params, dt_s)
 
-    share = 1.0  # a descent without poses does not slow down in a jam
+    speed_share = 1.0  # a descent without poses does not slow down in a jam
     if mode != ControlMode.BLIND:
-        share = oist.speed_share(memory.law, params.law)
+        speed_share = oist.speed_share(memory.law, params.law)
     predicted = oist.predict(memory.law, usable, params.law)
     rate, leg, setpoint = _led(memory, predicted, goal, mode, params, dt_s)
 
-    # line O: the compensation of drag and observed disturbance is added after the law, so that the
-    # law commands net motion
+    # Line O: the compensation of drag and observed disturbance is added after the law. So the law's
+    # thrust is that of a vehicle without drag and wind.
     disturbance = observer.disturbance_enu_m_s2
     if mode == ControlMode.BLIND:
         disturbance = observer.mean_enu_m_s2
     compensation = _compensation(predicted.velocity_enu_m_s, disturbance, params)
 
     intended_m_s = intent(predicted.position_enu_m, goal, params.trajectory.max_speed_m_s)
-    thrust = _tracking(predicted, setpoint, share, mode, params)
+    thrust = _tracking(predicted, setpoint, speed_share, mode, params)
     return BeforeLaw(
         observer=observer,
         lift=lift,
@@ -223,12 +223,12 @@ def after_law(
     """Return memory and Tick after the law.
 
     Args:
-        memory: of the last tick.
+        memory: memory of the last tick.
         before: results of the stages before the law.
         law_memory, law: results of the law.
         state: own estimate.
-        goal: of the order being flown.
-        params: of the vehicle.
+        goal: goal of the order that is flown.
+        params: parameters of the vehicle.
         dt_s: length of the tick.
     """
     thrust = before.baseline.thrust
@@ -317,17 +317,17 @@ def _observed(
 def _tracking(
     predicted: Motion,
     setpoint: TrajectorySetpoint,
-    share: float,
+    speed_share: float,
     mode: int,
     params: PipelineParams,
 ) -> Thrust:
-    """Return the baseline thrust; in a jam ``share`` slows the motion (line G)."""
+    """Return the baseline thrust; ``speed_share`` slows the motion in a jam (line G)."""
     slowed = TrajectorySetpoint(
         setpoint.position_enu_m,
-        scaled(share, setpoint.velocity_enu_m_s),
-        scaled(share, setpoint.acceleration_enu_m_s2),
+        scaled(speed_share, setpoint.velocity_enu_m_s),
+        scaled(speed_share, setpoint.acceleration_enu_m_s2),
     )
-    gains = _pursuit(setpoint, share, mode, params)
+    gains = _pursuit(setpoint, speed_share, mode, params)
     return backstepping.step(predicted.position_enu_m, predicted.velocity_enu_m_s, slowed, gains)
 
 
@@ -350,11 +350,11 @@ def clock_rate(
     """Return the rate of the trajectory's clock, from 0 to 1.
 
     It is less than 1 while the law is active and the vehicle lags behind its setpoint. It is 0
-    while the vehicle climbs or sinks towards neighbours that are not out of the way yet.
+    while the vehicle climbs or sinks towards neighbours that are still in the way.
 
     Only the lag along the direction to the goal counts: a vehicle that was pushed aside or ahead
-    does not slow its clock. DEVIATION D7. All vehicles on a path share its clock, which is not
-    slowed here.
+    does not slow its clock. DEVIATION D7. The vehicles on a path have one common clock, which is
+    not slowed here.
 
     Args:
         memory: memory of the last tick.
@@ -387,8 +387,8 @@ def clock_rate(
 def intent(position_enu_m: Vec3, goal: Goal, max_speed_m_s: float) -> Vec3:
     """Return the velocity [m/s] that would lead straight to the goal or along the path.
 
-    It is at most the top speed. Its vertical part times ``INTENT_S`` is the height that is left to
-    the goal. So the neighbours know where a climb ends.
+    It is at most the top speed. Its vertical part times ``INTENT_S`` is the remaining climb to the
+    goal, so that the neighbours know where a climb ends.
 
     Args:
         position_enu_m: position predicted to t + L [m], ENU.
@@ -430,7 +430,7 @@ def _turned(yaw_rad: float, goal: Goal, params: PipelineParams, dt_s: float) -> 
 
 
 def _pursuit(
-    setpoint: TrajectorySetpoint, share: float, mode: int, params: PipelineParams
+    setpoint: TrajectorySetpoint, speed_share: float, mode: int, params: PipelineParams
 ) -> backstepping.BacksteppingParams:
     """Return the gains and bounds of the backstepping for this tick.
 
@@ -440,7 +440,7 @@ def _pursuit(
     base = params.backstepping
     speed_m_s = length(setpoint.velocity_enu_m_s)
     spare_m = (params.pursuit_speed_m_s - speed_m_s) / base.position_gain_1_s
-    clamp_m = min(max(spare_m, _LEAST_CLAMP_M), base.max_position_error_m) * share
+    clamp_m = min(max(spare_m, _LEAST_CLAMP_M), base.max_position_error_m) * speed_share
     largest_m_s2 = base.max_acceleration_m_s2
 
     if mode == ControlMode.LIFTOFF:
@@ -479,7 +479,7 @@ def _compensation(
 def _on_ground(state: State, params: PipelineParams) -> tuple[PipelineMemory, Tick]:
     """Return a level setpoint without thrust, and reset memories.
 
-    So no value that was estimated on the ground is flown.
+    The reset keeps values that were estimated on the ground out of the flight.
     """
     position = finite_or(state.position_enu_m, ZERO_3)
     memory = initial(params, position)

@@ -21,7 +21,7 @@ _LIFT_COMPENSATION_SHARE = 0.5  # the same for the vertical acceleration
 _MAX_VERTICAL_M_S2 = 2.5
 _VERTICAL_SHARE = 0.4
 
-_PURSUIT_FACTOR = 1.25  # of the top speed, for a vehicle that returns to its setpoint
+_PURSUIT_FACTOR = 1.25  # largest speed of a return to the setpoint, relative to the top speed
 
 
 class PipelineParams(NamedTuple):

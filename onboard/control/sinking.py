@@ -23,8 +23,9 @@ from onboard.vectors import Vec3
 FAST_M_S = 2.0
 SLOW_M_S = 0.8  # a vehicle survives a touchdown at this speed
 
-# Below this height the ground may be: error of the height, and a reserve. With a mocap, PX4's
-# height was compared with the poses while they came. A height from satellites is less accurate.
+# Below this height above the expected ground the vehicle may touch the real ground at any moment.
+# The number is the error of PX4's height and a reserve. With a mocap that error is small, because
+# PX4's height was compared with the poses while they came.
 SLOW_BELOW_M = 0.45
 SLOW_BELOW_WITHOUT_MOCAP_M = 1.2
 
@@ -36,7 +37,7 @@ _VERTICAL_M_S2 = 3.5
 _LIFT_SHARE = 0.75
 _RISE_SHARE = 0.6
 
-_STEP_S = 0.02  # time step in which the duration of a descent is summed up
+_STEP_S = 0.02  # step of the simulated descent that gives its duration
 
 
 class SinkingParams(NamedTuple):
@@ -83,16 +84,16 @@ def sinking_s(height_m: float, params: SinkingParams) -> float:
     """Return the duration [s] of a descent from rest to the ground.
 
     Args:
-        height_m: above the ground.
+        height_m: height above the ground.
         params: accelerations.
     """
     duration_s = 0.0
     speed_m_s = 0.0
-    left_m = height_m
-    while left_m > 0.0:
+    remaining_m = height_m
+    while remaining_m > 0.0:
         faster_m_s = speed_m_s + params.vertical_m_s2 * _STEP_S
-        speed_m_s = min(faster_m_s, sink_speed_m_s(left_m, params))
-        left_m -= speed_m_s * _STEP_S
+        speed_m_s = min(faster_m_s, sink_speed_m_s(remaining_m, params))
+        remaining_m -= speed_m_s * _STEP_S
         duration_s += _STEP_S
     return duration_s
 
@@ -116,25 +117,34 @@ def step(
         dt_s: length of the tick.
     """
     position = ahead.position_enu_m
-    before = leg.start_velocity_enu_m_s
+    last_velocity = leg.start_velocity_enu_m_s
     if goal.sequence != leg.sequence:
-        before = ahead.velocity_enu_m_s
+        last_velocity = ahead.velocity_enu_m_s
 
-    speed_m_s = math.sqrt(before.x * before.x + before.y * before.y)
-    kept_share = max(0.0, speed_m_s - params.brake_m_s2 * dt_s) / max(speed_m_s, 1e-9)
-    braking_1_s = params.brake_m_s2 / max(speed_m_s, 1e-9) if kept_share > 0.0 else 0.0
+    # The horizontal velocity keeps its direction and loses speed at the braking deceleration. Both
+    # factors below are multiplied with the last velocity; 1e-9 avoids a division by zero.
+    speed_m_s = math.sqrt(last_velocity.x * last_velocity.x + last_velocity.y * last_velocity.y)
+    remaining_share = max(0.0, speed_m_s - params.brake_m_s2 * dt_s) / max(speed_m_s, 1e-9)
+    braking_1_s = 0.0
+    if remaining_share > 0.0:
+        braking_1_s = params.brake_m_s2 / max(speed_m_s, 1e-9)
 
-    # Where the allowed speed falls with the height, a vehicle at that speed needs the upward
-    # acceleration in its setpoint, too.
+    # Between its two bounds the allowed speed falls with the height. A vehicle that is already too
+    # fast there needs an upward acceleration in its setpoint, too.
     height_m = position.z - goal.position_enu_m.z
     sink_m_s = sink_speed_m_s(height_m, params)
-    rise_m_s2 = params.rise_m_s2 if SLOW_M_S < sink_m_s < FAST_M_S else 0.0
-    is_fast_already = -ahead.velocity_enu_m_s.z > sink_m_s
-    if not is_fast_already:
-        rise_m_s2 = 0.0
+    must_slow_down = SLOW_M_S < sink_m_s < FAST_M_S
+    is_too_fast = -ahead.velocity_enu_m_s.z > sink_m_s
+    rise_m_s2 = 0.0
+    if must_slow_down and is_too_fast:
+        rise_m_s2 = params.rise_m_s2
 
-    velocity = Vec3(kept_share * before.x, kept_share * before.y, -min(sink_m_s, limit_m_s))
-    acceleration = Vec3(-braking_1_s * before.x, -braking_1_s * before.y, rise_m_s2)
+    velocity = Vec3(
+        remaining_share * last_velocity.x,
+        remaining_share * last_velocity.y,
+        -min(sink_m_s, limit_m_s),
+    )
+    acceleration = Vec3(-braking_1_s * last_velocity.x, -braking_1_s * last_velocity.y, rise_m_s2)
 
     # a leg that has just begun with this motion, so that the next leg continues it
     after = TrajectoryMemory(

@@ -1,11 +1,12 @@
 """Trajectories to a goal, regardless of obstacles: quintics of bounded speed and acceleration.
 
 A leg is the flight to one goal. Its first form is one quintic per axis, from the present setpoint
-to rest at the goal. The setpoint's position, velocity and acceleration are continued. A quintic
-that starts with acceleration exceeds the bounds when it is made longer. So there is a second form:
-it brakes to rest on the shortest polynomial that keeps the bounds, and then flies a quintic from
-rest. The shorter form that keeps the bounds is flown. A quintic from rest over the distance D in
-the time T has the peak speed 15/8 D/T and the peak acceleration 10/sqrt(3) D/T^2.
+to rest at the goal. It continues the setpoint's position, velocity and acceleration. A quintic that
+starts with an acceleration may exceed the bounds at any duration. So there is a second form: it
+brakes to rest on the shortest polynomial that keeps the bounds, and then flies a quintic from rest.
+Of the forms that keep the bounds, the one with the shorter duration is flown. A quintic from rest
+over the distance D in the time T has the peak speed 15/8 D/T and the peak acceleration
+10/sqrt(3) D/T^2.
 
 A climb or descent ends at once if a smooth brake would pass the height of the new goal. The
 baseline brakes harder than the bounds of a leg, and a vehicle that is ordered to land in a climb
@@ -37,7 +38,7 @@ _ACCELERATION_FACTOR = 10.0 / math.sqrt(3.0)
 _BRAKE_FACTORS: tuple[float, ...] = tuple(0.35 * (8.0 / 0.35) ** (k / 31.0) for k in range(32))
 _DIRECT_FACTORS: tuple[float, ...] = tuple(0.5 * 8.0 ** (k / 31.0) for k in range(32))
 _SAMPLES = 40  # intervals of a quintic at whose ends the bounds are tested
-_FITS = 1.0 + 1e-9  # largest value over its bound that keeps the bound, with rounding
+_FITS = 1.0 + 1e-9  # a value divided by its bound may be this large, because of rounding
 
 # No leg is shorter than this share of the time to full speed, so that a vehicle does not tilt for a
 # goal that is only a few millimetres away.
@@ -49,7 +50,7 @@ class TrajectoryParams(NamedTuple):
 
     max_speed_m_s: float = 1.0
     max_acceleration_m_s2: float = 1.5
-    lead_s: float = 0.0  # from the publication of a setpoint to the time that it refers to
+    lead_s: float = 0.0  # time from a tick to the time that the tick's setpoint refers to
 
 
 class TrajectoryMemory(NamedTuple):
@@ -227,9 +228,9 @@ def duration_s(memory: TrajectoryMemory) -> float:
 
 
 def shortest_duration_s(distance_m: float, params: TrajectoryParams) -> float:
-    """Return the shortest duration [s] of a leg from rest to rest.
+    """Return the shortest duration [s] of a leg from rest to rest that keeps the bounds.
 
-    The bounds give it. A tiny leg takes longer than the bounds require, see _LEAST_SHARE.
+    A tiny leg takes longer than the bounds require, see _LEAST_SHARE.
 
     Args:
         distance_m: distance from begin to end.
@@ -313,15 +314,16 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
     a = now.acceleration_enu_m_s2
     target = goal.position_enu_m
 
-    # A climb or a descent that leads past the goal ends at once. The setpoint is lead_s ahead: its
-    # height is set to the goal's, if that lies between the present height and the setpoint's.
+    # A climb or a descent that leads past the goal ends at once. The setpoint is lead_s ahead of
+    # the vehicle. Its height becomes that of the goal, clipped to the range from the present height
+    # to the setpoint's height.
     if _leads_past(p.z, v.z, target.z, params):
         now_m = p.z - params.lead_s * v.z
         p = Vec3(p.x, p.y, min(max(target.z, min(now_m, p.z)), max(now_m, p.z)))
         v = Vec3(v.x, v.y, 0.0)
         a = Vec3(a.x, a.y, 0.0)
 
-    ordered_s = 0.0
+    ordered_s = 0.0  # 0: the order names no duration
     if goal.duration_s > 0.0:
         ordered_s = max(goal.duration_s - params.lead_s, 0.0)
 
@@ -371,6 +373,7 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
 
 def _leads_past(height_m: float, climb_m_s: float, goal_m: float, params: TrajectoryParams) -> bool:
     """Whether a climb or a descent would pass the goal's height even with a smooth brake."""
+    # braking distance of the polynomial from :func:`_brake`, with the sign of the climb
     brake_m = 0.75 * climb_m_s * abs(climb_m_s) / params.max_acceleration_m_s2
     return (goal_m - height_m - brake_m) * climb_m_s < 0.0
 

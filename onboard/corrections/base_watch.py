@@ -23,7 +23,7 @@ class BaseWatch:
     """Checks the positions that a base reports.
 
     Args:
-        corrections: of the fleet file.
+        corrections: table of corrections of the fleet file.
     """
 
     def __init__(self, corrections: CorrectionsConfig) -> None:
@@ -37,7 +37,7 @@ class BaseWatch:
         """Check a position; return whether it is trusted.
 
         Args:
-            position: as the base reports it.
+            position: position as the base reports it.
             now_ns: the time.
             is_on_ground: whether this vehicle stands on the ground, disarmed.
         """

@@ -68,7 +68,7 @@ class CorrectionsIntake:
         """Check a message of the bus, and let its frame wait for PX4.
 
         Args:
-            message: with its stamp on our clock.
+            message: the message, its stamp on our clock.
             received_ns: arrival of the message.
             is_on_ground: whether this vehicle stands on the ground, disarmed.
         """

@@ -34,8 +34,8 @@ class ObserverParams(NamedTuple):
 
     max_disturbance_m_s2: float = 1.5  # per axis
     mean_time_s: float = 2.0  # time constant of the mean disturbance
-    # Per axis. A larger difference from the mean is clipped to this, so that a jump of the poses
-    # does not move the mean like wind.
+    # Largest difference from the mean that moves the mean, per axis. A larger one is clipped, so
+    # that a jump of the poses does not move the mean like wind.
     max_miss_m_s2: float = 0.8
 
 
@@ -44,7 +44,7 @@ class ObserverMemory(NamedTuple):
 
     velocity_enu_m_s: Vec3
     disturbance_enu_m_s2: Vec3  # s_b
-    # mean of s_b over the last seconds; a better guess than the last value once poses are missing
+    # mean of s_b over the last seconds, which is used instead of s_b while there are no poses
     mean_enu_m_s2: Vec3
     response_enu_m_s2: Vec3  # present acceleration of the model that obeys the commands
     response_rate_enu_m_s3: Vec3
@@ -107,8 +107,9 @@ def step(
     command = finite_or(command_enu_m_s2, memory.commands_enu_m_s2[0])
     commands = (command,) + memory.commands_enu_m_s2[:-1]  # noqa: RUF005  numba compiles no unpacking
 
-    # the command one dead time ago, linear between ticks
-    ticks = min(params.delay_s / dt_s, HISTORY_TICKS - 1.000001)  # so that whole + 1 is in the list
+    # The command one dead time ago is interpolated linearly between two ticks. The bound keeps the
+    # index whole + 1 within the list.
+    ticks = min(params.delay_s / dt_s, HISTORY_TICKS - 1.000001)
     whole = int(ticks)
     share = ticks - whole
     newer = commands[whole]

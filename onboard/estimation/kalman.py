@@ -73,7 +73,7 @@ class Covariance(NamedTuple):
 
 
 class PastTick(NamedTuple):
-    """Motion of one past tick, without the bias; whoever uses it adds the present bias."""
+    """Acceleration of one past tick, without the bias; users add the present bias."""
 
     duration_s: float  # 0: there was no tick yet
     acceleration_enu_m_s2: Vec3
@@ -157,9 +157,9 @@ def drive(
 ) -> KalmanMemory:
     """Return the memory after ``dt_s`` under the flown attitude and the sent throttle.
 
-    The motor lag applies to the throttle only, because the attitude is measured. On the ground the
-    contact force balances the rest: the horizontal acceleration is zero, and the vertical
-    acceleration is not negative.
+    The motor lag applies to the throttle only, because the attitude is measured. On the ground
+    contact forces keep the horizontal acceleration at zero, and the vertical acceleration from
+    being negative.
 
     Args:
         memory: memory of the last tick.
@@ -189,7 +189,7 @@ def predict(
     """Return the memory after ``dt_s`` under a given acceleration.
 
     Args:
-        memory: of the last tick.
+        memory: memory of the last tick.
         acceleration_enu_m_s2: acceleration without drag and bias [m/s^2], ENU. A component that is
             not finite counts as zero.
         params: noise and limits.
@@ -255,8 +255,8 @@ def correct(
     """Return the memory with a mocap sample applied at its own time.
 
     A sample that is not finite or older than the remembered ticks is ignored. A jump is ignored and
-    counted in ``rejected_count``, which the next good sample resets to 0. If all samples stay
-    elsewhere, the caller decides whether to begin anew there with ``initial``.
+    counted in ``rejected_count``, which the next good sample resets to 0. If many samples in a row
+    are jumps, the caller decides whether to restart the filter at them with ``initial``.
 
     Args:
         memory: memory of the last tick.
@@ -377,7 +377,7 @@ def position_at(memory: KalmanMemory, age_s: float) -> Vec3:
 def state(
     memory: KalmanMemory, yaw_rad: float, least_position_std_m: float, least_velocity_std_m_s: float
 ) -> State:
-    """Return the estimate as the pipeline takes it: valid now, with its accuracy per axis.
+    """Return the present estimate for the pipeline, with its accuracy per axis.
 
     Args:
         memory: memory of this tick.

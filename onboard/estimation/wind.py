@@ -8,8 +8,8 @@ the mean are the gusts. If the drag is not known, the gusts are known as an acce
 The disturbance observer and the attitude lag take a moment to compensate a gust. For that time the
 gust moves the vehicle against its command. Therefore gusts count as an error of the published
 velocity, which widens the distance that all others keep. Two calm seconds say little about the next
-gust. So the largest of three counts: the gusts of now, those of the last half minute, and those
-that are usual in the present mean wind.
+gust. So the largest of three standard deviations counts: that of the present gusts, that of the
+last half minute, and the one that is usual in the present mean wind.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def step(memory: WindMemory, bias_enu_m_s2: Vec3, dt_s: float, is_on_ground: boo
     """Return the memory after a tick.
 
     Args:
-        memory: of the last tick.
+        memory: memory of the last tick.
         bias_enu_m_s2: acceleration that attitude, throttle and drag do not explain, from the Kalman
             filter [m/s^2], ENU.
         dt_s: length of the tick.
@@ -62,13 +62,14 @@ def step(memory: WindMemory, bias_enu_m_s2: Vec3, dt_s: float, is_on_ground: boo
     if not math.isfinite(bias_enu_m_s2.x + bias_enu_m_s2.y + bias_enu_m_s2.z):
         return memory
 
-    # until MEAN_TIME_S of flight this is a plain mean, then a low-pass
+    # until MEAN_TIME_S of flight this gives a plain mean, later a low-pass
     time_s = memory.time_s + dt_s
     blend = dt_s / max(min(time_s, MEAN_TIME_S), dt_s, 1e-6)
     off = subtract(bias_enu_m_s2, memory.push_enu_m_s2)
 
-    # The deviation from the mean before this tick, times that from the mean after it, halved for
-    # one axis. It is 0 for the first sample, so that this one does not count as a gust.
+    # Square of the deviation per axis, as in Welford's running variance: the deviation from the
+    # mean before this tick times the deviation from the mean after it. It is 0 for the first
+    # sample, so that the first sample does not count as a gust.
     square_m2_s4 = 0.5 * (1.0 - blend) * (off.x * off.x + off.y * off.y)
     variance_m2_s4 = memory.variance_m2_s4 + dt_s / MEAN_TIME_S * (
         square_m2_s4 - memory.variance_m2_s4

@@ -114,8 +114,8 @@ def is_agreed_by_thrust(signs: ContactSigns, view: FlightView) -> bool:
     """Return whether thrust and motion say that a vehicle stands, without using its height.
 
     Args:
-        signs: as of this tick.
-        view: of this tick.
+        signs: signs of contact at this tick.
+        view: the flight's view of this tick.
     """
     since_ns = view.now_ns - round(1e9 * AGREED_S)
     is_light = signs.light_ns < since_ns
@@ -132,8 +132,8 @@ def is_agreed_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) ->
     """Return whether a vehicle that descends without poses stands, by PX4's speed and height.
 
     Args:
-        signs: as of this tick.
-        view: of this tick.
+        signs: signs of contact at this tick.
+        view: the flight's view of this tick.
         ground_z_m: height of the ground where it took off [m].
     """
     height_m = view.position_enu_m[2] - ground_z_m
@@ -149,8 +149,8 @@ def seems_to_stand_blind(signs: ContactSigns, view: FlightView, ground_z_m: floa
     dead reckoning has to stop, because contact forces are not in its model.
 
     Args:
-        signs: as of this tick.
-        view: of this tick.
+        signs: signs of contact at this tick.
+        view: the flight's view of this tick.
         ground_z_m: height of the ground where it took off [m].
     """
     height_m = view.position_enu_m[2] - ground_z_m

@@ -111,7 +111,7 @@ class SdkMocap:
         on_pose: called with each pose and its arrival [ns].
         on_malformed: called for bytes that are no frame.
         node: node that publishes the poses on the bus; empty if they stay in this process.
-        default_options: for the package, where the fleet file has none.
+        default_options: options for the package, where the fleet file has none.
     """
 
     def __init__(

@@ -130,7 +130,7 @@ class Px4Link:
     """One PX4 at one endpoint.
 
     Args:
-        endpoint: for instance ``udpin://127.0.0.1:14540``.
+        endpoint: address of the link, for instance ``udpin://127.0.0.1:14540``.
         system_id: MAVLink id that the fleet file gives this vehicle; another id on the endpoint is
             refused.
         position_hz: rate at which PX4 sends its own position.
@@ -445,16 +445,19 @@ class Px4Link:
         Returns:
             Whether PX4 has an origin; with ``sets_ours``, whether it has ours.
         """
-        known = self.snapshot().global_origin
-        if known is None:
+        px4_origin = self.snapshot().global_origin
+        if px4_origin is None:
             is_settled = False
         elif sets_ours:
-            is_settled = abs(known[2] - _ORIGIN[2]) <= _ORIGIN_TOLERANCE_M
+            # only the altitude matters, as the comment at _ORIGIN says
+            _, _, px4_altitude_m = px4_origin
+            _, _, our_altitude_m = _ORIGIN
+            is_settled = abs(px4_altitude_m - our_altitude_m) <= _ORIGIN_TOLERANCE_M
         else:
             is_settled = True
         self.withholds_poses = sets_ours and not is_settled
 
-        if known is None:
+        if px4_origin is None:
             self._command(modes.CMD_REQUEST_MESSAGE, float(_GPS_GLOBAL_ORIGIN))
         if self.withholds_poses and time.monotonic_ns() - self._poses_ns > _PAUSE_NS:
             self.set_global_origin()

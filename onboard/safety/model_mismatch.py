@@ -72,7 +72,7 @@ def update(
     """Return the memory after one sample in free flight.
 
     Args:
-        memory: of the last tick.
+        memory: memory of the last tick.
         response_enu_m_s2: present acceleration of the observer's model; its horizontal part counts.
         rate_enu_m_s3: derivative of that acceleration.
         quaternion_wxyz: measured attitude, FLU to ENU.

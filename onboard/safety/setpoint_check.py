@@ -20,8 +20,8 @@ def is_sendable(setpoint: AttitudeSetpoint, max_tilt_deg: float) -> bool:
     and the tilt is within the limit.
 
     Args:
-        setpoint: for one vehicle.
-        max_tilt_deg: of that vehicle.
+        setpoint: attitude setpoint for one vehicle.
+        max_tilt_deg: largest tilt of that vehicle.
     """
     w, x, y, z = setpoint.quaternion_wxyz
     squared_length = w * w + x * x + y * y + z * z

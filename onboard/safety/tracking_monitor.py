@@ -93,7 +93,7 @@ class TrackingMonitor:
             thrust_frac: throttle sent last.
             below_m: height of the trajectory above the vehicle.
             climb_m_s: vertical velocity, up.
-            dt_s: since the last call.
+            dt_s: time since the last call.
         """
         # the body's up in ENU is the last column of the rotation
         w, x, y, z = commanded_wxyz

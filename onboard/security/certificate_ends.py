@@ -62,7 +62,7 @@ def end_of(path: str) -> float | None:
     """Return the end of a certificate in seconds since 1970; None if it cannot be read.
 
     Args:
-        path: of a PEM file.
+        path: path of a PEM file.
     """
     # Imported here, because it loads ten megabytes that a fleet without keys does without.
     from onboard.security.certificates import read_certificate

@@ -27,7 +27,7 @@ def flight_s(vehicle: Vehicle) -> float:
     """Return how long [s] a certificate must still be valid when a vehicle takes off.
 
     Args:
-        vehicle: of the fleet file.
+        vehicle: a vehicle of the fleet file.
     Returns:
         its longest flight plus an hour.
     """
@@ -53,7 +53,7 @@ def end_words(end: datetime.datetime, now: datetime.datetime) -> str:
 
     Args:
         end: end of the certificate's validity.
-        now: by this computer's clock.
+        now: time by this computer's clock.
     """
     left_s = (end - now).total_seconds()
     if left_s < _IN_HOURS_S:

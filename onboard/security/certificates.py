@@ -109,7 +109,7 @@ def read_certificate(path: str) -> x509.Certificate:
     """Read one certificate.
 
     Args:
-        path: of a PEM file.
+        path: path of a PEM file.
     Raises:
         ConfigError: it cannot be read.
     """
@@ -126,7 +126,7 @@ def read_key(path: str) -> PrivateKeyTypes:
     """Read a private key.
 
     Args:
-        path: of a PEM file.
+        path: path of a PEM file.
     Raises:
         ConfigError: it cannot be read.
     """

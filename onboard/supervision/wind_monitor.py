@@ -77,7 +77,7 @@ class WindMonitor:
 
     Args:
         fleet: the fleet file.
-        vehicle: of that file.
+        vehicle: a vehicle of that file.
     """
 
     def __init__(self, fleet: FleetConfig, vehicle: Vehicle) -> None:

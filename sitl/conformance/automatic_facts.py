@@ -36,12 +36,13 @@ def run(client: VehicleClient, report: FactReport) -> None:
     armed_s = client.now_s
     if client.command(ARM, 1.0) != "ACCEPTED":
         raise Stuck("it did not arm in AUTO.TAKEOFF")
-    client.spend(12.0, lambda: _since(client, "IN_AIR", armed_s) < math.inf)
+    client.spend(12.0, lambda: math.isfinite(_since(client, "IN_AIR", armed_s)))
     report.add("takeoff.text", client.quote("Using default", armed_s))
     report.add("takeoff.detected", client.delay_s("Takeoff detected", armed_s))
     report.add("takeoff.state", _since(client, "TAKEOFF", armed_s))
     report.add("takeoff.in-air", _since(client, "IN_AIR", armed_s))
 
+    # the mode after the take-off, and the messages of that mode
     since_s = client.now_s
     client.next_heartbeat(2)
     report.add("takeoff.then", client.mode)
@@ -59,7 +60,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
 
 
 def _since(client: VehicleClient, state: str, armed_s: float) -> float:
-    """Return the time from arming to the first EXTENDED_SYS_STATE with a state."""
+    """Return the time from arming to the first EXTENDED_SYS_STATE with a state, or infinity."""
     for packet in client.received.of("EXTENDED_SYS_STATE", armed_s):
         if LANDED.get(packet.message.landed_state) == state:
             return packet.at_s - armed_s

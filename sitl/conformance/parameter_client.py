@@ -12,9 +12,10 @@ from sitl.conformance.endpoint import ReceivedPacket, Recording, VehicleClock
 # Struct of each MAV_PARAM_TYPE that is a whole number.
 _INTEGER_STRUCTS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 _ATTEMPTS = 3
-# Longest wait for an answer: the larger of two times, the second of which is in real time.
-_ANSWER_S = 0.5
-_ANSWER_REAL_S = 0.3
+# Longest wait for an answer. An emulator may run faster than real time, while the link's delay is
+# real: then the real time counts, if it is longer.
+_ANSWER_S = 0.5  # by the vehicle's clock
+_ANSWER_REAL_S = 0.3  # by this computer's clock
 _MAV_PARAM_TYPE_REAL32 = 9
 _PARAM_VALUE = int(common.MAVLink_param_value_message.id)
 
@@ -42,7 +43,7 @@ class ParameterClient:
         self._originals: dict[str, tuple[float, int]] = {}
 
     def read(self, name: str) -> float | None:
-        """Return the value of a parameter; None without an answer."""
+        """Return the value of a parameter; None if the vehicle does not answer."""
         answer = self._read(name)
         if answer is None:
             return None
@@ -50,7 +51,10 @@ class ParameterClient:
         return value
 
     def set(self, name: str, value: float) -> float | None:
-        """Set a parameter and store its original value; return the value in the answer."""
+        """Set a parameter and store its original value.
+
+        Return the value that the vehicle answers; None if it does not answer.
+        """
         before = self._read(name)
         if before is None:
             return None
@@ -123,7 +127,10 @@ class ParameterClient:
 
 
 def parameter_value(message: Any) -> tuple[float, int]:
-    """Return value and type of a PARAM_VALUE, whose float has the bytes of a whole number."""
+    """Return value and type of a PARAM_VALUE.
+
+    The message has only a float field. For an integer parameter its bytes are those of the integer.
+    """
     kind = int(message.param_type)
     if kind not in _INTEGER_STRUCTS:
         return float(message.param_value), kind

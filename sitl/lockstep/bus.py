@@ -192,7 +192,7 @@ class SimBus:
         Args:
             pair: names of sender and receiver.
             delivery: whether the message may be lost.
-            function: is called when the message arrives.
+            function: function that is called when the message arrives.
             args: arguments of that call.
         """
         now_ns = self.now_ns()

@@ -9,7 +9,8 @@ from onboard.config.fleet import ConfigError, RadioConfig
 Pair = tuple[str, str]
 
 _PERIOD_NS = 20_000_000  # period of messages of 50 Hz
-# a connection without a message so far counts as if its last one were so old
+# The first message of a connection is treated as if another one had been sent this long before it:
+# so long that it does not matter whether that one was lost.
 _FORGOTTEN_NS = 10_000_000_000
 
 
@@ -69,9 +70,9 @@ class Losses:
     """Chooses the messages that are lost, and remembers the last one of each connection.
 
     Each connection is the two-state chain of Gilbert and Elliott: in one state it loses every
-    message, in the other none. How long a state lasts is a time, not a number of messages. The
-    settings count messages of 50 Hz; of messages that come less often fewer are lost in a row, and
-    of those sent at one instant all are lost or none.
+    message, in the other none. A state lasts for a time, not for a number of messages. The settings
+    express this time as a number of messages of 50 Hz. So a connection of 5 Hz loses fewer messages
+    in a row, and of messages sent at the same instant all are lost or none.
     """
 
     def __init__(self) -> None:

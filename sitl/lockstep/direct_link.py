@@ -42,7 +42,8 @@ _ATTITUDE_EVERY_STEPS = 5
 _ATTITUDE_PHASE_STEPS = 3
 
 _LANDED_EVERY_STEPS = 25
-_CHECKED_POSITION_EVERY_STEPS = 25  # local position of vehicles with motion capture
+# local position of vehicles with motion capture, whose agents compare it with the poses
+_MOCAP_POSITION_EVERY_STEPS = 25
 _BATTERY_EVERY_STEPS = 125
 _ACCURACY_EVERY_STEPS = 50
 _HEARTBEAT_EVERY_STEPS = 250
@@ -58,7 +59,8 @@ Fields = dict[str, Any]
 # a call that acts on the emulated PX4
 Px4Call = Callable[[], object]
 
-# snapshot field with a time of arrival -> field whose arrival it notes
+# Snapshot field that holds a time of arrival -> the field that arrives. A field of each message
+# stands for the whole message.
 _TIMES = {
     "attitude_ns": "px4_boot_ms",
     "local_position_ns": "position_local_ned_m",
@@ -195,7 +197,7 @@ class LinkBank:
                     }
                 )
 
-        self._add_positions(rows, has_checked=frame % _CHECKED_POSITION_EVERY_STEPS == 0)
+        self._add_positions(rows, of_all=frame % _MOCAP_POSITION_EVERY_STEPS == 0)
         for every_steps, sample in (
             (_LANDED_EVERY_STEPS, self._landed),
             (_ACCURACY_EVERY_STEPS, self._accuracy),
@@ -204,8 +206,9 @@ class LinkBank:
             (_HEARTBEAT_EVERY_STEPS, self.heartbeat),
         ):
             for index, row in enumerate(rows):
-                is_due = frame == 0 or (frame + self._phase_steps[index]) % every_steps == 0
-                if row is not None and is_due:
+                is_first_frame = frame == 0  # in which every PX4 sends everything
+                is_due = (frame + self._phase_steps[index]) % every_steps == 0
+                if row is not None and (is_first_frame or is_due):
                     row.update(sample(index))
 
         self._rows.append((steps + self._delay_steps, rows))
@@ -230,17 +233,19 @@ class LinkBank:
         up_s = self.emulator.clock_s(index) - self.emulator.autopilots[index].boot_time_s
         return round(up_s * 1e3)
 
-    def _add_positions(self, rows: Sequence[Fields | None], *, has_checked: bool) -> None:
-        """Add LOCAL_POSITION_NED to the rows of vehicles without motion capture.
+    def _add_positions(self, rows: Sequence[Fields | None], *, of_all: bool) -> None:
+        """Add LOCAL_POSITION_NED to the rows of all vehicles, or of those without motion capture.
 
-        With ``has_checked``, it is added to the rows of all vehicles.
+        Args:
+            rows: the fields that each vehicle's PX4 sends.
+            of_all: whether vehicles with motion capture are included.
         """
         positions = self.emulator.estimator.position_ned_m.tolist()
         velocities = self.emulator.estimator.velocity_ned_m_s.tolist()
         for row, link, position, velocity in zip(
             rows, self.links, positions, velocities, strict=True
         ):
-            if row is not None and (has_checked or not link.has_mocap):
+            if row is not None and (of_all or not link.has_mocap):
                 row["position_local_ned_m"] = tuple(position)
                 row["velocity_local_ned_m_s"] = tuple(velocity)
 

@@ -135,6 +135,8 @@ class FileServer:
             if self._has_ended(len(content)):
                 break
 
+            # An answer has the sequence number of its request plus one. So a piece answers a
+            # request with the number before its own.
             burst.pieces_left -= 1
             is_complete = burst.pieces_left == 0
             piece = _Request(

@@ -30,12 +30,14 @@ def forest(rows: int, seed: int) -> tuple[Capsule, ...]:
         seed: the seed of the jitter.
     """
     rng = np.random.default_rng([seed, 17])
+    # In spacings: columns begin at 0 or 0.5, so all pillars lie between 0 and rows - 0.5.
+    middle_row = 0.5 * (rows - 0.5)
     pillars = []
     for column in range(3):
         for row in range(rows):
             shift = 0.5 * (column % 2)  # every second column is shifted by half a spacing
             x_m = _TREE_SPACING_M * (column - 1)
-            y_m = _TREE_SPACING_M * (row + shift - 0.5 * (rows - 0.5))
+            y_m = _TREE_SPACING_M * (row + shift - middle_row)
             dx_m, dy_m = rng.uniform(-_TREE_JITTER_M, _TREE_JITTER_M, 2)
 
             middle = Vec2(float(x_m + dx_m), float(y_m + dy_m))

@@ -7,7 +7,7 @@ class SourceError(Exception):
     """A source cannot be read (any more); the sentence says what happened, where, and what to do.
 
     Args:
-        sentence: for people.
+        sentence: the reason, for people.
         is_refusal: whether the source has refused, so that to ask again soon is of no use.
     """
 

@@ -61,7 +61,7 @@ def report_times(
 
     Args:
         clock: publishes the clock of this node.
-        seconds: after which the reports end; None for never.
+        seconds: time after which the reports end; None for never.
         every_s: time from one report to the next.
         stopped: ends the reports at once.
     """
