@@ -132,6 +132,7 @@ class CommandExecutor:
         on_message = self._inbox.neighbour_received
         self._subscriptions.submit(self._bus.follow, Topic.STATE, command.names, on_message)
 
-        # The own name is among them: a state under it shows another agent of the same vehicle.
-        slowly = self._names - command.names | {self._name}
-        self._subscriptions.submit(self._bus.follow, Topic.FAR, slowly, on_message)
+        # The slow states come from all others, and from the own name: a state under the own name
+        # shows another agent of the same vehicle.
+        slow_names = self._names - command.names | {self._name}
+        self._subscriptions.submit(self._bus.follow, Topic.FAR, slow_names, on_message)

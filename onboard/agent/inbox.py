@@ -42,7 +42,7 @@ class Inbox:
     """Queues of one agent.
 
     Args:
-        vehicle: the agent's own.
+        vehicle: the agent's own vehicle.
         boot_id: number of this start of the agent.
         bus: the bus, not yet open.
         mocap: source of the poses.
@@ -137,12 +137,14 @@ class Inbox:
 
     def _count_missing(self, name: str, sequence: int) -> None:
         """Count lost states by the gap of their sequence: a follower gets every state."""
-        before = self._sequences.get(name, sequence - self._state_ticks)
-        missing = (sequence - before) // self._state_ticks - 1
+        # before the first state none is missing
+        last_sequence = self._sequences.get(name, sequence - self._state_ticks)
+        missing = (sequence - last_sequence) // self._state_ticks - 1
         if 0 < missing < _MOST_MISSING:
             self._counts.dropped += missing
 
-        # a large step back is no overtaken message: the neighbour began to count anew
+        # A small step back is a message that a newer one has overtaken. A large step back is a
+        # neighbour that has begun to count anew.
         is_overtaken = -_MOST_MISSING < missing < 0
         if not is_overtaken:
             self._sequences[name] = sequence

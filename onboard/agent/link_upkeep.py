@@ -29,8 +29,9 @@ from onboard.px4.required_params import (
 from onboard.safety.failsafe_table import Situation
 
 _REPEAT_S = 5.0  # time until the next check while there are problems
-_LOOK_S = 1.0  # time until the next check otherwise
-_READ_AGAIN_NS = 15_000_000_000  # parameters are read again: somebody may have changed one
+_LOOK_S = 1.0  # time until the next check while there are none
+# time after which parameters are read again, because somebody may have changed one
+_READ_AGAIN_NS = 15_000_000_000
 _RESTARTED_MS = 1000  # PX4 has restarted if its clock went back by more than this
 _NO_ORIGIN = (
     "PX4 has no global origin yet, and gets no poses until it has: "
@@ -115,7 +116,7 @@ class LinkUpkeep:
         # polled, because MAVSDK's threads set no Event to wait for
         while self._link.snapshot().heartbeat_ns < requested_ns:  # noqa: ASYNC110
             await asyncio.sleep(0.1)
-        # PX4 was armed by an earlier run of this agent, or by a pilot: nothing is changed in flight
+        # an earlier run of this agent or a pilot has armed PX4; in flight nothing is changed
         if self._link.snapshot().is_armed:
             log.warning("PX4 is armed already: its origin and its parameters are left as they are")
             return
@@ -136,9 +137,9 @@ class LinkUpkeep:
 
     async def _watch_until_restart(self) -> None:
         """Check parameters, origin and disk from time to time, until PX4's clock begins anew."""
-        problems: tuple[str, ...] | None = None  # None: not read yet
-        read_ns = 0
-        read_for: Version | None = None
+        problems: tuple[str, ...] | None = None  # None: the parameters have not been read yet
+        read_ns = 0  # time at which they were read
+        read_for: Version | None = None  # PX4's version at that time
         has_origin = True
         boot_ms = self._link.snapshot().px4_boot_ms
 
@@ -148,13 +149,14 @@ class LinkUpkeep:
             if version is None:
                 self._link.request_version()
 
-            is_old = time.monotonic_ns() - read_ns > _READ_AGAIN_NS
-            # also while there are problems, which may have been solved meanwhile
-            is_due = problems or version != read_for or is_old
             is_on_ground = self._flight.step.situation is Situation.GROUND
             if is_on_ground:
                 has_origin = self._link.settle_global_origin(sets_ours=self._vehicle.mocap_required)
 
+            # Parameters are read again on the ground only: after some time, for another version of
+            # PX4, and while there are problems, which may have been solved meanwhile.
+            is_old = time.monotonic_ns() - read_ns > _READ_AGAIN_NS
+            is_due = problems or version != read_for or is_old
             if problems is None or (is_due and is_on_ground):
                 read_ns = time.monotonic_ns()
                 read_for = version

@@ -149,9 +149,9 @@ class OrderIntake:
             self.refused["operator"] += 1
             return not_operator
 
-        not_heard = self._replaces_unheard(order)
-        if not_heard is not None:
-            return not_heard
+        unheard_order = self._replaces_unheard(order)
+        if unheard_order is not None:
+            return unheard_order
 
         reason = order_checks.refusal(order, self._flight, facts)
         if reason is not None:
@@ -215,8 +215,8 @@ class OrderIntake:
     ) -> None:
         """End a move whose goal stays too near to another vehicle's goal.
 
-        The goals are compared some time after the begin of the move, because at the begin two
-        vehicles that swap places would look like a conflict.
+        The goals are compared some time after the begin of the move. Right after the begin of a
+        swap, the goal of one vehicle is still the announced goal of the other.
         """
         if not self._conflict_check_ns or view.now_ns < self._conflict_check_ns:
             return

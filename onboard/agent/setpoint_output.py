@@ -24,7 +24,7 @@ from onboard.tuples import Wxyz
 # PX4 sends a packet at least every 30 ms. If none has come for longer than this, PX4 or a thread
 # hangs, and the attitude is not known.
 _PX4_FRESH_NS = 80_000_000
-# longest dead reckoning with setpoints: the failsafe ends it before
+# longest dead reckoning for which setpoints are sent; the failsafe ends dead reckoning earlier
 _RECKONED_S = RECKONING_AMONG_OTHERS_S + 0.2
 
 

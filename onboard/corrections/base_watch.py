@@ -1,10 +1,10 @@
 """Check of the position that the base of the corrections reports. Pure.
 
 A receiver calculates its vehicle's position from the position that the base reports for itself. If
-that is wrong by ten metres, all vehicles fly ten metres aside. So a base is not trusted if it is
-not at the position where it was surveyed, and neither is one that moves, or is replaced by another
-one, while this vehicle flies. On the ground a new position is accepted; then nobody takes off until
-it has been steady for a while.
+that is wrong by ten metres, all vehicles fly ten metres aside. So a base is not trusted if it
+reports another position than the surveyed one. It is not trusted either if it moves, or is replaced
+by another base, while this vehicle flies. On the ground a new position is accepted, but no vehicle
+takes off until this position has been steady for a while.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class BaseWatch:
         self.base_deg: tuple[float, float] = (math.nan, math.nan)  # its latitude and longitude
         self.judgement = FINE  # result for the newest reported position
         self._corrections = corrections
-        self._moved_ns: int | None = None  # when the trusted position changed last
+        self._moved_ns: int | None = None  # time at which the trusted position changed last
 
     def hear(self, position: BasePosition, now_ns: int, *, is_on_ground: bool) -> bool:
         """Check a position; return whether it is trusted.
@@ -63,7 +63,7 @@ class BaseWatch:
         return max(0.0, moved_s)
 
     def _is_another(self, position: BasePosition) -> bool:
-        """Whether a position differs from the trusted one, or is another station's."""
+        """Whether a position differs from the trusted one, or belongs to another station."""
         assert self.base is not None
         moved_m = math.dist(position.ecef_m, self.base.ecef_m)
         is_moved = moved_m > self._corrections.base_tolerance_m

@@ -60,7 +60,7 @@ def is_below(snapshot: Snapshot, corrections: CorrectionsConfig | None, now_ns: 
     """Whether PX4's receiver has a worse fix than the fleet demands, or does not report any.
 
     Args:
-        snapshot: newest one of PX4.
+        snapshot: newest snapshot of PX4.
         corrections: table of the fleet file; None for a vehicle that uses no corrections.
         now_ns: the time.
     """

@@ -1,10 +1,10 @@
 """An RTCM frame as fragments for MAVLink's GPS_RTCM_DATA. Pure.
 
 A fragment has up to 180 bytes and one byte of flags: the lowest bit says that the frame is cut into
-several fragments, two bits are the fragment's number, and five bits count the frames. A program
-that assembles them knows that a cut frame is whole when it has four fragments, or all up to the
-first one that is not full. So a cut frame whose last fragment is full gets an empty fragment behind
-it, unless that would be the fifth.
+several fragments, two bits are the fragment's number, and five bits count the frames. For a program
+that assembles them, a cut frame is complete with four fragments, or with a fragment that is not
+full and all before it. So a cut frame whose last fragment is full gets an empty fragment behind it,
+unless that would be the fifth.
 
 PX4 does not assemble frames: it passes every fragment on to its receiver, which checks the frame's
 checksum.

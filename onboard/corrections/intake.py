@@ -2,7 +2,7 @@
 
 PX4 does not get a message that is no frame, is old, comes from a second source, or belongs to a
 base that is not trusted. Its receiver then falls back to a worse fix, which the failsafes notice.
-PX4 gets nothing from a base before that has reported its position.
+PX4 gets nothing from a base until the base has reported its position.
 
 At each tick at most one fragment is sent, after the setpoint: 9 kB a second. A frame is sent whole
 before the next one begins. The number of frames that wait is bounded; the oldest are dropped, since
@@ -29,10 +29,10 @@ from onboard.message_counts import MessageCounts
 
 MOST_WAITING = 24  # frames; the observations of one moment, by four satellite systems, take six
 _STALE_NS = round(1e9 * TOPICS[Topic.CORRECTIONS].stale_after_s)
-_FUTURE_NS = 100_000_000  # by which a stamp may be ahead of its arrival
+_FUTURE_NS = 100_000_000  # a stamp may be later than its arrival by this
 _SOURCE_GONE_NS = 5_000_000_000  # silence of the source after which another one is accepted
-_SEVERAL_NS = 5_000_000_000  # for which a second source is reported after its message
-_TOO_LONG_NS = 60_000_000_000  # for which a frame that is too long is reported
+_SEVERAL_NS = 5_000_000_000  # time after a message for which its second source is reported
+_TOO_LONG_NS = 60_000_000_000  # time for which a frame that is too long is reported
 
 
 class _Waiting(Struct, frozen=True):
@@ -46,14 +46,14 @@ class CorrectionsIntake:
     """Corrections of one vehicle; call :meth:`hear` for each message and :meth:`due` once a tick.
 
     Args:
-        corrections: table of the fleet file.
+        corrections: table of corrections of the fleet file.
     """
 
     def __init__(self, corrections: CorrectionsConfig) -> None:
-        self.counts = MessageCounts()  # of messages that were not sent to PX4
+        self.counts = MessageCounts()  # counts of messages that were not sent to PX4
         self._watch = BaseWatch(corrections)
 
-        self._boot_id: int | None = None  # of the source whose messages are accepted
+        self._boot_id: int | None = None  # boot id of the source whose messages are accepted
         self._heard_ns = 0  # arrival of the newest message from that source
         self._several_ns: int | None = None  # arrival of the newest message from another source
         self._too_long = (0, 0)  # bytes of the newest frame that was too long, and its arrival
@@ -83,7 +83,7 @@ class CorrectionsIntake:
             self.counts.late += 1
             return
         if not rtcm.is_for_receivers(rtcm.number_of(frame)):
-            return  # a maker's message for its own receivers: no fault, so it is not counted
+            return  # a maker's message for its own receivers is no fault, and is not counted
         if len(frame) > MOST_BYTES:
             self._too_long = (len(frame), received_ns)
             self.counts.refused += 1
@@ -98,7 +98,7 @@ class CorrectionsIntake:
         self._waiting.append(_Waiting(frame, message.stamp_ns))
 
     def _is_of_the_source(self, message: Corrections, received_ns: int) -> bool:
-        """Whether a message is from the accepted source; if that is gone, accepts this one."""
+        """Whether a message is from the accepted source; accepts its source if that one is gone."""
         is_gone = received_ns - self._heard_ns > _SOURCE_GONE_NS
         if self._boot_id is None or is_gone:
             self._boot_id = message.boot_id
@@ -151,7 +151,7 @@ class CorrectionsIntake:
         """Return the state of the corrections at this tick.
 
         Args:
-            snapshot: newest one of PX4, with the vehicle's position on Earth.
+            snapshot: newest snapshot of PX4, with the vehicle's position on Earth.
             now_ns: the time.
         """
         age_s = math.inf

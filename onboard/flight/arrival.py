@@ -61,7 +61,7 @@ def is_near(view: FlightView, goal_enu_m: Xyz, vehicle: Vehicle) -> bool:
 
 
 def has_turned(view: FlightView, yaw_rad: float) -> bool:
-    """Return whether the vehicle has turned to a heading; True if one of both is not known."""
+    """Return whether the vehicle has turned to a heading; True if one heading is not known."""
     away_rad = math.remainder(view.yaw_rad - yaw_rad, 2.0 * math.pi)
     return not abs(away_rad) > _TURNED_RAD  # True for NaN: a heading that is not known
 

@@ -47,7 +47,7 @@ _BLIND_UNDER_GROUND_M = -1.0  # no error explains so low a height: the vehicle h
 
 
 class ContactSigns(Struct, frozen=True):
-    """Since when each sign of contact has lasted: the last time at which it did not hold."""
+    """Begin of each sign of contact: the last time at which the sign did not hold."""
 
     height_m: float = 0.0  # height at which the vehicle has been still
     still_ns: int = 0  # the vehicle does not move vertically
@@ -57,10 +57,10 @@ class ContactSigns(Struct, frozen=True):
 
 
 def observe(signs: ContactSigns, view: FlightView, has_mocap: bool) -> ContactSigns:
-    """Return the signs as of this tick.
+    """Return the signs of contact at this tick.
 
     Args:
-        signs: signs as of the last tick.
+        signs: signs of contact at the last tick.
         view: what the flight sees at this tick.
         has_mocap: whether a mocap measures the height, to millimetres.
     """
@@ -92,7 +92,7 @@ def is_agreed(signs: ContactSigns, view: FlightView, ground_z_m: float, is_late:
     """Return whether the signs say that the vehicle stands on the ground.
 
     Args:
-        signs: signs as of this tick.
+        signs: signs of contact at this tick.
         view: what the flight sees at this tick.
         ground_z_m: height of the ground where the vehicle took off [m].
         is_late: whether the vehicle should have landed a while ago.
@@ -115,7 +115,7 @@ def is_agreed_by_thrust(signs: ContactSigns, view: FlightView) -> bool:
 
     Args:
         signs: signs of contact at this tick.
-        view: the flight's view of this tick.
+        view: what the flight sees at this tick.
     """
     since_ns = view.now_ns - round(1e9 * AGREED_S)
     is_light = signs.light_ns < since_ns
@@ -133,7 +133,7 @@ def is_agreed_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) ->
 
     Args:
         signs: signs of contact at this tick.
-        view: the flight's view of this tick.
+        view: what the flight sees at this tick.
         ground_z_m: height of the ground where it took off [m].
     """
     height_m = view.position_enu_m[2] - ground_z_m
@@ -145,12 +145,12 @@ def is_agreed_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) ->
 def seems_to_stand_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) -> bool:
     """Return whether a vehicle that descends without poses seems to have met the ground.
 
-    This is known sooner than :func:`is_agreed_blind`, and it does not end the flight. It says when
-    dead reckoning has to stop, because contact forces are not in its model.
+    This is known sooner than :func:`is_agreed_blind`, and it does not end the flight. It ends dead
+    reckoning, whose model has no contact forces.
 
     Args:
         signs: signs of contact at this tick.
-        view: the flight's view of this tick.
+        view: what the flight sees at this tick.
         ground_z_m: height of the ground where it took off [m].
     """
     height_m = view.position_enu_m[2] - ground_z_m

@@ -1,9 +1,9 @@
 """A path that a vehicle follows: its parts, its clock, and how far the vehicle lags behind.
 
-All vehicles of a show fly by the same time of the path. Each of them integrates its own clock, and
-compares it with the clocks in the telemetry of the others. So a show goes on without the ground:
+All vehicles of a show have the same path time. Each of them integrates its own clock, and compares
+it with the clocks in the telemetry of the others. So a show goes on without the ground:
 
-    A vehicle that falls behind its path asks for time. All clocks then run at half the rate.
+    A vehicle that falls behind its path requests more time. All clocks then run at half the rate.
 
     A clock that is ahead of the slowest one slows down.
 
@@ -38,9 +38,9 @@ from onboard.tuples import Xyz
 from onboard.types import Goal
 
 PATIENCE_S = 10.0  # time for which the others wait for one vehicle
-BEHIND_M = 0.6  # lag from which on a vehicle asks for time
-CAUGHT_UP_M = 0.3  # lag below which it does not ask any more
-SLOWEST_RATE = 0.5  # rate of the clocks while a vehicle asks for time
+BEHIND_M = 0.6  # lag from which on a vehicle requests more time
+CAUGHT_UP_M = 0.3  # lag below which the request ends
+SLOWEST_RATE = 0.5  # rate of the clocks while a vehicle requests more time
 START_WITHIN_S = 60.0  # a show begins at most this long after its order
 AT_START_M = 0.5  # largest distance from the begin of the path at its order
 
@@ -49,11 +49,11 @@ _RECOVERY = 0.1  # seconds of patience that a vehicle regains in each second in 
 _AHEAD_GAIN_1_S = 1.0  # how much a clock slows down for each second that it is ahead
 _AHEAD_S = 0.05  # a clock may be ahead of the slowest by this without slowing down
 
-_HEARD_NS = 1_500_000_000  # a clock that was not heard within this time is not compared
+_HEARD_NS = 1_500_000_000  # clocks in older telemetry are not compared
 _COMPARE_NS = 95_000_000  # time between two comparisons
 
 _CHECK_HZ = 20.0  # samples per second in the check of a path
-_SPEED_ROOM = 1.1  # largest speed of a path, relative to the top speed
+_SPEED_ROOM = 1.1  # largest speed on a path, relative to the vehicle's top speed
 _REST_M_S = 0.05  # largest speed at the begin and the end of a path
 
 
@@ -91,7 +91,7 @@ class PathFlight:
 
     @property
     def is_behind(self) -> bool:
-        """Whether the vehicle asks the others for time."""
+        """Whether the vehicle requests more time from the others."""
         has_reason = self.is_lagging or self.slow_until_ns > 0
         return has_reason and self.used_s < PATIENCE_S
 

@@ -66,7 +66,8 @@ class MavlinkRelay:
         self._sending = threading.Lock()  # needed because several threads send
         self._sequence = 0  # sequence of the next packet that is sent
 
-        self._rest = b""  # begin of a packet whose rest a serial device has not delivered yet
+        # the first bytes of a packet of which a serial device has not delivered all bytes yet
+        self._rest = b""
         self._peer: Address | None = None  # address from which PX4 sends
         self._peer_ns = 0  # time of PX4's newest packet
         self._greeted_ns = 0  # time of the last greeting

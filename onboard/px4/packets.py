@@ -112,8 +112,8 @@ SENT = {
     "ODOMETRY": _message(331, 91, "Q55fBBBBb"),
 }
 
-# Messages that MAVSDK needs, and messages of MAVSDK that are sent; its others are dropped.
-# Number -> CRC_EXTRA.
+# Messages that are passed to MAVSDK, and messages of MAVSDK that are sent: number -> CRC_EXTRA. All
+# other messages of MAVSDK are dropped.
 MAVSDK_READS = {
     0: 50,  # HEARTBEAT
     22: 220,  # PARAM_VALUE
@@ -129,7 +129,8 @@ MAVSDK_SENDS = {
     76: 152,  # COMMAND_LONG
 }
 
-# What PX4's own logs are requested with, and come in; passed on and not read. Number -> seed.
+# Messages that request PX4's own logs, and messages that contain them: number -> CRC_EXTRA. They
+# are passed on without being read.
 FILE_TRANSFER = 110  # FILE_TRANSFER_PROTOCOL
 LOG_REQUESTS = {
     FILE_TRANSFER: 84,

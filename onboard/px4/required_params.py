@@ -193,18 +193,23 @@ def all_params(
     if vehicle.mocap_required:
         built_in = [*failsafes, *_MOCAP, *_MOCAP_ADVICE, hover_throttle]
 
-    own = dict(vehicle.px4_params)
+    of_file = dict(vehicle.px4_params)
     for demand in _weakened_demands(fleet, vehicle):
-        own.pop(demand.name)
+        of_file.pop(demand.name)
 
-    params = [demand for demand in built_in if demand.name not in own and demand.is_for(version)]
-    for name, value in own.items():
+    params = [
+        demand for demand in built_in if demand.name not in of_file and demand.is_for(version)
+    ]
+    for name, value in of_file.items():
         params.append(RequiredParam(name, value, "the fleet file's px4_params require it"))
     return tuple(params)
 
 
 def _bounded(demand: RequiredParam, fleet: FleetConfig, vehicle: Vehicle) -> RequiredParam:
-    """Return a demand with the bound that follows from the fleet file for this vehicle."""
+    """Return a demand with the bound that follows from the fleet file for this vehicle.
+
+    ``OwnParameter.bound`` names the limit of the fleet file.
+    """
     bound = _OWN[demand.name].bound
     if bound == "below battery_land_pct":
         most_frac = 0.01 * fleet.fleet.battery_land_pct - _BATTERY_GAP_FRAC
@@ -221,8 +226,8 @@ def _bounded(demand: RequiredParam, fleet: FleetConfig, vehicle: Vehicle) -> Req
     return replace(demand, value=least_m, accepts=(demand.value,), least=least_m)
 
 
-def _may_say(demand: RequiredParam, value: Value) -> bool:
-    """Whether a fleet file may demand this value instead."""
+def _may_replace(demand: RequiredParam, value: Value) -> bool:
+    """Whether a fleet file may demand this value instead of the demanded one."""
     own = _OWN[demand.name]
     if own.file_least is None or own.file_most is None:
         return demand.is_met(value)
@@ -234,7 +239,7 @@ def _weakened_demands(fleet: FleetConfig, vehicle: Vehicle) -> list[RequiredPara
     for demand in FAILSAFES:
         value = vehicle.px4_params.get(demand.name)
         bounded = _bounded(demand, fleet, vehicle)
-        if value is not None and not _may_say(bounded, value):
+        if value is not None and not _may_replace(bounded, value):
             weak.append(bounded)
     return weak
 

@@ -6,9 +6,10 @@ from onboard.autopilot import Snapshot
 
 _RC_RECEIVER = 0x10000
 
-# Each row: bit of MAV_SYS_STATUS_SENSOR, name, whether a flight with a mocap requires it (None: it
-# is not even reported), and whether a flight without one does. The prearm bit is left out: in HOLD
-# without satellites PX4 keeps it low, but arms nevertheless when setpoints arrive.
+# Each row: bit of MAV_SYS_STATUS_SENSOR, name, whether a flight with a mocap requires the sensor,
+# whether a flight without a mocap requires it. None: the sensor is not even reported. The prearm
+# bit is left out: in HOLD without satellites PX4 keeps it low, but arms nevertheless when setpoints
+# arrive.
 _SENSORS: tuple[tuple[int, str, bool | None, bool], ...] = (
     (0x1, "gyroscope", True, True),
     (0x2, "accelerometer", True, True),

@@ -15,8 +15,8 @@ from onboard.px4.packets import SIGNATURE_BYTES, Packet
 _DIGEST_BYTES = 6
 _STAMP_BYTES = 6
 _MINUTE_STEPS = 60 * 100_000  # a minute in steps of 10 us
-_NEW_STREAM_STEPS = _MINUTE_STEPS  # by which the first timestamp of a new sender may be behind
-_WRONG_CLOCK_STEPS = _MINUTE_STEPS  # our clock is wrong if another sender is ahead by more
+_NEW_STREAM_STEPS = _MINUTE_STEPS  # most steps that a new sender's first timestamp may be behind
+_WRONG_CLOCK_STEPS = _MINUTE_STEPS  # our clock is wrong if another sender is further ahead
 
 
 class SignatureVerdict(Enum):

@@ -1,7 +1,7 @@
-"""Detects problems with the other vehicles: silence, late messages, wrong predictions, and
-distances that will be lost.
+"""Detects problems with the other vehicles: silence, late messages, wrong predictions, and safety
+distances that will be violated.
 
-The tick observer asks it for silence at every tick, and for all else ten times a second.
+The tick observer looks for silence at every tick, and for the other problems ten times a second.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _BACK_NS = 2_000_000_000  # time for which a neighbour is reported as heard agai
 _NEAR_M = 5.0  # a neighbour farther away along an axis is not checked
 _CLIMB_S = 0.5  # a climb or descent towards a neighbour is expected to go on for this time
 _BRAKE_SHARE = 0.8  # braking in the check of distances, as a share of that at the largest tilt
-_PREDICTED_SLACK_M = 0.03  # by which a predicted distance may be too small
+_PREDICTED_SLACK_M = 0.03  # a predicted distance may be too small by this
 _KEPT_OFF_SHARE = 0.3  # share of a leg's ticks with the same avoided neighbour that is reported
 
 # Largest plausible speed of a vehicle: it may fall or be blown away faster than it flies.

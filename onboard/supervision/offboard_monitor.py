@@ -34,7 +34,7 @@ class OffboardMonitor:
             now_ns: our clock.
             snapshot: newest reports of PX4.
             flight: flight in progress.
-            is_on_ground: whether a recent report of PX4 says so.
+            is_on_ground: whether a recent report of PX4 says that the vehicle is on the ground.
         """
         is_flown_by_hand = snapshot.is_flown_by_hand(now_ns)
         if flight.step is FlightStep.PX4_LANDING:

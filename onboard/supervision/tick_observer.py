@@ -38,10 +38,11 @@ from onboard.types import LawStatus
 _SLOW_TICKS = 5  # number of ticks between two collections of the slow facts
 _SWAP_RADIUS_M = 0.3  # a jump this near to another vehicle is a swap of two bodies
 
-# Below these heights the ground may carry the vehicle, so its attitude need not follow.
+# Below these heights the ground may carry the vehicle, so that it cannot follow its commanded
+# attitude.
 _TRACKED_ABOVE_M = 0.2
-_TRACKED_BLIND_ABOVE_M = 0.5  # without poses, when the height may read too high
-# in a landing without a mocap: PX4's height from satellites errs by 0.7 m
+_TRACKED_BLIND_ABOVE_M = 0.5  # without poses the estimated height may be too large
+# in a landing without a mocap, because PX4's height from satellites errs by 0.7 m
 _TRACKED_SATELLITES_ABOVE_M = 1.0
 _LONGEST_TICK_S = 0.1  # a longer tick counts as this long in the tracking
 

@@ -27,7 +27,7 @@ class ChargeState(Enum):
     EMERGENCY = 4
 
 
-# From the emptiest: parameter of the threshold, and the state below it.
+# Parameter of the threshold, and the charge state below it. The lowest threshold comes first.
 _THRESHOLDS: tuple[tuple[str, ChargeState], ...] = (
     ("BAT_EMERGEN_THR", ChargeState.EMERGENCY),
     ("BAT_CRIT_THR", ChargeState.CRITICAL),

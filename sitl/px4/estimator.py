@@ -266,7 +266,7 @@ class Estimator:
             self._drift_by_satellites()
 
     def _delay(self, index: int, delay_s: float) -> None:
-        """Replace the horizontal estimate by that of a delay ago.
+        """Replace the horizontal estimate by the one from ``delay_s`` ago.
 
         The height does not change, because it comes from the barometer.
         """
@@ -323,15 +323,16 @@ class Estimator:
         self._vision_time_s[index] = time_s
         self._fuse_vision_yaw(index, yaw_error_rad, is_first=is_first)
 
+        # the estimated position at the time of the pose
         periods_back = min(_HISTORY - 1, max(0, round(delay_s / PERIOD_S)))
-        then = self._history[(self._history_index - periods_back) % _HISTORY, index]
+        estimated = self._history[(self._history_index - periods_back) % _HISTORY, index].tolist()
         if self.sees_satellites(index, time_s):
-            self._steady_by_vision(index, time_s, (x, y, z), then.tolist(), is_first=is_first)
+            self._steady_by_vision(index, time_s, (x, y, z), estimated, is_first=is_first)
         else:
             # PX4 reads the height as one above the sea, so that its local height differs by the
             # altitude of its origin.
             z += self.origin_altitude_m[index] or 0.0
-            self._follow_vision(index, time_s, (x, y, z), then.tolist(), is_first=is_first)
+            self._follow_vision(index, time_s, (x, y, z), estimated, is_first=is_first)
 
     def _fuse_vision_yaw(self, index: int, yaw_error_rad: float, *, is_first: bool) -> None:
         vision_yaw = self._errors["vision_yaw"]
@@ -345,18 +346,26 @@ class Estimator:
         self,
         index: int,
         time_s: float,
-        seen_ned_m: tuple[float, float, float],
-        then_ned_m: list[float],
+        vision_ned_m: tuple[float, float, float],
+        estimated_ned_m: list[float],
         *,
         is_first: bool,
     ) -> None:
-        """Correct the estimate slightly by vision, shifted into the frame of the satellites."""
-        x, y, z = seen_ned_m
-        then_x, then_y, then_z = then_ned_m
+        """Correct the estimate slightly by vision, shifted into the frame of the satellites.
+
+        Args:
+            index: index of the vehicle.
+            time_s: present time.
+            vision_ned_m: position by vision, in the frame of the sender.
+            estimated_ned_m: estimated position at the time of the pose.
+            is_first: whether there was no vision before; the offset of the frames is then new.
+        """
+        x, y, z = vision_ned_m
+        estimated_x, estimated_y, estimated_z = estimated_ned_m
 
         frame = self._vision_frame[index]
         if frame is None or is_first:
-            frame = np.array([then_x - x, then_y - y, then_z - z])
+            frame = np.array([estimated_x - x, estimated_y - y, estimated_z - z])
             self._vision_frame[index] = frame
         frame_x, frame_y, frame_z = frame.tolist()
         x += frame_x
@@ -365,9 +374,9 @@ class Estimator:
 
         self._height_time_s[index] = time_s
         correction = (
-            _FUSE_GAIN * (x - then_x),
-            _FUSE_GAIN * (y - then_y),
-            _FUSE_GAIN * (z - then_z),
+            _FUSE_GAIN * (x - estimated_x),
+            _FUSE_GAIN * (y - estimated_y),
+            _FUSE_GAIN * (z - estimated_z),
         )
         self._correct(index, correction)
 
@@ -375,15 +384,23 @@ class Estimator:
         self,
         index: int,
         time_s: float,
-        seen_ned_m: tuple[float, float, float],
-        then_ned_m: list[float],
+        vision_ned_m: tuple[float, float, float],
+        estimated_ned_m: list[float],
         *,
         is_first: bool,
     ) -> None:
-        """Correct the estimate by vision as the only source, slightly or by a jump."""
-        error_x = seen_ned_m[0] - then_ned_m[0]
-        error_y = seen_ned_m[1] - then_ned_m[1]
-        error_z = seen_ned_m[2] - then_ned_m[2]
+        """Correct the estimate by vision as the only source, slightly or by a jump.
+
+        Args:
+            index: index of the vehicle.
+            time_s: present time.
+            vision_ned_m: position by vision, in the local frame.
+            estimated_ned_m: estimated position at the time of the pose.
+            is_first: whether there was no vision before; the estimate then jumps.
+        """
+        error_x = vision_ned_m[0] - estimated_ned_m[0]
+        error_y = vision_ned_m[1] - estimated_ned_m[1]
+        error_z = vision_ned_m[2] - estimated_ned_m[2]
         gate_m = max(_SMALLEST_GATE_M, _GATE_SIGMAS * self.vision_noise_m[index])
 
         # PX4 follows a horizontal jump at once.
@@ -538,7 +555,11 @@ class Estimator:
             self._change_source(index, time_s, source)
 
     def _watch_drift(self, index: int, time_s: float, *, is_resting: bool) -> None:
-        """Begin and end dead reckoning."""
+        """Begin and end dead reckoning.
+
+        The estimate of a vehicle in flight drifts from the loss of its last source until it has a
+        source again. After a landing it drifts on until PX4 detects the rest.
+        """
         if not is_resting:
             self._rest_begin_s[index] = time_s
         has_flown = time_s - self._rest_begin_s[index] < _REST_DETECTION_S
@@ -569,6 +590,7 @@ class Estimator:
         if source is not Source.VISION:
             self._vision_frame[index] = None
 
+        # The heading comes from vision (share 0 of the compass) or from the compass (share 1).
         # Without a source the gyros keep the heading, with its present error.
         has_vision_yaw = source is Source.VISION and self.uses_vision_yaw[index]
         if source is not Source.NONE:
@@ -579,8 +601,8 @@ class Estimator:
         if source is Source.NONE:
             self._lost_time_s[index] = time_s
         elif before is Source.NONE:
-            # The first position is a jump of position and velocity. The fusion of vision has
-            # already counted the jump of the position.
+            # The first position is a jump of position and velocity. With vision, the fusion has
+            # already counted the jump of the position (XY and Z).
             counters = [VXY, VZ] if source is Source.VISION else [XY, VXY, Z, VZ]
             self.resets[index, counters] += 1
 
@@ -612,6 +634,7 @@ class Estimator:
         errors["tilt_error"][index] = at_first * errors["tilt_error_most"][index]
 
     def _correct(self, index: int, correction: tuple[float, float, float]) -> None:
+        """Shift the estimate, and the past positions with it, by a correction NED [m]."""
         self._errors["offset"][index] += correction
         self._history[:, index] += correction
 
@@ -619,7 +642,8 @@ class Estimator:
         """Return random numbers for each vehicle, which are equal if the errors are common.
 
         Args:
-            draw: function that returns the numbers of a number of vehicles along the first axis.
+            draw: function that returns the random numbers of as many vehicles as its argument
+                says, one row for each vehicle.
         """
         count = self._origin.shape[0]
         if self._is_common:

@@ -188,7 +188,8 @@ class ModeControl:
             return
 
         position = np.array([self.home_ned_m[0], self.home_ned_m[1], self._takeoff_down_m(params)])
-        # The speed begins at a share, so that the vehicle leaves the ground at once, and grows.
+        # The speed grows from a share of the climb speed, so that the vehicle leaves the ground at
+        # once.
         ramp_s = max(params["MPC_TKO_RAMP_T"], _LEAST_RAMP_S)
         share = min(1.0, _FIRST_SHARE + climbing_s / ramp_s)
         up_m_s = share * params["MPC_TKO_SPEED"]
@@ -222,7 +223,7 @@ class ModeControl:
             self._fly(inputs, PositionGoal(home, _ZERO, start.yaw_rad), params)
 
     def _sink(self, inputs: AutopilotInputs, params: Parameters) -> None:
-        # The descent is level and does not hold a position: no sticks or no position are received.
+        # The descent is level and holds no position, because sticks or a position are missing.
         velocity = np.array([0.0, 0.0, params["MPC_LAND_SPEED"]])
         goal = PositionGoal(_NO_POSITION, velocity, self._start(inputs).yaw_rad)
         self._fly(inputs, goal, params, is_level=True)

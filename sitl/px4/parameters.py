@@ -21,7 +21,7 @@ MAV_PARAM_TYPE_UINT32 = 5
 MAV_PARAM_TYPE_INT32 = 6
 MAV_PARAM_TYPE_REAL32 = 9
 HASH_CHECK = "_HASH_CHECK"
-_NEVER_NAN = 0xBFFFFFFF
+_NEVER_NAN = 0xBFFFFFFF  # clears the highest bit of a float's exponent
 
 _GROUPS: dict[str, dict[str, int | float]] = tomllib.loads(
     files(__package__).joinpath("parameters.toml").read_text()

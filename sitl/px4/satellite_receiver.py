@@ -62,6 +62,7 @@ class Assembly:
             data: data of the message.
             time_s: time of its arrival.
         """
+        # one bit, two bits for the number of the fragment, five bits for that of the frame
         is_cut = bool(flags & 1)
         number = flags >> 1 & 3
         sequence = flags >> 3 & 31
@@ -140,6 +141,8 @@ class SatelliteReceiver:
             self._hear_observations(time_s)
 
     def _hear_base(self, frame: bytes) -> None:
+        # The 19 bytes behind the header end with the coordinates X, Y and Z, each in two's
+        # complement. Two other bits precede Y, and two precede Z.
         bits = int.from_bytes(frame[3:22], "big")
         modulus = 1 << _COORDINATE_BITS
         unsigned = [bits >> shift & (modulus - 1) for shift in (80, 40, 0)]
@@ -153,6 +156,7 @@ class SatelliteReceiver:
         if gap_s > LOST_WITHOUT_S:
             self._corrected_from_s = time_s
         elif gap_s > FLOAT_WITHOUT_S:
+            # the receiver still has RTK float, as if corrections had come for FLOAT_AFTER_S
             self._corrected_from_s = time_s - FLOAT_AFTER_S
         self._newest_s = time_s
 

@@ -88,8 +88,8 @@ def from_attitude(
         )
 
     norm = math.nan
-    if all(abs(c) < _MOST_VALUE for c in attitude_wxyz):
-        norm = math.sqrt(sum(c * c for c in attitude_wxyz))
+    if all(abs(part) < _MOST_VALUE for part in attitude_wxyz):
+        norm = math.sqrt(sum(part * part for part in attitude_wxyz))
 
     if math.isnan(norm):
         return Setpoint(
@@ -110,7 +110,7 @@ def from_attitude(
     return Setpoint(
         kind=SetpointKind.ATTITUDE,
         time_s=now_s,
-        attitude=np.array([c / norm for c in attitude_wxyz]),
+        attitude=np.array([part / norm for part in attitude_wxyz]),
         thrust_frac=thrust_frac,
     )
 

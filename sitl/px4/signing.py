@@ -17,7 +17,7 @@ _TIMESTAMP_BYTES = 6
 _HASH_BYTES = 6
 _MOST_STREAMS = 16  # largest number of stored senders
 _NEW_STREAM_LAG = 60 * 100_000  # largest lag of the first timestamp of a sender [10 us]
-# HEARTBEAT, RADIO_STATUS, ADSB_VEHICLE, COLLISION are accepted with any signature and without one.
+# HEARTBEAT, RADIO_STATUS, ADSB_VEHICLE and COLLISION are accepted with any or no signature.
 _ACCEPTED_UNSIGNED = frozenset({0, 109, 246, 247})
 
 

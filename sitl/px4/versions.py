@@ -44,7 +44,8 @@ class Version:
         return major, minor
 
 
-# Entries of these fields are added to those of the version before; all other values replace it.
+# In these fields a version lists only the entries that it adds or changes. In all other fields its
+# value replaces that of the version before.
 _ADDED = ("parameters", "severities")
 _SETS = ("unsupported_commands", "silent_streams", "parameters_gone")
 

@@ -38,9 +38,9 @@ NODE = NodeRole.CORRECTIONS.value
 NAME = "base"  # last part of the key under which frames are published
 
 MOST_BYTES_S = 6000.0  # greatest rate of the published frames; a base sends 1 kB each second
-_FIRST_PAUSE_S = 1.0  # before a source that has ended is opened again for the first time
-_LONGEST_PAUSE_S = 30.0  # to which that pause grows
-_REFUSED_PAUSE_S = 60.0  # before a source that has refused is opened again
+_FIRST_PAUSE_S = 1.0  # pause before a source that has ended is opened again for the first time
+_LONGEST_PAUSE_S = 30.0  # length to which this pause grows
+_REFUSED_PAUSE_S = 60.0  # pause before a source that has refused is opened again
 _TELEMETRY_S = 3.0  # greatest age of telemetry from which a vehicle's fix is shown
 
 OpenSource = Callable[[], AsyncIterator[bytes]]
@@ -86,13 +86,14 @@ class CorrectionsRelay:
         self._cutter = FrameCutter()
         self._problem = ""  # newest problem of the source that was printed; empty: none since
         self._has_frame = False  # at least one frame has arrived
-        self._observed_s = -math.inf  # when the newest observations arrived
+        self._observed_s = -math.inf  # arrival of the newest observations
 
-        # for the next report
-        self._counts: Counter[int] = Counter()  # number of a message -> how many since the last one
-        self._reported = (0, 0, 0)  # bad checksums, skipped bytes, dropped frames at the last one
+        # number of a kind of message -> count of such messages since the last report
+        self._counts: Counter[int] = Counter()
+        # counts of bad checksums, skipped bytes and dropped frames at the last report
+        self._reported = (0, 0, 0)
         self._too_long_bytes = 0  # length of the newest frame that is too long for PX4; 0: none
-        # vehicle -> its newest telemetry, and when that arrived
+        # vehicle -> its newest telemetry, and the arrival of this telemetry
         self._vehicles: dict[str, tuple[Telemetry, float]] = {}
 
     async def run(self, *, seconds: float | None, every_s: float, stopped: asyncio.Event) -> int:
@@ -177,7 +178,7 @@ class CorrectionsRelay:
         return bool(frames)
 
     def _note_frame(self, frame: bytes, now_ns: int) -> None:
-        """Remember what the next report needs of a frame."""
+        """Remember the values of a frame that the next report needs."""
         self._has_frame = True
         number = rtcm.number_of(frame)
         self._counts[number] += 1
@@ -189,7 +190,8 @@ class CorrectionsRelay:
 
         position = rtcm.base_of(frame)
         if position is not None:
-            # as for a vehicle on the ground, because the report shows a new position, too
+            # Here the base may move at any time, as for a vehicle on the ground: the report shows a
+            # new position, too.
             self._watch.hear(position, now_ns, is_on_ground=True)
 
     async def _beat(self) -> None:
@@ -296,7 +298,7 @@ class CorrectionsRelay:
         )
 
     def _damage_words(self) -> list[str]:
-        """Return lines about what has not been passed on since the last report."""
+        """Return lines about bytes and frames that were not passed on since the last report."""
         counts = (
             self._cutter.bad_checksums,
             self._cutter.skipped_bytes,
@@ -333,9 +335,10 @@ class FramePublisher:
         self._bus = bus
         self._boot_id = secrets.randbits(31)
         self._sequence = 0
-        # bytes that may be sent now: frames use them up, and they grow back in one second
+        # Number of bytes that may be sent now. Frames reduce it, and in a second without frames it
+        # grows to its largest value.
         self._room_bytes = MOST_BYTES_S
-        self._last_ns: int | None = None  # when the last frame arrived
+        self._last_ns: int | None = None  # arrival of the last frame
 
     def publish(self, frame: bytes, now_ns: int) -> None:
         """Publish a frame, unless too much has been published lately; never blocks.

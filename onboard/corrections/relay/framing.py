@@ -4,9 +4,9 @@ Pyrtcm calculates the checksum. Its reader of streams is not used: a preamble in
 noise, or a byte that got lost on a cable, would make it skip a kilobyte of good frames. Here, after
 a candidate with a wrong checksum, the search continues one byte behind its preamble.
 
-That costs a checksum for each false preamble, and somebody could send nothing else. So the number
-of bytes in checksums is limited to a few for each byte that arrives; beyond that the search skips
-the whole candidate.
+So each false preamble costs a checksum, and an attacker could send nothing but preambles. So the
+number of bytes in checksums is limited to a few for each byte that arrives. Beyond this limit the
+search skips whole candidates.
 """
 
 from __future__ import annotations
