@@ -16,12 +16,12 @@ class Pieces:
 
     Args:
         size: size of the whole file [byte].
-        count: number of bytes from the first one on that are on the disk already.
+        count: number of bytes at the begin of the file that are on the disk already.
     """
 
     def __init__(self, size: int, count: int = 0) -> None:
         self.size = size
-        self.count = count  # number of bytes from the first one on without a hole
+        self.count = count  # number of bytes at the begin of the file, up to the first hole
         self._waiting: list[tuple[int, bytes]] = []  # heap of pieces behind a hole: offset, data
         self._waiting_bytes = 0
 
@@ -32,7 +32,7 @@ class Pieces:
 
     @property
     def is_full(self) -> bool:
-        """Whether so many bytes wait that further pieces behind a hole are dropped."""
+        """Whether too many bytes wait; further pieces behind a hole are then dropped."""
         return self._waiting_bytes >= _MOST_WAITING_BYTES
 
     @property

@@ -33,12 +33,13 @@ from groundstation.px4.log_transfer import (
 from groundstation.px4.parameter_sets import VehicleReport
 from groundstation.px4.vehicle_links import VehicleLink, for_each, is_device_of_another_computer
 
-# Called with the name of a vehicle, the number of received bytes, and the number of all bytes.
+# function of the name of a vehicle, the number of received bytes, and the number of all bytes
 Progress = Callable[[str, int, int], None]
 
 SUFFIX = ".ulg"
 _PART_SUFFIX = ".part"
-# On a flight controller, and of a PX4 on a computer. An agent forwards requests below these only.
+# Log folders of a flight controller, and of a PX4 on a computer. An agent forwards requests for
+# files below these folders only.
 _ROOTS = ("/fs/microsd/log", "/log")
 _HEAD_BYTES = 16  # head of a ULog, whose time of begin tells one flight from another
 _MOST_FAILURES = 2  # attempts in a row without a new byte, after which a method is given up
@@ -128,11 +129,11 @@ def _fetch_one(
     if link.link is not None:
         log_link = CheckedLink(link.link)
         is_armed = link.is_armed
-        way_words = link.version_text
+        link_words = link.version_text
     elif agent_link is not None:
         log_link = agent_link
         is_armed = bool(agent_link.is_armed)
-        way_words = "through its agent"
+        link_words = "through its agent"
     else:
         return VehicleReport(name, False, _trouble(link), answers=False)
 
@@ -161,7 +162,7 @@ def _fetch_one(
     if not logs:
         headline = "its PX4 has no log, or gives none out: look at SDLOG_MODE and at its card."
         return VehicleReport(name, False, headline)
-    return VehicleReport(name, True, way_words, tuple(lines))
+    return VehicleReport(name, True, link_words, tuple(lines))
 
 
 def _trouble(link: VehicleLink) -> str:
@@ -402,7 +403,9 @@ def _read_on(transfer: FileTransfer, download: _Download) -> None:
             for piece in transfer.burst(begin):
                 download.take(piece)
                 if pieces.is_full:
-                    return  # the caller opens the file anew, which ends this burst behind a hole
+                    # The burst goes on behind a hole, and its pieces find no room any more. The
+                    # caller opens the file anew, which ends the burst.
+                    return
         if pieces.count == before:
             return
 
@@ -430,8 +433,8 @@ def _by_log_data(link: LogLink, log: VehicleLog, download: _Download) -> None:
 def _number_of(data: LogData, log: VehicleLog, download: _Download) -> int | None:
     """Return the number that LOG_DATA gives a log of the card; None if it cannot be found.
 
-    LOG_ENTRY contains only size and date of the last change. So candidates are logs of the same
-    size, or of a larger one in case PX4 still writes, and their first bytes must be the same.
+    LOG_ENTRY contains only size and date of the last change. So all logs of at least this size are
+    candidates (PX4 may still write), and their first bytes must be the same.
     """
     known = download.head()
     candidates = [entry for entry in data.entries() if entry.size >= log.size]

@@ -122,10 +122,11 @@ class FileTransfer:
             TransferSilent: PX4 does not answer.
         """
         entries: list[FileEntry] = []
-        seen = 0  # number of entries so far, including those that are neither file nor folder
-        while seen < _MOST_ENTRIES:
+        # index of the next entry; entries that are neither file nor folder count, too
+        next_index = 0
+        while next_index < _MOST_ENTRIES:
             try:
-                answer = self._ask(_LIST, offset=seen, data=path.encode("utf-8"))
+                answer = self._ask(_LIST, offset=next_index, data=path.encode("utf-8"))
             except TransferRefused as refused:
                 if refused.error == END_OF_FILE:
                     break
@@ -133,7 +134,7 @@ class FileTransfer:
             raw_entries = [raw for raw in answer.split(b"\0") if raw]
             if not raw_entries:
                 break
-            seen += len(raw_entries)
+            next_index += len(raw_entries)
             for raw in raw_entries:
                 entry = _entry(raw)
                 if entry is not None:
@@ -271,8 +272,8 @@ class LogData:
             offset: offset of the first byte.
             size: number of bytes; at most _LOG_PART_BYTES of them are requested.
         """
-        wanted = min(size, _LOG_PART_BYTES)
-        self._link.send("log_request_data", number, offset, wanted)
+        requested_bytes = min(size, _LOG_PART_BYTES)
+        self._link.send("log_request_data", number, offset, requested_bytes)
         while True:
             message = self._link.next_message(("LOG_DATA",), _SILENT_S)
             if message is None:
@@ -281,7 +282,7 @@ class LogData:
                 continue
             count = min(message.count, len(message.data))
             yield Piece(message.ofs, bytes(message.data[:count]))
-            if count == 0 or message.ofs + count >= offset + wanted:
+            if count == 0 or message.ofs + count >= offset + requested_bytes:
                 return
 
     def stop(self) -> None:

@@ -89,11 +89,11 @@ def _run_one(
     if action == "look":
         return _looked_at(link, signs)
 
-    wanted = Signs.OURS if action == "set" else Signs.NOTHING
+    required = Signs.OURS if action == "set" else Signs.NOTHING
     refusal = _refusal(link, signs, action, old_key)
     if refusal:
-        return VehicleReport(name, signs is wanted, refusal)
-    if signs is wanted:
+        return VehicleReport(name, signs is required, refusal)
+    if signs is required:
         headline = f"nothing was changed: {_words(link, signs)} already."
         return VehicleReport(name, True, headline)
 
@@ -109,7 +109,7 @@ def _run_one(
         link.link.sign(present_key)
         link.link.set_key(new_key)
         signs = _state(link.link, key)
-        if signs is wanted:
+        if signs is required:
             break
 
     if action == "remove":
@@ -213,6 +213,7 @@ def _state(link: AutopilotLink, key: bytes | None) -> Signs:
 
 
 def _answers_unsigned(link: AutopilotLink | None) -> bool:
+    """Return whether PX4 answers a request that is not signed."""
     assert link is not None
     link.sign(None)
     return link.version() is not None

@@ -96,7 +96,7 @@ def ask(link: VehicleLink, key: bytes | None = None) -> VehicleInfo:
 
 
 def _version_again(link: AutopilotLink, heard: _Messages) -> dict[str, Any]:
-    """Request the version again if it is missing, because a message may be lost.
+    """Request the version again if it has not come, because a message may be lost.
 
     Returns:
         The messages that PX4 sent meanwhile.

@@ -1,8 +1,8 @@
 """Links to the PX4s of several vehicles without their agents.
 
-The vehicle's own link is used if no agent holds it, or else PX4's ground link (``direct``). On a
-link PX4 answers only the program that it has heard there first, so no other program may use the
-link of an agent.
+The vehicle's own link is used if no agent holds it, or else PX4's ground link (``direct``). On each
+link PX4 answers only the program from which it has received the first message. So no other program
+may use the link of an agent.
 """
 
 from __future__ import annotations

@@ -1,15 +1,15 @@
 """Puts a log of PX4 on the clock of a flight's record, by how the vehicle tilted. Pure.
 
-PX4 counts time since its start, the record since its own begin, and nothing in the files relates
-the two clocks. But both contain the attitude: the log what PX4 estimated, the record what the agent
-received of it by telemetry. Roll and pitch of the two are shifted against each other until they
-fit: the cross-correlation on a grid finds candidates, and the smallest difference near each
-candidate refines them. The heading is left out, because the north of PX4's frame and that of the
-fleet's frame may differ.
+PX4 counts time since its start, and the record counts time since its own begin. Nothing in the
+files relates the two clocks. But both files contain the attitude: the log has PX4's estimates, and
+the record has those that the agent received by telemetry. Roll and pitch of the log are shifted in
+time until they fit those of the record. The cross-correlation on a grid finds candidates for the
+shift. Near each candidate, the shift with the smallest difference is searched. The heading is left
+out, because the north of PX4's frame and that of the fleet's frame may differ.
 
 The two clocks also run at slightly different rates, by some 20 to 100 parts in a million: 30 ms at
 either end of ten minutes. So where log and record overlap for long, the offset is found separately
-for the first and the second half, and the log is stretched by the difference.
+for the first and the second half, and the times of the log are stretched by the difference.
 
 A hover has no tilt to compare, and an orbit fits at every turn. So the alignment is refused when
 the vehicle does not tilt, when the two attitudes do not agree, or when another offset fits nearly
@@ -25,26 +25,27 @@ import numpy as np
 
 from onboard.arrays import Array
 
-GRID_S = 0.02
-FINE_S = 0.002
-_FINE_HALF_S = 0.05
-LEAST_OVERLAP_S = 5.0
+GRID_S = 0.02  # step of the shift in the search for candidates
+FINE_S = 0.002  # step of the shift near a candidate, at the end
+_FINE_HALF_S = 0.05  # largest distance from a candidate at which the best shift is searched
+LEAST_OVERLAP_S = 5.0  # a log and a record with a shorter overlap are not compared
 LEAST_TILT_DEG = 0.3  # standard deviation of roll and pitch together
 LEAST_DRIFT_OVERLAP_S = 60.0  # a shorter overlap does not show that the clocks' rates differ
-LARGEST_SHARE = 0.5  # largest residual, as a share of the tilt
+LARGEST_SHARE = 0.5  # largest residual of an accepted fit, as a share of the tilt
 _LONGEST_S = 6 * 3600.0
 _GAP_S = 0.5  # nothing is interpolated between samples that are farther apart
+_MOST_CANDIDATES = 3
 _OTHER_PLACE_S = 1.0  # least difference between the offsets of two separate fits
 _NEARLY_AS_WELL = 1.15  # a fit is ambiguous if another residual is less than this times its own
-_NOISE_DEG = 0.05  # smaller residuals count as this one
+_NOISE_DEG = 0.05  # smaller residuals count as this one in that comparison
 
 
 class Alignment(NamedTuple):
     """Relation between the clock of a log and that of a record."""
 
-    offset_s: float  # record's time less log's time, at middle_s
+    offset_s: float  # record's time minus log's time, at middle_s
     residual_deg: float  # standard deviation of the difference between the two attitudes
-    overlap_s: float  # time that both cover
+    overlap_s: float  # duration that both cover
     middle_s: float = 0.0  # log's time at which the offset holds
     drift_frac: float = 0.0  # share by which the record's clock runs faster than PX4's
 
@@ -127,25 +128,33 @@ def align(record_time_s: Array, record_up: Array, log_time_s: Array, log_up: Arr
 def _stretched(
     record_time_s: Array, record_up: Array, log_time_s: Array, log_up: Array, best: Alignment
 ) -> Alignment:
-    """Return the alignment with the drift of the two clocks if that fits better, else best."""
+    """Return the alignment with the drift of the two clocks, or ``best`` if that fits no worse.
+
+    Args:
+        record_time_s, record_up, log_time_s, log_up: as for :func:`align`.
+        best: alignment with the best constant offset.
+    """
     begin_s = max(float(log_time_s[0]), float(record_time_s[0]) - best.offset_s)
     end_s = min(float(log_time_s[-1]), float(record_time_s[-1]) - best.offset_s)
     if end_s - begin_s < LEAST_DRIFT_OVERLAP_S:
         return best
 
+    # Each half of the log is aligned by itself. The middles of the two halves are half of the
+    # overlap apart.
     middle_s = (begin_s + end_s) / 2.0
     is_first = log_time_s < middle_s
-    offsets_s = [
+    first_offset_s, second_offset_s = [
         _refined(record_time_s, record_up, log_time_s[part], log_up[part], best.offset_s).offset_s
         for part in (is_first, ~is_first)
     ]
     stretched = Alignment(
-        offset_s=(offsets_s[0] + offsets_s[1]) / 2.0,
+        offset_s=(first_offset_s + second_offset_s) / 2.0,
         residual_deg=best.residual_deg,
         overlap_s=best.overlap_s,
         middle_s=middle_s,
-        drift_frac=(offsets_s[1] - offsets_s[0]) / ((end_s - begin_s) / 2.0),
+        drift_frac=(second_offset_s - first_offset_s) / ((end_s - begin_s) / 2.0),
     )
+
     fit = _fit(record_time_s, record_up, stretched.on_record(log_time_s), log_up, 0.0)
     if not fit.residual_deg < best.residual_deg:
         return best
@@ -153,7 +162,16 @@ def _stretched(
 
 
 def _check(best: Alignment, tilt_deg: float, candidates: list[Alignment]) -> None:
-    """Refuse an alignment that does not fit, or is ambiguous."""
+    """Refuse an alignment that does not fit, or is ambiguous.
+
+    Args:
+        best: the candidate with the smallest residual.
+        tilt_deg: standard deviation of roll and pitch in the log.
+        candidates: all candidates.
+
+    Raises:
+        NoAlignment: the alignment is refused.
+    """
     if best.overlap_s < LEAST_OVERLAP_S or not math.isfinite(best.residual_deg):
         raise NoAlignment("Nowhere do the log and the record overlap long enough.")
     if best.residual_deg > LARGEST_SHARE * tilt_deg:
@@ -172,7 +190,10 @@ def _check(best: Alignment, tilt_deg: float, candidates: list[Alignment]) -> Non
 
 
 def _on_grid(time_s: Array, up: Array) -> Array:
-    """Return forward and left part of upward directions each GRID_S, less the mean; 0 in gaps."""
+    """Return the tilt at each GRID_S, minus its mean; 0 in gaps between samples.
+
+    The tilt is the forward and the left part of an upward direction: nearly pitch and roll [rad].
+    """
     grid_s = np.arange(time_s[0], time_s[-1], GRID_S)
     values = _between(time_s, up, grid_s)[:, :2]
     is_known = np.isfinite(values).all(-1)
@@ -188,13 +209,15 @@ def _between(time_s: Array, values: Array, at_s: Array) -> Array:
     interpolated = np.stack(
         [np.interp(at_s, time_s, values[:, part], np.nan, np.nan) for part in range(3)], axis=-1
     )
+    # index of the next sample after each time, so that the one before it exists
     after = np.clip(np.searchsorted(time_s, at_s), 1, time_s.size - 1)
-    interpolated[time_s[after] - time_s[after - 1] > _GAP_S] = np.nan
+    is_in_gap = time_s[after] - time_s[after - 1] > _GAP_S
+    interpolated[is_in_gap] = np.nan
     return interpolated
 
 
 def _spread_deg(signal: Array) -> float:
-    """Return the standard deviation of roll and pitch together."""
+    """Return the standard deviation of roll and pitch together, of a tilt from _on_grid."""
     if not signal.size:
         return 0.0
     return math.degrees(math.sqrt(float((signal**2).sum(-1).mean())))
@@ -202,38 +225,34 @@ def _spread_deg(signal: Array) -> float:
 
 def _best_lags(record: Array, log: Array) -> list[int]:
     """Return the shifts at which the log fits the record best, in grid steps, best first."""
+    # a power of two, large enough that the log is never compared with a wrapped-around record
     size = 1 << (record.shape[0] + log.shape[0] - 1).bit_length()
-    spectrum = np.fft.rfft(record, size, axis=0) * np.conj(np.fft.rfft(log, size, axis=0))
-    correlation = np.fft.irfft(spectrum, size, axis=0).sum(-1)
+    correlation = _correlated(record, log, size).sum(-1)
 
-    # Normalised by the tilt of both within the overlap: a short overlap is no better fit.
-    record_energy = np.fft.irfft(
-        np.fft.rfft((record**2).sum(-1), size) * np.conj(np.fft.rfft(np.ones(log.shape[0]), size)),
-        size,
-    )
-    log_energy = np.fft.irfft(
-        np.fft.rfft(np.ones(record.shape[0]), size) * np.conj(np.fft.rfft((log**2).sum(-1), size)),
-        size,
-    )
-    overlap = np.fft.irfft(
-        np.fft.rfft(np.ones(record.shape[0]), size)
-        * np.conj(np.fft.rfft(np.ones(log.shape[0]), size)),
-        size,
-    )
+    # At each lag: the squared tilt of each side within the overlap, and the overlap's length.
+    all_record = np.ones(record.shape[0])
+    all_log = np.ones(log.shape[0])
+    record_energy = _correlated((record**2).sum(-1), all_log, size)
+    log_energy = _correlated(all_record, (log**2).sum(-1), size)
+    overlap = _correlated(all_record, all_log, size)
+
+    # The score is normalised by these energies, so that a longer overlap alone is no better fit.
     with np.errstate(all="ignore"):
         score = correlation / np.sqrt(
             np.maximum(record_energy, 1e-9) * np.maximum(log_energy, 1e-9)
         )
     score[overlap * GRID_S < LEAST_OVERLAP_S] = -1.0
-    # A lag at which little of the tilting overlaps may fit by chance.
+
+    # A lag at which little of the tilting overlaps may fit by chance, so its score is reduced.
     record_share = np.clip(record_energy / record_energy.max(), 0.0, 1.0)
     log_share = np.clip(log_energy / log_energy.max(), 0, 1)
     score *= np.sqrt(record_share * log_share)
 
+    # The best lags, each far from those before. The upper half of the indexes are negative lags.
     lags: list[int] = []
     least_distance = round(_OTHER_PLACE_S / GRID_S)
     remaining = score.copy()
-    for _ in range(3):
+    for _ in range(_MOST_CANDIDATES):
         lag = int(remaining.argmax())
         if remaining[lag] <= 0.0:
             break
@@ -243,14 +262,33 @@ def _best_lags(record: Array, log: Array) -> list[int]:
     return lags or [0]
 
 
+def _correlated(first: Array, second: Array, size: int) -> Array:
+    """Return the circular cross-correlation of two signals along their first axis.
+
+    Args:
+        first, second: signals, padded with zeros to ``size``.
+        size: length of the result; index k is the lag by which ``second`` is shifted.
+    """
+    spectrum = np.fft.rfft(first, size, axis=0) * np.conj(np.fft.rfft(second, size, axis=0))
+    correlation: Array = np.fft.irfft(spectrum, size, axis=0)
+    return correlation
+
+
 def _refined(
     record_time_s: Array, record_up: Array, log_time_s: Array, log_up: Array, offset_s: float
 ) -> Alignment:
-    """Return the alignment with the smallest residual near an offset."""
+    """Return the alignment with the smallest residual near an offset.
+
+    It is found by a coarse search, and by a fine search about the result of the coarse one.
+
+    Args:
+        record_time_s, record_up, log_time_s, log_up: as for :func:`align`.
+        offset_s: offset about which the search begins.
+    """
     best = Alignment(offset_s, math.inf, 0.0)
-    for fine_s in (GRID_S, FINE_S):
-        half = _FINE_HALF_S if fine_s == GRID_S else GRID_S
-        for shift_s in np.arange(-half, half + fine_s / 2.0, fine_s):
+    for step_s, half_s in ((GRID_S, _FINE_HALF_S), (FINE_S, GRID_S)):
+        # half a step more, so that rounding does not exclude the last shift
+        for shift_s in np.arange(-half_s, half_s + step_s / 2.0, step_s):
             fit = _fit(record_time_s, record_up, log_time_s, log_up, offset_s + float(shift_s))
             if fit.residual_deg < best.residual_deg:
                 best = fit
@@ -263,15 +301,16 @@ def _fit(
 ) -> Alignment:
     """Return the alignment with a given offset, and its residual.
 
-    A constant difference (an autopilot mounted askew) says nothing about time and is subtracted.
+    A constant difference of the tilt comes from an autopilot that is mounted askew, and is
+    subtracted.
     """
-    shown = _between(log_time_s + offset_s, log_up, record_time_s)
-    difference = (shown - record_up)[:, :2]
+    log_up_on_record = _between(log_time_s + offset_s, log_up, record_time_s)
+    difference = (log_up_on_record - record_up)[:, :2]
     difference = difference[np.isfinite(difference).all(-1)]
     if difference.shape[0] < 2:
         return Alignment(offset_s, math.inf, 0.0)
 
     difference = difference - difference.mean(0)
     residual_deg = math.degrees(math.sqrt(float((difference**2).sum(-1).mean())))
-    step_s = float(np.median(np.diff(record_time_s)))
-    return Alignment(offset_s, residual_deg, difference.shape[0] * step_s)
+    period_s = float(np.median(np.diff(record_time_s)))
+    return Alignment(offset_s, residual_deg, difference.shape[0] * period_s)

@@ -1,9 +1,9 @@
 """Reads the PX4 logs in a flight folder and puts each on the clock of the flight's record.
 
-``covey log fetch`` puts them into ``DIR/px4`` as ``VEHICLE-DATE_TIME.ulg``. Of a vehicle's logs,
-the newest one is taken whose attitude fits the record; a vehicle without such a log gets a note
-with the reasons. PX4's positions are in a frame of its own: they are shifted by their median
-difference from the record's, so that shapes of the two paths can be compared, but not places.
+``covey log fetch`` puts the logs into ``DIR/px4`` as ``VEHICLE-DATE_TIME.ulg``. Each vehicle gets
+its newest log whose attitude fits the record. A vehicle without such a log gets a note with the
+reasons. PX4's positions are in a frame of its own. They are shifted by their median difference from
+the record's positions. So the shapes of the two paths can be compared, but not their places.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ FOLDER = "px4"  # folder of the logs, in a flight folder
 SUFFIX = ".ulg"
 _MOST_TRIED = 8  # most logs tried for one vehicle
 _MOST_FILES = 2_000
-_GAP_S = 1.0
+_GAP_S = 1.0  # positions are not interpolated between samples that are farther apart
 
 
 class FlightLog(NamedTuple):
@@ -41,8 +41,10 @@ class FlightLog(NamedTuple):
     vehicle: str
     log: Px4Log  # its times are seconds since PX4's start
     alignment: Alignment
-    shift_enu_m: Array  # (3,), record's position less log's; NaN if they cannot be compared
-    position_residual_m: float  # standard deviation after the shift; NaN likewise
+    # record's position minus log's (3,); NaN if the positions cannot be compared
+    shift_enu_m: Array
+    # standard deviation of the positions' difference after the shift; NaN in the same case
+    position_residual_m: float
 
     @property
     def begin_s(self) -> float:
@@ -186,9 +188,10 @@ def _aligned(vehicle: VehicleFlight, log: Px4Log) -> FlightLog:
 
 
 def _attitude(vehicle: VehicleFlight) -> tuple[Array, Array]:
-    """Return times and attitudes of a vehicle in the record: PX4's telemetry, else the truth.
+    """Return times and attitudes of a vehicle in the record.
 
-    A tick contains the attitude that had arrived last, and its age.
+    They are those of PX4's telemetry, or else the true ones of a simulation. A tick contains the
+    attitude that had arrived last, and its age.
 
     Raises:
         NoAlignment: the record has no attitude of this vehicle.
@@ -204,5 +207,7 @@ def _attitude(vehicle: VehicleFlight) -> tuple[Array, Array]:
 
     if time_s.size < 2:
         raise NoAlignment("The record has no attitude of this vehicle.")
-    rises = time_s > np.concatenate(([-np.inf], np.maximum.accumulate(time_s)[:-1]))
-    return time_s[rises], values[rises]
+    # several ticks may contain the same attitude: only samples later than all before are kept
+    latest_before_s = np.concatenate(([-np.inf], np.maximum.accumulate(time_s)[:-1]))
+    is_later = time_s > latest_before_s
+    return time_s[is_later], values[is_later]

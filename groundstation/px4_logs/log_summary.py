@@ -129,15 +129,15 @@ def fleet_lines(found: FoundLogs) -> list[str]:
     """Return a summary of a flight's logs; times are seconds since the record's begin."""
     if not found.logs and not found.notes:
         return []
-    lines = ["PX4's own logs, on the record's clock:"]
+    summary = ["PX4's own logs, on the record's clock:"]
     if found.logs:
-        lines.append(
+        summary.append(
             f"{'vehicle':16s} {'from':>8s} {'to':>8s} {'battery':>14s} {'warnings':>9s}"
             f" {'tilt differs':>13s} {'place differs':>14s}"
         )
-    lines += [_fleet_line(log) for log in found.logs.values()]
-    lines += list(found.notes)
-    return lines + _story(found.logs.values())
+    summary += [_fleet_line(log) for log in found.logs.values()]
+    summary += list(found.notes)
+    return summary + _timeline(found.logs.values())
 
 
 def fleet_mapping(found: FoundLogs) -> dict[str, Any]:
@@ -173,8 +173,8 @@ def _fleet_line(flight_log: FlightLog) -> str:
     )
 
 
-def _story(logs: Iterable[FlightLog]) -> list[str]:
-    """Return warnings, errors and mode changes of all vehicles in order of time."""
+def _timeline(logs: Iterable[FlightLog]) -> list[str]:
+    """Return lines about warnings, errors and mode changes of all vehicles, in order of time."""
     events: list[tuple[float, str]] = []
     for log in logs:
         for time_s, mode in modes(log.log.status):
@@ -183,32 +183,38 @@ def _story(logs: Iterable[FlightLog]) -> list[str]:
             if text.level in _SERIOUS:
                 events.append((text.time_s, f"{log.vehicle:16s} {text.level:8s} {text.text}"))
     events.sort()
-    story = [f"{time_s:9.2f} s  {words}" for time_s, words in events[: 2 * _MOST_LINES]]
-    if len(events) > 2 * _MOST_LINES:
-        story.append(f"and {len(events) - 2 * _MOST_LINES} lines more.")
-    return story
+    most_lines = 2 * _MOST_LINES
+    timeline = [f"{time_s:9.2f} s  {words}" for time_s, words in events[:most_lines]]
+    if len(events) > most_lines:
+        timeline.append(f"and {len(events) - most_lines} lines more.")
+    return timeline
 
 
 def modes(status: LogRows) -> list[tuple[float, str]]:
     """Return the times [s] at which PX4's mode changed, each with the new mode."""
     changes: list[tuple[float, str]] = []
     for time_s, state in zip(status.time_s.tolist(), status.values[:, 1].tolist(), strict=True):
-        mode = "not known" if state != state else _MODES.get(int(state), f"mode {int(state)}")
+        mode = "not known"  # of a state that is NaN, since it was damaged
+        if not np.isnan(state):
+            mode = _MODES.get(int(state), f"mode {int(state)}")
         if not changes or changes[-1][1] != mode:
             changes.append((time_s, mode))
     return changes
 
 
 def _most(values: Any) -> float:
+    """Return the largest finite value; 0 without any."""
     known = values[np.isfinite(values)]
     return float(known.max()) if known.size else 0.0
 
 
 def _least(values: Any) -> float:
+    """Return the smallest finite value; 0 without any."""
     known = values[np.isfinite(values)]
     return float(known.min()) if known.size else 0.0
 
 
 def _first(values: Any) -> float:
+    """Return the first finite value; 0 without any."""
     known = values[np.isfinite(values)]
     return float(known[0]) if known.size else 0.0

@@ -87,10 +87,10 @@ class Px4Log(NamedTuple):
     size_bytes: int
     begin_s: float
     end_s: float
-    about: dict[str, str]  # version, board and the like, for people
+    about: dict[str, str]  # subject -> information about the vehicle, for instance PX4's version
     parameter_count: int
     attitude: LogRows  # quaternion NED <- FRD, wxyz
-    attitude_setpoint: LogRows  # likewise
+    attitude_setpoint: LogRows  # quaternion NED <- FRD, wxyz
     position: LogRows  # x, y, z [m] and vx, vy, vz [m/s], NED, in PX4's local frame
     position_setpoint: LogRows  # x, y, z [m]
     battery: LogRows  # voltage [V], remaining [0..1]
@@ -199,10 +199,12 @@ def _check_formats(log: ULog, path: Path) -> None:
     counts: dict[str, int] = {}
 
     def count(name: str, depth: int) -> int:
+        """Return the number of fields of a type; a simple type such as float counts as one."""
         if name not in formats:
             return 1
         if name not in counts:
-            counts[name] = _MOST_FIELDS + 1  # refuses a type that contains itself
+            # this value is found, and the topic refused, if the type contains itself
+            counts[name] = _MOST_FIELDS + 1
             if depth < _DEEPEST:
                 counts[name] = sum(
                     max(1, size) * count(kind, depth + 1) for kind, size, _ in formats[name].fields
@@ -216,21 +218,22 @@ def _check_formats(log: ULog, path: Path) -> None:
 
 def _rows(topics: Mapping[str, Mapping[str, Any]], name: str, fields: list[str]) -> LogRows:
     """Return samples of a topic; none if the topic or one of the fields is missing."""
-    nothing = LogRows(np.zeros(0), np.zeros((0, len(fields))))
+    no_samples = LogRows(np.zeros(0), np.zeros((0, len(fields))))
     topic = topics.get(name)
     if topic is None or any(field not in topic for field in ("timestamp", *fields)):
-        return nothing
+        return no_samples
 
     time_s = np.asarray(topic["timestamp"], dtype=np.float64) * 1e-6
     with np.errstate(all="ignore"):
         values = np.stack([np.asarray(topic[field], dtype=np.float64) for field in fields], axis=-1)
     values[~(np.abs(values) < LARGEST)] = np.nan
 
-    # Timestamps in a damaged file may jump: only samples whose time rises are kept.
+    # Timestamps in a damaged file may jump: only samples later than all before are kept.
     is_plain = np.isfinite(time_s) & (time_s < LARGEST)
     time_s, values = time_s[is_plain], values[is_plain]
-    rises = time_s > np.concatenate(([-math.inf], np.maximum.accumulate(time_s)[:-1]))
-    return LogRows(time_s[rises], values[rises])
+    latest_before_s = np.concatenate(([-math.inf], np.maximum.accumulate(time_s)[:-1]))
+    is_later = time_s > latest_before_s
+    return LogRows(time_s[is_later], values[is_later])
 
 
 def _texts(log: ULog) -> tuple[LoggedText, ...]:

@@ -226,6 +226,7 @@ class Recording:
             self._file(frame, clock, port_s)
             start += len(frame)
 
+        # The first stamp dates the earlier packets, as if the vehicle ran in real time.
         if clock.is_known and self._undated:
             for packet, arrival_s in self._undated:
                 packet.at_s = max(0.0, clock.boot_s - (port_s - arrival_s))

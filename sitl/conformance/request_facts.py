@@ -53,18 +53,20 @@ def run(client: VehicleClient, report: FactReport) -> None:
 
 
 def _rates(client: VehicleClient, report: FactReport) -> None:
+    """Request higher rates, watch them for a time, and return to the default rates."""
     for requests in _ROUNDS:
-        matching = [
-            request
-            for request in requests
-            if report.wants(request[0], "rate.acknowledged", "rate.default-again", "rate.get")
+        # three facts about all rates need every request
+        requested = [
+            (fact, message, hz)
+            for fact, message, hz in requests
+            if report.wants(fact, "rate.acknowledged", "rate.default-again", "rate.get")
         ]
-        if not matching:
+        if not requested:
             continue
-        messages = [message for _, message, _ in matching]
+        messages = [message for _, message, _ in requested]
 
         answers: set[str] = set()
-        for _, message, hz in matching:
+        for _, message, hz in requested:
             if message != "HIL_STATE_QUATERNION":
                 answers.add(client.interval(message, hz))
         if "HIL_STATE_QUATERNION" in messages:
@@ -76,7 +78,7 @@ def _rates(client: VehicleClient, report: FactReport) -> None:
         since_s = client.now_s
         client.spend(_WATCH_S)
         elapsed_s = client.now_s - since_s
-        for fact, message, _ in matching:
+        for fact, message, _ in requested:
             report.add(fact, len(client.received.of(message, since_s)) / elapsed_s)
         for message in messages:
             client.interval(message, 0.0)
@@ -137,6 +139,7 @@ def _answers(client: VehicleClient, report: FactReport) -> None:
 
 
 def _latency(client: VehicleClient, report: FactReport) -> None:
+    """Report how long PX4 takes to acknowledge a command, and whom the acknowledgement names."""
     times_ms: list[float] = []
     targets: set[tuple[int, int]] = set()
     acks = client.received.packets[common_id("COMMAND_ACK")]

@@ -13,8 +13,8 @@ from sitl.conformance.hover import Hover, airborne, settle
 from sitl.conformance.vehicle_client import VehicleClient, quaternion, wrap
 
 _HEIGHT_M = 4.0
-# Tolerance of times: the larger of a time and a share of the measured time.
 _MEAN_S = 0.15  # time before a step whose mean angle is the start of the step
+# Tolerance of times: the larger of a time and a share of the measured time.
 _SLACK_S = 0.02
 _SLACK_SHARE = 0.12
 # Part of a step of roll or pitch [%]: shortest and longest time to reach it, as measured [s].
@@ -132,6 +132,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
 def _tilt(
     client: VehicleClient, report: FactReport, hover: Hover, axis: str, step_deg: int
 ) -> None:
+    """Step the roll or the pitch to an angle, and report the response."""
     step = math.radians(step_deg)
 
     def command(sign: float) -> None:
@@ -147,6 +148,7 @@ def _tilt(
     client.spend(0.6)
     hover.here()
     client.spend(0.5)
+
     name = f"step.{axis}-{step_deg}"
     for part in _TILT_TIMES:
         report.add(f"{name}-{part}", response.reaches(int(part[1:]) / 100.0))
@@ -156,6 +158,7 @@ def _tilt(
 
 
 def _yaw(client: VehicleClient, report: FactReport, hover: Hover, step_deg: int) -> None:
+    """Step the heading by an angle, and report the response."""
     hover.tilt = (0.0, 0.0)
     client.spend(0.3)
     # The step begins at the actual heading, so that its size is right.
@@ -169,6 +172,7 @@ def _yaw(client: VehicleClient, report: FactReport, hover: Hover, step_deg: int)
     response = _record(client, "yaw", math.radians(step_deg), command, 2.0)
     hover.here()
     settle(client, hover)
+
     times, _ = _YAW[step_deg]
     name = f"step.yaw-{step_deg}"
     for part in times:
@@ -207,7 +211,8 @@ def _record(
     client.setpoint_duty.due_s = 0.0
     client.spend(duration_s)
 
-    # A quarter of the step in the target shows the new setpoint.
+    # The target has the new setpoint once it has turned by a quarter of the step. The distance of
+    # two quaternions is half of the angle between them.
     zero_ms = earlier[0].time_boot_ms + 1e3 * _MEAN_S
     for packet in client.received.of("ATTITUDE_TARGET", begin_s):
         if math.dist(packet.message.q, target_before) > 0.25 * abs(step_rad) / 2:
@@ -228,13 +233,16 @@ def _record(
 
 
 def _thrust(client: VehicleClient, report: FactReport, hover: Hover) -> None:
+    """Step the thrust by 0.1 from a hover, and report the climb that follows."""
     level = quaternion(0.0, 0.0, hover.yaw_rad)
     client.stream(lambda: client.attitude(level, hover.thrust))
     client.spend(0.6)
     down_before_m_s = client.newest("LOCAL_POSITION_NED").vz
+
     client.stream(lambda: client.attitude(level, hover.thrust + 0.1))
     client.spend(0.6)
     report.add("step.thrust", down_before_m_s - client.newest("LOCAL_POSITION_NED").vz)
+
     hover.here()
     client.stream(hover)
     settle(client, hover)

@@ -47,6 +47,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
 
 
 def _from_elsewhere(client: VehicleClient, report: FactReport) -> None:
+    """Send first from another port, then from the port that listens; report where PX4 sends."""
     listener = client.port
     first = client.port.another_sender()
     client.port = first
@@ -115,10 +116,11 @@ def run_signing(client: VehicleClient, report: FactReport) -> None:
 
 
 def _set_key(client: VehicleClient, key: bytes, timestamp: int) -> None:
+    """Set the vehicle's key, by two messages; a key of zeros with timestamp 0 removes it."""
     for _ in range(2):
         client.send(
             "SETUP_SIGNING",
-            target_system=99,
+            target_system=99,  # PX4 accepts this message with any address
             target_component=1,
             secret_key=key,
             initial_timestamp=timestamp,
@@ -127,6 +129,7 @@ def _set_key(client: VehicleClient, key: bytes, timestamp: int) -> None:
 
 
 def _messages(client: VehicleClient) -> str:
+    """Return whether the vehicle's messages of the next half second are signed, as a word."""
     since_s = client.now_s
     client.spend(0.5)
     packets = [packet for packet in client.received.of("ATTITUDE", since_s) if not packet.is_v1]

@@ -75,7 +75,7 @@ def _thrusts(client: VehicleClient, report: FactReport, hover: Hover) -> None:
         ("setpoint.negative-thrust", -0.5, ATTITUDE_AND_THRUST),
     ):
         if report.wants(name):
-            report.add(name, _falls(client, hover, level, thrust, mask))
+            report.add(name, _sinking_m_s(client, hover, level, thrust, mask))
 
     if report.wants("setpoint.thrust-above-one"):
         client.interval("SERVO_OUTPUT_RAW", 50.0)
@@ -104,11 +104,13 @@ def _attitudes(client: VehicleClient, report: FactReport, hover: Hover) -> None:
 
 
 def _for_a_moment(client: VehicleClient, send: Callable[[], None], duration_s: float) -> None:
+    """Send a setpoint again and again for a time, in place of the hold."""
     client.stream(send)
     client.spend(duration_s)
 
 
 def _recover(client: VehicleClient, hover: Hover) -> None:
+    """Return to the hold, and wait until the vehicle rests."""
     hover.here()
     # The height stays, unless the next fall would end on the ground.
     hover.to_height(min(_HEIGHT_M + 2.0, max(_LOWEST_M, hover.height_m)))
@@ -116,13 +118,14 @@ def _recover(client: VehicleClient, hover: Hover) -> None:
     settle(client, hover)
 
 
-def _falls(
+def _sinking_m_s(
     client: VehicleClient, hover: Hover, level: Quaternion, thrust: float, mask: int
 ) -> float:
+    """Return the speed with which the vehicle sinks after a moment with an unusual thrust."""
     _for_a_moment(client, partial(client.attitude, level, thrust, mask=mask), _UNUSUAL_S)
-    sinking = float(client.newest("LOCAL_POSITION_NED").vz)
+    sinking_m_s = float(client.newest("LOCAL_POSITION_NED").vz)
     _recover(client, hover)
-    return sinking
+    return sinking_m_s
 
 
 def _rates(client: VehicleClient, report: FactReport, hover: Hover) -> None:
@@ -187,6 +190,7 @@ def _positions(client: VehicleClient, report: FactReport, hover: Hover) -> None:
 def _steep(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     for name, tilt_deg in (("setpoint.steep-50", 50.0), ("setpoint.steep-75", 75.0)):
         since_s = client.now_s
+        # the opposite tilt afterwards removes the speed; it is not measured
         for sign in (1.0, -1.0):
             q = quaternion(sign * math.radians(tilt_deg), 0.0, hover.yaw_rad)
             _for_a_moment(client, partial(client.attitude, q, 0.9), _UNUSUAL_S)
@@ -197,6 +201,7 @@ def _steep(client: VehicleClient, report: FactReport, hover: Hover) -> None:
                 ]
                 report.add(name, max(rolls))
         _recover(client, hover)
+
     client.next_heartbeat()
     report.add("setpoint.steep-text", client.quote("Preflight Fail", since_s))
     report.add("setpoint.steep-failsafe-text", client.quote("Failsafe activated", since_s))
@@ -239,6 +244,7 @@ def _sticks(client: VehicleClient, from_s: float, rate_1_s: float) -> Callable[[
 
 
 def _calm(client: VehicleClient) -> Hover:
+    """Let the vehicle hover, at the second attempt if the first one fails."""
     try:
         return airborne(client, _BREAKING_HEIGHT_M)
     except Stuck:  # earlier measurements can leave a poor estimate of the position
@@ -259,7 +265,9 @@ def run_breaking(client: VehicleClient, report: FactReport) -> None:
                 [fact for fact in BREAKING if fact.name.startswith(name)], f"before it: {error}"
             )
             continue
-        _for_a_moment(client, partial(client.attitude, (part,) * 4, hover.thrust), _UNUSUAL_S)
+
+        no_rotation = (part,) * 4
+        _for_a_moment(client, partial(client.attitude, no_rotation, hover.thrust), _UNUSUAL_S)
         report.add(name, math.degrees(math.hypot(*client.euler()[:2])))
         hover.here()
 
@@ -271,6 +279,7 @@ def run_breaking(client: VehicleClient, report: FactReport) -> None:
             roll_deg = sign * math.degrees(client.euler()[0])
             if not 5.0 < roll_deg < 15.0:
                 follows = False
+
         report.add(f"{name}-after", "follows" if follows else "lost")
         if follows:
             _recover(client, hover)

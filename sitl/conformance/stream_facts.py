@@ -118,6 +118,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
 def _boot(client: VehicleClient, report: FactReport) -> None:
     received = client.received
     report.add("boot.unasked", "yes")  # the check came here without sending
+
     other_facts = [fact for fact in BOOT if fact.name != "boot.unasked"]
     client.listen(1.5, lambda: received.newest("ATTITUDE") is not None)
     attitudes = received.of("ATTITUDE")
@@ -172,9 +173,9 @@ def _streams(client: VehicleClient, report: FactReport, since_s: float, until_s:
 
 
 def _message_layout(client: VehicleClient, report: FactReport, since_s: float) -> None:
-    """Report what the messages of a PX4 that nobody orders look like, and how regularly they come.
+    """Report the form of the messages of a PX4 that receives nothing, and their regularity.
 
-    Among them is ``text.silent-alone``: without orders PX4 sends no texts.
+    One of these facts is ``text.silent-alone``: such a PX4 sends no texts.
 
     Args:
         client: the client that has listened.

@@ -59,7 +59,8 @@ _ANSWER_REAL_S = 0.12  # least time to wait for acknowledgements, in real time
 _INTERVAL_ANSWER_S = 0.1  # time to wait for the acknowledgement of an interval
 _VERSION_ATTEMPTS = 3
 _HEARTBEAT_S = 1.4  # longest time between two heartbeats
-_LISTEN_WAIT_S = 0.05  # longest waits for a datagram before the condition or the duties are checked
+# longest waits for a datagram, after which the condition of `listen` or the duties are checked
+_LISTEN_WAIT_S = 0.05
 _LONGEST_WAIT_S = 0.2
 # A shorter wait would make the loop of `spend` busy, a longer one would make setpoints late.
 _SHORTEST_WAIT_S = 0.0002

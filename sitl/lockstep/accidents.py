@@ -6,7 +6,7 @@ file are changed, the law is switched off, or rows of the failsafe table are set
 emulator's truth decides whether the accident has happened again: vehicles touch, leave the fence,
 or do not come down.
 
-The accidents, and what of each is flown here:
+The accidents, and the part of each that is flown here:
 
 * Orlando, 2024: the show's frame was turned by seven degrees, and the fence was near.
 * Docklands, 2023: the wind rose to twice what the fleet could fly in.
@@ -39,7 +39,7 @@ from sitl.faults.catalogue import Fault
 from sitl.lockstep.flight import GROUND, Lockstep
 from sitl.physics.wind import WindSettings
 
-_LOOK_S = 0.04  # between two looks at the truth
+_LOOK_S = 0.04  # time between two looks at the truth
 _READY_WITHIN_S = 20.0
 _INTO_STEP_S = 0.5  # time in a mission step at which the ground dies
 _LANDED_WITHIN_S = 90.0  # time to land after the mission, or after the ground has gone
@@ -224,11 +224,12 @@ async def _mission(flight: Lockstep, mission: Mission, ground_ends_in: str) -> s
         flight.bus.partition([GROUND])
         ground_is_gone.set()
 
-    def hear(line: str) -> None:
+    def on_progress(line: str) -> None:
+        """Plan the death of the ground when the line announces the step in which it dies."""
         if ground_ends_in and line.startswith(f"{ground_ends_in} "):
             flight.at(flight.time_s + _INTO_STEP_S, lose_ground)
 
-    run = MissionRun(mission, flight.client, say=hear, ready_timeout_s=_READY_WITHIN_S)
+    run = MissionRun(mission, flight.client, say=on_progress, ready_timeout_s=_READY_WITHIN_S)
     mission_task = asyncio.create_task(run.run())
     gone_task = asyncio.create_task(ground_is_gone.wait())
     await asyncio.wait({mission_task, gone_task}, return_when=asyncio.FIRST_COMPLETED)

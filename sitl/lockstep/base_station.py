@@ -29,7 +29,7 @@ class BaseStation:
     def __init__(self, fleet: FleetConfig, bus: SimBus) -> None:
         self.is_silent = False
         self._base = mock_base_of(fleet)
-        self._said = self._base  # the base whose frames are sent; a fault moves its position
+        self._reported_base = self._base  # base whose frames are sent; a fault moves its position
         self._node = bus.node(NODE)
         self._node.start()
         self._bus = bus
@@ -39,14 +39,14 @@ class BaseStation:
 
     def move(self, east_m: float) -> None:
         """From now on send a position that lies east of the true one; 0 sends the true one."""
-        self._said = self._base
+        self._reported_base = self._base
         if east_m:
-            self._said = self._base.moved(east_m)
+            self._reported_base = self._base.moved(east_m)
 
     def _send(self) -> None:
         now_ns = self._bus.now_ns()
         if not self.is_silent:
-            for frame in self._said.frames(self._second):
+            for frame in self._reported_base.frames(self._second):
                 self._sequence += 1
                 message = Corrections(
                     source=NODE,

@@ -2,8 +2,8 @@
 
 It keeps the promises of the real bus. Messages of topics of which only the newest one matters can
 be lost. Events, orders and replies travel on a connection: a lost one is sent again, so it comes
-later, and in order. Two nodes that are cut apart notice it after the lease. Messages on their way
-arrive if the cut is healed before that, otherwise never.
+later, and in order. Two nodes that are cut apart notice the cut after a time, the lease. Messages
+on their way arrive if the cut is healed within the lease, and otherwise never.
 
 Every message is a call with a due time, and all calls wait in one queue. Where no fault can touch a
 message, a single call serves all its receivers. The random numbers are seeded.
@@ -90,7 +90,7 @@ class SimBus:
         self._queue: list[tuple[int, int, Pair, Call, Arguments]] = []
         self._count = itertools.count()
 
-        # pair, and whether the message is a LATEST one -> when its newest message arrives
+        # pair, and whether the message is a LATEST one -> arrival of the newest such message
         self._newest_ns: dict[tuple[Pair, bool], int] = {}
 
         self._cut: dict[Pair, int] = {}  # pair -> time [ns] at which it was cut
@@ -312,7 +312,7 @@ class SimBus:
 
         Args:
             pair: the pair that was cut.
-            since_ns: the time of the cut, which tells this cut from a later one.
+            since_ns: the time of the cut, which distinguishes this cut from a later one.
         """
         if self._cut.get(pair) == since_ns and pair not in self._unseen:
             self._unseen.add(pair)

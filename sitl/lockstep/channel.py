@@ -32,7 +32,7 @@ _MOST_WAITING_NS = 300_000_000  # a message of which only the newest matters is 
 
 FIRST_WINDOW = 16  # slots
 
-# a station's window is doubled at most so many times, once for each collision in a row
+# A station's window is doubled once for each collision in a row, and at most this many times.
 MOST_DOUBLED = 6
 _MOST_DOUBLED_ACCESS_POINT = 2
 
@@ -76,7 +76,8 @@ class Channel:
         # station -> next station -> waiting packets
         self._queues: dict[str, dict[str, deque[_Packet]]] = {}
         self._slots_left: dict[str, int] = {}  # station -> free slots until it may send
-        self._in_a_row: dict[str, int] = {}  # station -> its collisions since it last got through
+        # station -> number of its collisions since its last turn without one
+        self._collisions_in_a_row: dict[str, int] = {}
         self._free_ns = 0  # end of the turn that began last
 
         # the message whose size was measured last, and that size
@@ -143,7 +144,7 @@ class Channel:
                 if queues:
                     oldest_ns[station] = min(queue[0].sent_ns for queue in queues.values())
 
-            # without a waiting packet no turn begins now
+            # without a waiting packet the next turn begins after now
             first_sent_ns = min(oldest_ns.values(), default=now_ns + 1)
             begin_ns = max(self._free_ns, first_sent_ns)
             if begin_ns > now_ns:
@@ -154,15 +155,15 @@ class Channel:
 
     def _take_turn(self, waiting: list[str], begin_ns: int) -> None:
         """Let the station with the fewest slots left send; several of them collide."""
-        left = self._slots_left
+        slots_left = self._slots_left
         for station in waiting:
-            if station not in left:
-                left[station] = self._draw(station)
+            if station not in slots_left:
+                slots_left[station] = self._draw(station)
 
-        slots = min(left[station] for station in waiting)
-        first = [station for station in waiting if left[station] == slots]
+        slots = min(slots_left[station] for station in waiting)
+        first = [station for station in waiting if slots_left[station] == slots]
         for station in waiting:
-            left[station] -= slots
+            slots_left[station] -= slots
 
         # when several collide, the longest aggregate keeps the channel busy
         aggregates = [self._aggregate(station, slots) for station in first]
@@ -172,11 +173,11 @@ class Channel:
 
         is_collision = len(first) > 1
         for station in first:
-            del left[station]
+            del slots_left[station]
             if is_collision:
-                self._in_a_row[station] = self._in_a_row.get(station, 0) + 1
+                self._collisions_in_a_row[station] = self._collisions_in_a_row.get(station, 0) + 1
             else:
-                self._in_a_row[station] = 0
+                self._collisions_in_a_row[station] = 0
 
         if is_collision:
             self.collisions += 1
@@ -204,7 +205,7 @@ class Channel:
         if station == _ACCESS_POINT:
             most_doubled = _MOST_DOUBLED_ACCESS_POINT
 
-        doubled = min(self._in_a_row.get(station, 0), most_doubled)
+        doubled = min(self._collisions_in_a_row.get(station, 0), most_doubled)
         return int(self._rng.integers(FIRST_WINDOW << doubled))
 
     def _aggregate(self, station: str, slots: int) -> _Aggregate:

@@ -186,7 +186,7 @@ class Lockstep:
             return self._runner.run(coroutine)
 
     def start_soon(self, coroutine: Coroutine[Any, Any, object]) -> None:
-        """Start a coroutine beside what the ground does; a planned call may use this, too."""
+        """Start a coroutine that runs beside the ground's; a planned call may use this, too."""
         self._loop.call_soon(self._start, coroutine)
 
     def _start(self, coroutine: Coroutine[Any, Any, object]) -> None:
@@ -299,7 +299,7 @@ class Lockstep:
         if self.record is None or self.folder is None:
             return verdict
 
-        # the record holds more than the run has seen, so the verdict from the record is final
+        # the record holds more messages than the run has used, so its verdict is the final one
         self.record.stop()
         return final_verdict(
             run.flown(),

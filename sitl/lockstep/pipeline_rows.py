@@ -5,8 +5,8 @@ values are written to rows of floats, the compiled loop of :mod:`onboard.rollout
 them, and the result is read from the rows again. If numba is not installed, Python interprets the
 pipeline.
 
-Rows of values that an agent passes again unchanged are kept. The neighbours in a snapshot are rows
-already.
+The rows of values that an agent passes again unchanged are reused. The neighbours in a snapshot are
+rows already.
 """
 
 from __future__ import annotations
@@ -44,7 +44,8 @@ class CompiledPipeline:
     def __init__(self, *, is_wanted: bool = True) -> None:
         self._can_compile = is_wanted and batch.is_compiled()
         self._compiles_this_tick = False
-        # id() of the memory returned last -> its agent, which passes that object in its next tick
+        # id() of the memory that a pass returned -> its agent, which passes this memory at its next
+        # tick
         self._agents: dict[int, _Agent] = {}
         # id() of values that stay the same from tick to tick -> these values and their rows
         self._params: dict[int, tuple[PipelineParams, Rows]] = {}

@@ -403,6 +403,7 @@ class Link:
         if fields["frame_id"] not in (_LOCAL_NED, _LOCAL_FRD):
             return
 
+        # the heading of a quaternion of any length; NaN for a quaternion of zeros
         w, x, y, z = fields["q"]
         yaw_rad = math.nan
         if abs(w) + abs(x) + abs(y) + abs(z) > 0.0:
@@ -418,7 +419,7 @@ class Link:
         """Pass an external position to the estimator; a heading beyond the limit counts as NaN."""
         fields = message.fields
         position = (fields["x"], fields["y"], fields["z"])
-        if not all(abs(c) < _MAX_POSITION_M for c in position):
+        if not all(abs(coordinate) < _MAX_POSITION_M for coordinate in position):
             return
 
         if not abs(yaw_rad) < _MAX_YAW_RAD:
@@ -452,6 +453,7 @@ class Link:
         self.autopilot.play_tune()  # PX4 does not acknowledge a tune
 
     def _request_event(self, message: MavlinkMessage) -> list[bytes]:
+        # Sequence numbers have 16 bits, so that the last one may be smaller than the first.
         first = message.fields["first_sequence"]
         last = message.fields["last_sequence"]
         span = (last - first) & 0xFFFF

@@ -90,7 +90,10 @@ class FileServer:
         self._last_answer = b""
 
     def answer(self, payload: bytes, sender: tuple[int, int]) -> bytes | None:
-        """Return the answer to a payload; None when it has no answer, or a later one.
+        """Return the answer to a payload.
+
+        It is None for a payload that is itself an answer, and for the request of a burst, whose
+        pieces :meth:`due` returns.
 
         Args:
             payload: payload of the request.
@@ -236,7 +239,7 @@ class FileServer:
         return content
 
     def _has_ended(self, count: int) -> bool:
-        """Add sent bytes to the session; end it silently at its limit and return True."""
+        """Add sent bytes to the session; at its limit, end it silently and return True."""
         self._sent_bytes += count
         limit_bytes = 0 if self._logs is None else self._logs.session_limit_bytes
         if not limit_bytes or self._sent_bytes <= limit_bytes:

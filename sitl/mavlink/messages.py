@@ -516,14 +516,14 @@ def hil_state_quaternion(v: View) -> Values:
     start_east, start_north, start_up = v.emulator.specs[index].start_enu_m
     local_ned_m = (north - start_north, east - start_east, down + start_up)
 
-    specific_force_mg = [_int16(c / 9.80665e-3) for c in v.accelerometer()]
+    specific_force_mg = [_int16(force_m_s2 / 9.80665e-3) for force_m_s2 in v.accelerometer()]
     return (
         0,  # time
         *states.attitude[index].tolist(),
         *states.tilt_rate_rad_s[index].tolist(),
         float(states.yaw_rate_rad_s[index]),
         *_degrees_and_mm(*v.to_global(local_ned_m)),
-        *[_int16(100.0 * c) for c in states.velocity_ned_m_s[index].tolist()],
+        *[_int16(100.0 * speed_m_s) for speed_m_s in states.velocity_ned_m_s[index].tolist()],
         0,  # indicated airspeed
         0,  # true airspeed
         *specific_force_mg,

@@ -254,7 +254,8 @@ def measured_attitude(
     level = frames.tilted((w, x, y, z), -tilt_error_rad[0], -tilt_error_rad[1])
     w, x, y, z = frames.turned(level, yaw_error_rad)
 
-    # Product of the attitude and the quaternion (1, a, b, d).
+    # Product of the attitude and the quaternion (1, a, b, d) of a small rotation, whose vector part
+    # is half of the rotation's angles.
     a, b, d = half_noise_rad
     noisy_w = w - x * a - y * b - z * d
     noisy_x = x + w * a + y * d - z * b
