@@ -74,7 +74,7 @@ def weakest(
     discharge: Discharge,
     now_ns: int,
 ) -> Reserve | None:
-    """Return the vehicle whose charge is least above what it needs for the way home.
+    """Return the vehicle whose charge exceeds the charge for its return by the least.
 
     Return None if no vehicle reports its charge.
 
@@ -92,13 +92,13 @@ def weakest(
             continue
 
         spot_enu_m = spot_of(name, fleet, state)
-        way_s = way_home_s(fleet.vehicles[name], spot_enu_m, telemetry.position_enu_m)
+        return_s = way_home_s(fleet.vehicles[name], spot_enu_m, telemetry.position_enu_m)
         hover_s = fleet.vehicles[name].hover_time_s or ASSUMED_HOVER_S
         observed_1_s = discharge.rate_1_s(name, now_ns, telemetry.battery_frac)
         rate_pct_s = 100.0 * max(1.0 / hover_s, observed_1_s)
 
         has_pct = 100.0 * telemetry.battery_frac
-        needs_pct = fleet.fleet.battery_land_pct + SPARE_PCT + way_s * rate_pct_s
+        needs_pct = fleet.fleet.battery_land_pct + SPARE_PCT + return_s * rate_pct_s
         left_s = max(0.0, has_pct - needs_pct) / rate_pct_s
         reserves.append(Reserve(name, has_pct, needs_pct, left_s))
     return min(reserves, key=lambda reserve: reserve.has_pct - reserve.needs_pct, default=None)

@@ -16,7 +16,7 @@ def goal_enu_m(
     """Return a goal in the fleet frame.
 
     Args:
-        fleet: the fleet file; its origin counts.
+        fleet: the fleet file, with the origin of the fleet frame.
         latitude_deg: latitude of the goal.
         longitude_deg: longitude of the goal.
         height_m: height in the fleet frame, like the third coordinate of every goal [m].

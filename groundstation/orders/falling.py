@@ -27,7 +27,7 @@ def below_words(names: Collection[str], fleet: FleetConfig, state: FleetState, n
         A sentence that begins with the smallest difference of height; empty if no vehicle is known
         to be below.
     """
-    falls: list[tuple[float, str]] = []  # difference of height and its text
+    falls: list[tuple[float, str]] = []  # difference of height, and the text about the pair
     for name in names:
         upper = state.vehicles.get(name)
         if upper is None or not upper.is_airborne:

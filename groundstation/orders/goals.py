@@ -43,19 +43,19 @@ from onboard.config.ground import floor_m, least_height_m
 from onboard.tuples import Xyz
 
 _PEAK_OF_MEAN = 1.9  # peak speed over mean speed of a quintic from rest to rest, rounded up
-_LEAST_WAY_S = 3.0  # shortest duration of a way home
+_LEAST_FLIGHT_S = 3.0  # shortest duration of a flight home
 
 
 class GoalFacts(NamedTuple):
     """Everything besides the order that its goals depend on."""
 
     fleet: FleetConfig
-    state: FleetState | None  # None: the fleet file alone counts
+    state: FleetState | None  # None: only the fleet file is used
     held: HeldFormation  # formation before the order
     names: list[str]  # vehicles of the order that may be ordered
 
     def spot_enu_m(self, name: str) -> Xyz:
-        """Return the take-off spot of a vehicle [m]; of a spare, the spot of whom it replaces."""
+        """Return a vehicle's take-off spot [m]; a spare has that of the vehicle it replaces."""
         return spot_of(name, self.fleet, self.state)
 
     def slots(self, held: HeldFormation) -> dict[str, Xyz]:
@@ -167,17 +167,17 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
         goals[name] = (x, y, height_m)
 
     if not intent.duration_s:
-        # The assignment avoids conflicts only if all vehicles need the same time for their ways.
+        # The assignment avoids conflicts only if all vehicles need the same time.
         longest_s = max(
-            _way_s(spots[name], goal, facts.fleet.vehicles[name].max_speed_m_s)
+            _flight_s(spots[name], goal, facts.fleet.vehicles[name].max_speed_m_s)
             for name, goal in goals.items()
         )
-        intent = replace(intent, duration_s=round(max(_LEAST_WAY_S, longest_s), 1))
+        intent = replace(intent, duration_s=round(max(_LEAST_FLIGHT_S, longest_s), 1))
     return Goals(intent, goals)
 
 
-def _way_s(begin_enu_m: Xyz, end_enu_m: Xyz, max_speed_m_s: float) -> float:
-    """Return the shortest duration of a way from rest to rest at the top speed [s]."""
+def _flight_s(begin_enu_m: Xyz, end_enu_m: Xyz, max_speed_m_s: float) -> float:
+    """Return the shortest duration of a straight flight from rest to rest [s]."""
     return _PEAK_OF_MEAN * math.dist(begin_enu_m, end_enu_m) / max_speed_m_s
 
 
@@ -297,7 +297,7 @@ def _spots_or_starts(facts: GoalFacts) -> dict[str, Xyz]:
 
 
 def _spot(view: VehicleView | None) -> Xyz | None:
-    """Return the goal of a vehicle, or its position if it has none; None if it reports none."""
+    """Return a vehicle's goal, or its position if it has no goal; None if it reports neither."""
     telemetry = None if view is None else view.telemetry
     if telemetry is None or not telemetry.is_position_valid:
         return None

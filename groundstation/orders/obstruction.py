@@ -21,14 +21,14 @@ from onboard.tuples import Xyz
 _BLOCKED = ("unfinished", "timed out")  # phases of results that get an explanation
 _NEAR_WALL_M = 0.5  # distance from a body's edge at which an obstacle or the fence counts as near
 _MOST_NAMED = 3  # hindrances that a sentence names
-_ACTIVE_M_S2 = 0.05  # smallest intervention of the law that is said
+_ACTIVE_M_S2 = 0.05  # smallest intervention of the law that a sentence mentions
 _STEPS = 20  # points of the straight way that are compared with obstacles
 
 
 def explained(
     results: Results, planned: PlannedOrder, fleet: FleetConfig, state: FleetState, now_ns: int
 ) -> Results:
-    """Return the results of an order; those of unfinished moves say what is in the way.
+    """Return the results of an order, with the hindrances of the moves that are unfinished.
 
     Args:
         results: results of its vehicles.
@@ -48,7 +48,7 @@ def explained(
 
 
 def in_the_way(fleet: FleetConfig, state: FleetState, name: str, goal: Xyz, now_ns: int) -> str:
-    """Return what keeps a vehicle from its goal now, with distances, the nearest first.
+    """Return the hindrances between a vehicle and its goal, with distances, the nearest first.
 
     Args:
         fleet: the fleet file.
@@ -80,7 +80,7 @@ def in_the_way(fleet: FleetConfig, state: FleetState, name: str, goal: Xyz, now_
 
 
 def _law_words(telemetry: Telemetry) -> str:
-    """Return to whom the law gives way, and by how much; empty if it does not give way."""
+    """Return the vehicles to which the law gives way, and by how much; empty if it does not."""
     is_active = telemetry.intervention_m_s2 > _ACTIVE_M_S2  # False for an unknown one, NaN
     if not telemetry.avoids or not is_active:
         return ""
@@ -91,7 +91,7 @@ def _neighbours(
     fleet: FleetConfig, state: FleetState, name: str, position: Xyz, goal: Xyz, now_ns: int
 ) -> Iterator[tuple[float, str]]:
     """Yield flying vehicles near the straight way, with their distances [m]."""
-    room_m = parking_distance_m(fleet)
+    near_m = parking_distance_m(fleet)
     height_share = parking_height_share(fleet)
 
     for other, view in state.vehicles.items():
@@ -100,7 +100,7 @@ def _neighbours(
         other_position = view.position_enu_m(now_ns)
         if other_position is None:
             continue
-        if _distance_m(other_position, position, goal, height_share) >= room_m:
+        if _distance_m(other_position, position, goal, height_share) >= near_m:
             continue
 
         away_m = math.dist(other_position[:2], position[:2])
@@ -110,7 +110,7 @@ def _neighbours(
 
 def _walls(fleet: FleetConfig, position: Xyz, goal: Xyz) -> Iterator[tuple[float, str]]:
     """Yield obstacles near the straight way, and sides of the fence near the vehicle."""
-    room_m = _NEAR_WALL_M + 0.5 * fleet.fleet.body_diameter_m
+    near_m = _NEAR_WALL_M + 0.5 * fleet.fleet.body_diameter_m
 
     shares = [k / _STEPS for k in range(_STEPS + 1)]
     route = [
@@ -121,21 +121,21 @@ def _walls(fleet: FleetConfig, position: Xyz, goal: Xyz) -> Iterator[tuple[float
         for share in shares
     ]
     for obstacle in fleet.obstacles:
-        if min(obstacle.distance_m(point) for point in route) < room_m:
+        if min(obstacle.distance_m(point) for point in route) < near_m:
             away_m = obstacle.distance_m(position)
             yield away_m, f"obstacle '{obstacle.name}', {away_m:.2f} m from it"
 
     for area in flight_space_of(fleet).areas:
         if areas.counts_at(area, position[2], position[2]):
             away_m = areas.nearest(area, position[0], position[1]).room_m - area.buffer_m
-            if away_m < room_m:
+            if away_m < near_m:
                 yield away_m, f"the fence '{area.name}', {away_m:.2f} m from its buffer"
 
     fence = fleet.fleet.geofence_m
     for axis, value, (low, high) in zip("xyz", position, (fence.x, fence.y, fence.z), strict=True):
         away_m, end = min((value - low, low), (high - value, high))
         is_floor = axis == "z" and end == low
-        if away_m < room_m and not is_floor:
+        if away_m < near_m and not is_floor:
             yield away_m, f"the fence at {axis} = {end:g} m, {away_m:.2f} m from it"
 
 

@@ -22,7 +22,7 @@ from onboard.tuples import Xyz
 _CAN_START = ("waiting", "ready", "landed", "armed")
 _CAN_MOVE = ("flying", "holding", "taking off")
 _HAS_GOAL = _CAN_MOVE
-# While the preview is shown, a vehicle may drift by this distance plus its speed times this time.
+# While the preview is shown, a vehicle may drift by _DRIFT_M plus its speed times _DRIFT_S.
 _DRIFT_M = 0.3
 _DRIFT_S = 1.0
 _MOVING_M_S = 0.4  # speed from which a note says that the vehicle moves

@@ -26,9 +26,9 @@ LOWEST_M = 0.3  # lowest height of a path above the ground
 STEP_S = 0.05  # time from one sample to the next
 # difference between the parking distance and the distance at which the law begins to act
 _PARKING_MORE_M = 0.10
-_ENDS_M_S = 0.05  # largest speed at the begin and at the end of a path
+_END_SPEED_M_S = 0.05  # largest speed at the begin and at the end of a path
 _BLOCK = 400  # samples whose pairs are compared at once, which limits the memory
-_LISTED = 12  # items of a list that a sentence names
+_MOST_LISTED = 12  # items of a list that a sentence names
 _TILT_SHARE = 0.8  # share of the largest tilt that a path may use
 _LIMIT_FACTOR = 1.01  # factor on a limit above which a path is refused
 _FENCE_ROOM_M = 0.15  # smallest distance of a path from the fence
@@ -140,14 +140,14 @@ def closest_pairs(
     for k in np.argsort(smallest_m):
         if smallest_m[k] >= below_m and k != nearest:
             continue
-        sample = sample_of_smallest[k]
+        index = sample_of_smallest[k]
         pairs.append(
             ClosestApproach(
                 distance_m=float(smallest_m[k]),
                 first=flown.names[first[k]],
                 second=flown.names[second[k]],
-                time_s=float(flown.times_s[sample]),
-                height_m=abs(float(z[sample, first[k]] - z[sample, second[k]])),
+                time_s=float(flown.times_s[index]),
+                height_m=abs(float(z[index, first[k]] - z[index, second[k]])),
             )
         )
     return pairs
@@ -243,9 +243,9 @@ def pair_words(pair: ClosestApproach) -> str:
 
 def listed_words(words: Sequence[str]) -> str:
     """Return the first items of a list in words, and the number of the others."""
-    listed = "; ".join(words[:_LISTED])
-    if len(words) > _LISTED:
-        listed += f"; {len(words) - _LISTED} more"
+    listed = "; ".join(words[:_MOST_LISTED])
+    if len(words) > _MOST_LISTED:
+        listed += f"; {len(words) - _MOST_LISTED} more"
     return listed
 
 
@@ -296,7 +296,7 @@ def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> 
             speed_m_s[[0, -1]],
             noun="speed at the ends",
             unit="m/s",
-            bounds=[_ENDS_M_S for _ in vehicles],
+            bounds=[_END_SPEED_M_S for _ in vehicles],
             where=where,
         ),
     ]

@@ -77,8 +77,8 @@ def through(points: Array, speeds_m_s: Array) -> Path:
     speeds[[0, -1]] = 0.0
     mean_m_s = 0.5 * (speeds[:-1] + speeds[1:])
 
-    # With two waypoints, both speeds are 0 and their mean would be no speed. Half the given one
-    # counts.
+    # With two waypoints both speeds are 0, and so is their mean. Half of the larger given speed is
+    # used instead.
     if len(points) == 2:
         mean_m_s[:] = 0.5 * max(speeds_m_s)
         if mean_m_s[0] <= 0.0:
@@ -125,6 +125,7 @@ def resting(duration_s: float, value: Array) -> Array:
 
 def slowed(path: Path, factor: float) -> Path:
     """Return a path that takes ``factor`` times as long."""
+    # the coefficient of t^k is divided by factor^k
     pieces = np.array(path.pieces)
     pieces[:, 0] *= factor
     pieces[:, 1:] /= np.tile(factor ** np.arange(8.0), 4)
@@ -133,6 +134,8 @@ def slowed(path: Path, factor: float) -> Path:
 
 def backwards(path: Path) -> Path:
     """Return a path flown from its end to its begin."""
+    # Each piece is shifted to its end, and then mirrored: t becomes -t, which changes the signs of
+    # the odd powers.
     signs = (-1.0) ** np.arange(8.0)
 
     pieces = []
@@ -190,11 +193,12 @@ def _smoothed(padded: Array, step_s: float) -> tuple[Array, Array, Array]:
     positions are integrated twice, and the second difference over the window is taken.
     """
     window_s = _WINDOW * step_s
-    held = np.pad(padded, ((_WINDOW, _WINDOW), (0, 0)), mode="edge")
+    # the first and the last position are repeated, so that the windows at the ends are complete
+    extended = np.pad(padded, ((_WINDOW, _WINDOW), (0, 0)), mode="edge")
 
     # Integrals of the straight lines, once and twice, from the first sample on.
-    begins = held[:-1]
-    ends = held[1:]
+    begins = extended[:-1]
+    ends = extended[1:]
     once = _summed(0.5 * step_s * (begins + ends))
     twice = _summed(step_s * once[:-1] + step_s**2 * (2.0 * begins + ends) / 6.0)
 
@@ -207,7 +211,7 @@ def _smoothed(padded: Array, step_s: float) -> tuple[Array, Array, Array]:
 
     p = averaged(twice)
     v = averaged(once)
-    a = averaged(held)
+    a = averaged(extended)
     for end in (0, -1):
         p[end] = padded[end]
         v[end] = 0.0
@@ -241,17 +245,10 @@ def _merged(p: Array, v: Array, a: Array, step_s: float) -> list[list[float]]:
                 begin=np.array([p[first], v[first], a[first]]),
                 end=np.array([p[last], v[last], a[last]]),
             )
-            coefficients = piece[1:].reshape(4, 8).T
-            times_s = (step_s * np.arange(length + 1))[:, None]
-            error_m = times_s ** np.arange(8) @ coefficients - p[first : last + 1]
-
-            curvature = np.arange(2, 8) * np.arange(1, 7)
-            acceleration = times_s ** np.arange(6) @ (curvature[:, None] * coefficients[2:])
-            error_m_s2 = (acceleration - a[first : last + 1])[:, :3]
-
-            is_near = (
-                np.abs(error_m).max() < _TOLERANCE_M and np.abs(error_m_s2).max() < tolerance_m_s2
+            error_m, error_m_s2 = _largest_errors(
+                piece, p[first : last + 1], a[first : last + 1], step_s
             )
+            is_near = error_m < _TOLERANCE_M and error_m_s2 < tolerance_m_s2
             if length == 1 or is_near:
                 break
             length = max(1, length // 2)
@@ -261,6 +258,29 @@ def _merged(p: Array, v: Array, a: Array, step_s: float) -> list[list[float]]:
     return pieces
 
 
+def _largest_errors(piece: Array, p: Array, a: Array, step_s: float) -> tuple[float, float]:
+    """Return by how much a piece misses samples of a motion at most.
+
+    Args:
+        piece: the piece (33,).
+        p: positions and yaw (T, 4) at a grid from the begin to the end of the piece.
+        a: accelerations (T, 4) at the same times.
+        step_s: step of the grid.
+
+    Returns:
+        Largest errors of a position or yaw [m, rad], and of an acceleration [m/s^2].
+    """
+    coefficients = piece[1:].reshape(4, 8).T
+    times_s = (step_s * np.arange(len(p)))[:, None]
+    error_m = times_s ** np.arange(8) @ coefficients - p
+
+    # the second derivative of t^k is k (k - 1) t^(k - 2)
+    factors = np.arange(2, 8) * np.arange(1, 7)
+    acceleration = times_s ** np.arange(6) @ (factors[:, None] * coefficients[2:])
+    error_m_s2 = (acceleration - a)[:, :3]
+    return float(np.abs(error_m).max()), float(np.abs(error_m_s2).max())
+
+
 def _spline(times_s: Array, values: Array, grid: Array) -> Array:
     """Return the cubic spline through samples (T, 4), at rest at both ends, on a grid."""
     steps = np.diff(times_s)
@@ -268,7 +288,7 @@ def _spline(times_s: Array, values: Array, grid: Array) -> Array:
     count = len(times_s)
 
     # The velocities at the samples follow from the continuity of the acceleration. They are the
-    # solution of a tridiagonal system, which is eliminated from the front
+    # solution of a tridiagonal system. First step of the solution: elimination from the front.
     upper = np.zeros(count)
     right = np.zeros((count, 4))
     for k in range(1, count - 1):
@@ -278,7 +298,7 @@ def _spline(times_s: Array, values: Array, grid: Array) -> Array:
         upper[k] = ahead / pivot
         right[k] = (3.0 * (left * slopes[k - 1] + ahead * slopes[k]) - left * right[k - 1]) / pivot
 
-    # and solved from the back. The motion rests at both ends.
+    # Second step: substitution from the back. The motion rests at both ends.
     velocity = np.zeros((count, 4))
     for k in range(count - 2, 0, -1):
         velocity[k] = right[k] - upper[k] * velocity[k + 1]

@@ -36,14 +36,15 @@ from onboard.tuples import Xyz
 
 _TAKEOFF_M = 1.0
 _LOWEST_TAKEOFF_M = 0.5
-# a path that begins or ends in motion gets a piece from or to rest, which replaces so much time of
-# the show and takes twice as long
+# A path that begins or ends in motion gets a piece from or to rest. It replaces this time of the
+# show, and takes twice this time.
 _JOIN_S = 1.0
 _GRID_S = 0.05
 _STILL_M_S = 0.02  # a path whose end is slower than this counts as at rest there
-_ROOM = 1.005  # a show is slowed by this factor more than needed
+_EXTRA_SLOWING = 1.005  # factor by which a show is slowed more than needed
 _SLOWEST = 4.0  # a show that would have to be slowed by a larger factor is refused
-_DEAL_ABOVE_M = 0.5  # homes are assigned anew if the longest way becomes shorter by this
+# homes are assigned anew if the longest flight to a path becomes shorter by this
+_ASSIGN_ABOVE_M = 0.5
 
 # bounds of a vertical separation that is proposed if heights would keep vehicles apart
 _MOST_VERTICAL_M = 4.0
@@ -137,7 +138,7 @@ def converted(
             (max(t - zero_s, 0.0), red, green, blue) for t, red, green, blue in drone.lights
         )
 
-    _deal_homes(made)
+    _assign_homes(made)
     _slow_down(made, limits)
     _spread_starts(made, spacing_m, height_share)
     return made
@@ -180,27 +181,32 @@ def _flown(drone: Drone, takeoff_m: float) -> tuple[float, Array]:
             f"'{drone.name}' is above {takeoff_m:g} m for less than {2.5 * _JOIN_S:g} s: no path."
         )
 
-    # (3, 4, 4): motion at the begin, after the first join, before the last one, and at the end
-    at = sampled(drone.path, np.array([begin_s, begin_s + _JOIN_S, end_s - _JOIN_S, end_s]))
-    is_moving_first = np.abs(at[1, 0]).max() > _STILL_M_S
-    is_moving_last = np.abs(at[1, 3]).max() > _STILL_M_S
-    parts = []
+    # motions (3, 4): value, first and second derivative of x, y, z and yaw
+    motions = sampled(drone.path, np.array([begin_s, begin_s + _JOIN_S, end_s - _JOIN_S, end_s]))
+    at_begin = motions[:, 0]
+    after_join = motions[:, 1]
+    before_join = motions[:, 2]
+    at_end = motions[:, 3]
+    begins_in_motion = np.abs(at_begin[1]).max() > _STILL_M_S
+    ends_in_motion = np.abs(at_end[1]).max() > _STILL_M_S
     starts_s = drone.begin_s + begin_s
 
-    if is_moving_first:
+    first_part = []
+    if begins_in_motion:
         rest = np.zeros((3, 4))
-        rest[0] = at[0, 0]
-        parts.append([quintic(2.0 * _JOIN_S, rest, at[:, 1])])
+        rest[0] = at_begin[0]
+        first_part.append([quintic(2.0 * _JOIN_S, rest, after_join)])
         starts_s -= _JOIN_S
         begin_s += _JOIN_S
 
     last_part = []
-    if is_moving_last:
-        rest = np.concatenate([at[:1, 3], np.zeros((2, 4))])
-        last_part.append([quintic(2.0 * _JOIN_S, at[:, 2], rest)])
+    if ends_in_motion:
+        rest = np.zeros((3, 4))
+        rest[0] = at_end[0]
+        last_part.append([quintic(2.0 * _JOIN_S, before_join, rest)])
         end_s -= _JOIN_S
 
-    return starts_s, np.concatenate([*parts, cut(drone.path, begin_s, end_s), *last_part])
+    return starts_s, np.concatenate([*first_part, cut(drone.path, begin_s, end_s), *last_part])
 
 
 def _path(name: str, pieces: Sequence[Sequence[float]]) -> Path:
@@ -247,20 +253,20 @@ def _check_homes(homes: Mapping[str, Xyz], spacing_m: float) -> None:
         )
 
 
-def _deal_homes(made: Converted) -> None:
-    """Assign homes anew, near to the begins of the paths, if that makes the longest way shorter."""
+def _assign_homes(made: Converted) -> None:
+    """Assign homes near the begins of the paths, if that makes the longest flight shorter."""
     begins = {name: point_at(path, 0.0).position_enu_m for name, path in made.paths.items()}
     # each home, raised to the height at which its path begins
     above_home = {name: (x, y, begins[name][2]) for name, (x, y, _) in made.homes.items()}
-    dealt = nearest_slots(above_home, begins, (0.0, 0.0, 0.0))
+    assigned = nearest_slots(above_home, begins, (0.0, 0.0, 0.0))
 
     before_m = {name: math.dist(above_home[name], begins[name]) for name in above_home}
-    after_m = {name: math.dist(above_home[home], begins[name]) for name, home in dealt.items()}
-    if max(before_m.values()) - max(after_m.values()) < _DEAL_ABOVE_M:
+    after_m = {name: math.dist(above_home[home], begins[name]) for name, home in assigned.items()}
+    if max(before_m.values()) - max(after_m.values()) < _ASSIGN_ABOVE_M:
         return
 
     homes = dict(made.homes)
-    for name, home_of in dealt.items():
+    for name, home_of in assigned.items():
         if name == home_of:
             continue
         made.homes[name] = homes[home_of]
@@ -281,7 +287,7 @@ def _slow_down(made: Converted, limits: FlightLimits) -> None:
     slower = made.paths
     while needed > 1.0 and factor <= _SLOWEST:
         # a slower path is sampled at more points, which may show a larger acceleration
-        factor *= needed * _ROOM
+        factor *= needed * _EXTRA_SLOWING
         slower = _slowed(made.paths, factor)
         needed, _ = needed_slowing(sample(slower), limits)
 
@@ -311,16 +317,17 @@ def _spread_starts(made: Converted, spacing_m: float, height_share: float) -> No
     can_be_mended = 0 < len(pairs) <= 2 * len(paths)
     rounds = _SPREAD_ROUNDS if can_be_mended else 0
     for _ in range(rounds):
-        # of the nearest pair the one that is delayed already, so that not both wait
+        # Delay one vehicle of the nearest pair, and the one that is delayed already, if any, so
+        # that not both wait.
         nearest = pairs[0]
-        late = max((nearest.first, nearest.second), key=lambda name: (delays_s[name], name))
-        delays_s[late] += _SPREAD_STEP_S
-        if delays_s[late] > _MOST_SPREAD_S:
+        delayed = max((nearest.first, nearest.second), key=lambda name: (delays_s[name], name))
+        delays_s[delayed] += _SPREAD_STEP_S
+        if delays_s[delayed] > _MOST_SPREAD_S:
             break
 
-        first_position = np.array(made.paths[late].pieces[0][1::8])
-        waiting = resting(delays_s[late], first_position)
-        paths[late] = _path(late, [waiting.tolist(), *made.paths[late].pieces])
+        first_position = np.array(made.paths[delayed].pieces[0][1::8])
+        waiting = resting(delays_s[delayed], first_position)
+        paths[delayed] = _path(delayed, [waiting.tolist(), *made.paths[delayed].pieces])
         pairs = _too_near(paths, spacing_m, height_share)
         if not pairs:
             break

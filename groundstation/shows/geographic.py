@@ -24,7 +24,7 @@ from onboard.config.fleet import ConfigError, Origin
 from onboard.control.path import LONGEST_S, Path
 
 _EARTH_RADIUS_M = 6_371_000.0  # radius of PX4's sphere
-# what a column holds -> its possible names, in small letters and without other signs
+# content of a column -> its possible names, in small letters and without other signs
 _KINDS = {
     "time": ("t", "time", "timestamp", "timefromstart", "seconds"),
     "latitude": ("lat", "latitude"),
@@ -186,11 +186,11 @@ def _checked(file: FilePath, numbers: Array) -> Places:
         ConfigError: they do not lie on Earth, or their times do not rise.
     """
     times_s, latitudes_deg, longitudes_deg, altitudes_m = numbers.T
-    late = np.flatnonzero(np.diff(times_s) <= 0.0)
-    if len(late):
+    not_rising = np.flatnonzero(np.diff(times_s) <= 0.0)
+    if len(not_rising):
         raise ConfigError(
-            f"{file}: time does not rise after {times_s[late[0]]:g} s: sort the lines, keep one "
-            "for each time."
+            f"{file}: time does not rise after {times_s[not_rising[0]]:g} s: sort the lines, "
+            "keep one for each time."
         )
     if times_s[-1] - times_s[0] > LONGEST_S:
         raise ConfigError(

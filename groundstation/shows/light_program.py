@@ -37,25 +37,26 @@ def colours(data: bytes) -> tuple[TimedColour, ...]:
 
     for _ in range(_MOST):
         command = reader.byte() if reader.has_more else _END
-        last = out[-1][1:]
+        last_colour = out[-1][1:]
 
         if command == _END:
             return tuple(out)
 
         if command in _SET or command in _FADE:
-            colour = _colour(reader, command % 4)
-            begins_with = colour if command in _SET else last
-            out.append((now_s, *begins_with))
+            kind = command % 4  # each of the two ranges begins at a multiple of four
+            colour = _colour(reader, kind)
+            first_colour = colour if command in _SET else last_colour
+            out.append((now_s, *first_colour))
             now_s += reader.frames() * _FRAME_S
             out.append((now_s, *colour))
 
         elif command == _SLEEP:
             now_s += reader.frames() * _FRAME_S
-            out.append((now_s, *last))
+            out.append((now_s, *last_colour))
 
         elif command == _WAIT:
             now_s = max(now_s, reader.frames() * _FRAME_S)
-            out.append((now_s, *last))
+            out.append((now_s, *last_colour))
 
         elif command == _LOOP:
             count = reader.byte()
@@ -114,6 +115,7 @@ class _Reader:
             byte = self.byte()
             value |= (byte & 127) << shift
             shift += 7
+            # a longer number is no duration of a show
             if byte < 128 or shift > 35:
                 return value
 

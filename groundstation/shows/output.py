@@ -36,7 +36,8 @@ _ABOVE_M = 1.5  # height of the fence above the show
 # bounds of the top speed of a fleet made for the show; faster vehicles would brake too late
 _SLOWEST_TOP_SPEED_M_S = 1.0
 _FASTEST_TOP_SPEED_M_S = 1.5
-_HOME_M = 0.10  # homes are so much further apart than paths, because vehicles hover above them
+# homes are further apart than paths by this, because vehicles hover above their homes
+_HOME_M = 0.10
 _NOWHERE = Origin(47.397742, 8.545594, 489.4)  # PX4's simulator's origin, for a show without one
 
 

@@ -186,13 +186,13 @@ def _show(name: str, data: Any) -> Show:
     if not isinstance(title, str) or not title:
         title = os.path.splitext(os.path.basename(name))[0]
 
-    read: list[Drone] = []
+    read_drones: list[Drone] = []
     for index, drone in enumerate(drones):
-        read.append(_drone(name, index, _table(drone, "settings")))
-        check_light_count(name, read)  # after each drone, before more memory is filled
+        read_drones.append(_drone(name, index, _table(drone, "settings")))
+        check_light_count(name, read_drones)  # after each drone, before more memory is filled
     return Show(
         title=title[:_LONGEST_NAME],
-        drones=tuple(read),
+        drones=tuple(read_drones),
         is_outdoors=environment.get("type") == "outdoor",
         origin=_origin(_table(environment, "location")),
     )
@@ -250,17 +250,17 @@ def _drone(file: str, index: int, settings: dict[str, Any]) -> Drone:
             "read."
         )
 
-    first_s, pieces, first = _pieces(where, trajectory.get("points"))
+    first_s, pieces, first_enu_m = _pieces(where, trajectory.get("points"))
     path = path_from_pieces(where, pieces)
     begin_s = first_s + _number(where, trajectory.get("takeoffTime", 0.0))
     path = _with_yaw(where, path, begin_s, _table(settings, "yawControl"))
 
-    home = first
+    home_enu_m = first_enu_m
     if settings.get("home") is not None:
-        home = _point(where, settings["home"])
+        home_enu_m = _point(where, settings["home"])
     return Drone(
         name=name,
-        home_enu_m=home,
+        home_enu_m=home_enu_m,
         path=path,
         begin_s=begin_s,
         lights=_lights(where, _table(settings, "lights")),
@@ -343,11 +343,12 @@ def _with_yaw(where: str, path: Path, begin_s: float, control: dict[str, Any]) -
 
     pieces = np.array(path.pieces)
     durations_s = pieces[:, 0]
-    # columns 25 to 32 are the coefficients of yaw: a quintic from rest to rest
+    # Columns 25 to 32 are the coefficients of yaw. They become those of a quintic from rest to
+    # rest: 10 s^3 - 15 s^4 + 6 s^5 of the turn, with the share s of the duration.
     pieces[:, 25:33] = 0.0
     pieces[:, 25] = knots_rad[:-1]
-    for power, share in ((3, 10.0), (4, -15.0), (5, 6.0)):
-        pieces[:, 25 + power] = share * np.diff(knots_rad) / durations_s**power
+    for power, factor in ((3, 10.0), (4, -15.0), (5, 6.0)):
+        pieces[:, 25 + power] = factor * np.diff(knots_rad) / durations_s**power
     return path_of(pieces.tolist())
 
 
