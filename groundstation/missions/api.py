@@ -120,20 +120,20 @@ class Fleet(Group):
         Args:
             at_end: "land" where they are, "home" to land at their take-off spots, or "hold".
         """
-        pilots = flown_by_hand(self.client)
-        up = tuple(
+        by_hand = flown_by_hand(self.client)
+        flying = tuple(
             name
             for name in self._names
-            if self.state.vehicles[name].is_airborne and name not in pilots
+            if self.state.vehicles[name].is_airborne and name not in by_hand
         )
 
         if at_end == "hold":
-            if up:
-                await self.client.order(Hold(vehicles=up), _HOLD_S, is_by_mission=True)
+            if flying:
+                await self.client.order(Hold(vehicles=flying), _HOLD_S, is_by_mission=True)
             return
 
-        if at_end == "home" and up:
-            await self.client.order(Home(vehicles=up), _HOME_S, is_by_mission=True)
+        if at_end == "home" and flying:
+            await self.client.order(Home(vehicles=flying), _HOME_S, is_by_mission=True)
         await self.land_all()
 
     async def _leave_to(self, taken: Taken, begin_ns: int) -> None:

@@ -43,13 +43,13 @@ def begin_refusal(mission: Mission, state: FleetState) -> str:
         names = [name for name in resolved(step, mission.fleet).names if name not in have_order]
         have_order.update(names)
 
-        up = [name for name in names if state.vehicles[name].is_airborne]
-        if step.begins == "on ground" and up:
-            fly = "flies" if len(up) == 1 else "fly"
+        flying = [name for name in names if state.vehicles[name].is_airborne]
+        if step.begins == "on ground" and flying:
+            fly = "flies" if len(flying) == 1 else "fly"
             return (
-                f"{mission.path} was not begun: its first order to {', '.join(up)}, {step.do}, "
-                f"begins on the ground, and {', '.join(up)} {fly}. Land first, or start a mission "
-                "that begins in the air."
+                f"{mission.path} was not begun: its first order to {', '.join(flying)}, {step.do}, "
+                f"begins on the ground, and {', '.join(flying)} {fly}. Land first, or start a "
+                "mission that begins in the air."
             )
     return ""
 
@@ -89,22 +89,25 @@ def time_refusal(mission: Mission, times: Mapping[str, WorldTime], begin_ns: int
     reached_s = 0.0  # time from the mission's begin to the step's begin
     for course_step in mission.course():
         step = course_step.step
+
+        # Vehicles first fly to the begins of their paths. The given time of the step is the start
+        # of the paths themselves.
         paths_s = 0.0
         if isinstance(step, FollowPathStep | FlyFormationStep):
             paths_s = max((path.duration_s for path in course_step.paths.values()), default=0.0)
 
         written = getattr(step, "at", "")
         if written and ".branches" not in course_step.key:
-            due_s = (times[written].world_ns - begin_ns) * 1e-9
-            least_s = reached_s + course_step.expected_s - paths_s
-            if due_s < least_s:
+            start_s = (times[written].world_ns - begin_ns) * 1e-9
+            earliest_start_s = reached_s + course_step.expected_s - paths_s
+            if start_s < earliest_start_s:
                 return (
                     f"{mission.path} was not begun: '{course_step.key}' ({step.do}) is to start at "
-                    f"{times[written].words}, {time_words(max(0.0, due_s))} after the mission's "
-                    f"begin, and what comes before it takes about {time_words(least_s)}. "
+                    f"{times[written].words}, {time_words(max(0.0, start_s))} after the mission's "
+                    f"begin, and what comes before it takes about {time_words(earliest_start_s)}. "
                     "Give it a later time, or begin earlier."
                 )
-            reached_s = due_s + paths_s
+            reached_s = start_s + paths_s
         else:
             reached_s += course_step.times * course_step.expected_s
     return ""

@@ -17,7 +17,8 @@ from onboard.config.pair_separation import separation_m
 from onboard.tuples import Xyz
 
 ARRIVED_M = 0.15  # default distance from a goal at which a vehicle has arrived
-# Vehicles whose last telemetry lies closer together than this fell silent for the same reason.
+# Largest difference between the times of the last telemetry of two vehicles that fall silent for
+# the same reason.
 _AT_ONCE_S = 0.7
 
 
@@ -232,15 +233,22 @@ def _each(
     words: str,
     otherwise: str,
 ) -> WaitCondition:
-    """Return the condition that something holds for each of these vehicles."""
+    """Return the condition that something holds for each of these vehicles.
 
-    def others(moment: FleetMoment) -> list[str]:
+    Args:
+        vehicles: names, or one; None: all.
+        holds: function that returns whether it holds for one vehicle.
+        words: words for vehicles for which it holds.
+        otherwise: words for vehicles for which it does not hold.
+    """
+
+    def exceptions(moment: FleetMoment) -> list[str]:
         return [name for name in _views(moment, vehicles) if not holds(moment, name)]
 
     return WaitCondition(
         f"{_vehicle_words(vehicles, everybody='all')} {words}",
-        lambda moment: not others(moment),
-        lambda moment: f"{otherwise} {', '.join(others(moment))}",
+        lambda moment: not exceptions(moment),
+        lambda moment: f"{otherwise} {', '.join(exceptions(moment))}",
     )
 
 
@@ -249,16 +257,16 @@ def _closest_m(moment: FleetMoment) -> float:
 
     It is infinite when there is no such pair with known positions.
     """
-    spots = []
+    known = []  # whether a vehicle flies, and its position
     for view in moment.state.vehicles.values():
         position_enu_m = view.position_enu_m(moment.now_ns)
         if position_enu_m is not None:
-            spots.append((view.is_airborne, position_enu_m))
+            known.append((view.is_airborne, position_enu_m))
 
     closest_m = math.inf
-    for (flies, position), (other_flies, other) in itertools.combinations(spots, 2):
+    for (flies, position), (other_flies, other_position) in itertools.combinations(known, 2):
         if flies or other_flies:
-            distance_m = separation_m(other, position, moment.state.height_share)
+            distance_m = separation_m(other_position, position, moment.state.height_share)
             closest_m = min(closest_m, distance_m)
     return closest_m
 
@@ -299,7 +307,7 @@ def _all_lost(conditions: Sequence[WaitCondition], moment: FleetMoment) -> dict[
 
 
 def _is_own_silence(silent: VehicleView, moment: FleetMoment) -> bool:
-    """Whether a silence comes from this ground: it hears no flying vehicle, or was late itself.
+    """Whether this ground causes a silence: it has lost its link, or has itself stalled.
 
     When this ground loses its link, the last telemetry of the vehicles arrives at slightly
     different times. Another vehicle therefore counts as heard only if its last telemetry came at
@@ -309,10 +317,10 @@ def _is_own_silence(silent: VehicleView, moment: FleetMoment) -> bool:
         return True
 
     others = [view for view in moment.state.vehicles.values() if view is not silent]
-    heard_ns = [view.received_ns for view in others if view.is_armed]
-    if not heard_ns:
+    last_telemetry_ns = [view.received_ns for view in others if view.is_armed]
+    if not last_telemetry_ns:
         return False
-    return (max(heard_ns) - silent.received_ns) * 1e-9 < _AT_ONCE_S
+    return (max(last_telemetry_ns) - silent.received_ns) * 1e-9 < _AT_ONCE_S
 
 
 def _views(moment: FleetMoment, vehicles: Sequence[str] | str | None) -> dict[str, VehicleView]:

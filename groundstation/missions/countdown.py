@@ -29,7 +29,7 @@ _STEP_LOOKS = 2
 # Checks in a row that must see different clocks: computers report their time twice a second.
 _APART_LOOKS = 7
 _MEASURE_S = 3.0  # time after the connection within which the clocks are measured
-# Times before the start at which the countdown is said.
+# Times before the start at which a line says how long the countdown still takes.
 _SAID_S = (3600.0, 1800.0, 600.0, 300.0, 60.0, 30.0, 10.0, 5.0)
 _MOST_NAMED = 6  # vehicles that a sentence names one by one
 
@@ -90,7 +90,7 @@ class Countdown:
             Why the countdown has ended, as a sentence; empty while it goes on.
         """
         if not self._ended:
-            self._ended = self._look_for_step() or self._look_for_others()
+            self._ended = self._look_for_step() or self._look_for_other_times()
         return self._ended
 
     def last_look(self) -> str:
@@ -110,6 +110,7 @@ class Countdown:
         return ""
 
     def _look_for_step(self) -> str:
+        """Check whether this computer's clock was set; return a sentence if it was."""
         step_s = (self._world.offset_ns() - self._offset_ns) * 1e-9
         if abs(step_s) <= STEP_S:
             self._steps_seen = 0
@@ -125,8 +126,9 @@ class Countdown:
             "the start again."
         )
 
-    def _look_for_others(self) -> str:
-        age_s = (self._world.now_ns - self._begin_ns) * 1e-9
+    def _look_for_other_times(self) -> str:
+        """Compare the vehicles' clocks with this computer's; return a sentence if one differs."""
+        since_begin_s = (self._world.now_ns - self._begin_ns) * 1e-9
         for name in self._names:
             problem = clock_problem(self._world, name)
             if not problem:
@@ -135,7 +137,7 @@ class Countdown:
                 continue
 
             self._apart_seen[name] = self._apart_seen.get(name, 0) + 1
-            is_measured = name in self._agreed or age_s > _MEASURE_S
+            is_measured = name in self._agreed or since_begin_s > _MEASURE_S
             if is_measured and self._apart_seen[name] >= _APART_LOOKS:
                 return problem
         return ""
@@ -154,7 +156,7 @@ async def count_down(
     Raises:
         CountdownEnded: nothing is to be started.
     """
-    last_s = countdown.left_s
+    left_before_s = countdown.left_s  # at the look before
     while True:
         ended = countdown.look()
         if ended:
@@ -162,9 +164,9 @@ async def count_down(
 
         left_s = countdown.left_s
         for mark_s in _SAID_S:
-            if left_s <= mark_s < last_s:
+            if left_s <= mark_s < left_before_s:
                 say(f"  {time_words(mark_s)} until the start at {countdown.at.words}")
-        last_s = left_s
+        left_before_s = left_s
 
         if left_s <= until_s:
             break

@@ -24,7 +24,9 @@ from onboard.config.ground import floor_m, least_height_m
 from onboard.tuples import Xyz
 
 _PERIOD_S = 0.5
-_AHEAD_S = 1.0  # a new leg takes about that long to get under way
+# A goal is where the leader will be after this time, because a vehicle needs about that long to set
+# out for a new goal.
+_AHEAD_S = 1.0
 _MOVED_M = 0.1  # a goal that has moved less is not ordered again
 _REFUSED_S = 5.0  # longest time for which all goals may be refused
 _INSIDE_M = 0.1  # smallest distance of goals from the fence
@@ -56,7 +58,8 @@ async def follow(
 
     end_ns = client.now_ns() + int(duration_s * 1e9)
     accepted_goals: dict[str, Xyz] = {}  # the last goals that were accepted
-    accepted_ns = client.now_ns()  # last time at which goals were accepted, or none were due
+    # last time at which goals were accepted, or had not moved enough to be ordered
+    accepted_ns = client.now_ns()
     holding = tuple(offsets)  # vehicles that hold in the end
     pause = FollowPause(ground, holding)
     ground.follow_pauses.append(pause)
@@ -65,7 +68,7 @@ async def follow(
             pause.look()
             if pause.is_paused:
                 end_ns += await pause.wait()
-                accepted_goals = {}
+                accepted_goals = {}  # so that goals are ordered also if the leader has not moved
                 accepted_ns = client.now_ns()
 
             skipped = pause.skipped()
@@ -99,7 +102,7 @@ async def follow(
     finally:
         ground.follow_pauses.remove(pause)
         results: Results = {}
-        # an operator who has taken the fleet has ordered the followers already
+        # An operator who has taken the fleet has already given the followers another order.
         if holding and ground.watch.look() is None and not pause.has_brought_home:
             results = await ground.order(Hold(vehicles=holding), _HOLD_S)
     return results
@@ -177,8 +180,8 @@ def _goals(client: FleetClient, leader: str, offsets: Mapping[str, Xyz]) -> dict
 
     velocity_enu_m_s = view.telemetry.velocity_enu_m_s
     ahead_enu_m = [
-        value + _AHEAD_S * speed_m_s
-        for value, speed_m_s in zip(position_enu_m, velocity_enu_m_s, strict=True)
+        coordinate_m + _AHEAD_S * speed_m_s
+        for coordinate_m, speed_m_s in zip(position_enu_m, velocity_enu_m_s, strict=True)
     ]
 
     goals = {}

@@ -103,6 +103,7 @@ class MissionGround:
         """
         if isinstance(intent, Takeoff) and len(intent.waves) > 1:
             return await self._take_off_in_waves(intent, timeout_s)
+
         if self._is_stepping and intent.waits_for_step:
             await self._wait_for_turn(intent, may_be_left_out)
             if self._is_left_out:
@@ -124,6 +125,7 @@ class MissionGround:
         planned = client.plan(intent)
         if change is not None:
             planned = change(planned)
+
         order = client.send(planned, is_by_mission=True)
         order.add_listener(functools.partial(self._note_arrival, order.planned))
         ended = await self._end_of(order, timeout_s)
@@ -133,6 +135,7 @@ class MissionGround:
             if not results[name].is_done:
                 self._add_arrival_at_goal(intent.verb, name, message)
             self.note_done(str(intent), name, message, results)
+
         duration_s = (client.now_ns() - begin_ns) * 1e-9
         self._log(step_result(str(intent), duration_s, results), results)
         if any(result.phase != "refused" for result in results.values()):
@@ -225,22 +228,24 @@ class MissionGround:
                 await asyncio.sleep(intent.every_s)
             self.say(f"Wave {index + 1} of {len(waves)}: {', '.join(wave)}")
 
-            down = [name for name in results if not self.client.state.vehicles[name].is_airborne]
+            vehicles = self.client.state.vehicles
+            not_flying = [name for name in results if not vehicles[name].is_airborne]
             wave_results: Results = {}
-            if not down:
+            if not not_flying:
                 try:
                     wave_results = await self.order(replace(intent, vehicles=wave, by=0), timeout_s)
                 except OrderFailed as error:
                     wave_results = error.results
             results.update(wave_results)
 
-            down += [name for name, result in wave_results.items() if not result.is_done]
-            if down:
+            not_flying += [name for name, result in wave_results.items() if not result.is_done]
+            if not_flying:
                 later = [name for name in intent.names if name not in results]
                 if later:
-                    self.say(f"  {', '.join(later)} stay on the ground: {', '.join(down)} failed.")
+                    failed = ", ".join(not_flying)
+                    self.say(f"  {', '.join(later)} stay on the ground: {failed} failed.")
                 for name in later:
-                    results[name] = VehicleResult(name, "", "refused", _not_started(down))
+                    results[name] = VehicleResult(name, "", "refused", _not_started(not_flying))
                 raise OrderFailed(intent, results)
         return results
 
@@ -400,8 +405,8 @@ class MissionGround:
             # The time without a link did not count, so exactly that time is waited once more.
             wait_s = self.link.lost_s - lost_before_s
 
-            is_back = (is_back or wait_s > 0.0) and not self.link.is_lost
-            if is_back and self._send_again(order):
+            was_lost = is_back or wait_s > 0.0
+            if was_lost and not self.link.is_lost and self._send_again(order):
                 wait_s = timeout_s
                 continue
             if order.is_final:
@@ -445,16 +450,16 @@ class MissionGround:
             raise OrderFailed(intent, results)
 
     def _closest_words(self) -> str:
-        near = self.client.state.smallest_known
-        if near is None:
+        pair = self.client.state.smallest_known
+        if pair is None:
             return ""
-        return f"; smallest distance so far {near.distance_m:.2f} m ({near.first}, {near.second})"
+        return f"; smallest distance so far {pair.distance_m:.2f} m ({pair.first}, {pair.second})"
 
 
-def _not_started(down: Sequence[str]) -> str:
+def _not_started(not_flying: Sequence[str]) -> str:
     """Return why a vehicle of a later wave stays on the ground."""
-    flies = "does not fly" if len(down) == 1 else "do not fly"
-    return f"It stays on the ground, because {', '.join(down)} of a wave before it {flies}."
+    flies = "does not fly" if len(not_flying) == 1 else "do not fly"
+    return f"It stays on the ground, because {', '.join(not_flying)} of a wave before it {flies}."
 
 
 def step_result(step: str, duration_s: float, results: Results) -> StepResult:

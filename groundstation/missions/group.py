@@ -324,8 +324,8 @@ class Group:
             position_enu_m: position of the formation [m], ENU; None: the mean of the vehicles'
                 present positions.
             vehicles: vehicles to order.
-            spacing_m: distance of the two nearest slots [m], to which the formation is stretched.
-                The fleet file's distance counts for None.
+            spacing_m: distance of the two nearest slots [m], to which the formation is stretched;
+                None: the distance in the fleet file.
             rotation_deg: angle by which the formation is turned, counterclockwise.
             yaw_deg: heading of each vehicle, counterclockwise from east; None: the present one.
             assign: "ids": each vehicle has its own slot; "nearest": slots are assigned so that the
@@ -420,7 +420,7 @@ class Group:
     ) -> Results:
         """Fly back from any positions, land on the take-off spots and disarm.
 
-        The spots are assigned so that the ways do not cross. A path or a formation ends.
+        The spots are assigned so that the flights to them do not cross. A path or a formation ends.
 
         Args:
             vehicles: vehicles to order.
@@ -611,8 +611,8 @@ class Group:
         """Wait until a time of the world's clock; in simulated time, return at once.
 
         Args:
-            at: time such as "21:30:00", which means the next one, or with a date; at most some
-                hours ahead.
+            at: time such as "21:30:00", which means the next time that a clock shows it, or a time
+                with a date; at most some hours ahead.
 
         Raises:
             ConfigError: the text is not a time, or the time is in the past or too far ahead.

@@ -78,11 +78,11 @@ async def land_all(
             shown_lines.add(line)
             say(line)
 
-    left = up
-    while left and client.now_ns() < end_ns:
-        pilots = flown_by_hand(client)
-        left = tuple(name for name in left if name not in pilots)
-        if not left:
+    remaining = up
+    while remaining and client.now_ns() < end_ns:
+        by_hand = flown_by_hand(client)
+        remaining = tuple(name for name in remaining if name not in by_hand)
+        if not remaining:
             return True
 
         if not is_by_person:
@@ -93,11 +93,11 @@ async def land_all(
             if watch.look() is not None:
                 return False
 
-        ordered = tuple(name for name in left if not _is_landing(client, name))
+        ordered = tuple(name for name in remaining if not _is_landing(client, name))
         if not ordered:
             if await client.wait_for(_all_down(client, up), LAND_AGAIN_S):
                 return True
-            left = tuple(name for name in left if not _is_down(client, name))
+            remaining = tuple(name for name in remaining if not _is_down(client, name))
             continue
 
         say_once(f"Landing {', '.join(ordered)}.")
@@ -108,17 +108,19 @@ async def land_all(
         # A vehicle whose order is not done may still come down: when a failsafe has taken over, PX4
         # lands by itself. A vehicle whose order is done may send no telemetry any more: its agent
         # may have ended, and PX4 itself has reported the landing over the direct link.
-        left = tuple(
-            name for name in left if name not in order.results or not order.results[name].is_done
+        remaining = tuple(
+            name
+            for name in remaining
+            if name not in order.results or not order.results[name].is_done
         )
-        wait_s = LAND_AGAIN_S if left else _LAST_TELEMETRY_S
+        wait_s = LAND_AGAIN_S if remaining else _LAST_TELEMETRY_S
         if await client.wait_for(_all_down(client, up), wait_s):
             return True
 
         _say_failures(client, order.results, say_once)
-        left = tuple(name for name in left if not _is_down(client, name))
+        remaining = tuple(name for name in remaining if not _is_down(client, name))
 
-    return not left
+    return not remaining
 
 
 def _say_failures(client: FleetClient, results: Results, say: Callable[[str], None]) -> None:

@@ -140,9 +140,9 @@ class MissionOrders:
             if mission.is_python:
                 load_function(mission)
             refuse_unflyable(mission, client.state.is_simulated)
-            not_now = begin_refusal(mission, client.state)
-            if not_now:
-                return not_now
+            refusal = begin_refusal(mission, client.state)
+            if refusal:
+                return refusal
 
             at = None
             if written_time:

@@ -158,14 +158,15 @@ async def _end_of(ground: PathGround, order: OrderResult, timeout_s: float) -> R
 async def _watched_end_of(
     ground: PathGround, order: OrderResult, timeout_s: float, watch: PauseWatch
 ) -> Results:
+    """Wait for the end of all paths, and look for a pause in between."""
     client = ground.client
     names = tuple(order.results)
-    left_s = timeout_s
+    remaining_s = timeout_s
     was_paused = False
 
     while True:
-        begin_ns = client.now_ns()
-        results = await order.wait(min(_LOOK_S, left_s))
+        wait_begin_ns = client.now_ns()
+        results = await order.wait(min(_LOOK_S, remaining_s))
         if order.is_final:
             return dict(order.results)
 
@@ -184,8 +185,8 @@ async def _watched_end_of(
                 raise OrderFailed(FollowPath(vehicles=names), dict(order.results))
         else:
             watch.hide()
-            left_s -= (client.now_ns() - begin_ns) * 1e-9
-        if left_s <= 0.0:
+            remaining_s -= (client.now_ns() - wait_begin_ns) * 1e-9
+        if remaining_s <= 0.0:
             return results
 
 

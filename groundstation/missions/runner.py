@@ -126,8 +126,8 @@ class MissionRun:
         await self._bring_down(task)
         self._note_later_pilots()
 
-        # Ends of orders are never lost, but telemetry may be: the next one shows the result of the
-        # last step.
+        # The replies to orders are never lost, but telemetry may be. The next telemetry shows the
+        # result of the last step.
         await self.client.wait_for(self._is_at_rest, LAST_TELEMETRY_S)
         self._flown.end_ns = self.client.now_ns()
         self._is_over = True
@@ -167,7 +167,7 @@ class MissionRun:
             self._staying.cancel()
 
     def look_after(self) -> bool:
-        """End the mission if somebody has taken the fleet, a pilot a vehicle, or one is silent.
+        """End the mission if somebody has taken the fleet or a vehicle, or a vehicle is silent.
 
         Call it several times a second.
 
@@ -192,14 +192,14 @@ class MissionRun:
     def _look_for_pilots(self) -> None:
         """Go on without vehicles that pilots fly by hand, or end the mission, as it declares."""
         names = self.fleet.names
-        pilots = [name for name in flown_by_hand(self.client) if name in names]
-        if not pilots:
+        by_hand = [name for name in flown_by_hand(self.client) if name in names]
+        if not by_hand:
             return
 
-        if self.fleet.ground.goes_on_without and len(pilots) < len(names):
-            self.fleet.leave_out(*pilots)
+        if self.fleet.ground.goes_on_without and len(by_hand) < len(names):
+            self.fleet.leave_out(*by_hand)
             return
-        reason = pilot_words(pilots)
+        reason = pilot_words(by_hand)
         self.client.publish_event("critical", "flown-by-hand", f"{reason} The mission ends.")
         self._is_declared = True
         self.abort(reason)
@@ -351,21 +351,21 @@ class MissionRun:
 
     def _note_later_pilots(self) -> None:
         """Add vehicles that pilots took just after the first one; telemetry shows them later."""
-        first_pilots = list(self._flown.pilots)
-        if not first_pilots:
+        first_by_hand = list(self._flown.pilots)
+        if not first_by_hand:
             return
 
-        pilots = sorted({*first_pilots, *flown_by_hand(self.client)})
-        if self._flown.failure == pilot_words(first_pilots):
-            self._flown.failure = pilot_words(pilots)
-        self._flown.pilots = tuple(pilots)
+        by_hand = sorted({*first_by_hand, *flown_by_hand(self.client)})
+        if self._flown.failure == pilot_words(first_by_hand):
+            self._flown.failure = pilot_words(by_hand)
+        self._flown.pilots = tuple(by_hand)
 
     def _failure_of(self, error: BaseException) -> str:
         """Return what ended the steps, in words; for a mistake of the author, its trace."""
-        pilots = flown_by_hand(self.client)
-        if isinstance(error, OrderFailed) and pilots:
-            self._flown.pilots = tuple(pilots)
-            return pilot_words(pilots)
+        by_hand = flown_by_hand(self.client)
+        if isinstance(error, OrderFailed) and by_hand:
+            self._flown.pilots = tuple(by_hand)
+            return pilot_words(by_hand)
         if isinstance(error, _FAILURES):
             return str(error)
         return "".join(traceback.format_exception(error)).strip()
@@ -420,14 +420,14 @@ class MissionRun:
 
         if self.mission.on_failure.do == "home":
             vehicles = self.client.state.vehicles
-            pilots = flown_by_hand(self.client)
-            up = tuple(
+            by_hand = flown_by_hand(self.client)
+            flying = tuple(
                 name
                 for name in self.fleet.names
-                if vehicles[name].is_airborne and name not in pilots
+                if vehicles[name].is_airborne and name not in by_hand
             )
-            if up:
-                order = await self.client.submit(Home(vehicles=up), is_by_mission=True)
+            if flying:
+                order = await self.client.submit(Home(vehicles=flying), is_by_mission=True)
                 await order.wait(HOME_TIMEOUT_S)
         await self.fleet.land_all(LAND_TIMEOUT_S)
 

@@ -166,12 +166,12 @@ class StepRunner:
     async def _react(self, step: ReactStep, key: str) -> None:
         """Do steps until a condition holds; then do the steps of the reaction."""
 
-        async def then() -> None:
+        async def reaction() -> None:
             await self._all(step.then, f"{key}.then")
 
         when = condition(step.when, self._fleet)
         try:
-            async with self._fleet.reacting(when, then, ends=True):
+            async with self._fleet.reacting(when, reaction, ends=True):
                 await self._all(step.steps, f"{key}.steps")
         except BaseExceptionGroup as failures:
             raise first_failure(failures) from None
@@ -234,12 +234,12 @@ def condition(until: Until, fleet: Fleet) -> WaitCondition:
         ConfigError: a vehicle is unknown.
     """
 
-    def select(vehicles: Names | None) -> tuple[str, ...] | None:
-        if vehicles is None:
+    def select(names: Names | None) -> tuple[str, ...] | None:
+        if names is None:
             return None
-        return vehicles_at(fleet.config.select(vehicles), fleet.state)
+        return vehicles_at(fleet.config.select(names), fleet.state)
 
-    about = select(until.vehicles)
+    vehicles = select(until.vehicles)
     parts = []
     if until.reached:
         names = fleet.config.select(list(until.reached))
@@ -250,15 +250,15 @@ def condition(until: Until, fleet: Fleet) -> WaitCondition:
     if until.separation_below_m is not None:
         parts.append(conditions.separation_below(until.separation_below_m))
     if until.battery_below_pct is not None:
-        parts.append(conditions.battery_below(until.battery_below_pct, about))
+        parts.append(conditions.battery_below(until.battery_below_pct, vehicles))
     if until.landed is not None:
         parts.append(conditions.landed(select(until.landed)))
     if until.flying is not None:
         parts.append(conditions.flying(select(until.flying)))
     if until.fails:
-        parts.append(conditions.fails(about))
+        parts.append(conditions.fails(vehicles))
     if until.event is not None:
-        parts.append(conditions.event(until.event, about))
+        parts.append(conditions.event(until.event, vehicles))
 
     if len(parts) == 1:
         return parts[0]

@@ -153,12 +153,12 @@ def flown_by_hand(client: FleetClient) -> list[str]:
         client: fleet client that has been started.
     """
     now_ns = client.now_ns()
-    pilots = []
+    by_hand = []
     for name, view in client.state.vehicles.items():
         is_reported = view.telemetry is not None and view.telemetry.is_flown_by_hand
         if is_reported and view.is_fresh(now_ns):
-            pilots.append(name)
-    return pilots
+            by_hand.append(name)
+    return by_hand
 
 
 def pilot_words(names: list[str]) -> str:
@@ -211,12 +211,12 @@ async def stay(
 
 
 def _still_up(client: FleetClient) -> list[str]:
-    """Return the vehicles that were last heard armed or in the air, without those of pilots."""
-    pilots = flown_by_hand(client)
+    """Return the vehicles that last reported to be armed or in the air, without those of pilots."""
+    by_hand = flown_by_hand(client)
     return [
         name
         for name, view in client.state.vehicles.items()
-        if (view.is_airborne or view.is_armed) and name not in pilots
+        if (view.is_airborne or view.is_armed) and name not in by_hand
     ]
 
 

@@ -175,18 +175,27 @@ class OrderCards:
     def confirm(self, number: int) -> None:
         """Send the order of a card as it is shown, if it is still allowed."""
         card = self._waiting(number)
-        if card is not None and card.question is not None and card.begin is not None:
-            if not card.question().reasons:
-                self._mission_card = card
-                card.phase = "sent"
-                card.begin()
-            self._tell(card.message())
+        if card is None:
             return
-        if card is None or card.prepared is None:
-            return
+        if card.question is not None and card.begin is not None:
+            self._confirm_countdown(card, card.question(), card.begin)
+        elif card.prepared is not None:
+            self._confirm_order(card, card.prepared)
 
-        checked = card.prepared.check()
-        if checked is None or not card.prepared.is_sendable:
+    def _confirm_countdown(
+        self, card: OrderCard, question: CountdownQuestion, begin: Callable[[], None]
+    ) -> None:
+        """Begin the countdown of a mission's card, unless there is a reason against it now."""
+        if not question.reasons:
+            self._mission_card = card
+            card.phase = "sent"
+            begin()
+        self._tell(card.message())
+
+    def _confirm_order(self, card: OrderCard, prepared: PreparedOrder) -> None:
+        """Send the order of a card, unless a check refuses it now."""
+        checked = prepared.check()
+        if checked is None or not prepared.is_sendable:
             self._tell(card.message())
             return
         card.phase = "sent"

@@ -73,9 +73,10 @@ class Physics:
         self._count = count
 
         profiles = []
-        for f in range(flights):
-            for i, vehicle in enumerate(vehicles):
-                profiles.append(_profile(vehicle, perturbation, noise.uniform[f, i]))
+        for flight in range(flights):
+            for index, vehicle in enumerate(vehicles):
+                draws = noise.uniform[flight, index]
+                profiles.append(_profile(vehicle, perturbation, draws))
 
         headings = np.full(flights * count, _EAST_RAD)
         start_ned_m = frames.swap_enu_ned(start_enu_m).reshape(-1, 3)
@@ -106,7 +107,7 @@ class Physics:
         """Return the true motion of the flights under way."""
         states = self._vehicles.states
         acceleration_ned = self._in_the_air(states.acceleration_ned_m_s2)
-        acceleration_ned[..., :2] += self._gust[..., ::-1]
+        acceleration_ned[..., :2] += self._gust[..., ::-1]  # north, east from east, north
 
         return TrueMotions(
             position_enu_m=frames.swap_enu_ned(self._in_the_air(states.position_ned_m)),
@@ -135,19 +136,21 @@ class Physics:
             normals[..., 8],
         )
 
-        shape = (-1, self._count)  # all flights of the batch, vehicles of each
-        attitude = self._commands.attitude.reshape(*shape, 4)
-        # the conversion is its own inverse: here it gives NED, FRD from ENU, FLU
+        # Each `reshape` returns a view of the emulator's array, by flight and vehicle. Values that
+        # are written to the view are in the emulator's array.
+        by_flight = (-1, self._count)
+        attitude = self._commands.attitude.reshape(*by_flight, 4)
+        # The conversion is its own inverse: here it gives NED, FRD from ENU, FLU.
         attitude[self._flights] = frames.enu_flu_from_ned_frd(quaternion_wxyz)
-        throttle = self._commands.thrust_frac.reshape(shape)
+        throttle = self._commands.thrust_frac.reshape(by_flight)
         throttle[self._flights] = thrust_frac * (1.0 + self._thrust_error)
 
-        gust_step = STEP_S * self._gust[..., ::-1]  # north, east
-        wash_step = STEP_S * self._pushed_down()
+        gust_step_m_s = STEP_S * self._gust[..., ::-1]  # north, east from east, north
+        downwash_step_m_s = STEP_S * self._pushed_down()
         for _ in range(_STEPS):
-            velocity = self._vehicles.states.velocity_ned_m_s.reshape(*shape, 3)
-            velocity[self._flights, :, :2] += gust_step
-            velocity[self._flights, :, 2] += wash_step
+            velocity = self._vehicles.states.velocity_ned_m_s.reshape(*by_flight, 3)
+            velocity[self._flights, :, :2] += gust_step_m_s
+            velocity[self._flights, :, 2] += downwash_step_m_s
             self._vehicles.step(self._commands)
 
         if self._is_scripted.any():
@@ -180,9 +183,9 @@ class Physics:
         states.position_ned_m[row] = self._start_ned_m[row] + velocity * time_s
 
     def keep(self, flights: IntArray) -> None:
-        """Keep only these rows (flights); the emulator still moves the others, unused."""
+        """Keep only the flights in these rows; the emulator still moves the others, unused."""
         self._flights = self._flights[flights]
-        self._winds = [self._winds[k] for k in flights]
+        self._winds = [self._winds[row] for row in flights]
         self._gust = self._gust[flights]
         self._thrust_error = self._thrust_error[flights]
         self._scripted = self._scripted[flights]
@@ -204,7 +207,7 @@ def _wind(count: int, perturbation: SimulatedErrors, seed: int) -> Wind:
     )
     wind = Wind(count, settings, seed=seed, step_s=TICK_S)
 
-    # no flight begins with a step of the wind: it rises within the first seconds
+    # No flight begins with a sudden wind: it rises within the first seconds.
     if speed_m_s > 0.0:
         mean = (speed_m_s * math.cos(bearing_rad), speed_m_s * math.sin(bearing_rad), 0.0)
         wind.change_mean(mean, _WIND_RISES_S)
