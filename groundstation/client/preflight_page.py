@@ -300,7 +300,8 @@ def advice_of(
 ) -> dict[str, list[str]]:
     """Return the advice of the newest reports.
 
-    A vehicle whose ground truth is known is simulated, so it needs no kill switch.
+    A vehicle whose ground truth is known is simulated: it needs no kill switch, and the emulator
+    has put it on its spot.
 
     Args:
         state: the fleet as known now.
@@ -318,7 +319,8 @@ def advice_of(
         if report is None:
             continue
 
-        skipped = {"kill switch": view.truth is not None, "record": is_recording}
+        is_simulated = view.truth is not None
+        skipped = {"kill switch": is_simulated, "frame": is_simulated, "record": is_recording}
         for check, is_ok, sentence, remedy in report.checks:
             if is_ok and remedy and not skipped.get(check):
                 advice.setdefault(f"{sentence} {remedy}", []).append(name)

@@ -182,7 +182,7 @@ def _frame(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
         return "turned", words
     if frame.is_shifted:
         return "shifted", words
-    if math.degrees(frame.unseen_turn_rad) > UNSEEN_TURN_DEG and not facts.has_emulator:
+    if math.degrees(frame.unseen_turn_rad) > UNSEEN_TURN_DEG:
         return "short", words
     return OK, words
 

@@ -19,13 +19,14 @@ from groundstation.mission_files.loading import load_mission, mission_from_mappi
 from groundstation.mission_files.mission_findings import refuse_unflyable
 from groundstation.missions.runner import MissionRun
 from groundstation.processes.free_ports import toml_text, with_free_ports
-from onboard.bus.schema import PreflightReport
+from onboard.bus.schema import PreflightReport, Truth
 from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet
 
 SECOND = 1_000_000_000
 ADVICE = ("record", True, "Nobody records this flight.", "Fly it with covey fly.")
 FINE = ("battery", True, "Battery at 87 %.", "")
+SHORT = ("frame", True, "The take-off spots do not show it.", "Put vehicles down further apart.")
 BAD = ("battery", False, "Battery at 12 %, take-off needs 30 %.", "Charge or change it.")
 
 
@@ -68,6 +69,23 @@ def test_the_page_says_go_or_names_who_is_not_and_why(
     both = preflight_page.pages_of(state, fleet, ["mav0", "mav2"], SECOND)
     assert preflight_page.exit_status(both) == 0
     assert preflight_page.as_text(both).endswith("Go: mav0, mav2.")
+
+
+def test_a_flight_begins_with_the_advice_about_the_frame_of_real_vehicles_only(
+    fleet: FleetConfig, make_telemetry: Any
+) -> None:
+    state = heard(fleet, make_telemetry, {"mav0": [SHORT], "mav1": [SHORT]})
+    emulated = Truth(
+        vehicle="mav0",
+        stamp_ns=0,
+        position_enu_m=(0.0, 0.0, 0.0),
+        velocity_enu_m_s=(0.0, 0.0, 0.0),
+        quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
+        is_on_ground=True,
+        is_collided=False,
+    )
+    state = fold(state, emulated, 0)
+    assert preflight_page.advice_of(state, ["mav0", "mav1"]) == {" ".join(SHORT[2:]): ["mav1"]}
 
 
 def test_two_versions_of_px4_in_one_fleet_are_said_of_each_vehicle(

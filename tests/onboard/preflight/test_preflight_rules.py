@@ -86,7 +86,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ("frame", "turned"): ({"spots_seen_enu_m": TURNED}, "turned by 7.0°: so are the places of 3"),
     ("frame", "shifted"): ({"spots_seen_enu_m": SHIFTED}, "3 vehicles are 0.20 m off"),
     ("frame", "short"): (
-        {"spots_seen_enu_m": SPOTS, "has_emulator": False},
+        {"spots_seen_enu_m": SPOTS, "has_emulator": True},
         "turned by less than 4.1°",
     ),
     ("px4", "silent"): ({"autopilot_age_s": 0.5}, "udpin://127.0.0.1:14541"),
