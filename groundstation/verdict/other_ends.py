@@ -16,7 +16,6 @@ from onboard.bus.schema import Order
 
 _LEAVES_FLYING = frozenset(("takeoff", "move", "hold", "follow_path"))
 _LEAVES_DOWN = frozenset(("land", "kill", "disarm"))
-_CAUSES = ("warning", "critical")  # severities of events that may be the cause
 
 
 class LastOrder(Struct, frozen=True):
@@ -63,13 +62,24 @@ def other_ends(orders: Mapping[str, LastOrder], state: FleetState) -> dict[str, 
 
 
 def _cause(name: str, order: LastOrder, state: FleetState) -> str:
-    """Return the last warning about a vehicle since its order, or the reason in its telemetry."""
+    """Return why a vehicle came down after its order; empty if it has not said why.
+
+    An event is critical if the vehicle landed, levelled or stopped because of it. The last of these
+    is the cause, and not a warning that followed on the way down.
+    """
+    warning = ""
     for logged in reversed(state.events):
         event = logged.event
         if logged.received_ns < order.done_ns:
             break
-        if event.vehicle == name and event.severity in _CAUSES:
+        if event.vehicle != name:
+            continue
+        if event.severity == "critical":
             return event.sentence
+        if event.severity == "warning":
+            warning = warning or event.sentence
 
     telemetry = state.vehicles[name].telemetry
-    return telemetry.reason if telemetry is not None else ""
+    if not warning and telemetry is not None:
+        return telemetry.reason
+    return warning
