@@ -4,7 +4,10 @@ Examples:
   covey simulate form3 --seeds 0:100
   covey simulate swap8x --seeds 0:1 --plot swap8.png
   covey simulate mix --seeds 200:242 --set law.rotation=never --json
+  covey simulate circle.json --law my_law:law
   covey simulate --map --jobs 2
+
+NAME.json is a scene: a file of yours, or one of Covey's (docs/open-benchmark.md).
 
 With --map: cells over delay, loss, top speed and number of vehicles, a screening of each first. It
 can be interrupted, and goes on where it was. --cells AXIS=VALUES flies a part of it (vehicles,
@@ -17,6 +20,7 @@ input.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -26,9 +30,10 @@ from groundstation.commands.parameters import File, Folder, LawName
 from onboard.config.fleet import ConfigError
 from onboard.config.law import BUILT_IN
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
-from sitl.monte_carlo import campaign_settings, results, scenarios
+from sitl.monte_carlo import campaign_settings, flight_plans, results, scenarios
 from sitl.monte_carlo.command import run
 from sitl.monte_carlo.law_map.map_command import fly_map
+from sitl.monte_carlo.open_benchmark import scene_file, scene_plans
 
 _LAWS = ", ".join(BUILT_IN)
 _ERRORS = ", ".join(campaign_settings.ERRORS)
@@ -69,7 +74,7 @@ def simulate(
     lost messages, gusts and vehicles that differ from their type. Same seed, same digits.
 
     Args:
-        scenario: one or several
+        scenario: one or several, or one file with a scene
         seeds: half-open range, or one seed
         law: avoidance law, or your own as module:function (default covey)
         errors: class of errors of the estimate
@@ -112,23 +117,48 @@ def simulate(
 
     if not scenario:
         raise ConfigError(f"name a scenario, or --map. Known: {scenarios.KNOWN}.")
+    flown_seeds = _seeds(seeds)
+
+    subjects: Sequence[flight_plans.Subject]
+    if any(scene_file.is_scene(name) for name in scenario):
+        if len(scenario) > 1:
+            raise ConfigError(
+                "a scene has settings of its own: name one file with a scene, and nothing else."
+            )
+        if type is not None or (errors, scale) != (_DEFAULT_ERRORS, _DEFAULT_SCALE):
+            raise ConfigError(
+                f"{scenario[0]} says types, errors and places itself. Leave --type, --errors and "
+                "--scale out; --set changes a value."
+            )
+        scene = scene_file.load(scenario[0])
+        subjects = [scene]
+        setup = scene_plans.setup(scene, law=law, changes=set, fleet_path=fleet)
+    else:
+        subjects = _names(scenario)
+        setup = campaign_settings.setup_for(
+            law=law, types=type, fleet_path=fleet, errors=errors, scale=scale, changes=set
+        )
+
+    records = run(
+        subjects, flown_seeds, setup, jobs=jobs, is_json=json, trace_folder=trace, picture=plot
+    )
+    is_flawless = all(results.is_flawless(values) for values in records)
+    return EXIT_OK if is_flawless else EXIT_FAILED
+
+
+def _names(scenario: Sequence[str]) -> list[str]:
+    """Return the names of scenarios of a command line.
+
+    Raises:
+        ConfigError: a name is unknown, or that of a file.
+    """
     for name in scenario:
         if name.endswith((".toml", ".py")):
             raise ConfigError(
                 f"{name} is a file, and this command flies scenarios of its own. Fly a mission in "
                 f"simulated time with: covey fly {name} --lockstep"
             )
-    names = scenarios.expand(scenario)
-    flown_seeds = _seeds(seeds)
-    setup = campaign_settings.setup_for(
-        law=law, types=type, fleet_path=fleet, errors=errors, scale=scale, changes=set
-    )
-
-    records = run(
-        names, flown_seeds, setup, jobs=jobs, is_json=json, trace_folder=trace, picture=plot
-    )
-    is_flawless = all(results.is_flawless(values) for values in records)
-    return EXIT_OK if is_flawless else EXIT_FAILED
+    return scenarios.expand(scenario)
 
 
 def _seeds(text: str) -> range:

@@ -56,6 +56,8 @@ PASSWORD_FILE = FileKind("file with a password", 4_000, "Correct corrections.pas
 # A tile of 256 pixels takes 20 to 120 kB.
 MAP_TILE = FileKind("tile", 1 * _MB, "Export the tiles again.")
 TILE_ATTRIBUTION = FileKind("attribution of tiles", 4_000, "Write who made them in a line.")
+# A scene of 250 vehicles and 500 obstacles takes 60 kB.
+SCENE_FILE = FileKind("scene", 1 * _MB, "Give one in JSON: docs/open-benchmark.md.")
 # A map of 10,000 cells takes 5 MB.
 RESULTS_FILE = FileKind("file", 64 * _MB, "Name a file of covey simulate --map.")
 # a flight takes 1 kB

@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from onboard.arrays import Array, BoolArray, IntArray
+from onboard.arrays import Array, BoolArray
 from onboard.avoidance.params import Capsule
 from onboard.config.fleet import FleetConfig
 from onboard.control import pipeline, trajectory
@@ -23,25 +23,26 @@ from onboard.rollout.rows import Rows
 from sitl.monte_carlo.campaign_settings import Setup
 from sitl.monte_carlo.member_lie import MemberLies, shifted
 from sitl.monte_carlo.metrics import FlightMetrics, FlightOutcome
+from sitl.monte_carlo.mixed_fleet import MixedFleet
 from sitl.monte_carlo.noise import FlightNoise
+from sitl.monte_carlo.orders import FlightOrders
 from sitl.monte_carlo.radio import Radio
-from sitl.monte_carlo.scenarios import FlightPlan
+from sitl.monte_carlo.scenarios import FlightPlan, OtherLaw
 from sitl.monte_carlo.sensing import sensing
-from sitl.monte_carlo.vehicles import TICK_S, Physics, TrueMotions
+from sitl.monte_carlo.vehicles import TICK_S, Physics
 
 MakeController = Callable[
     [Sequence[pipeline.PipelineParams], Array, Sequence[Capsule]], batch.Controller
 ]
 _TIMES_STRAIGHT = 5.5  # a flight has failed if it takes more than so many times its straight line
 _ALONE_SPARE_S = 20.0
-_STOP_S = 0.5  # time to stop from top speed, by the limit of acceleration and the lag
 
 # names of position and velocity in rows of states and of the law
 _OF_STATE = ("position_enu_m", "velocity_enu_m_s")
 _OF_LAW = ("predicted_position_enu_m", "predicted_velocity_enu_m_s")
 
-# (setup, scenario, seed) -> makespan of the straight-line flight
-_STRAIGHT_S: dict[tuple[str, str, int], float] = {}
+# (setup, scenario, seed, bytes of its starts and goals) -> makespan of the straight-line flight
+_STRAIGHT_S: dict[tuple[str, str, int, bytes], float] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +74,9 @@ def fly(
     limits_s = _straight_limits_s(plans, setup)
     straight_s = straight_line_s(plans, setup)
     longest_s = []
-    for one_straight_s, limit_s in zip(straight_s, limits_s, strict=True):
-        longest_s.append(_TIMES_STRAIGHT * min(one_straight_s, limit_s))
+    for plan, one_straight_s, limit_s in zip(plans, straight_s, limits_s, strict=True):
+        by_straight_s = _TIMES_STRAIGHT * min(one_straight_s, limit_s)
+        longest_s.append(plan.longest_s or by_straight_s)
 
     outcomes, refusals = _fly(plans, setup, longest_s, controller=controller, has_trace=has_trace)
 
@@ -100,16 +102,22 @@ def straight_line_s(plans: Sequence[FlightPlan], setup: Setup) -> list[float]:
     # messages do not count here, so their values must not tell two setups apart
     without_radio = replace(setup.perturbation, delay_s=0.0, loss_share=0.0)
     alone = replace(setup, law="off", law_table={}, perturbation=without_radio)
-    keys = [(repr(alone), plan.scenario, plan.seed) for plan in plans]
+    keys = [_straight_key(alone, plan) for plan in plans]
 
     missing = [plan for plan, key in zip(plans, keys, strict=True) if key not in _STRAIGHT_S]
     if missing:
         limits_s = _straight_limits_s(missing, setup)
         outcomes, _ = _fly(missing, alone, limits_s, is_alone=True)
         for plan, outcome in zip(missing, outcomes, strict=True):
-            _STRAIGHT_S[repr(alone), plan.scenario, plan.seed] = outcome.makespan_s
+            _STRAIGHT_S[_straight_key(alone, plan)] = outcome.makespan_s
 
     return [_STRAIGHT_S[key] for key in keys]
+
+
+def _straight_key(alone: Setup, plan: FlightPlan) -> tuple[str, str, int, bytes]:
+    """Return what decides a straight-line flight; two scenes of one name may have other goals."""
+    places = plan.start_enu_m.tobytes() + plan.goals_enu_m.tobytes()
+    return repr(alone), plan.scenario, plan.seed, places
 
 
 def _straight_limits_s(plans: Sequence[FlightPlan], setup: Setup) -> list[float]:
@@ -121,8 +129,9 @@ def _straight_limits_s(plans: Sequence[FlightPlan], setup: Setup) -> list[float]
 
     limits_s = []
     for plan in plans:
-        farthest_m = float(np.linalg.norm(plan.goal_enu_m - plan.start_enu_m, axis=1).max())
-        shortest_s = trajectory.shortest_duration_s(farthest_m, params)
+        shortest_s = 0.0
+        for longest_leg_m in plan.legs_m.max(axis=-1).tolist():
+            shortest_s += trajectory.shortest_duration_s(longest_leg_m, params)
         expected_s = max(shortest_s, plan.duration_s, plan.earliest_s)
         limits_s.append(expected_s + _ALONE_SPARE_S)
     return limits_s
@@ -178,10 +187,11 @@ def _fly(
     truth = world.truth()
     sensors = sensing(setup.errors, vehicles, truth, noise)
 
-    make_controller = controller or _controller(fleet)
-    params = [pipeline.pipeline_params(fleet, vehicle.name) for vehicle in vehicles]
     obstacles = () if is_alone else plans[0].obstacles
-    pipelines = make_controller(params, start, obstacles)
+    make_controller = controller or _controller(fleet)
+    pipelines = make_controller(params_of(fleet), start, obstacles)
+    if plans[0].other_law is not None and not is_alone:
+        pipelines = _with_other_law(pipelines, plans[0].other_law, setup, start, obstacles)
 
     metrics = FlightMetrics(
         plans=plans,
@@ -192,7 +202,7 @@ def _fly(
         start_enu_m=start,
         has_trace=has_trace,
     )
-    orders = _Orders(plans)
+    orders = FlightOrders(plans)
     lies = MemberLies(plans)
     has_lies = lies.has_any and not is_alone
     radio: Radio | None = None
@@ -222,7 +232,8 @@ def _fly(
             neighbours = radio.receive(link_draws, is_mute, is_frozen, sensors.tracked())
 
         # the autopilot of a frozen vehicle holds by itself, and avoids nobody
-        is_present = np.broadcast_to(~is_frozen[..., None], neighbours.shape)
+        has_neighbours = ~(is_frozen | orders.is_blind)
+        is_present = np.broadcast_to(has_neighbours[..., None], neighbours.shape)
         goals = orders.goals(is_frozen, truth)
         ticks = pipelines.step(states, goals, neighbours, is_present, TICK_S)
         if radio is not None:
@@ -238,7 +249,7 @@ def _fly(
         if radio is not None:
             active = radio.vehicle(active)
         going_on = metrics.update(truth, ticks, active)
-
+        orders.advance(metrics)
         if len(going_on) == len(start):
             continue
         if not len(going_on):
@@ -270,62 +281,30 @@ def _published_ticks(
     return np.where(is_false, false_ticks, ticks)
 
 
+def _with_other_law(
+    first: batch.Controller,
+    other: OtherLaw,
+    setup: Setup,
+    start_enu_m: Array,
+    obstacles: Sequence[Capsule],
+) -> MixedFleet:
+    """Return the control of a fleet in which some vehicles fly by another law."""
+    count = start_enu_m.shape[1]
+    fleet = replace(setup, law=other.name).fleet(count)
+    return MixedFleet(
+        first=first,
+        second=_controller(fleet)(params_of(fleet), start_enu_m, obstacles),
+        is_of_second=np.isin(np.arange(count), other.vehicles),
+    )
+
+
+def params_of(fleet: FleetConfig) -> list[pipeline.PipelineParams]:
+    """Return the numbers of the pipelines of all vehicles of a fleet."""
+    return [pipeline.pipeline_params(fleet, name) for name in fleet.vehicles]
+
+
 def _controller(fleet: FleetConfig) -> MakeController:
     """Return the class that controls the vehicles of a fleet by its law."""
     if fleet.own_law is None:
         return batch.FleetPipeline
     return partial(OwnLawFleet, fleet.own_law)
-
-
-class _Orders:
-    """Goals of the flights, and the times from which vehicles are lost; arrays (F, N, ...)."""
-
-    def __init__(self, plans: Sequence[FlightPlan]) -> None:
-        count = plans[0].count
-        self._goal = np.stack([plan.goal_enu_m for plan in plans])
-        self._duration = np.repeat([[plan.duration_s] for plan in plans], count, axis=1)
-
-        shape = self._goal.shape[:2]
-        self._sequence = np.zeros(shape, np.int64)
-        self._lost_at = np.full(shape, np.inf)
-        self._freezes = np.zeros(shape, bool)
-        self._mutes = np.zeros(shape, bool)
-
-        for f, plan in enumerate(plans):
-            if plan.lost is not None:
-                index, time_s, kind = plan.lost
-                self._lost_at[f, index] = time_s
-                self._freezes[f, index] = kind != "silent"
-                self._mutes[f, index] = kind != "frozen"
-
-    def lost(self, time_s: float) -> tuple[BoolArray, BoolArray]:
-        """Return which vehicles (F, N) are frozen, so that they hold, and which send nothing."""
-        is_lost = np.asarray(time_s >= self._lost_at)
-        return is_lost & self._freezes, is_lost & self._mutes
-
-    def goals(self, is_frozen: BoolArray, truth: TrueMotions) -> Rows:
-        """Return the goals of this tick.
-
-        The goal of a vehicle that has just frozen is the position where it comes to rest.
-        """
-        has_just_frozen = is_frozen & (self._sequence == 0)
-        if has_just_frozen.any():
-            resting = truth.position_enu_m + _STOP_S * truth.velocity_enu_m_s
-            self._goal = np.where(has_just_frozen[..., None], resting, self._goal)
-            self._duration = np.where(has_just_frozen, 0.0, self._duration)
-            self._sequence = np.where(has_just_frozen, 1, self._sequence)
-
-        goals = batch.GOAL.rows(self._sequence.shape)
-        goals["position_enu_m"] = self._goal
-        goals["duration_s"] = self._duration
-        goals["sequence"] = self._sequence
-        return goals
-
-    def keep(self, flights: IntArray) -> None:
-        """Keep only these rows (flights), and drop the others."""
-        self._goal = self._goal[flights]
-        self._duration = self._duration[flights]
-        self._sequence = self._sequence[flights]
-        self._lost_at = self._lost_at[flights]
-        self._freezes = self._freezes[flights]
-        self._mutes = self._mutes[flights]

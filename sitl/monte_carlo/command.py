@@ -14,14 +14,14 @@ from pathlib import Path
 from onboard.config.fleet import ConfigError
 from onboard.plain_text import drawing
 from onboard.rollout import batch as rollout_batch
-from sitl.monte_carlo import campaign_settings, process_chunks, results, scenarios
+from sitl.monte_carlo import campaign_settings, flight_plans, process_chunks, results
 
 _PICTURES = (".png", ".svg", ".pdf")
 _MOST_FAILURES = 10  # number of failed flights that are listed
 
 
 def run(
-    names: list[str],
+    subjects: Sequence[flight_plans.Subject],
     seeds: range,
     setup: campaign_settings.Setup,
     *,
@@ -30,11 +30,11 @@ def run(
     trace_folder: Path | None,
     picture: Path | None,
 ) -> list[results.FlightRecord]:
-    """Fly every scenario with every seed, print the results, and draw what was requested.
+    """Fly every subject with every seed, print the results, and draw what was requested.
 
     Args:
-        names: names of the scenarios.
-        seeds: the seeds, with each of which every scenario is flown.
+        subjects: scenarios by name, or scenes.
+        seeds: the seeds, with each of which every subject is flown.
         setup: the settings of all flights.
         jobs: number of processes.
         is_json: whether one JSON object per flight is printed instead of a table.
@@ -44,11 +44,11 @@ def run(
     Raises:
         ConfigError: the settings do not allow the flights; nothing was flown.
     """
-    for name in names:
-        _check_heights(name, setup)
-        setup.fleet(scenarios.vehicle_count(name)).import_law()
+    for subject in subjects:
+        _check_heights(subject, setup)
+        setup.fleet(flight_plans.vehicle_count(subject)).import_law()
     if picture is not None:
-        _check_picture(picture, flights=len(names) * len(seeds))
+        _check_picture(picture, flights=len(subjects) * len(seeds))
 
     with tempfile.TemporaryDirectory() as scratch:
         folder = trace_folder
@@ -60,18 +60,18 @@ def run(
         if picture is not None:
             _make(picture.parent if picture.suffix else picture)
 
-        records = _fly(names, seeds, setup, folder, jobs=jobs, is_json=is_json)
+        records = _fly(subjects, seeds, setup, folder, jobs=jobs, is_json=is_json)
         if picture is not None and folder is not None:
             _draw(folder, picture, records)
     return records
 
 
-def _check_heights(name: str, setup: campaign_settings.Setup) -> None:
+def _check_heights(subject: flight_plans.Subject, setup: campaign_settings.Setup) -> None:
     """Refuse a scenario with vehicles above each other if no vertical separation is set."""
-    fleet = setup.fleet(scenarios.vehicle_count(name)).fleet
-    if scenarios.is_stacked(name) and fleet.vertical_separation_m is None:
+    fleet = setup.fleet(flight_plans.vehicle_count(subject)).fleet
+    if flight_plans.is_stacked(subject) and fleet.vertical_separation_m is None:
         raise ConfigError(
-            f"'{name}' begins with vehicles above each other, and nothing says how far apart in "
+            f"'{subject}' begins with vehicles above each other, and nothing says how far apart in "
             "height they have to be. Add --set fleet.vertical_separation_m=1.2, or name a fleet "
             "file that has it."
         )
@@ -103,7 +103,7 @@ def _make(folder: Path) -> None:
 
 
 def _fly(
-    names: list[str],
+    subjects: Sequence[flight_plans.Subject],
     seeds: range,
     setup: campaign_settings.Setup,
     folder: Path | None,
@@ -113,11 +113,11 @@ def _fly(
 ) -> list[results.FlightRecord]:
     """Fly all flights and print them; return their records."""
     _warm_up()
-    chunks = process_chunks.campaign(names, seeds, setup, jobs=jobs, trace_folder=folder)
+    chunks = process_chunks.campaign(subjects, seeds, setup, jobs=jobs, trace_folder=folder)
     if is_json:
         return _print_lines(chunks)
 
-    records = _collect(chunks, flights=len(names) * len(seeds))
+    records = _collect(chunks, flights=len(subjects) * len(seeds))
     _print_table(records, seeds, setup)
     return records
 

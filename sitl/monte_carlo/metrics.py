@@ -17,7 +17,7 @@ from onboard.arrays import Array, BoolArray, IntArray
 from onboard.config.fleet import FleetConfig
 from onboard.flight.arrival import moved_by_gusts
 from onboard.rollout.rows import Rows
-from onboard.types import LawStatus
+from onboard.types import GRAVITY_M_S2, LawStatus
 from sitl.monte_carlo.campaign_settings import ErrorClass
 from sitl.monte_carlo.clutter import clearances_m
 from sitl.monte_carlo.scenarios import FlightPlan
@@ -67,6 +67,8 @@ class FlightOutcome:
     path_ratio: float  # length of all flown paths over that of all straight ones
     # smallest gap between a body and a static obstacle; inf without obstacles, below 0: a collision
     min_clearance_m: float
+    # what the motors of a mean vehicle spend, in seconds of hovering
+    energy_hover_s: float
     trace: Trace | None
 
     @property
@@ -141,6 +143,12 @@ class FlightMetrics:
         self._command = np.zeros((flights, count, 2))
         self._away = np.sqrt(((start_enu_m - self._goal) ** 2).sum(-1))  # (F, N) distance from goal
         self._straight = np.where(self._counts, self._away, 0.0).sum(-1)
+        for f, plan in enumerate(plans):
+            if plan.later_goals_enu_m is not None:
+                self._straight[f] = plan.legs_m.sum(axis=0)[self._counts[f]].sum()
+        # (F, N): whether a vehicle is at the goal that it flies to, and whether that is its last
+        self.is_at_goal = np.zeros((flights, count), bool)
+        self._is_last = np.array([[plan.later_goals_enu_m is None] * count for plan in plans])
         self._ticks_there = np.zeros(flights)  # ticks since all have been at their goals
         self._recent_speed = np.zeros((flights, count))
         self._recent_gain = np.zeros((flights, count))  # smoothed speed towards the goal
@@ -152,6 +160,7 @@ class FlightMetrics:
             "speed": np.zeros(flights),  # the greatest speed, which is no sum
             "intervention": np.zeros(flights),
             "path": np.zeros(flights),
+            "energy": np.zeros(flights),
         }
         self._nearest = np.full(flights, np.inf)
         self._has_touched = np.zeros(flights, bool)
@@ -203,8 +212,21 @@ class FlightMetrics:
 
         is_near = self._away < self._near_m
         is_slow = speed < self._slow_m_s
-        is_there = (is_near & is_slow) | ~self._counts
+        self.is_at_goal = is_near & is_slow
+        is_there = (self.is_at_goal & self._is_last) | ~self._counts
         return self._end_flights(is_there)
+
+    def change_goals(self, goal_enu_m: Array, is_last: BoolArray) -> None:
+        """Judge arrival and progress by these goals from now on.
+
+        Args:
+            goal_enu_m: (F, N, 3) where each vehicle flies to.
+            is_last: (F, N) whether that is the last of its goals.
+        """
+        self._goal = goal_enu_m
+        self._is_last = is_last
+        offset = self._position - goal_enu_m
+        self._away = np.sqrt(np.einsum("fnc,fnc->fn", offset, offset))
 
     def _measure_separation(self, position_enu_m: Array) -> None:
         """Note the distances of vehicles from each other and from obstacles."""
@@ -241,6 +263,19 @@ class FlightMetrics:
         is_relaxed = law["status"] == int(LawStatus.RELAXED)
         self._sums["relaxed"] += is_relaxed.mean(-1)
         self._sums["intervention"] += law["intervention_m_s2"].mean(-1)
+        self._measure_energy(law["commanded_acceleration_enu_m_s2"])
+
+    def _measure_energy(self, command_m_s2: Array) -> None:
+        """Note what the motors spend; the power of a rotor grows with its thrust to the 3/2.
+
+        That is the ideal rotor of momentum theory; Leishman, Principles of Helicopter
+        Aerodynamics, section 2.3.
+        """
+        thrust_g = command_m_s2 / GRAVITY_M_S2
+        thrust_g[..., 2] += 1.0
+        thrust_2 = np.einsum("fnc,fnc->fn", thrust_g, thrust_g)
+        power = thrust_2**0.75  # relative to hovering
+        self._sums["energy"] += TICK_S * power.mean(-1)
 
     def _measure_motion(self, position: Array, speed: Array) -> None:
         """Note the lengths of the paths, the speeds, and the progress towards the goals."""
@@ -315,6 +350,7 @@ class FlightMetrics:
             intervention_m_s2=sums["intervention"] / self.ticks,
             path_ratio=path_ratio,
             min_clearance_m=float(self._clearance[row]),
+            energy_hover_s=sums["energy"],
             trace=trace,
         )
 
@@ -337,6 +373,8 @@ class FlightMetrics:
         """Keep only these rows (flights), and drop the others."""
         self._flights = self._flights[flights]
         self._goal = self._goal[flights]
+        self._is_last = self._is_last[flights]
+        self.is_at_goal = self.is_at_goal[flights]
         self._earliest = self._earliest[flights]
         self._longest = self._longest[flights]
         self._counts = self._counts[flights]

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from sitl.monte_carlo import results, scenarios
+from sitl.monte_carlo import flight_plans, results
 from sitl.monte_carlo.batch_flight import fly
 from sitl.monte_carlo.campaign_settings import Setup
 
@@ -21,26 +21,26 @@ _CHUNK_LINKS = 60_000  # most radio links (vehicles squared) in a chunk
 
 
 def campaign(
-    names: Sequence[str],
+    subjects: Sequence[flight_plans.Subject],
     seeds: Sequence[int],
     setup: Setup,
     *,
     jobs: int = 1,
     trace_folder: Path | None = None,
 ) -> Iterator[list[results.FlightRecord]]:
-    """Yield the records of all scenarios and seeds in their order, each chunk when it is ready.
+    """Yield the records of all subjects and seeds in their order, each chunk when it is ready.
 
     Args:
-        names: names of the scenarios.
-        seeds: the seeds, with each of which every scenario is flown.
+        subjects: scenarios by name, or scenes.
+        seeds: the seeds, with each of which every subject is flown.
         setup: the settings of all flights.
         jobs: number of processes.
         trace_folder: folder for a trace of each flight; None writes none.
     """
     chunks = []
-    for name in names:
-        for part in _parts(seeds, scenarios.vehicle_count(name), jobs):
-            chunks.append((name, part, setup, trace_folder))
+    for subject in subjects:
+        for part in _parts(seeds, flight_plans.vehicle_count(subject), jobs):
+            chunks.append((subject, part, setup, trace_folder))
 
     if jobs == 1 or len(chunks) == 1:
         yield from map(_fly_chunk, chunks)
@@ -65,10 +65,10 @@ def _parts(seeds: Sequence[int], count: int, jobs: int) -> list[Sequence[int]]:
 
 
 def _fly_chunk(
-    chunk: tuple[str, Sequence[int], Setup, Path | None],
+    chunk: tuple[flight_plans.Subject, Sequence[int], Setup, Path | None],
 ) -> list[results.FlightRecord]:
-    name, seeds, setup, trace_folder = chunk
-    plans = [scenarios.plan(name, seed, scale=setup.scale) for seed in seeds]
+    subject, seeds, setup, trace_folder = chunk
+    plans = [flight_plans.plan(subject, seed, scale=setup.scale) for seed in seeds]
     flown = fly(plans, setup, has_trace=trace_folder is not None)
     if trace_folder is not None:
         for flight in flown:

@@ -52,7 +52,7 @@ def record(flown: Flown, setup: Setup) -> FlightRecord:
 
 def ratio(flown: Flown) -> float:
     """Return the makespan over the straight-line time; NaN if one of them is missing."""
-    if not flown.straight_line_s > 0.0:
+    if not 0.0 < flown.straight_line_s < math.inf:
         return math.nan
     value = flown.outcome.makespan_s / flown.straight_line_s
     return value if math.isfinite(value) else math.nan

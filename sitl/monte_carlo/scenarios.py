@@ -60,6 +60,14 @@ _JITTER_STD_M = 0.05  # standard deviation of a start, per horizontal axis
 
 
 @dataclass(frozen=True, slots=True)
+class OtherLaw:
+    """A second law that flies some of the vehicles."""
+
+    name: str
+    vehicles: tuple[int, ...]  # their indexes
+
+
+@dataclass(frozen=True, slots=True)
 class FlightPlan:
     """One flight to be flown; N vehicles.
 
@@ -80,10 +88,31 @@ class FlightPlan:
     lie: MemberLie | None = None  # the false position of one vehicle
     obstacles: tuple[Capsule, ...] = ()  # static; the same for all seeds of a scenario
 
+    # Only scenes in files (open_benchmark) have what follows.
+    later_goals_enu_m: Array | None = None  # (G, N, 3): each vehicle's next goals after its first
+    blind: tuple[int, ...] = ()  # indexes of vehicles that hear nobody
+    other_law: OtherLaw | None = None  # the same for all seeds of a scene
+    longest_s: float = 0.0  # time after which the flight has failed; 0: by its straight-line time
+
     @property
     def count(self) -> int:
         """Number of vehicles."""
         return int(self.start_enu_m.shape[0])
+
+    @property
+    def goals_enu_m(self) -> Array:
+        """All goals of each vehicle in their order, (G, N, 3)."""
+        first = self.goal_enu_m[None]
+        if self.later_goals_enu_m is None:
+            return first
+        return np.concatenate([first, self.later_goals_enu_m])
+
+    @property
+    def legs_m(self) -> Array:
+        """Lengths (G, N) of the straight lines from goal to goal."""
+        goals = self.goals_enu_m
+        begins = np.concatenate([self.start_enu_m[None], goals[:-1]])
+        return np.asarray(np.linalg.norm(goals - begins, axis=-1))
 
 
 def expand(names: Iterable[str]) -> list[str]:

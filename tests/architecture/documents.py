@@ -36,6 +36,8 @@ PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
     "fleet-file": ("fleet-file.md", reference.fleet_file),
     "gallery": ("gallery.md", reference.gallery),
     "mission-file": ("mission-file.md", reference.mission_file),
+    "scenes": ("open-benchmark.md", reference.scenes),
+    "scene-file": ("open-benchmark.md", reference.scene_file),
     "python-api": ("python-api.md", api_reference.python_api),
 }
 

@@ -22,6 +22,7 @@ from onboard.config.mocap import MocapConfig
 from onboard.config.obstacles import Circle, Obstacle
 from onboard.config.radio import RadioConfig
 from onboard.config.validation import FLEET_BOUNDS, VEHICLE_BOUNDS, law_bounds
+from sitl.monte_carlo.open_benchmark import scene_file as scene_structs
 
 Ends = tuple[float | str, float | str]
 _UNITS = {
@@ -94,6 +95,8 @@ def _kind(text: str) -> str:
     words |= {
         "tuple[tuple[float, float], ...]": "list of points",
         "tuple[str, ...]": "list of texts",
+        "tuple[int, ...]": "list of whole numbers",
+        "tuple[Obstacle, ...]": "list of tables",
     }
     return words.get(base, "table")
 
@@ -203,6 +206,32 @@ def mission_file() -> str:
         f"### `[on_failure]`\n\n{_table(OnFailure, {})}",
     ]
     return "\n\n".join([*steps, *tables])
+
+
+def scene_file() -> str:
+    """Print the reference of scenes of the open benchmark."""
+    parts = [
+        ("A scene", scene_structs.Scene),
+        ("`placing` of type `circle`", scene_structs.Circle),
+        ("`placing` of type `square`", scene_structs.Square),
+        ("`placing` of type `listed`", scene_structs.Listed),
+        ("One of `obstacles`", scene_structs.Obstacle),
+        ("`intruder`", scene_structs.Intruder),
+        ("`others`", scene_structs.Others),
+    ]
+    lines = []
+    for title, struct in parts:
+        summary = " ".join(str(inspect.getdoc(struct)).split())
+        lines.append(f"### {title}\n\n{summary}\n\n{_table(struct, scene_structs.BOUNDS)}")
+    return "\n\n".join(lines)
+
+
+def scenes() -> str:
+    """Print the scenes of the open benchmark."""
+    lines = ["| scene | what happens |", "|---|---|"]
+    for name in scene_structs.names():
+        lines.append(f"| `{name}` | {scene_structs.load(f'{name}.json').about} |")
+    return "\n".join(lines)
 
 
 def gallery() -> str:

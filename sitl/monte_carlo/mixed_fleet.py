@@ -1,0 +1,50 @@
+"""A fleet in which some vehicles fly by a second law.
+
+Both laws are computed for all vehicles, and each vehicle flies what its own law says. A pipeline
+knows nothing of the other vehicles but their messages, so the unused half changes nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from onboard.arrays import BoolArray, IntArray
+from onboard.rollout import batch
+from onboard.rollout.rows import Rows
+
+
+class MixedFleet:
+    """Two laws in one fleet: a :class:`onboard.rollout.batch.Controller`."""
+
+    def __init__(
+        self, first: batch.Controller, second: batch.Controller, is_of_second: BoolArray
+    ) -> None:
+        """Take the control by both laws.
+
+        Args:
+            first: control of all vehicles by the first law.
+            second: control of all vehicles by the second law.
+            is_of_second: (N,) whether a vehicle flies by the second law.
+        """
+        self._first = first
+        self._second = second
+        self._is_of_second = is_of_second
+
+    @property
+    def refusals(self) -> dict[int, str]:
+        """Why Covey's law took over from the first law, by number of the flight."""
+        refusals: dict[int, str] = getattr(self._first, "refusals", {})
+        return refusals
+
+    def step(
+        self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float
+    ) -> Rows:
+        """Return the ticks of all vehicles."""
+        by_first = self._first.step(states, goals, neighbours, is_present, dt_s)
+        by_second = self._second.step(states, goals, neighbours, is_present, dt_s)
+        return np.where(self._is_of_second, by_second, by_first)
+
+    def keep(self, flights: IntArray) -> None:
+        """Keep only these rows (flights), and drop the others."""
+        self._first.keep(flights)
+        self._second.keep(flights)

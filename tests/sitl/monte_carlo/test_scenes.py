@@ -1,0 +1,174 @@
+"""Scenes of the open benchmark: what their files may say, and the flights that come of them."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from onboard.config.fleet import ConfigError
+from sitl.monte_carlo import batch_flight, results
+from sitl.monte_carlo.open_benchmark import scene_file, scene_plans
+
+SCENE: Any = {
+    "schema": 1,
+    "name": "two",
+    "about": "Two vehicles change places.",
+    "placing": {
+        "type": "listed",
+        "start_enu_m": [[-1.5, 0], [1.5, 0]],
+        "goal_enu_m": [[1.5, 0], [-1.5, 0]],
+    },
+}
+
+
+def scene_of(**changes):
+    return scene_file.parsed(json.dumps({**SCENE, **changes}).encode(), "two.json")
+
+
+def flown(scene, law="covey", seeds=(3,), changes=()):
+    setup = scene_plans.setup(scene, law=law, changes=changes)
+    return batch_flight.fly([scene_plans.plan(scene, seed) for seed in seeds], setup)
+
+
+@pytest.mark.parametrize("name", scene_file.names())
+def test_each_scene_of_the_package_can_be_flown_and_is_named_after_its_file(name):
+    scene = scene_file.load(f"{name}.json")
+    assert scene.name == name
+    assert scene.about.endswith(".")
+    scene_plans.setup(scene)
+
+
+def test_the_seed_alone_decides_a_plan():
+    scene = scene_file.load("random.json")
+    one, again, other = (scene_plans.plan(scene, seed) for seed in (5, 5, 6))
+    np.testing.assert_array_equal(one.start_enu_m, again.start_enu_m)
+    np.testing.assert_array_equal(one.goal_enu_m, again.goal_enu_m)
+    assert np.abs(one.goal_enu_m - other.goal_enu_m).max() > 0.5
+
+
+def test_no_two_goals_of_a_lifelong_flight_are_near_each_other():
+    plan = scene_plans.plan(scene_file.load("lifelong.json"), 0)
+    points = [(x, y) for x, y, _ in plan.goals_enu_m.reshape(-1, 3).tolist()]
+    assert len(points) == 32
+    assert scene_file.least_distance_m(points) >= 1.4
+
+
+def test_points_are_drawn_clear_of_obstacles():
+    pillars = [
+        {"begin_enu_m": [x, y], "radius_m": 0.3} for x in (-3, -1, 1, 3) for y in (-3, -1, 1, 3)
+    ]
+    square = {"type": "square", "vehicles": 6, "side_m": 9.0}
+    plan = scene_plans.plan(scene_of(placing=square, obstacles=pillars, jitter_m=0.0), 1)
+    for points_enu_m in (plan.start_enu_m, plan.goal_enu_m):
+        for x_m, y_m, _ in points_enu_m:
+            gaps_m = [np.hypot(x_m - x, y_m - y) for x in (-3, -1, 1, 3) for y in (-3, -1, 1, 3)]
+            assert min(gaps_m) >= 0.3 + 0.25 + 0.4
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"speed": 3}, "unknown key 'scene.speed'. Known keys here: schema, name"),
+        ({"schema": 2}, 'Write "schema": 1'),
+        ({"name": "../two"}, "'name' is '../two'"),
+        ({"placing": {"type": "ring", "vehicles": 2}}, "scene.placing"),
+        ({"placing": {"type": "circle", "vehicles": 251, "radius_m": 60}}, "between 1 and 250"),
+        ({"placing": {"type": "square", "vehicles": 50, "side_m": 9.0}}, "placing.side_m"),
+        ({"placing": {**SCENE["placing"], "goal_enu_m": [[0, 0]]}}, "2 starts and 1 goals"),
+        ({"obstacles": [{"begin_enu_m": [0, 1e9], "radius_m": 1}]}, "obstacles.begin_enu_m"),
+        ({"obstacles": [{"begin_enu_m": [0, 0], "radius_m": 0}]}, "obstacles.radius_m"),
+        ({"blind": [2]}, "'blind' is 2"),
+        ({"others": {"law": "off", "vehicles": [-1]}}, "'others.vehicles' is -1"),
+        ({"within_s": 0}, "'within_s' is 0"),
+        ({"jitter_m": 2}, "'jitter_m' is 2"),
+    ],
+)
+def test_a_wrong_scene_is_refused_in_a_sentence_that_names_the_file_and_the_key(changes, words):
+    with pytest.raises(ConfigError) as refusal:
+        scene_of(**changes)
+    assert str(refusal.value).startswith("two.json: ")
+    assert words in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"[1]", "must be a table"),
+        (b"{", "is no JSON"),
+        (b"[" * 100 + b"]" * 100, "nested too deeply"),
+        (b'{"schema": 1e999}', "is no JSON"),
+    ],
+)
+def test_a_file_that_is_no_scene_is_refused_in_a_sentence(data, words):
+    with pytest.raises(ConfigError, match=words):
+        scene_file.parsed(data, "two.json")
+
+
+def test_a_scene_that_cannot_be_held_is_refused_before_it_flies():
+    near = {**SCENE["placing"], "goal_enu_m": [[0.3, 0], [-0.3, 0]]}
+    with pytest.raises(ConfigError, match=r"two vehicles end 0.60 m from each other"):
+        scene_plans.setup(scene_of(placing=near))
+
+    pillar = {"begin_enu_m": [1.5, 0.2], "radius_m": 0.3}
+    with pytest.raises(ConfigError, match="would start in an obstacle"):
+        scene_plans.setup(scene_of(obstacles=[pillar]))
+
+
+def test_values_of_the_scene_are_set_and_those_of_the_command_come_after_them():
+    scene = scene_of(set={"delay_s": 0.3, "vehicle.max_speed_m_s": 2.0})
+    setup = scene_plans.setup(scene, changes=["delay_s=0.1"])
+    assert setup.perturbation.delay_s == 0.1
+    assert setup.fleet(1).vehicles["v0"].max_speed_m_s == 2.0
+
+
+@pytest.mark.long
+def test_a_blind_vehicle_flies_straight_on_and_the_other_one_gives_way():
+    (one,) = flown(scene_of(jitter_m=0.0, blind=[0]))
+    assert one.outcome.min_separation_m > 0.8
+
+    (both,) = flown(scene_of(jitter_m=0.0, blind=[0, 1]))
+    assert both.outcome.min_separation_m < 0.3
+
+
+@pytest.mark.long
+def test_vehicles_of_another_law_fly_by_it():
+    others = {"law": "off", "vehicles": [0, 1]}
+    (all_off,) = flown(scene_of(jitter_m=0.0, others=others))
+    (off,) = flown(scene_of(jitter_m=0.0), law="off")
+    assert all_off.outcome.min_separation_m == off.outcome.min_separation_m < 0.3
+
+
+@pytest.mark.long
+def test_the_next_goal_is_given_on_arrival_and_all_must_be_reached():
+    square = {"type": "square", "vehicles": 2, "side_m": 6.0, "goals_each": 3}
+    scene = scene_of(placing=square)
+    plan = scene_plans.plan(scene, 3)
+    setup = scene_plans.setup(scene)
+    (one,) = batch_flight.fly([plan], setup, has_trace=True)
+
+    assert one.outcome.is_success
+    assert one.outcome.path_ratio == pytest.approx(1.0, abs=0.25)
+    assert one.outcome.trace is not None
+    for vehicle in range(2):
+        path = one.outcome.trace.position_enu_m[:, vehicle]
+        for goal in plan.goals_enu_m[:, vehicle]:
+            assert np.linalg.norm(path - goal, axis=1).min() < 0.15
+
+
+def test_a_flight_fails_after_the_time_of_its_scene_and_has_no_ratio():
+    (one,) = flown(scene_of(within_s=1.0))
+    assert not one.outcome.is_success
+    assert one.outcome.duration_s == pytest.approx(1.5)
+
+    endless = batch_flight.Flown(one.plan, one.outcome, straight_line_s=np.inf)
+    assert np.isnan(results.ratio(one))
+    assert np.isnan(results.ratio(endless))
+
+
+@pytest.mark.long
+def test_hovering_for_a_second_costs_a_second_of_hovering():
+    still = {**SCENE["placing"], "goal_enu_m": SCENE["placing"]["start_enu_m"]}
+    calm = {"gust_m_s2": 0.0, "lag_mismatch": 0.0, "gain": 0.0}
+    (one,) = flown(scene_of(placing=still, jitter_m=0.0, errors="none", set=calm))
+    assert one.outcome.energy_hover_s == pytest.approx(one.outcome.duration_s, rel=0.01)
