@@ -111,10 +111,11 @@ ORDERS = (
     Row((S.LIFTOFF, *_FREE, *_DOWN), E.LAND, to=S.DESCENT,
         effect=effects.descend, reason="ordered"),
     Row((S.COASTING,), E.LAND, to=S.SINKING, reason="ordered"),
-    Row((S.SINKING, S.PX4_LANDING), E.LAND),  # what lands already, lands
+    Row((S.SINKING, S.PX4_LANDING), E.LAND),  # it lands already, so nothing changes
     # These orders are done at once, because the vehicle stands already.
     Row((S.LANDED,), E.LAND, ends=("done", sentences.STANDS)),
-    Row(_START, E.MOVE, ends=("done", sentences.STANDS_AT_HOME)),  # `home` only, and only there
+    # `home` is the only move that gets here, and only for a vehicle on its take-off spot.
+    Row(_START, E.MOVE, ends=("done", sentences.STANDS_AT_HOME)),
     Row((S.DISARMING,), E.LAND, when=p.px4_reports_the_ground),  # it stands, and is disarmed
     # This also holds after a kill, whose command may have been lost. The rows of LANDING tell a
     # fall from a landing. If PX4 hears sticks, it is asked first whether a pilot flies.

@@ -2,7 +2,8 @@
 
 Horizontally the estimate continues from attitude and throttle alone. PX4's own horizontal estimate
 is less accurate: it was wrong by 1 to 2.3 m three to four seconds after the last pose of a real
-vehicle. This one was wrong by 0.09 m after two seconds, and by 0.35 m after three (medians).
+vehicle. Attitude and throttle gave an error of 0.09 m after two seconds, and of 0.35 m after three
+(medians).
 
 Height and vertical speed follow those of PX4, which measures them with accelerometers and a
 barometer. The throttle is not sufficient for them. The hover throttle may not be learned yet, for
@@ -30,7 +31,8 @@ _HEIGHT_RAD_S = 3.0  # bandwidth with which PX4's height is followed
 _CLIMB_RAD_S = 6.0  # bandwidth with which PX4's vertical speed is followed
 
 # The published standard deviation of the position grows at a constant rate, up to a bound. The
-# bound grows with the time without samples. It was flown with real PX4s, and did no harm.
+# bound grows with the time without samples. Real PX4s were flown with this growth, and it did no
+# harm.
 _STD_M_S = 0.05  # growth of the standard deviation
 _LARGEST_STD_M = 0.04  # bound at the last sample
 _LARGEST_STD_M_S = 0.03  # growth of the bound
@@ -65,7 +67,7 @@ class DeadReckoning:
         dt_s: float,
         is_on_ground: bool,
     ) -> KalmanMemory:
-        """Return the filter's memory; without samples for a while, corrected by dead reckoning.
+        """Return the filter's memory, which dead reckoning corrects once samples are missing.
 
         Args:
             memory: memory of the Kalman filter, propagated to now.
@@ -102,11 +104,11 @@ class DeadReckoning:
         # The height corrects position and speed with the gains of a critically damped filter: twice
         # the bandwidth, and its square. PX4's vertical speed corrects the speed in addition.
         if vertical is not None:
-            lift_m = _HEIGHT_RAD_S * dt_s * (vertical.height_m - position.z)
-            faster_m_s = _CLIMB_RAD_S * dt_s * (vertical.climbing_m_s - velocity.z)
+            height_step_m = _HEIGHT_RAD_S * dt_s * (vertical.height_m - position.z)
+            climbing_step_m_s = _CLIMB_RAD_S * dt_s * (vertical.climbing_m_s - velocity.z)
 
-            climbing_m_s = velocity.z + _HEIGHT_RAD_S * lift_m + faster_m_s
-            position = Vec3(position.x, position.y, position.z + 2.0 * lift_m)
+            climbing_m_s = velocity.z + _HEIGHT_RAD_S * height_step_m + climbing_step_m_s
+            position = Vec3(position.x, position.y, position.z + 2.0 * height_step_m)
             velocity = Vec3(velocity.x, velocity.y, climbing_m_s)
 
         if is_on_ground:
@@ -118,6 +120,6 @@ class DeadReckoning:
 
     def _grown_std_m(self, age_s: float, dt_s: float) -> float:
         """Return the standard deviation of the position that is published after a tick."""
-        before_m = self.std[0]
-        largest_m = max(before_m, _LARGEST_STD_M + _LARGEST_STD_M_S * age_s)
-        return min(before_m + _STD_M_S * dt_s, largest_m)
+        std_before_m = self.std[0]
+        bound_m = max(std_before_m, _LARGEST_STD_M + _LARGEST_STD_M_S * age_s)
+        return min(std_before_m + _STD_M_S * dt_s, bound_m)

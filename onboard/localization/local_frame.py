@@ -142,7 +142,8 @@ class LocalFrame:
                 local.position_m, last.position_m, last.velocity_m_s, strict=True
             )
         )
-        # what an acceleration adds, generously for the short time between two samples
+        # An acceleration a moves the vehicle by 0.5 a t^2. Within less than a second, a t is larger
+        # than that, and so more generous.
         reach_m = _JUMP_M + _JUMP_M_S2 * dt_s * max(1.0, dt_s)
         if math.hypot(*jump_m) > reach_m:
             self.jumps += 1
@@ -152,11 +153,11 @@ class LocalFrame:
 
         # move slowly towards the offset by the origins
         if self.origin is not None:
-            miss_m = math.hypot(anchored_m[0] - x, anchored_m[1] - y)
-            share = 0.0
-            if miss_m > 0.0:
-                share = min(1.0, _GIVE_BACK_M_S * dt_s / miss_m)
-            x = x + share * (anchored_m[0] - x)
-            y = y + share * (anchored_m[1] - y)
+            remaining_m = math.hypot(anchored_m[0] - x, anchored_m[1] - y)
+            moved_share = 0.0
+            if remaining_m > 0.0:
+                moved_share = min(1.0, _GIVE_BACK_M_S * dt_s / remaining_m)
+            x = x + moved_share * (anchored_m[0] - x)
+            y = y + moved_share * (anchored_m[1] - y)
 
         return x, y, z

@@ -45,5 +45,5 @@ class MotionFit:
             return
 
         square_m2 = innovation_m.x * innovation_m.x + innovation_m.y * innovation_m.y
-        share = 1.0 - math.exp(-dt_s / _MEMORY_S)
-        self._mean_square_m2 += share * (square_m2 - self._mean_square_m2)
+        weight = 1.0 - math.exp(-dt_s / _MEMORY_S)
+        self._mean_square_m2 += weight * (square_m2 - self._mean_square_m2)

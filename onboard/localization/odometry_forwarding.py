@@ -22,12 +22,12 @@ from onboard.tuples import Xyz
 
 # PX4 requires 30 to 50 Hz, and each message passes MAVSDK as text, which is slow.
 _PERIOD_NS = 30_000_000
-_EARLY_NS = 6_000_000  # by which a pose may be sent before it is due
+_EARLY_NS = 6_000_000  # a pose may be sent before it is due by this time
 
 _STD_M = 0.01  # standard deviation of a pose
 
-# After a longer gap PX4 has to restart: it stops fusing only after a second, but it drifts by a few
-# decimetres before.
+# After a longer gap PX4 has to restart: it stops fusing only after a second, but within that second
+# it drifts by a few decimetres.
 _GAP_NS = 300_000_000
 
 # Between two poses a vehicle moves at most by _STEP_M, plus _STEP_M_S for each second.
@@ -101,7 +101,7 @@ def _may_restart(position_enu_m: Xyz, snapshot: Snapshot, now_ns: int, silent_ns
     if now_ns - snapshot.local_position_ns > _FRESH_NS:
         return False
 
-    # PX4's local frame is the fleet frame, because PX4 has it from these poses
+    # PX4's local frame is the fleet frame, because PX4 gets its position from these poses
     px4_enu_m = enu_from_ned(snapshot.position_local_ned_m)
     near_m = min(_NEAR_M + _DRIFT_M_S * silent_ns * 1e-9, _FAR_M)
     return math.dist(position_enu_m, px4_enu_m) <= near_m

@@ -38,7 +38,7 @@ from onboard.types import AttitudeSetpoint, State
 
 _MAX_POSITION_M = 1e4  # largest coordinate of a pose
 _MAX_QUEUE = 8  # number of samples that may wait for a tick; the newest are kept
-_FUTURE_NS = 5_000_000  # by which a stamp may be ahead of its arrival
+_FUTURE_NS = 5_000_000  # a stamp may be ahead of its arrival by this time
 _HEADING_TIME_S = 1.0  # time constant of the heading's offset
 _REJECTED_TO_RESTART = 10  # rejected samples in a row after which the filter restarts on the ground
 _WITHOUT_FIX_NS = 500_000_000  # satellites are lost after this time without a fix
@@ -253,10 +253,10 @@ class OwnState:
 
         px4_yaw_rad = yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz)
         miss_rad = wrap_rad(yaw_rad - px4_yaw_rad - self.heading_offset_rad)
-        share = 1.0
+        weight = 1.0
         if self._has_heading:
-            share = min(1.0, dt_s / _HEADING_TIME_S)
-        self.heading_offset_rad = wrap_rad(self.heading_offset_rad + share * miss_rad)
+            weight = min(1.0, dt_s / _HEADING_TIME_S)
+        self.heading_offset_rad = wrap_rad(self.heading_offset_rad + weight * miss_rad)
         self._has_heading = True
 
     def _look_at_satellites(self, snapshot: Snapshot, now_ns: int) -> None:
@@ -326,7 +326,7 @@ class OwnState:
 
     @property
     def is_reckoned(self) -> bool:
-        """Whether the estimate is dead reckoning; False while another one flies the vehicle."""
+        """Whether the estimate is dead reckoning; False while this agent does not fly."""
         return self._reckoning.is_on and self.is_flown
 
     @property

@@ -15,20 +15,21 @@ from operator import mul
 
 from onboard.tuples import Wxyz, Xyz
 
-# weights of a new sample in the low-passed values
-_LATE_SHARE = 0.2  # of the delay
+# weights of a new sample in the low-passed delay, noise and velocity
+_LATE_SHARE = 0.2
 _NOISE_SHARE = 0.05
 _VELOCITY_SHARE = 0.3
 
-# After a jump, a sample this near to the expected path of before, and this soon, is accepted even
-# if PX4 contradicts it: a single wild sample must not exclude the good ones after it.
+# After a jump, a sample may continue the path from before the jump. It is then accepted even if PX4
+# contradicts it, because a single wrong sample must not exclude the good ones after it. A sample
+# continues that path if it is nearer to it than _ON_PATH_M, and comes within _ON_PATH_S after the
+# last accepted sample.
 _ON_PATH_M = 0.3
 _ON_PATH_S = 0.5
 
 _NOISE_RAD = 0.3  # noise of the attitude
 _NOISES = 6.0  # largest distance from the expected path, in multiples of the noise
 _LEAST_SPEED_2_M2_S2 = 0.01  # a velocity below 0.1 m/s has no direction; this is its square
-
 
 # After an outage the first sample may be an old one with a new stamp, and the vehicle may have
 # moved anywhere. So samples are accepted only after this many in a row agree with each other.
@@ -57,8 +58,9 @@ class PoseBounds:
     # time after which identical samples mean a lost body: a tracked body always has noise
     frozen_after_s: float = 0.075
     late_after_s: float = 0.09  # mean delay above which samples are late
-    clock_jump_s: float = 0.25  # change of the delay that shows a jump of a clock, if it lasts
-    # for this time; samples that are merely late, on a busy machine, are soon on time again
+    # A clock has jumped if the delay changes by more than clock_jump_s and stays so for
+    # clock_jump_lasts_s. Samples that are only late, on a busy machine, are soon on time again.
+    clock_jump_s: float = 0.25
     clock_jump_lasts_s: float = 0.3
 
 
@@ -69,7 +71,7 @@ class PoseValidator:
     bounds: PoseBounds = field(default_factory=PoseBounds)
 
     jumps: int = 0  # number of impossible samples in a row
-    jumped_to_enu_m: Xyz | None = None  # position of the newest of them; None without one
+    jumped_to_enu_m: Xyz | None = None  # position of the newest impossible sample; None: no jump
     frozen_s: float = 0.0  # time for which the same numbers have come
     delay_s: float = 0.0  # mean time from measurement to arrival
     clock_jump_ns: int = 0  # time of the last jump of a clock, by the delay; 0 never
@@ -110,7 +112,7 @@ class PoseValidator:
         *,
         is_contradicted: bool = False,
     ) -> PoseVerdict:
-        """Return whether one sample is accepted; a rejected one does not change the memory's path.
+        """Return whether one sample is accepted; a rejected one does not change the expected path.
 
         The allowed distance grows with the time since the last accepted sample. So a body that
         really moved in a gap is accepted again. After a jump this holds only if PX4's own position

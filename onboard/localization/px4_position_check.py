@@ -1,8 +1,8 @@
-"""PX4's own position, as a check of the motion capture's.
+"""PX4's own position, with which the positions of the motion capture are checked.
 
-It contradicts poses that jumped, and it is left when poses are lost. It lags and drifts, so no
-vehicle flies by it while poses come. But PX4 measures accelerations, so a real jump of the vehicle
-would change its position. Rejected poses are not sent to PX4, so they cannot change it.
+It contradicts poses that jumped, and it is still known when poses are lost. It lags and drifts, so
+no vehicle flies by it while poses come. But PX4 measures accelerations, so a real jump of the
+vehicle would change PX4's position. Rejected poses are not sent to PX4, so they cannot change it.
 
 If a vehicle lands while its poses are rejected, its landing position counts until a pose agrees.
 Before a flight PX4's position does not count, since people carry vehicles.
@@ -18,16 +18,17 @@ from onboard.frames import enu_from_ned
 from onboard.safety.limits import LOCAL_POSITION_FRESH_S
 from onboard.tuples import Xyz
 
-# Published standard deviations of position and velocity; a margin for more would push the other
-# vehicles out of the geofence.
+# Published standard deviations of position and velocity. The margin for larger ones would push the
+# other vehicles out of the geofence.
 STD_M = 0.3
 STD_M_S = 0.3
 
-_TRUSTED_S = 12.0  # time without poses after which it does not count; most have landed by then
+# After this time without poses, PX4's position does not count. Most vehicles have landed by then.
+_TRUSTED_S = 12.0
 _OFFSET_TIME_S = 1.0  # time constant of the offset of PX4's frame
 
-# Largest error: _ERROR_M, plus _ERROR_M_S2 times the square of the time without poses. For most of
-# that time the own dead reckoning corrects it.
+# Largest error of PX4's position: _ERROR_M, plus _ERROR_M_S2 times the square of the time without
+# poses. For most of that time, the own dead reckoning corrects the offset of PX4's frame.
 _ERROR_M = 0.3
 _ERROR_M_S2 = 0.02
 
@@ -96,23 +97,22 @@ class Px4PositionCheck:
         x, y, z = believed_enu_m
         east, north, up = self._position_m
         offset = (east - x, north - y, up - z)
-        known = self._offset_m
+        last_offset = self._offset_m
 
         if is_reckoned:
-            if known is not None:  # dead reckoning corrects the horizontal part only
-                self._offset_m = (offset[0], offset[1], known[2])
+            if last_offset is not None:  # dead reckoning corrects the horizontal part only
+                self._offset_m = (offset[0], offset[1], last_offset[2])
             return
 
         # a large change means that PX4 has moved its origin
-        has_moved_origin = known is None or math.dist(offset, known) > _ERROR_M
-        if known is None or has_moved_origin:
+        if last_offset is None or math.dist(offset, last_offset) > _ERROR_M:
             self._offset_m = offset
         else:
-            share = min(1.0, dt_s / _OFFSET_TIME_S)
+            weight = min(1.0, dt_s / _OFFSET_TIME_S)
             self._offset_m = (
-                known[0] + share * (offset[0] - known[0]),
-                known[1] + share * (offset[1] - known[1]),
-                known[2] + share * (offset[2] - known[2]),
+                last_offset[0] + weight * (offset[0] - last_offset[0]),
+                last_offset[1] + weight * (offset[1] - last_offset[1]),
+                last_offset[2] + weight * (offset[2] - last_offset[2]),
             )
         self._learned_ns = now_ns
 

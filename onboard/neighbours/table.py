@@ -130,15 +130,18 @@ class NeighbourTable:
         if len(self.names) <= subscription.ALWAYS_FOLLOWED:
             return False
 
+        # horizontal positions, extrapolated from the newest states to now
         ages_s = self.ages_s(now_ns)
-        x_m, y_m, _ = position_enu_m
         ahead_s = np.minimum(ages_s, subscription.FAR_SILENT_S)[:, None]
-        ahead_m = self.arrays.numbers[:, :2] + ahead_s * self.arrays.numbers[:, 3:5]
-        away_m = np.hypot(ahead_m[:, 0] - x_m, ahead_m[:, 1] - y_m).tolist()
+        position_m = self.arrays.numbers[:, :2]
+        velocity_m_s = self.arrays.numbers[:, 3:5]
+        now_m = position_m + ahead_s * velocity_m_s
 
+        x_m, y_m, _ = position_enu_m
+        all_distances_m = np.hypot(now_m[:, 0] - x_m, now_m[:, 1] - y_m).tolist()
         distances_m = {}
         is_known = self.arrays.flags[KNOWN].tolist()
-        for name, distance_m, known in zip(self.names, away_m, is_known, strict=True):
+        for name, distance_m, known in zip(self.names, all_distances_m, is_known, strict=True):
             if known:
                 distances_m[name] = distance_m
 
@@ -279,7 +282,7 @@ class NeighbourTable:
     # -- silent and contradicted neighbours --------------------------------------------------------
 
     def place_contradicted(self, position_enu_m: Xyz, now_ns: int) -> None:
-        """Put each contradicted neighbour at its own or at the mocap's position: at the nearer."""
+        """Put each contradicted neighbour at the nearer of its own and the mocap's position."""
         if self.judged.contradicted:
             self.judged.write_positions(
                 self.arrays,

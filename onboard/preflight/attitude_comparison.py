@@ -11,7 +11,7 @@ from onboard.tuples import Wxyz, Xyz
 _RATE_OVER_NS = 1_000_000_000  # time over which attitudes are counted
 _TILT_TIME_S = 0.5  # time constant of the low-pass
 _HANDLED_RAD = math.radians(12.0)  # a vehicle that is tilted more is held by a person
-_WRONG_TILT_RAD = math.radians(10.0)  # largest difference of the two tilts at that time
+_WRONG_TILT_RAD = math.radians(10.0)  # largest difference of the two tilts while it is held
 _UP: Xyz = (0.0, 0.0, 1.0)
 
 
@@ -66,9 +66,9 @@ class TiltComparison:
         if not snapshot.attitude_ns or not is_finite:
             return
 
-        share = min(1.0, dt_s / _TILT_TIME_S)
-        self._by_mocap = _mixed(self._by_mocap or by_mocap, by_mocap, share)
-        self._by_px4 = _mixed(self._by_px4 or by_px4, by_px4, share)
+        weight = min(1.0, dt_s / _TILT_TIME_S)
+        self._by_mocap = _mixed(self._by_mocap or by_mocap, by_mocap, weight)
+        self._by_px4 = _mixed(self._by_px4 or by_px4, by_px4, weight)
 
         self.difference_rad = _angle_rad(self._by_mocap, self._by_px4)
         tilt_rad = max(_angle_rad(self._by_mocap, _UP), _angle_rad(self._by_px4, _UP))
@@ -82,8 +82,9 @@ def _body_up(quaternion_wxyz: Wxyz) -> Xyz:
     return 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
 
 
-def _mixed(old: Xyz, new: Xyz, share: float) -> Xyz:
-    x, y, z = (a + share * (b - a) for a, b in zip(old, new, strict=True))
+def _mixed(old: Xyz, new: Xyz, weight: float) -> Xyz:
+    """Return the mean of two directions, in which the new one has this weight."""
+    x, y, z = (a + weight * (b - a) for a, b in zip(old, new, strict=True))
     return x, y, z
 
 

@@ -126,7 +126,8 @@ def _port(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
         return "others", {
             "count": refused.count,
             "reason": _REASONS[refused.newest],
-            "source": refused.source or "it",  # "... from it": from the port itself
+            # The sentence says "from {source}"; with an unknown source, "it" is the port.
+            "source": refused.source or "it",
         }
 
     listens = vehicle.autopilot.startswith("udpin://")

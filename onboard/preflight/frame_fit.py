@@ -69,34 +69,35 @@ def fit_frame(
 
     planned_centre_m = _mean(planned_m)
     seen_centre_m = _mean(seen_m)
-    planned_arms_m = [_minus(spot, planned_centre_m) for spot in planned_m]
-    seen_arms_m = [_minus(spot, seen_centre_m) for spot in seen_m]
+    planned_from_centre_m = [_minus(spot, planned_centre_m) for spot in planned_m]
+    seen_from_centre_m = [_minus(spot, seen_centre_m) for spot in seen_m]
 
     # sums of the scalar and of the vector products: their ratio is the tangent of the turn
-    along = 0.0
-    across = 0.0
-    arms_m2 = 0.0
-    for (x, y), (seen_x, seen_y) in zip(planned_arms_m, seen_arms_m, strict=True):
-        along += x * seen_x + y * seen_y
-        across += x * seen_y - y * seen_x
-        arms_m2 += x * x + y * y
-    turn_rad = math.atan2(across, along)
+    scalar_products = 0.0
+    vector_products = 0.0
+    squares_m2 = 0.0  # sum of the squared distances of the spots from their centre
+    for (x, y), (seen_x, seen_y) in zip(planned_from_centre_m, seen_from_centre_m, strict=True):
+        scalar_products += x * seen_x + y * seen_y
+        vector_products += x * seen_y - y * seen_x
+        squares_m2 += x * x + y * y
+    turn_rad = math.atan2(vector_products, scalar_products)
 
     residual_m2 = 0.0
-    for (x, y), seen_arm_m in zip(planned_arms_m, seen_arms_m, strict=True):
+    for (x, y), seen_xy_m in zip(planned_from_centre_m, seen_from_centre_m, strict=True):
         turned_m = (
             math.cos(turn_rad) * x - math.sin(turn_rad) * y,
             math.sin(turn_rad) * x + math.cos(turn_rad) * y,
         )
-        residual_m2 += math.dist(turned_m, seen_arm_m) ** 2
+        residual_m2 += math.dist(turned_m, seen_xy_m) ** 2
 
-    # If the residuals show less accurate placing than std_m, they count instead. The degrees of
-    # freedom are two for each spot, minus one for the turn and two for the shift.
+    # If the residuals show that the vehicles were placed less accurately than std_m, they count
+    # instead. The degrees of freedom are two for each spot, minus one for the turn and two for the
+    # shift.
     freedom = 2 * count - 3
     spot_std_m = max(std_m, math.sqrt(residual_m2 / freedom))
     return FrameFit(
         turn_rad=turn_rad,
-        turn_std_rad=spot_std_m / math.sqrt(max(arms_m2, 1e-9)),
+        turn_std_rad=spot_std_m / math.sqrt(max(squares_m2, 1e-9)),
         shift_m=math.dist(planned_centre_m, seen_centre_m),
         spot_std_m=spot_std_m,
         far_m=max(math.dist(planned_centre_m, corner_m) for corner_m in corners_m),

@@ -100,7 +100,7 @@ def rules(judges: Mapping[str, PreflightJudge], **constants: float) -> tuple[Pre
         judges: name of a rule -> function that checks the facts, in the order of the page.
         constants: values for the templates of the demands.
     """
-    made = []
+    preflight_rules = []
     for name, judge in judges.items():
         row = _WORDS[name]
         faults = {}
@@ -109,7 +109,7 @@ def rules(judges: Mapping[str, PreflightJudge], **constants: float) -> tuple[Pre
         for key, (sentence, remedy) in row.get("advises", {}).items():
             faults[key] = RuleFault(sentence, remedy, is_advice=True)
 
-        made.append(
+        preflight_rules.append(
             PreflightRule(
                 name=name,
                 demand=row["demand"].format(**constants),
@@ -118,4 +118,4 @@ def rules(judges: Mapping[str, PreflightJudge], **constants: float) -> tuple[Pre
                 judge=judge,
             )
         )
-    return tuple(made)
+    return tuple(preflight_rules)

@@ -10,7 +10,7 @@ from onboard.preflight.preflight_facts import RadioMeasured
 # number of samples for each neighbour; there are eleven a second
 _SAMPLES = 120
 _LEAST_SAMPLES = 60
-_LEFT_S = 1.0  # a neighbour that is silent for longer is missing, and does not count here
+_MISSING_S = 1.0  # a neighbour that is silent for longer is missing, and does not count here
 # a state whose age exceeds the delay by this many periods shows that one was lost, or is late
 _LATE_PERIODS = 0.99
 
@@ -27,7 +27,7 @@ class StateAges:
         """Take a sample of the ages of the followed neighbours."""
         self._ages_s = {name: self._ages_s.get(name, deque(maxlen=_SAMPLES)) for name in ages_s}
         for name, age_s in ages_s.items():
-            if age_s < _LEFT_S:
+            if age_s < _MISSING_S:
                 self._ages_s[name].append(age_s)
 
     @property
@@ -43,8 +43,8 @@ class StateAges:
             if len(ages_s) < _LEAST_SAMPLES:
                 continue
             delay_s = min(ages_s)
-            late_s = delay_s + _LATE_PERIODS * self._period_s
-            late_count = sum(1 for age_s in ages_s if age_s > late_s)
+            late_age_s = delay_s + _LATE_PERIODS * self._period_s
+            late_count = sum(1 for age_s in ages_s if age_s > late_age_s)
             delays_s[name] = delay_s
             losses[name] = late_count / len(ages_s)
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 _WINDOW_S = 10.0  # time over which the battery's trend is measured
 _LEAST_S = 1.0  # the trend is not judged before the window spans this time
-_LEAST_FALL_FRAC = 0.03  # least loss of charge within the window that is a trend, not one step
+_LEAST_FALL_FRAC = 0.03  # a smaller loss within the window may be one step of PX4's percentage
 _RESERVE_S = 15.0  # time in the air that must be left after the descent
 _SAG_SHARE = 0.12  # a loss of this share of the voltage within the window is a fall, too
 _LEAST_VOLTAGE_V = 1.0  # a lower voltage is no measurement

@@ -10,7 +10,7 @@ import math
 # own position
 POSITION_STALE_S = 0.2  # without poses for longer, a vehicle flies by dead reckoning
 POSITION_LOST_S = 0.5
-NEIGHBOUR_BLIND_S = 0.25  # a neighbour's dead reckoning counts after this: telemetry may be so late
+NEIGHBOUR_BLIND_S = 0.25  # a neighbour counts as blind only after this: telemetry may be so late
 RECKONING_S = 6.0  # after this, dead reckoning is no better than PX4's own landing
 # Near others, dead reckoning is better for longer: PX4 avoids nobody, and its own reckoning is
 # worse.

@@ -29,7 +29,7 @@ from onboard.vectors import Vec3
 _FORGET_S = 30.0  # time constant of the memory
 _LEAST_S = 8.0  # time of flight before any result
 _ATTITUDE_AGE_S = 0.012  # mean age of PX4's attitude when it is used: it comes at 50 to 100 Hz
-_HOVER_SHARE = 0.12  # by which the hover throttle may differ from the file's
+_HOVER_SHARE = 0.12  # the hover throttle may differ from the file's by this share
 _SURE_S = 0.008  # largest standard deviation with which a difference of the lag counts
 _CORRELATED_S = 0.5  # correlation time of the residuals
 _LEAST_GAIN = 0.3  # with a smaller gain the commands do not explain the motion

@@ -9,8 +9,8 @@ import math
 
 from onboard.types import AttitudeSetpoint
 
-_TILT_SLACK_DEG = 1.0  # by which rounding may exceed the largest tilt of the fleet file
-_UNIT_SLACK = 1e-3  # by which the squared length of a unit quaternion may differ from 1
+_TILT_SLACK_DEG = 1.0  # rounding may exceed the largest tilt of the fleet file by this angle
+_UNIT_SLACK = 1e-3  # the squared length of a unit quaternion may differ from 1 by this
 
 
 def is_sendable(setpoint: AttitudeSetpoint, max_tilt_deg: float) -> bool:

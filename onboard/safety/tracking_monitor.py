@@ -25,7 +25,8 @@ _UPSET_FOR_S = 0.1
 _FULL_SHARE = 0.99
 _FULL_FOR_S = 0.5
 
-# with full thrust the vehicle does not climb if it is so far below its trajectory, and slower
+# with full thrust the vehicle does not climb if, for this time, it is farther below its trajectory
+# than _BELOW_M and climbs more slowly than _CLIMB_M_S
 _BELOW_M = 0.15
 _CLIMB_M_S = 0.05
 _SINKING_FOR_S = 1.0

@@ -68,11 +68,13 @@ PUSHED_ABOUT_S = 0.5
 DISTURBANCE_BOUND_S = 0.5
 
 INFEASIBLE_S = 0.1
-NEIGHBOUR_BLIND_OVER_S = 0.15  # when all have poses again, they hear this of each other so late
+# When all vehicles have poses again, they learn this of each other only after about this time.
+NEIGHBOUR_BLIND_OVER_S = 0.15
 BATTERY_UNKNOWN_S = 5.0  # on top of the 5 s after which a report counts as old
 
 LIVE_CHECKS = 5  # checks in a row after which the process itself cannot have slept
-# fewer for neighbours: states come at 50 Hz from several senders, which shows that it did not sleep
+# fewer for neighbours: their states come at 50 Hz from several senders, which shows that the
+# process did not sleep
 NEIGHBOUR_CHECKS = 2
 STALE_CHECKS = 5
 PREDICTED_CHECKS = 2

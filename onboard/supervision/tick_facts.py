@@ -36,7 +36,7 @@ class SlowFacts(Struct, frozen=True, kw_only=True):
     position_miss_m: float = 0.0  # by how much PX4's positions contradict the own motion
 
     # satellites, of a vehicle that uses corrections
-    fix_below: str = ""  # its fix in words, if that is less than the fleet requires
+    fix_below: str = ""  # type of the fix in words, if it is less than the fleet requires
     is_position_coarse: bool = False  # whether the position is worse than hold_accuracy_m
     base_fault: str = ""  # what is wrong with the base, in words; empty: nothing
     corrections_old_s: float = 0.0  # age of the corrections, if they are too old; otherwise 0
@@ -124,9 +124,9 @@ class TickFacts(Struct, frozen=True, kw_only=True):
     is_above_ceiling: bool = False
 
     # other vehicles
-    nearest_m: float = math.inf  # separation from the nearest one
+    nearest_m: float = math.inf  # separation from the nearest other vehicle
     touched: str = ""  # vehicle that is nearer than one body diameter; empty: none
     is_law_infeasible: bool = False
     silent: tuple[str, ...] = ()  # were heard in the air, and are not heard any more
-    unseen: tuple[str, ...] = ()  # silent ones without mocap poses
+    unseen: tuple[str, ...] = ()  # silent vehicles of which no mocap poses come
     heard_again: tuple[str, ...] = ()  # heard again within the last seconds
