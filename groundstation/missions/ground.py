@@ -59,7 +59,7 @@ class MissionGround:
         self.left_out: set[str] = set()  # failed vehicles, without which the mission continues
         self.disabled: set[str] = set()  # vehicles in left_out that are out of service
         self.lost: set[str] = set()  # vehicles to whose failure the mission has reacted
-        # Sentence of each vehicle that came down although its last order left it flying.
+        # Sentence of each vehicle that does not fly although its last order left it flying.
         self.other_ends: dict[str, str] = {}
         self._last_orders: dict[str, LastOrder] = {}
 
@@ -384,7 +384,7 @@ class MissionGround:
             self._last_orders[name] = done
 
     def note_other_ends(self) -> None:
-        """Note and say which vehicles came down although their last order left them flying."""
+        """Note and say which vehicles do not fly although their last order left them flying."""
         for name, sentence in other_ends(self._last_orders, self.client.state).items():
             del self._last_orders[name]
             self.other_ends[name] = sentence

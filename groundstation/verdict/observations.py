@@ -53,7 +53,7 @@ class FlightObservations:
     end_ns: int
     left_out: Collection[str] = ()  # vehicles that the mission went on without
     left_out_orders: Sequence[str] = ()  # orders that the operator has left out, in words
-    # vehicles that came down although their last order left them flying, each with a sentence
+    # vehicles that do not fly although their last order left them flying, each with a sentence
     other_ends: Mapping[str, str] = field(default_factory=dict)
     failure: str = ""  # reason for the mission's early end, as a sentence
     nobody: bool = False  # whether no vehicle answered

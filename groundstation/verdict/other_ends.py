@@ -1,8 +1,9 @@
-"""Finds vehicles that are down although their last order leaves them flying. Pure.
+"""Finds vehicles that do not fly although their last order leaves them flying. Pure.
 
 A vehicle that was ordered to fly to a goal is expected to fly there until its next order. If it
 stands on the ground instead, a failsafe, a pilot or somebody else's order has landed it, or it has
-fallen.
+fallen. If it is still in the air, it may land without an order, or its agent may have failed and
+send no more setpoints.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from collections.abc import Mapping
 
 from msgspec import Struct
 
-from groundstation.fleet.state import FleetState
+from groundstation.fleet.state import FleetState, VehicleView
 from onboard.bus.schema import Order
 
 _LEAVES_FLYING = frozenset(("takeoff", "move", "hold", "follow_path"))
@@ -42,7 +43,7 @@ def last_order(words: str, message: Order, done_ns: int) -> LastOrder | None:
 
 
 def other_ends(orders: Mapping[str, LastOrder], state: FleetState) -> dict[str, str]:
-    """Return the vehicles that are down although their last order leaves them flying.
+    """Return the vehicles that do not fly although their last order leaves them flying.
 
     Args:
         orders: the last order that each vehicle has done.
@@ -53,12 +54,26 @@ def other_ends(orders: Mapping[str, LastOrder], state: FleetState) -> dict[str, 
     """
     sentences = {}
     for name, order in orders.items():
-        view = state.vehicles[name]
-        if not order.leaves_flying or view.is_airborne or view.telemetry is None:
+        end = _end(state.vehicles[name])
+        if not order.leaves_flying or not end:
             continue
         cause = _cause(name, order, state) or "it has not said why."
-        sentences[name] = f"{name} is down, though its last order was '{order.words}': {cause}"
+        sentences[name] = f"{name} {end}, though its last order was '{order.words}': {cause}"
     return sentences
+
+
+def _end(view: VehicleView) -> str:
+    """Return how a vehicle has ended its flight, in words; empty if it flies or is not heard."""
+    telemetry = view.telemetry
+    if telemetry is None:
+        return ""
+    if not view.is_airborne:
+        return "is down"
+    if telemetry.state == "failed" and telemetry.order_kind not in _LEAVES_DOWN:
+        return "has failed"
+    if telemetry.state == "landing" and not telemetry.order_id:
+        return "is landing"
+    return ""
 
 
 def _cause(name: str, order: LastOrder, state: FleetState) -> str:

@@ -284,7 +284,7 @@ def _still_up(flown: FlightObservations, expect: Expect) -> str:
 
 
 def _other_ends(flown: FlightObservations) -> str:
-    """Return the sentences about vehicles that are down although they were ordered to fly."""
+    """Return the sentences about vehicles that do not fly although they were ordered to."""
     return " ".join(
         sentence for name, sentence in flown.other_ends.items() if name not in flown.left_out
     )

@@ -1,8 +1,11 @@
-"""The cause that a verdict names for a vehicle that is down although it was ordered to fly."""
+"""Vehicles that do not fly although they were ordered to, and the cause that is named for each."""
 
 from __future__ import annotations
 
 from typing import Any
+
+import msgspec
+import pytest
 
 from groundstation.fleet.state import FleetState, fold, initial
 from groundstation.verdict.other_ends import LastOrder, other_ends
@@ -20,6 +23,34 @@ def event(severity: Severity, sentence: str, vehicle: str = "mav1") -> Event:
 def named_cause(state: FleetState) -> str:
     (sentence,) = other_ends({"mav1": ORDER}, state).values()
     return sentence.removeprefix("mav1 is down, though its last order was 'hold mav1': ")
+
+
+@pytest.mark.parametrize(
+    ("changes", "end"),
+    [
+        ({"state": "holding"}, None),
+        ({"state": "failed"}, "has failed"),
+        ({"state": "failed", "order_kind": "kill"}, None),
+        ({"state": "landing"}, "is landing"),
+        ({"state": "landing", "order_id": "ground-7", "order_kind": "land"}, None),
+        ({"state": "landed", "is_airborne": False}, "is down"),
+    ],
+)
+def test_a_vehicle_that_has_failed_or_lands_without_an_order_is_named_in_the_air_too(
+    fleet: FleetConfig, make_telemetry: Any, changes: dict[str, Any], end: str | None
+) -> None:
+    values = {"is_airborne": True, "reason": "PX4 silent.", **changes}
+    state = fold(initial(fleet), make_telemetry("mav1", **values), 10 * MS)
+
+    sentences = other_ends({"mav1": ORDER}, state)
+    if end is None:
+        assert not sentences
+    else:
+        assert sentences == {
+            "mav1": f"mav1 {end}, though its last order was 'hold mav1': PX4 silent."
+        }
+        landing = msgspec.structs.replace(ORDER, leaves_flying=False)
+        assert not other_ends({"mav1": landing}, state)
 
 
 def test_what_landed_a_vehicle_is_the_cause_and_no_warning_on_its_way_down(
