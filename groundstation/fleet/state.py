@@ -189,8 +189,13 @@ class VehicleView(Struct, frozen=True):
 
     @property
     def is_disarmed_by_px4(self) -> bool:
-        """Whether PX4 has reported a disarm on the direct path after the agent's last telemetry."""
-        return self.direct_disarmed_ns > self.received_ns
+        """Whether PX4 has reported a disarm on the direct path after the agent last heard it.
+
+        An agent whose PX4 is silent goes on to send the last report that it has heard.
+        """
+        if self.telemetry is None or self.direct_disarmed_ns == _NEVER:
+            return False
+        return self.direct_disarmed_ns > self.received_ns - self.telemetry.autopilot_age_s * 1e9
 
     @property
     def is_armed(self) -> bool:
@@ -277,8 +282,8 @@ class FleetState(Struct, frozen=True):
     def is_landed(self, name: str) -> bool:
         """Whether a vehicle is landed and disarmed, by its last telemetry.
 
-        PX4's own heartbeat on the direct path counts too, if it came after the agent's last
-        telemetry.
+        PX4's own heartbeat on the direct path counts too, if it came after all that the agent has
+        heard of PX4.
         """
         view = self.vehicles.get(name)
         if view is None or view.telemetry is None:

@@ -402,9 +402,16 @@ class Lockstep:
         """Land or disarm a vehicle past its agent; see ``groundstation.client.direct_mavlink``."""
         emulator = self.simulation.emulator
         system_ids = [spec.system_id for spec in emulator.specs]
-        px4 = emulator.autopilots[system_ids.index(system_id)]
+        index = system_ids.index(system_id)
+        px4 = emulator.autopilots[index]
+        is_hung = emulator.disturbances.is_hung
 
         await asyncio.sleep(_DIRECT_DELAY_S)
+        if is_hung[index]:
+            await asyncio.sleep(timeout_s)
+            sentence = f"PX4 did not answer at {endpoint} within {timeout_s:g} s either"
+            return DirectResult(False, False, sentence, has_answered=False)
+
         is_flown_by_hand = px4.mode in BLIND_DESCENT and px4.has_sticks(emulator.time_s)
         if spares_pilot and px4.is_armed and is_flown_by_hand:
             return DirectResult(False, False, "a pilot flies it by hand", is_flown_by_hand=True)
@@ -421,7 +428,7 @@ class Lockstep:
             while px4.is_armed and emulator.time_s < end_s:  # noqa: ASYNC110 - see above
                 await asyncio.sleep(1.0)
 
-        is_disarmed = is_accepted and not px4.is_armed
+        is_disarmed = is_accepted and not px4.is_armed and not is_hung[index]
         sentence = f"PX4 {answer.name.lower().replace('_', ' ')} it"
         if is_disarmed:
             sentence += ", and it is disarmed"

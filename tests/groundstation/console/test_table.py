@@ -347,6 +347,7 @@ async def test_px4s_own_disarmed_report_replaces_the_old_values_of_a_silent_agen
         await see(app, pilot)
         assert "nobody matches" in lines(app, FleetTable)[1]
 
+        client.clock_ns += 1_000_000_000
         client.hear("mav0", state="flying", is_armed=True)
         await see(app, pilot)
         assert "flying" in lines(app, FleetTable)[1], "the agent is back, and knows better"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import msgspec
 import pytest
 
 from groundstation.fleet.state import (
@@ -222,7 +223,15 @@ def test_px4_s_own_word_on_the_direct_way_counts_until_the_agent_speaks_again(
     told = Event(stamp_ns=0, severity="warning", code=DIRECT_DISARMED, sentence="", vehicle="mav1")
     state = fold(state, told, 5 * SECOND)
     assert state.airborne_names == ()
+
+    # the agent repeats the last report of a PX4 that it has not heard for three seconds
+    flying = make_telemetry("mav1", sequence=2, is_airborne=True, is_armed=True)
+    state = fold(state, msgspec.structs.replace(flying, autopilot_age_s=3.0), 6 * SECOND)
+    assert state.airborne_names == ()
+    assert state.is_landed("mav1")
+
     state = fold(
-        state, make_telemetry("mav1", sequence=2, is_airborne=True, is_armed=True), 6 * SECOND
+        state, msgspec.structs.replace(flying, sequence=3, autopilot_age_s=0.1), 7 * SECOND
     )
     assert state.airborne_names == ("mav1",)
+    assert not state.is_landed("mav1")
