@@ -169,10 +169,23 @@ def _installed_source(module_name: str, folders: Sequence[str]) -> str | None:
 def _spec_of(full_name: str, path: Sequence[str] | None) -> ModuleSpec | None:
     """Return the spec of a module without importing its package; None if there is none."""
     for finder in sys.meta_path:
-        spec = finder.find_spec(full_name, path)
+        try:
+            spec = finder.find_spec(full_name, path)
+        except KeyError:
+            # a folder without __init__.py in another such folder, which was not imported yet
+            spec = _folder_spec(full_name, path or ())
         if spec is not None:
             return spec
     return None
+
+
+def _folder_spec(full_name: str, path: Sequence[str]) -> ModuleSpec | None:
+    """Return the spec of a package that is only a folder; None if there is no such folder."""
+    name = full_name.rpartition(".")[2]
+    folders = [os.path.join(folder, name) for folder in path]
+    spec = ModuleSpec(full_name, None, is_package=True)
+    spec.submodule_search_locations = [folder for folder in folders if os.path.isdir(folder)]
+    return spec if spec.submodule_search_locations else None
 
 
 def _file_of(module_name: str, folders: Sequence[str]) -> str | None:

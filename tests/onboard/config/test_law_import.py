@@ -11,6 +11,7 @@ import pytest
 
 from groundstation.cli import main
 from onboard.config.fleet import ConfigError, load_fleet
+from onboard.config.law_import import find_own_law
 
 FLEET = (Path(__file__).parents[3] / "configs/fleets/paper.toml").read_text(encoding="utf-8")
 GOOD = "def law(memory, inputs):\n    return memory, inputs.baseline\n"
@@ -43,7 +44,7 @@ def test_a_law_beside_the_file_is_found_and_its_source_is_part_of_what_agents_co
 @pytest.mark.parametrize(
     ("source", "name", "said"),
     [
-        (GOOD, "orca", "there are only covey, paper, off"),
+        (GOOD, "nothing", "there are only covey, paper, off"),
         (GOOD, "mine:", "there are only covey, paper, off"),
         (GOOD, "../mine:law", "there are only covey, paper, off"),
         (GOOD, "nowhere:law", "Put nowhere.py there"),
@@ -133,3 +134,13 @@ def test_a_check_that_runs_a_law_says_what_is_wrong_with_it(tmp_path, capsys):
     assert main(["check", path]) == 0
     assert main(["check", path, "--run-law"]) == 2
     assert "ZeroDivisionError" in capsys.readouterr().err
+
+
+def test_a_law_in_folders_without_init_files_is_found_without_importing_them(tmp_path):
+    inner = tmp_path / "bare_outer" / "bare_middle" / "bare_inner"
+    inner.mkdir(parents=True)
+    (inner / "mine.py").write_text(GOOD)
+    law = find_own_law("bare_outer.bare_middle.bare_inner.mine:law", [str(tmp_path)], "a.toml")
+    assert law.source == str(inner / "mine.py")
+    assert "bare_outer" not in sys.modules
+    assert callable(law.load())
