@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 from onboard.vectors import ZERO_3, Vec3
 
-GRAVITY_M_S2 = 9.80665
 TICK_S = 0.02  # period of the control loop
 
 

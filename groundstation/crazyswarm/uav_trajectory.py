@@ -14,8 +14,8 @@ from groundstation.paths.path_files import load_path
 from groundstation.paths.pieces import slowed
 from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig
+from onboard.constants import GRAVITY_M_S2
 from onboard.control.path import Path, path_of, point_at
-from onboard.types import GRAVITY_M_S2
 
 _SLOWING_SLACK = 1.01  # necessary slowing up to which a trajectory is accepted, as for paths
 

@@ -39,7 +39,7 @@ from groundstation.identification.motion_fit import (
     fit_vertical,
 )
 from onboard.arrays import Array, BoolArray
-from onboard.types import GRAVITY_M_S2
+from onboard.constants import GRAVITY_M_S2
 
 MIN_DURATION_S = 8.0
 MIN_TILT_RMS_DEG = 0.5

@@ -15,7 +15,7 @@ import numpy as np
 from groundstation.identification.attitude_fit import commanded_tilt, response
 from groundstation.identification.logged_stretch import LeastSquares, Log, TooLittleFlown, jackknife
 from onboard.arrays import Array, IntArray
-from onboard.types import GRAVITY_M_S2
+from onboard.constants import GRAVITY_M_S2
 
 WINDOW_S = 2.0
 _GRID_S = 0.005

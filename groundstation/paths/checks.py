@@ -17,10 +17,10 @@ from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig, above_words, parking_distance_m, parking_height_share
 from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import floor_m, least_height_m
+from onboard.constants import GRAVITY_M_S2
 from onboard.control.path import Path, sampled
 from onboard.feasibility.finding import Finding, at_least, at_most, worst
 from onboard.safety.area_room import clearances_m
-from onboard.types import GRAVITY_M_S2
 
 LOWEST_M = 0.3  # lowest height of a path above the ground
 STEP_S = 0.05  # time from one sample to the next

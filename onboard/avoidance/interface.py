@@ -18,7 +18,8 @@ from onboard.avoidance.pairs import Own, margin_2
 from onboard.avoidance.params import LawParams
 from onboard.avoidance.prediction import LARGEST, Motion
 from onboard.avoidance.projection import INACTIVE
-from onboard.types import GRAVITY_M_S2, LawOutput, LawStatus, State, Thrust
+from onboard.constants import GRAVITY_M_S2
+from onboard.types import LawOutput, LawStatus, State, Thrust
 from onboard.vectors import (
     ZERO_2,
     Vec2,

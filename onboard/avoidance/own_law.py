@@ -16,7 +16,8 @@ from onboard.avoidance.oist import LawMemory
 from onboard.avoidance.pairs import nearest_pairs
 from onboard.avoidance.params import Capsule, LawParams, Walls
 from onboard.avoidance.prediction import Motion, remembered
-from onboard.types import GRAVITY_M_S2, LawOutput, LawStatus, Neighbour, State, Thrust
+from onboard.constants import GRAVITY_M_S2
+from onboard.types import LawOutput, LawStatus, Neighbour, State, Thrust
 from onboard.vectors import Vec2, Vec3
 
 LEAST_THRUST_G = 0.5  # least vertical thrust, as a share of the weight: with less a vehicle falls

@@ -17,12 +17,11 @@ from onboard.config.areas import Area
 from onboard.config.fleet import FleetConfig
 from onboard.config.flight_space import flight_space_of
 from onboard.config.law import BuiltInLaw, LawConfig
-from onboard.types import GRAVITY_M_S2
+from onboard.constants import GRAVITY_M_S2, MAX_PLANNED_THRUST_FRAC
 from onboard.vectors import Vec2, cross_2
 
 OPEN_FENCE = (-math.inf, math.inf, -math.inf, math.inf)
 _BRAKE_SHARE = 0.6  # share of the largest horizontal acceleration for braking before static things
-_MAX_THRUST_FRAC = 0.97  # largest throttle of the law; the rest stays for the attitude control
 
 # Both numbers are fitted over simulated flights. The floor covers lag errors and gusts.
 _MARGIN_FLOOR_M = 0.05
@@ -215,7 +214,7 @@ def law_params(fleet: FleetConfig, vehicle_name: str, law: str | None = None) ->
         body_radius_m=0.5 * fleet.fleet.body_diameter_m,
         max_speed_m_s=vehicle.max_speed_m_s,
         max_tilt_rad=math.radians(vehicle.max_tilt_deg),
-        max_thrust_m_s2=_MAX_THRUST_FRAC / vehicle.hover_thrust_frac * GRAVITY_M_S2,
+        max_thrust_m_s2=MAX_PLANNED_THRUST_FRAC / vehicle.hover_thrust_frac * GRAVITY_M_S2,
         fence_enu_m=(*fleet.fleet.geofence_m.x, *fleet.fleet.geofence_m.y),
     )
     return params_of(config, limits)

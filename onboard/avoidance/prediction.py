@@ -12,7 +12,8 @@ import math
 from typing import NamedTuple
 
 from onboard.avoidance.half_planes import into_disc
-from onboard.types import GRAVITY_M_S2, Neighbour
+from onboard.constants import GRAVITY_M_S2
+from onboard.types import Neighbour
 from onboard.vectors import ZERO_3, Vec2, Vec3, horizontal_within, is_finite
 
 SLOTS = 40  # number of past commands that are kept

@@ -10,8 +10,7 @@ from __future__ import annotations
 import math
 
 from onboard.config.fleet_config import FleetConfig, Vehicle
-
-GRAVITY_M_S2 = 9.80665
+from onboard.constants import GRAVITY_M_S2, MAX_PLANNED_THRUST_FRAC
 
 # share of the horizontal acceleration for the wind; the rest stays for the trajectory and the law
 _WIND_SHARE = 2.0 / 3.0
@@ -27,9 +26,6 @@ _GUST_SIGMAS = 5.0 / 3.0  # nineteen of twenty gusts are weaker
 # wind with its gusts, as a multiple of the mean wind
 GUSTY = 1.0 + _GUST_SIGMAS * GUST_SHARE
 
-# full throttle, of which a little stays for the attitude
-_MAX_THRUST_FRAC = 0.97
-
 
 def tilt_acceleration_m_s2(vehicle: Vehicle) -> float:
     """Return the horizontal acceleration at the largest tilt, with the height kept [m/s^2].
@@ -38,7 +34,7 @@ def tilt_acceleration_m_s2(vehicle: Vehicle) -> float:
         vehicle: the vehicle; its largest tilt and its hover throttle count.
     """
     by_tilt = GRAVITY_M_S2 * math.tan(math.radians(vehicle.max_tilt_deg))
-    full_lift = max(1.0, _MAX_THRUST_FRAC / vehicle.hover_thrust_frac)
+    full_lift = max(1.0, MAX_PLANNED_THRUST_FRAC / vehicle.hover_thrust_frac)
     by_thrust = GRAVITY_M_S2 * math.sqrt(full_lift * full_lift - 1.0)
     return min(by_tilt, by_thrust)
 

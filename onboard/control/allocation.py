@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from onboard.types import GRAVITY_M_S2, AttitudeSetpoint, Thrust
+from onboard.constants import GRAVITY_M_S2
+from onboard.types import AttitudeSetpoint, Thrust
 from onboard.vectors import Vec3, is_finite, length
 
 MAX_THRUST_FRAC = 0.98  # largest throttle that is sent

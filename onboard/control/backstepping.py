@@ -29,7 +29,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from onboard.types import GRAVITY_M_S2, Thrust, TrajectorySetpoint
+from onboard.constants import GRAVITY_M_S2
+from onboard.types import Thrust, TrajectorySetpoint
 from onboard.vectors import Vec3, subtract
 
 

@@ -25,13 +25,13 @@ from onboard.avoidance import interface, oist
 from onboard.avoidance.heights import INTENT_S
 from onboard.avoidance.params import Capsule
 from onboard.avoidance.prediction import LARGEST, Motion
+from onboard.constants import GRAVITY_M_S2
 from onboard.control import allocation, backstepping, sinking, trajectory
 from onboard.control.control_mode import ControlMode
 from onboard.control.pipeline_numbers import PipelineParams as PipelineParams
 from onboard.control.pipeline_numbers import pipeline_params as pipeline_params
 from onboard.estimation import disturbance_observer, hover_thrust
 from onboard.types import (
-    GRAVITY_M_S2,
     AttitudeSetpoint,
     Goal,
     LawOutput,

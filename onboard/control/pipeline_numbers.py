@@ -8,9 +8,9 @@ from typing import NamedTuple
 from onboard.avoidance.params import PAPER, LawParams, law_params
 from onboard.config.fleet import FleetConfig
 from onboard.config.wind_limit import largest_push_m_s2
+from onboard.constants import GRAVITY_M_S2
 from onboard.control import allocation, backstepping, sinking, trajectory
 from onboard.estimation import disturbance_observer, hover_thrust
-from onboard.types import GRAVITY_M_S2
 
 # share of the horizontal acceleration that may compensate drag and wind; the rest stays for the law
 _COMPENSATION_SHARE = 0.75

@@ -15,8 +15,9 @@ import math
 from typing import NamedTuple
 
 from onboard.avoidance.prediction import Motion
+from onboard.constants import GRAVITY_M_S2
 from onboard.control.trajectory import TrajectoryMemory
-from onboard.types import GRAVITY_M_S2, Goal, TrajectorySetpoint
+from onboard.types import Goal, TrajectorySetpoint
 from onboard.vectors import Vec3
 
 # fastest descent; the rotors push the air down faster, and a vehicle must not sink into that air

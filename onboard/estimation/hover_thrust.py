@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from onboard.types import GRAVITY_M_S2
+from onboard.constants import GRAVITY_M_S2
 
 
 class HoverThrustParams(NamedTuple):

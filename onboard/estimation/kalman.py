@@ -18,8 +18,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from onboard.constants import GRAVITY_M_S2
 from onboard.frames import Quaternion, body_up
-from onboard.types import GRAVITY_M_S2, State
+from onboard.types import State
 from onboard.vectors import (
     ZERO_3,
     Vec3,

@@ -12,15 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from onboard.constants import GRAVITY_M_S2, MAX_PLANNED_THRUST_FRAC
 from onboard.estimation.accuracies import Accuracy
-from onboard.types import GRAVITY_M_S2, TICK_S
+from onboard.types import TICK_S
 
 # Beyond the first age, states require a further margin: the second value for each second of age.
 USUAL_AGE_S = 0.16
 AGE_MARGIN_M_S = 0.5
-
-# full throttle, of which a little stays for the attitude
-MAX_THRUST_FRAC = 0.97
 
 # the fit of the margin: floor + sigmas * sigma_d
 _MARGIN_FLOOR_M = 0.05
@@ -237,7 +235,7 @@ def available_acceleration_m_s2(max_tilt_deg: float, hover_thrust_frac: float) -
     by_tilt_m_s2 = GRAVITY_M_S2 * math.tan(math.radians(max_tilt_deg))
 
     # the full thrust is the hypotenuse, the weight its vertical part
-    ratio = MAX_THRUST_FRAC / hover_thrust_frac
+    ratio = MAX_PLANNED_THRUST_FRAC / hover_thrust_frac
     by_throttle_m_s2 = GRAVITY_M_S2 * math.sqrt(max(0.0, ratio * ratio - 1.0))
 
     return min(by_tilt_m_s2, by_throttle_m_s2)

@@ -12,11 +12,11 @@ from onboard.config.wind_limit import (
     tilt_acceleration_m_s2,
     wind_limit_m_s,
 )
+from onboard.constants import GRAVITY_M_S2, MAX_PLANNED_THRUST_FRAC
 from onboard.feasibility import bounds
 from onboard.feasibility.finding import Finding, at_least, at_most
 from onboard.px4.required_params import silence_s, weakened
 from onboard.safety.gust_margin import gust_margin_m
-from onboard.types import GRAVITY_M_S2
 
 # largest gusts for which the disturbance observer was measured
 GUST_M_S2 = 0.3
@@ -64,11 +64,11 @@ def height_at_tilt(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     """
     # vertical part of the full thrust, in units of the weight
     lift = (
-        bounds.MAX_THRUST_FRAC
+        MAX_PLANNED_THRUST_FRAC
         / vehicle.hover_thrust_frac
         * math.cos(math.radians(vehicle.max_tilt_deg))
     )
-    cos_allowed_tilt = min(1.0, vehicle.hover_thrust_frac / bounds.MAX_THRUST_FRAC)
+    cos_allowed_tilt = min(1.0, vehicle.hover_thrust_frac / MAX_PLANNED_THRUST_FRAC)
     allowed_deg = math.degrees(math.acos(cos_allowed_tilt))
 
     return at_least(
@@ -94,7 +94,7 @@ def thrust_reserve(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     Returns:
         the finding.
     """
-    upwards_m_s2 = (bounds.MAX_THRUST_FRAC / vehicle.hover_thrust_frac - 1.0) * GRAVITY_M_S2
+    upwards_m_s2 = (MAX_PLANNED_THRUST_FRAC / vehicle.hover_thrust_frac - 1.0) * GRAVITY_M_S2
 
     return at_least(
         name="thrust reserve",

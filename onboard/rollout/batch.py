@@ -35,11 +35,12 @@ from onboard.avoidance import (
     relaxation,
 )
 from onboard.avoidance import params as law_params
+from onboard.constants import GRAVITY_M_S2
 from onboard.control import allocation, backstepping, pipeline, sinking, trajectory
 from onboard.control.control_mode import ControlMode
 from onboard.estimation import disturbance_observer, hover_thrust, kalman, wind
 from onboard.rollout.rows import Layout, Rows, floats, zero
-from onboard.types import GRAVITY_M_S2, Goal, Neighbour, State, Tick
+from onboard.types import Goal, Neighbour, State, Tick
 from onboard.vectors import ZERO_3, Vec3
 
 Compiled = Callable[..., Any]

@@ -15,8 +15,9 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.config.fleet import Vehicle
+from onboard.constants import GRAVITY_M_S2
 from onboard.rollout.rows import Rows
-from onboard.types import GRAVITY_M_S2, TICK_S
+from onboard.types import TICK_S
 
 _SUBSTEPS = 4  # integration steps of the motion in one control tick
 _NOISE_BLOCK_TICKS = 100  # ticks for which random numbers are drawn at once

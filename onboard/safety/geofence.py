@@ -15,8 +15,8 @@ from typing import NamedTuple
 from onboard.config import areas
 from onboard.config.areas import Area
 from onboard.config.fleet import Geofence, Vehicle
+from onboard.constants import GRAVITY_M_S2
 from onboard.tuples import Xyz
-from onboard.types import GRAVITY_M_S2
 
 # Decelerations that are assumed for braking before the fence: horizontally this share of the
 # acceleration at the largest tilt, vertically this share of g.

@@ -22,8 +22,8 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.avoidance.prediction import LAG_ERROR_S
+from onboard.constants import GRAVITY_M_S2
 from onboard.frames import Quaternion, body_up
-from onboard.types import GRAVITY_M_S2
 from onboard.vectors import Vec3
 
 _FORGET_S = 30.0  # time constant of the memory

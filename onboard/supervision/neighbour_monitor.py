@@ -12,6 +12,7 @@ from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
 from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.constants import GRAVITY_M_S2
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView
 from onboard.neighbours.plausibility import PlausibilityMonitor
@@ -22,7 +23,6 @@ from onboard.safety.limits import NEIGHBOUR_BLIND_S
 from onboard.safety.separation_monitor import PredictionMonitor, smallest_distance_m
 from onboard.supervision.condition_table import NEIGHBOUR_CHECKS
 from onboard.tuples import Xyz
-from onboard.types import GRAVITY_M_S2
 
 _BACK_NS = 2_000_000_000  # time for which a neighbour is reported as heard again
 _NEAR_M = 5.0  # a neighbour farther away along an axis is not checked

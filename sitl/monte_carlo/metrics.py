@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from onboard.arrays import Array, BoolArray, IntArray
 from onboard.config.fleet import FleetConfig
+from onboard.constants import GRAVITY_M_S2
 from onboard.flight.arrival import moved_by_gusts
 from onboard.rollout.rows import Rows
-from onboard.types import GRAVITY_M_S2, LawStatus
+from onboard.types import LawStatus
 from sitl.monte_carlo.campaign_settings import ErrorClass
 from sitl.monte_carlo.clutter import clearances_m
 from sitl.monte_carlo.scenarios import FlightPlan

@@ -36,6 +36,7 @@ _UNITS = {
     "rad_s": "rad/s",
     "pct": "%",
     "frac": "share",
+    "mbit_s": "Mbit/s",
     "kg": "kg",
     "kg_m2": "kg m²",
     "hz": "Hz",

@@ -11,8 +11,9 @@ import numpy as np
 from onboard.avoidance.oist_paper import PlanarState, saturate_thrust
 from onboard.avoidance.params import PaperParams
 from onboard.config.fleet import FleetConfig
+from onboard.constants import GRAVITY_M_S2
 from onboard.control import backstepping, trajectory
-from onboard.types import GRAVITY_M_S2, Goal
+from onboard.types import Goal
 from onboard.vectors import Vec2, Vec3
 from tests.bench.peers.encounter import Array, length
 

@@ -14,7 +14,7 @@ from groundstation.identification.attitude_fit import step_response
 from groundstation.identification.identify import Identified, identify
 from groundstation.identification.logged_stretch import Log, TooLittleFlown, tilt_vector_rad
 from onboard.arrays import Array
-from onboard.types import GRAVITY_M_S2
+from onboard.constants import GRAVITY_M_S2
 
 TICK_S = 0.02
 STEP_S = 0.005

@@ -28,8 +28,9 @@ from onboard.bus.schema import (
 )
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
+from onboard.constants import GRAVITY_M_S2
 from onboard.frames import Quaternion, body_up, wrap_rad, yaw_from_quaternion
-from onboard.types import GRAVITY_M_S2, AttitudeSetpoint
+from onboard.types import AttitudeSetpoint
 from tests.oracles.rotation import quaternion_from_yaw, quaternion_multiply
 
 DT_NS = 20_000_000

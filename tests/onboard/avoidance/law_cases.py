@@ -11,7 +11,8 @@ from onboard.avoidance.half_planes import HalfPlane
 from onboard.avoidance.params import Capsule, VehicleLimits, params_of
 from onboard.avoidance.projection import RELAXED, Projection, project, relaxed_in_order
 from onboard.config.law import LawConfig
-from onboard.types import GRAVITY_M_S2, Neighbour, State, Thrust
+from onboard.constants import GRAVITY_M_S2
+from onboard.types import Neighbour, State, Thrust
 from onboard.vectors import ZERO_3, Vec2, Vec3
 
 FENCE = (-3.0, 3.0, -3.0, 3.0)

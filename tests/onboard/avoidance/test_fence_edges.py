@@ -20,10 +20,11 @@ from onboard.avoidance.params import LawParams, law_params, obstacles, still
 from onboard.avoidance.prediction import Motion
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
 from onboard.config.flight_space import flight_space_of
+from onboard.constants import GRAVITY_M_S2
 from onboard.rollout import closed_loop
 from onboard.rollout.vehicle_model import Perturbation
 from onboard.safety.area_room import rooms_m
-from onboard.types import GRAVITY_M_S2, State, Thrust
+from onboard.types import State, Thrust
 from onboard.vectors import ZERO_3, Vec3
 
 CALM = Perturbation(

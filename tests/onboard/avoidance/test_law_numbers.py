@@ -21,7 +21,8 @@ from onboard.avoidance.pairs import NeighbourPair, Own
 from onboard.avoidance.params import Capsule
 from onboard.avoidance.projection import INACTIVE, RELAXED, SATURATED, project
 from onboard.avoidance.relaxation import least_slack
-from onboard.types import GRAVITY_M_S2, Thrust
+from onboard.constants import GRAVITY_M_S2
+from onboard.types import Thrust
 from onboard.vectors import ZERO_2, ZERO_3, Vec2, Vec3
 from tests.onboard.avoidance.law_cases import law_of, neighbour_of, state_of, thrust_of
 

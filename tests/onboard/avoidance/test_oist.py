@@ -11,7 +11,8 @@ from onboard.avoidance import interface, oist
 from onboard.avoidance.constraints import distance_row, rotation_row
 from onboard.avoidance.pairs import NeighbourPair
 from onboard.avoidance.prediction import Motion
-from onboard.types import GRAVITY_M_S2, LawStatus
+from onboard.constants import GRAVITY_M_S2
+from onboard.types import LawStatus
 from onboard.vectors import ZERO_3, Vec2, Vec3
 from tests.onboard.avoidance.law_cases import (
     horizontal,

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from onboard import frames
+from onboard.constants import GRAVITY_M_S2
 from onboard.control import allocation
 from onboard.control.allocation import AllocationParams
-from onboard.types import GRAVITY_M_S2, AttitudeSetpoint, Thrust
+from onboard.types import AttitudeSetpoint, Thrust
 from onboard.vectors import Vec3
 from tests.oracles.paper_angles import euler_from_thrust
 from tests.oracles.rotation import quaternion_from_yaw, quaternion_multiply, rotate

@@ -7,9 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from onboard.constants import GRAVITY_M_S2
 from onboard.control import backstepping
 from onboard.control.backstepping import BacksteppingParams
-from onboard.types import GRAVITY_M_S2, TrajectorySetpoint
+from onboard.types import TrajectorySetpoint
 from onboard.vectors import Vec3
 from tests.oracles.rotation import quaternion_from_yaw, rotate
 

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from onboard import frames
+from onboard.constants import GRAVITY_M_S2
 from onboard.control import allocation, backstepping, trajectory
 from onboard.estimation import disturbance_observer, hover_thrust, kalman
-from onboard.types import GRAVITY_M_S2, AttitudeSetpoint, Goal, Thrust
+from onboard.types import AttitudeSetpoint, Goal, Thrust
 from onboard.vectors import ZERO_3, Vec3
 from tests.oracles.rotation import quaternion_multiply
 

@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 
 from onboard.avoidance.params import OPEN_FENCE, Walls
 from onboard.config.fleet import load_fleet
+from onboard.constants import GRAVITY_M_S2
 from onboard.control import pipeline
 from onboard.control.control_mode import ControlMode
-from onboard.types import GRAVITY_M_S2, Goal, LawStatus, Neighbour, State
+from onboard.types import Goal, LawStatus, Neighbour, State
 from onboard.vectors import ZERO_3, Vec3
 
 FLEET = load_fleet("configs/fleets/paper.toml")

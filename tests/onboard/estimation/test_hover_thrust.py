@@ -6,9 +6,9 @@ import math
 
 import pytest
 
+from onboard.constants import GRAVITY_M_S2
 from onboard.estimation import hover_thrust
 from onboard.estimation.hover_thrust import HoverThrustParams
-from onboard.types import GRAVITY_M_S2
 
 PARAMS = HoverThrustParams(configured_frac=0.70)
 

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from onboard.constants import GRAVITY_M_S2
 from onboard.estimation import kalman
 from onboard.estimation.kalman import Covariance, KalmanMemory, KalmanParams
-from onboard.types import GRAVITY_M_S2
 from onboard.vectors import ZERO_3, Vec3, add, scaled
 from tests.oracles.matrix_kalman import MatrixKalman
 from tests.oracles.rotation import quaternion_from_yaw, rotate

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from onboard.constants import GRAVITY_M_S2
 from onboard.safety import model_mismatch
 from onboard.safety.model_mismatch import ResponseMemory
-from onboard.types import GRAVITY_M_S2
 from onboard.vectors import ZERO_3, Vec3
 
 DT_S = 0.02
