@@ -31,12 +31,25 @@ _PRIORITY = 50
 _STOP_S = 8.0
 _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None)
-_HOME = {"PX4_HOME_LAT": "47.3977060", "PX4_HOME_LON": "8.5455408", "PX4_HOME_ALT": "489.4"}
 _MODEL = {
     "PX4_SYS_AUTOSTART": "10040",
     "PX4_SIM_MODEL": "sihsim_quadx",
     "PX4_PARAM_SDLOG_MODE": "-1",
+    # else the simulated battery loses half of its charge in a minute, and a pause ends at once
+    "PX4_PARAM_SIM_BAT_DRAIN": "1800",
 }
+
+
+def _home(latitude_deg: float, longitude_deg: float) -> dict[str, str]:
+    """The environment of a PX4 that starts at a place on Earth."""
+    return {
+        "PX4_HOME_LAT": f"{latitude_deg:.7f}",
+        "PX4_HOME_LON": f"{longitude_deg:.7f}",
+        "PX4_HOME_ALT": "489.4",
+    }
+
+
+_HOME = _home(47.3977060, 8.5455408)
 
 
 def die_with_parent() -> None:
@@ -111,7 +124,10 @@ def free_instances(count: int) -> list[int]:
 
 @contextlib.contextmanager
 def running(
-    build: Px4Build, instances: Mapping[int, Mapping[str, float | int]], folder: Path
+    build: Px4Build,
+    instances: Mapping[int, Mapping[str, float | int]],
+    folder: Path,
+    places_deg: Mapping[int, tuple[float, float]] | None = None,
 ) -> Iterator[dict[int, subprocess.Popen[bytes]]]:
     """PX4s in directories of their own, ended with the block.
 
@@ -119,13 +135,18 @@ def running(
         build: of all of them.
         instances: number -> parameters that it starts with.
         folder: for their directories.
+        places_deg: number -> latitude and longitude where it starts; None: all at one place.
     """
     started: dict[int, subprocess.Popen[bytes]] = {}
     try:
         for number, params in instances.items():
             if started:
                 time.sleep(_BETWEEN_STARTS_S)
-            started[number] = _start(build, number, params, folder / f"px4-{number}")
+            home = _HOME
+            if places_deg is not None:
+                latitude_deg, longitude_deg = places_deg[number]
+                home = _home(latitude_deg, longitude_deg)
+            started[number] = _start(build, number, params, home, folder / f"px4-{number}")
         yield started
     finally:
         for process in started.values():
@@ -139,7 +160,11 @@ def running(
 
 
 def _start(
-    build: Px4Build, number: int, params: Mapping[str, float | int], folder: Path
+    build: Px4Build,
+    number: int,
+    params: Mapping[str, float | int],
+    home: Mapping[str, str],
+    folder: Path,
 ) -> subprocess.Popen[bytes]:
     folder.mkdir(parents=True)
     own = {f"PX4_PARAM_{name}": f"{value}" for name, value in params.items()}
@@ -147,7 +172,7 @@ def _start(
         process = subprocess.Popen(
             [str(build.folder / "bin/px4"), "-d", "-i", str(number), str(build.folder / "etc")],
             cwd=folder,
-            env={**os.environ, **_MODEL, **_HOME, **own},
+            env={**os.environ, **_MODEL, **home, **own},
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=subprocess.STDOUT,

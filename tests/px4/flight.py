@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from groundstation.processes.free_ports import toml_text, with_free_ports
 from onboard.autopilot import Version
+from onboard.config.earth import latitude_longitude_deg
 from onboard.config.fleet import FleetConfig, Vehicle, fleet_from_mapping
 from onboard.px4.required_params import FAILSAFES, all_params
 from sitl.px4.parameters import DEFAULTS
@@ -77,8 +78,12 @@ def fleet_of(
         )
         table.update(direct=f"udpout://127.0.0.1:{18570 + index}")
     data["fleet"]["ground_lost_land_s"] = _GROUND_LOST_S
+    return written(data, folder, instances)
+
+
+def written(data: dict[str, Any], folder: Path, instances: list[int]) -> FleetConfig:
+    """Write a fleet file with ports that are free, except for PX4's, which are its own."""
     data = with_free_ports(data, fleet_from_mapping(data))
-    # PX4's ports are its own
     for table, number in zip(data["vehicles"].values(), instances, strict=True):
         table["autopilot"] = f"udpin://127.0.0.1:{14540 + number}"
         table["direct"] = f"udpout://127.0.0.1:{18570 + number}"
@@ -163,20 +168,43 @@ class Flight:
 
 
 @contextlib.contextmanager
-def flying(build: Px4Build, count: int, folder: Path, mission: str) -> Iterator[Flight]:
+def flying(
+    build: Px4Build,
+    count: int,
+    folder: Path,
+    mission: str,
+    fleet_file: Callable[[int, Path, list[int], Version | None], FleetConfig] = fleet_of,
+    wind: Mapping[str, float] | None = None,
+) -> Iterator[Flight]:
     """PX4s, poses, agents that are ready, and a ground that has begun a mission; all ended with the
     block.
+
+    Args:
+        build: of the PX4s.
+        count: of vehicles.
+        folder: for the files of the flight.
+        mission: the text of the mission's file.
+        fleet_file: writes the fleet file. PX4s start on its spots where it has an origin on Earth.
+        wind: parameters of PX4's simulator that make wind.
     """
     instances = free_instances(count)
-    fleet = fleet_of(count, folder, instances, build.version)
+    fleet = fleet_file(count, folder, instances, build.version)
     (folder / "mission.toml").write_text(mission, encoding="utf-8")
     names = dict(zip(instances, fleet.enabled_names, strict=True))
     params = {
-        number: _params_to_set(fleet, fleet.vehicles[name], build.version)
+        number: {**_params_to_set(fleet, fleet.vehicles[name], build.version), **(wind or {})}
         for number, name in names.items()
     }
+    places_deg = None
+    origin = fleet.fleet.global_origin
+    if origin is not None:
+        starts = {number: fleet.vehicles[name].start_enu_m for number, name in names.items()}
+        places_deg = {
+            number: latitude_longitude_deg(origin, east_m=east, north_m=north)
+            for number, (east, north, _) in starts.items()
+        }
     with contextlib.ExitStack() as stack:
-        px4s = stack.enter_context(running(build, params, folder))
+        px4s = stack.enter_context(running(build, params, folder, places_deg))
         stack.enter_context(_python(folder, "poses", "tests.px4.poses", fleet.path, str(folder)))
         words = ("--fleet", fleet.path, "--realtime", "--vehicle")
         agents = {
@@ -218,6 +246,12 @@ def break_in(flight: Flight, step: str, after_s: float, fault: Callable[[Flight]
     time.sleep(after_s)
     flight.fault_s = time.monotonic()
     fault(flight)
+
+
+def order(flight: Flight, *words: str) -> int:
+    """Order something from a second ground; its exit status."""
+    command = [sys.executable, "-m", "groundstation", "order", "--fleet", flight.fleet.path, *words]
+    return subprocess.run(command, check=False, timeout=90.0).returncode
 
 
 def end(flight: Flight) -> int:

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from tests.px4.build import Px4Build, free_instances, is_taken, running
-from tests.px4.flight import Flight, break_in, end, flying, told, verdict
+from tests.px4.flight import Flight, break_in, end, flying, order, told, verdict
 from tests.px4.pilot import Pilot
 from tests.px4.table import Table
 
@@ -191,22 +191,17 @@ def test_a_pilot_with_sticks_keeps_his_vehicle(
         assert others_m < 0.3, flight.log
 
 
-def _order(flight: Flight, *words: str) -> int:
-    command = [sys.executable, "-m", "groundstation", "order", "--fleet", flight.fleet.path, *words]
-    return subprocess.run(command, check=False, timeout=90.0).returncode
-
-
 def test_a_hold_of_a_second_ground_stays(build: Px4Build, table: Table, tmp_path: Path) -> None:
     with flying(build, 3, tmp_path, _paper()) as flight:
         held: list[int] = []
         break_in(
-            flight, "formation", _CROSSING_S, lambda one: held.append(_order(one, "hold", "all"))
+            flight, "formation", _CROSSING_S, lambda one: held.append(order(one, "hold", "all"))
         )
         time.sleep(15.0)
         assert flight.ground is not None
         is_beside = flight.ground.poll() is None
         lowest_m = min(_height_m(flight, name) for name in flight.fleet.enabled_names)
-        landed = _order(flight, "land", "all")
+        landed = order(flight, "land", "all")
         status = end(flight)
         table.add(
             "a second ground orders hold in the crossing",
