@@ -156,11 +156,12 @@ def distance_outside_m(outline: Outline, point: Point) -> float:
 def _distance_to_edge_m(begin: Point, end: Point, point: Point) -> float:
     along = (end[0] - begin[0], end[1] - begin[1])
     length_2 = along[0] ** 2 + along[1] ** 2
-    share = 0.0
+    edge_share = 0.0
     if length_2 > 0.0:
-        share = ((point[0] - begin[0]) * along[0] + (point[1] - begin[1]) * along[1]) / length_2
-        share = min(max(share, 0.0), 1.0)
-    nearest = (begin[0] + share * along[0], begin[1] + share * along[1])
+        projected = (point[0] - begin[0]) * along[0] + (point[1] - begin[1]) * along[1]
+        edge_share = projected / length_2
+        edge_share = min(max(edge_share, 0.0), 1.0)
+    nearest = (begin[0] + edge_share * along[0], begin[1] + edge_share * along[1])
     return math.dist(nearest, point)
 
 

@@ -196,9 +196,9 @@ def _start_ns(truths: dict[str, list[Sample]], ticks: dict[str, list[Sample]]) -
         known_m = height_m[np.isfinite(height_m)]
         if not known_m.size:
             continue
-        up = np.flatnonzero(height_m > known_m[0] + _LIFTED_M)
-        if up.size:
-            lifted_ns.append(path[int(up[0])].stamp_ns)
+        lifted = np.flatnonzero(height_m > known_m[0] + _LIFTED_M)
+        if lifted.size:
+            lifted_ns.append(path[int(lifted[0])].stamp_ns)
 
     if lifted_ns:
         return min(lifted_ns)

@@ -124,11 +124,14 @@ def frame_paths(
         angle_rad = angles_rad[-1] + math.radians(point.turn_deg)
         offsets.append(_array(slots, names))
 
-        # An upper bound of each way: within the frame, with the frame, and around its centre.
-        length_m = np.linalg.norm(offsets[-1] - offsets[-2], axis=-1)
-        length_m = length_m + math.dist(centre, centres[-1])
+        # An upper bound of the length of each path: the vehicle moves within the frame, with the
+        # frame, and around its centre.
+        within_m = np.linalg.norm(offsets[-1] - offsets[-2], axis=-1)
+        with_frame_m = math.dist(centre, centres[-1])
         radius_m = np.hypot(offsets[-1][:, 0], offsets[-1][:, 1])
-        length_m = length_m + abs(angle_rad - angles_rad[-1]) * radius_m
+        around_m = abs(angle_rad - angles_rad[-1]) * radius_m
+        length_m = within_m + with_frame_m + around_m
+
         duration_s = point.duration_s
         if not duration_s:
             duration_s = max(_LEAST_S, float(length_m.max()) / (_SPEED_SHARE * slowest_m_s))
@@ -169,16 +172,16 @@ def _carried(
     centre = _smooth(times_s, centres, grid_s)
     padded = np.column_stack([angles_rad, np.zeros((len(angles_rad), 2))])  # three columns
     angle_rad = _smooth(times_s, padded, grid_s)[:, 0]
-    c = np.cos(angle_rad)
-    s = np.sin(angle_rad)
+    cosine = np.cos(angle_rad)
+    sine = np.sin(angle_rad)
 
     paths = {}
-    for k, name in enumerate(names):
-        local = _smooth(times_s, offsets[:, k], grid_s)
-        x = c * local[:, 0] - s * local[:, 1]
-        y = s * local[:, 0] + c * local[:, 1]
-        world = centre + np.column_stack([x, y, local[:, 2]])
-        paths[name] = fitted(grid_s, np.column_stack([world, np.zeros(len(grid_s))]))
+    for index, name in enumerate(names):
+        offset = _smooth(times_s, offsets[:, index], grid_s)
+        x = cosine * offset[:, 0] - sine * offset[:, 1]
+        y = sine * offset[:, 0] + cosine * offset[:, 1]
+        position = centre + np.column_stack([x, y, offset[:, 2]])
+        paths[name] = fitted(grid_s, np.column_stack([position, np.zeros(len(grid_s))]))
     return paths
 
 

@@ -52,62 +52,63 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> LeastSquares:
         ago_s=commands.ago_s[::4], change=commands.change[::4], oldest=commands.oldest[::4]
     )
 
-    def linear(theta: Array) -> tuple[Array, Array]:
-        """Return the best gain and errors for a delay, wn and zeta, and the model's tilt.
-
-        This uses every fourth sample.
-        """
-        shape = response(every_fourth, theta)
-        centred = shape - shape.mean(0)
+    # Coarse grid, with every fourth sample. For a delay, wn and zeta, gain and errors are the
+    # solution of a linear fit.
+    def gain_and_errors(theta: Array) -> tuple[Array, Array]:
+        """Return the best gain and errors for a delay, wn and zeta, and the model's tilt."""
+        unit_tilt = response(every_fourth, theta)  # the tilt for a gain of one
+        centred = unit_tilt - unit_tilt.mean(0)
         gain = float((centred * measured[::4]).sum() / max(float((centred * centred).sum()), 1e-12))
-        error = (measured[::4] - gain * shape).mean(0)
-        return np.concatenate([[gain], error]), gain * shape + error
+        error = (measured[::4] - gain * unit_tilt).mean(0)
+        return np.concatenate([[gain], error]), gain * unit_tilt + error
 
     def cost(theta: Array) -> float:
-        return float(((measured[::4] - linear(theta)[1]) ** 2).sum())
+        return float(((measured[::4] - gain_and_errors(theta)[1]) ** 2).sum())
 
     grid = [np.array([delay, wn, 0.7]) for delay in _GRID_DELAYS_S for wn in _GRID_WN]
     best = min(grid, key=cost)
-    theta = np.concatenate([best, linear(best)[0]])
+    theta = np.concatenate([best, gain_and_errors(best)[0]])
 
-    def shape_at(values: Array) -> Array:
-        return response(commands, values)
+    # Gauss-Newton from there, with all samples
+    def unit_tilt_of(theta: Array) -> Array:
+        return response(commands, theta)
 
-    def residuals(values: Array, shape: Array) -> Array:
-        return np.asarray((measured - values[3] * shape - values[4:6]).ravel())
+    def residuals(theta: Array, unit_tilt: Array) -> Array:
+        return np.asarray((measured - theta[3] * unit_tilt - theta[4:6]).ravel())
 
-    def slopes(values: Array, shape: Array) -> Array:
+    def derivatives(theta: Array, unit_tilt: Array) -> Array:
+        """Return the derivatives of the model's tilt with respect to theta, one column each."""
         columns = []
         for step in np.diag(_STEPS):
-            difference = shape_at(values[:3] + step) - shape_at(values[:3] - step)
-            columns.append(values[3] * difference.ravel() / (2.0 * step.sum()))
+            difference = unit_tilt_of(theta[:3] + step) - unit_tilt_of(theta[:3] - step)
+            columns.append(theta[3] * difference.ravel() / (2.0 * step.sum()))
         errors = np.tile(np.eye(2), (time_s.size, 1))
-        return np.stack([*columns, shape.ravel(), errors[:, 0], errors[:, 1]], axis=1)
+        return np.stack([*columns, unit_tilt.ravel(), errors[:, 0], errors[:, 1]], axis=1)
 
     damping = 1e-3
-    shape = shape_at(theta)
-    residual = residuals(theta, shape)
-    jacobian = slopes(theta, shape)
+    unit_tilt = unit_tilt_of(theta)
+    residual = residuals(theta, unit_tilt)
+    jacobian = derivatives(theta, unit_tilt)
     for _ in range(_ROUNDS):
         normal = jacobian.T @ jacobian
         damped = normal + damping * np.diag(np.diag(normal) + 1e-12)
-        moved = theta + np.linalg.solve(damped, jacobian.T @ residual)
-        moved[:3] = np.clip(moved[:3], _LEAST, _MOST)
+        trial = theta + np.linalg.solve(damped, jacobian.T @ residual)
+        trial[:3] = np.clip(trial[:3], _LEAST, _MOST)
 
-        shape = shape_at(moved)
-        residual_there = residuals(moved, shape)
-        is_better = residual_there @ residual_there < residual @ residual
+        trial_unit_tilt = unit_tilt_of(trial)
+        trial_residual = residuals(trial, trial_unit_tilt)
+        is_better = trial_residual @ trial_residual < residual @ residual
         if not is_better:
             damping *= 10.0
             if damping > _MOST_DAMPING:
                 break
             continue
 
-        is_done = bool(np.all(np.abs(moved - theta) < 1e-5 * (1.0 + np.abs(theta))))
-        theta = moved
-        residual = residual_there
+        is_done = bool(np.all(np.abs(trial - theta) < 1e-5 * (1.0 + np.abs(theta))))
+        theta = trial
+        residual = trial_residual
         damping = max(0.2 * damping, 1e-9)
-        jacobian = slopes(theta, shape)
+        jacobian = derivatives(theta, trial_unit_tilt)
         if is_done:
             break
 
@@ -173,8 +174,8 @@ def commanded_tilt(log: Log, time_s: Array) -> CommandedTilt:
 def response(commands: CommandedTilt, theta: Array) -> Array:
     """Return the tilt (m, 2) that follows commands with a gain of one; theta: delay, wn, zeta."""
     delay_s, wn, zeta = (float(value) for value in theta[:3])
-    share = step_response(commands.ago_s - delay_s, wn, zeta)
-    return np.asarray(commands.oldest + (share[:, None, :] @ commands.change)[:, 0])
+    followed_share = step_response(commands.ago_s - delay_s, wn, zeta)  # of each command's change
+    return np.asarray(commands.oldest + (followed_share[:, None, :] @ commands.change)[:, 0])
 
 
 def step_response(time_s: Array, wn_rad_s: float, zeta: float) -> Array:

@@ -112,52 +112,53 @@ def identify(log: Log) -> Identified:
     delay_s, wn, zeta = attitude.theta[:3]
     delay_s += motion.theta[1]
     lag_std = math.hypot(motion.std[1], _FLOOR["lag"])
-    part_std = np.hypot(attitude.std[:3], [lag_std, 0.0, 0.0])
+    delay_std, wn_std, zeta_std = np.hypot(attitude.std[:3], [lag_std, 0.0, 0.0])
 
     # constant error of the measured attitude, plus the tilt of the thrust against that attitude
-    degree = math.degrees(1.0)
+    deg_per_rad = math.degrees(1.0)
     tilt = attitude.theta[4:6] + motion.theta[2:4] / GRAVITY_M_S2
     tilt_std = np.hypot(attitude.std[4:6], motion.std[2:4] / GRAVITY_M_S2)
-    tilt_std = np.hypot(tilt_std, _FLOOR["tilt_deg"] / degree)
+    tilt_std = np.hypot(tilt_std, _FLOOR["tilt_deg"] / deg_per_rad)
 
-    factor = _student(motion.clusters)
+    stds = _student(motion.clusters)  # half of the 95 % interval, in standard deviations
 
-    def estimate(value: float, std: float, scaled: float = 1.0) -> Estimate:
-        value = float(value) * scaled
-        std = float(std) * scaled
-        return Estimate(value=value, std=std, low=value - factor * std, high=value + factor * std)
+    def estimate(value: float, std: float, unit: float = 1.0) -> Estimate:
+        value = float(value) * unit
+        std = float(std) * unit
+        return Estimate(value=value, std=std, low=value - stds * std, high=value + stds * std)
 
     return Identified(
         hover_thrust_frac=estimate(hover, hover_std),
         lag_s=estimate(delay_s + 2.0 * zeta / wn, lag_std),
-        delay_s=estimate(delay_s, part_std[0]),
-        wn_rad_s=estimate(wn, part_std[1]),
-        zeta=estimate(zeta, part_std[2]),
+        delay_s=estimate(delay_s, delay_std),
+        wn_rad_s=estimate(wn, wn_std),
+        zeta=estimate(zeta, zeta_std),
         drag_1_s=estimate(motion.theta[0], math.hypot(motion.std[0], _FLOOR["drag"])),
         static_gain=estimate(attitude.theta[3], math.hypot(attitude.std[3], _FLOOR["gain"])),
-        tilt_error_x_deg=estimate(tilt[0], tilt_std[0], degree),
-        tilt_error_y_deg=estimate(tilt[1], tilt_std[1], degree),
+        tilt_error_x_deg=estimate(tilt[0], tilt_std[0], deg_per_rad),
+        tilt_error_y_deg=estimate(tilt[1], tilt_std[1], deg_per_rad),
         duration_s=end_s - begin_s,
-        attitude_rms_deg=attitude.rms * degree,
+        attitude_rms_deg=attitude.rms * deg_per_rad,
         position_rms_m=motion.rms * POSITION_NOISE_M,
     )
 
 
 def _without(log: Log, bad_s: Array) -> Log:
-    """Return the log without bad times and the samples after them.
+    """Return the log without the samples around bad times.
 
-    Attitudes are left out for 0.4 s after a bad time, and positions for a whole window, since the
-    model integrates over the window. If more than half of the samples would be left out, the log
-    stays as it is.
+    Samples are left out from 0.1 s before a bad time: attitudes until 0.4 s after it, and positions
+    until a whole window after it, since the model integrates over the window. If more than half of
+    the samples would be left out, the log stays as it is.
     """
 
-    def is_kept(time_s: Array, after_s: float) -> BoolArray:
+    def is_good(time_s: Array, after_s: float) -> BoolArray:
+        """Return whether each time (n,) is not around a bad time."""
         index = np.searchsorted(bad_s, time_s + 0.1)
-        last = np.where(index > 0, bad_s[np.maximum(index - 1, 0)], -np.inf)
-        return np.asarray(time_s - last > after_s)
+        last_bad_s = np.where(index > 0, bad_s[np.maximum(index - 1, 0)], -np.inf)
+        return np.asarray(time_s - last_bad_s > after_s)
 
-    attitude = is_kept(log.attitude_time_s, 0.4)
-    position = is_kept(log.position_time_s, WINDOW_S)
+    attitude = is_good(log.attitude_time_s, 0.4)
+    position = is_good(log.position_time_s, WINDOW_S)
     if min(attitude.mean(), position.mean()) < 0.5:
         return log
     return replace(

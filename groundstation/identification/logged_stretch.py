@@ -54,9 +54,10 @@ def tilt_vector_rad(quaternion_wxyz: Array) -> Array:
     horizontal = np.hypot(up[..., 0], up[..., 1])
     angle = np.arctan2(horizontal, 1.0 - 2.0 * (x * x + y * y))
 
-    # near the vertical angle and sine are equal, and their quotient would be 0 / 0
-    share = np.where(horizontal > 1e-9, angle / np.maximum(horizontal, 1e-9), 1.0)
-    return np.asarray(up * share[..., None])
+    # The length of `up` is the sine of the tilt; it is stretched to the angle. Near the vertical
+    # both are equal, and their quotient would be 0 / 0.
+    stretch = np.where(horizontal > 1e-9, angle / np.maximum(horizontal, 1e-9), 1.0)
+    return np.asarray(up * stretch[..., None])
 
 
 def jackknife(jacobian: Array, residual: Array, cluster: IntArray) -> tuple[Array, int]:
@@ -82,9 +83,11 @@ def jackknife(jacobian: Array, residual: Array, cluster: IntArray) -> tuple[Arra
     np.add.at(weights, index, jacobian[:, :, None] * jacobian[:, None, :])
 
     # change (clusters, p) of the result when a cluster is left out
-    moved = (np.linalg.pinv(weights.sum(0) - weights) @ scores[..., None])[..., 0]
-    own = np.einsum("ci,ci->i", moved, moved)
+    changes = (np.linalg.pinv(weights.sum(0) - weights) @ scores[..., None])[..., 0]
+
+    # sums (p,) of the squares, and of the products of neighbouring clusters
+    squares = np.einsum("ci,ci->i", changes, changes)
     is_next = np.diff(names) == 1
-    between = np.einsum("ci,ci->i", moved[:-1][is_next], moved[1:][is_next])
-    variance = (count - 1) / count * np.maximum(own + between, own)
+    products = np.einsum("ci,ci->i", changes[:-1][is_next], changes[1:][is_next])
+    variance = (count - 1) / count * np.maximum(squares + products, squares)
     return np.sqrt(variance), count

@@ -119,10 +119,14 @@ def _windows(
         last = np.searchsorted(drive.time_s, end_s) + 1
         grid_s = drive.time_s[first:last]
         for column, axis in enumerate(axes):
-            columns = [np.interp(time_s, grid_s, one[first:last, column]) for one in inputs]
+            columns = [
+                np.interp(time_s, grid_s, contribution[first:last, column])
+                for contribution in inputs
+            ]
             known = np.interp(time_s, grid_s, target[first:last, column])
             measured = log.position_enu_m[used, axis] - known
 
+            # remove what initial position and velocity explain
             all_columns = whiten @ np.stack([*columns, measured], axis=1)
             all_columns -= basis @ (basis.T @ all_columns)
             rows.append(all_columns[:, :-1])
@@ -142,14 +146,17 @@ def _covariance_m2(time_s: Array, gust_m_s2: float) -> Array:
     It is the sum of that of white measurement noise, and of that of time-correlated gusts, which
     are integrated twice.
     """
+    # matrices that integrate values at these times once and twice
     step_s = np.diff(time_s, prepend=time_s[0])
     once = np.tril(np.broadcast_to(step_s, (time_s.size, time_s.size)))
     twice = np.tril(once @ once)
+
     gusts = gust_m_s2**2 * np.exp(-np.abs(time_s[:, None] - time_s) / _GUST_TIME_S)
     return np.asarray(twice @ gusts @ twice.T + POSITION_NOISE_M**2 * np.eye(time_s.size))
 
 
 def _solve(columns: Array, right: Array, cluster: IntArray) -> LeastSquares:
+    """Return the least-squares solution of a regression, with its standard deviations."""
     theta, *_ = np.linalg.lstsq(columns, right, rcond=None)
     residual = right - columns @ theta
     std, clusters = jackknife(columns, residual, cluster)
@@ -163,8 +170,8 @@ def _solve(columns: Array, right: Array, cluster: IntArray) -> LeastSquares:
 
 def _integral(values: Array) -> Array:
     """Return the integral (g, c) from the start of the grid, by trapezoids."""
-    halves = 0.5 * _GRID_S * (values[1:] + values[:-1])
-    return np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(halves, axis=0)])
+    trapezoids = 0.5 * _GRID_S * (values[1:] + values[:-1])
+    return np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(trapezoids, axis=0)])
 
 
 def fit_vertical(
@@ -182,14 +189,13 @@ def fit_vertical(
         The acceleration and its standard deviation.
     """
     drive = _drive(log, attitude, -log.attitude_age_s, begin_s, end_s)
-    push = drive.push[:, 2:]
     height_m = drive.position_enu_m[:, 2:]
-    once = _integral(push)
-    twice = _integral(once)
+    push_once = _integral(drive.push[:, 2:])
+    push_twice = _integral(push_once)
     fall_m = -0.5 * GRAVITY_M_S2 * (drive.time_s - drive.time_s[0])[:, None] ** 2
 
-    # acceleration per throttle, drag, and a shift of the throttle in time
-    inputs = [twice, -_integral(height_m - height_m[0]), -once]
+    # contributions of the acceleration per throttle, of drag, and of the throttle's shift in time
+    inputs = [push_twice, -_integral(height_m - height_m[0]), -push_once]
     columns, right, cluster = _windows(log, drive, (2,), inputs, fall_m, 0.0)
     fit = _solve(columns, right, cluster)
     return float(fit.theta[0]), float(fit.std[0])
@@ -220,17 +226,19 @@ def fit_horizontal(
 
     for _ in range(2):
         drive = _drive(log, attitude, shift_s, begin_s, end_s)
-        push = scale * drive.push[:, :2]
         position = drive.position_enu_m[:, :2]
-        once = _integral(push)
-        square = 0.5 * (drive.time_s - drive.time_s[0])[:, None] ** 2
+        push_once = _integral(scale * drive.push[:, :2])
+        push_twice = _integral(push_once)
+        constant_twice = 0.5 * (drive.time_s - drive.time_s[0])[:, None] ** 2
+
+        # contributions of drag, of the shift in time, and of a constant error along x and y
         inputs = [
             -_integral(position - position[0]),
-            -once,
-            square * np.array([1.0, 0.0]),
-            square * np.array([0.0, 1.0]),
+            -push_once,
+            constant_twice * np.array([1.0, 0.0]),
+            constant_twice * np.array([0.0, 1.0]),
         ]
-        columns, right, cluster = _windows(log, drive, (0, 1), inputs, _integral(once), _GUST_M_S2)
+        columns, right, cluster = _windows(log, drive, (0, 1), inputs, push_twice, _GUST_M_S2)
 
         # The known age is one more row. Its residual is about 1, as those of the whitened rows, and
         # its cluster (-10) is no neighbour of another one.

@@ -39,11 +39,11 @@ def keep_former(fleet: FleetConfig) -> None:
         return
 
     number = len(_former_authorities(fleet)) + 1
-    kept = _former_folder(fleet) / str(number)
+    former_folder = _former_folder(fleet) / str(number)
     make_key_folder(_former_folder(fleet))
-    kept.mkdir(mode=0o700, exist_ok=True)
+    former_folder.mkdir(mode=0o700, exist_ok=True)
     for file in files:
-        shutil.copy2(file, kept / file.name)  # copies the permissions, too
+        shutil.copy2(file, former_folder / file.name)  # copies the permissions, too
 
 
 def running_authorities(fleet: FleetConfig, wait_s: float = WAIT_S) -> dict[str, str]:
@@ -68,8 +68,8 @@ def running_authorities(fleet: FleetConfig, wait_s: float = WAIT_S) -> dict[str,
     seen: dict[str, str] = {}
     with contextlib.ExitStack() as stack:
         _watch(fleet, present, "present", seen, stack, wait_s)
-        for kept in _former_authorities(fleet):
-            _watch(fleet, _kept_credentials(kept, fleet), "former", seen, stack, wait_s)
+        for former_folder in _former_authorities(fleet):
+            _watch(fleet, _kept_credentials(former_folder, fleet), "former", seen, stack, wait_s)
 
         deadline_s = time.monotonic() + wait_s
         vehicles = set(fleet.enabled_names)
@@ -122,9 +122,9 @@ def _noted(seen: dict[str, str], authority: str) -> OnAlive:
     return on_alive
 
 
-def _kept_credentials(kept: Path, fleet: FleetConfig) -> Credentials:
+def _kept_credentials(former_folder: Path, fleet: FleetConfig) -> Credentials:
     """Return the credentials of a viewer of a former authority."""
-    authority, certificate, key = (str(kept / name) for name in files_of(NodeRole.VIEWER))
+    authority, certificate, key = (str(former_folder / name) for name in files_of(NodeRole.VIEWER))
     access = access_control({fleet.namespace: fleet.vehicles}, has_router=bool(fleet.fleet.routers))
     return Credentials(authority, certificate, key, access)
 

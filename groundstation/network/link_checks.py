@@ -215,20 +215,21 @@ def _old_s(fleet: FleetConfig) -> float:
 def _arrivals(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
     """Return the finding about rate, loss and age of a vehicle's states as we receive them."""
     numbers = heard.sequences[name]
-    sent = 1
+    sent_count = 1
     if numbers:
-        sent = (max(numbers) - min(numbers)) // heard.state_ticks + 1
-    share = len(numbers) / sent
+        sent_count = (max(numbers) - min(numbers)) // heard.state_ticks + 1
+    received_share = len(numbers) / sent_count
+    lost_pct = 100.0 * (1.0 - received_share)
     rate_hz = len(numbers) / heard.seconds
     age_s = _p99(heard.ages_s[name])
 
     bad = Grade.WARN
-    if share < _LEAST_SHARE or not numbers:
+    if received_share < _LEAST_SHARE or not numbers:
         bad = Grade.FAIL
     return graded(
         name,
-        share >= _GOOD_SHARE and age_s < _old_s(fleet),
-        f"{rate_hz:.0f} states a second come here, {100.0 * (1.0 - share):.1f} % are lost, "
+        received_share >= _GOOD_SHARE and age_s < _old_s(fleet),
+        f"{rate_hz:.0f} states a second come here, {lost_pct:.1f} % are lost, "
         f"their age is {1e3 * age_s:.0f} ms (p99).",
         "Too much of its radio is lost: a better place or channel, fewer on it;"
         " quic/ instead of tcp/.",

@@ -267,9 +267,9 @@ def _lift_off_s(flight: Flight) -> float:
         if not known_m.size:
             continue
 
-        up = np.flatnonzero(height_m > known_m[0] + _UP_M)
-        if up.size:
-            lifted_s.append(float(times_s[up[0]]))
+        lifted = np.flatnonzero(height_m > known_m[0] + _UP_M)
+        if lifted.size:
+            lifted_s.append(float(times_s[lifted[0]]))
     return min(lifted_s, default=flight.begin_s)
 
 

@@ -115,8 +115,8 @@ def toml_of(fences: list[Fence]) -> str:
 
 
 def _text(name: str) -> str:
-    kept = "".join(letter for letter in name if letter.isprintable() and letter not in '"\\')
-    return f'"{kept}"'
+    allowed = "".join(letter for letter in name if letter.isprintable() and letter not in '"\\')
+    return f'"{allowed}"'
 
 
 def _point(degrees: Degrees) -> str:

@@ -179,11 +179,11 @@ def describe(verdict: Verdict) -> list[str]:
                 sentence = result.sentence
         lines.append(sentence)
 
-    down = [name for name, has_landed in verdict.landed.items() if has_landed]
-    up = [name for name, has_landed in verdict.landed.items() if not has_landed]
-    landed_sentence = f"Landed and disarmed: {', '.join(down) or 'nobody'}"
-    if up:
-        landed_sentence += f"; NOT: {', '.join(up)}"
+    landed = [name for name, has_landed in verdict.landed.items() if has_landed]
+    not_landed = [name for name, has_landed in verdict.landed.items() if not has_landed]
+    landed_sentence = f"Landed and disarmed: {', '.join(landed) or 'nobody'}"
+    if not_landed:
+        landed_sentence += f"; NOT: {', '.join(not_landed)}"
     lines.append(f"{landed_sentence}.")
 
     powered = [landing for landing in verdict.touchdowns if landing.had_thrust]

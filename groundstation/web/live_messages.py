@@ -204,9 +204,9 @@ def _way(
     if distance_m < _STILL_M:
         return []
 
-    share = min(1.0, AHEAD_S * speed_m_s / distance_m)
+    flown_share = min(1.0, AHEAD_S * speed_m_s / distance_m)
     end = [
-        begin_m + share * (goal_m - begin_m)
+        begin_m + flown_share * (goal_m - begin_m)
         for begin_m, goal_m in zip(position_enu_m, goal_enu_m, strict=True)
     ]
     return [position_enu_m, end]

@@ -1,5 +1,4 @@
-"""Offsets of other hosts' monotonic clocks from ours, measured over the bus. Pure: times are passed
-in.
+"""Offsets of other hosts' monotonic clocks from ours, measured over the bus. Pure.
 
 Twice a second every node publishes the time by its clock, and when by its clock it received the
 others' last clock messages. A message that another node sends at t1 by its clock and that arrives
@@ -30,12 +29,14 @@ from onboard.bus.schema import ClockMessage, HeardClock
 
 # Crystals are within 100 ppm; a host whose wall clock is being disciplined slews its monotonic
 # clock too, by up to 500.
-DRIFT = 1e-3  # by which two such clocks run apart at most, per time
+DRIFT = 1e-3  # largest change of the difference of two such clocks, over the time that has passed
 _UNKNOWN_DELAY_NS = 20_000_000  # delay of a message that is assumed while nothing is measured
 _SAME_CLOCK_NS = 500_000_000  # a stamp at most this long before its arrival may be by our own clock
-_FORGET_NS = 60_000_000_000  # without a message, after which a node makes room for another one
+_FORGET_NS = 60_000_000_000  # a node that is silent for this time may be forgotten
 _MAX_NODES = 64
-_SILENT_NS = 1_800_000_000  # without a message that agrees with the known bounds: three are missing
+# The known bounds may be replaced after this time without a message that agrees with them: three
+# messages are missing by then.
+_SILENT_NS = 1_800_000_000
 _CONFIRMATIONS = 3  # contradicting messages in a row that must agree with each other
 
 

@@ -31,7 +31,7 @@ from onboard.bus.schema import (
 from onboard.bus.topics import Topic
 
 BEAT_S = 0.5  # from one clock message to the next
-_WARN_AFTER_NS = 5_000_000_000  # since the first pose that cannot be used
+_WARN_AFTER_NS = 5_000_000_000  # time from the first pose that cannot be used to the warning
 
 log = logging.getLogger("covey.clock")
 Stamped = TypeVar("Stamped", StateMessage, MocapPose, Corrections)

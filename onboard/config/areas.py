@@ -15,7 +15,7 @@ from onboard.tuples import Xyz
 
 Point = tuple[float, float]  # east, north [m]
 
-BELOW_FLOOR_M = 0.5  # by which a height measured on the ground may be below the floor of a fence
+BELOW_FLOOR_M = 0.5  # a height measured on the ground may be below the floor of a fence by this
 _ON_EDGE_M = 1e-9  # a position nearer to an edge, or to a centre, has no direction from it
 
 
@@ -173,11 +173,12 @@ def nearest(area: Area, x: float, y: float) -> Nearest:
     for (x1, y1), (x2, y2) in edges_of(area.corners_enu_m):
         along_x = x2 - x1
         along_y = y2 - y1
-        share = ((x - x1) * along_x + (y - y1) * along_y) / (along_x**2 + along_y**2)
-        share = min(1.0, max(0.0, share))
+        # the nearest point of the edge, as a share of the edge's length
+        edge_share = ((x - x1) * along_x + (y - y1) * along_y) / (along_x**2 + along_y**2)
+        edge_share = min(1.0, max(0.0, edge_share))
 
-        nearest_x = x1 + share * along_x
-        nearest_y = y1 + share * along_y
+        nearest_x = x1 + edge_share * along_x
+        nearest_y = y1 + edge_share * along_y
         distance_m = math.hypot(x - nearest_x, y - nearest_y)
         if distance_m < least_m:
             least_m = distance_m
@@ -189,7 +190,7 @@ def nearest(area: Area, x: float, y: float) -> Nearest:
     if least_m > _ON_EDGE_M:
         normal_x = sign * (x - nearest_x) / least_m
         normal_y = sign * (y - nearest_y) / least_m
-    else:
+    else:  # the edge turned to the left, where vehicles are allowed
         length_m = math.hypot(along_x, along_y)
         normal_x = -along_y / length_m
         normal_y = along_x / length_m
@@ -294,10 +295,13 @@ def is_crossed(area: Area, begin_enu_m: Xyz, end_enu_m: Xyz) -> bool:
     (x1, y1), (x2, y2) = leg
     center_x, center_y = area.center_enu_m
     length_2 = (x2 - x1) ** 2 + (y2 - y1) ** 2
-    share = 0.0
+    leg_share = 0.0  # nearest point of the line, as a share of its length
     if length_2 > 0.0:
-        share = ((center_x - x1) * (x2 - x1) + (center_y - y1) * (y2 - y1)) / length_2
-        share = min(1.0, max(0.0, share))
-    least_m = math.hypot(x1 + share * (x2 - x1) - center_x, y1 + share * (y2 - y1) - center_y)
-    most_m = max(math.hypot(x - center_x, y - center_y) for x, y in leg)
-    return least_m <= area.radius_m <= most_m
+        leg_share = ((center_x - x1) * (x2 - x1) + (center_y - y1) * (y2 - y1)) / length_2
+        leg_share = min(1.0, max(0.0, leg_share))
+
+    nearest_x = x1 + leg_share * (x2 - x1)
+    nearest_y = y1 + leg_share * (y2 - y1)
+    nearest_m = math.hypot(nearest_x - center_x, nearest_y - center_y)
+    farthest_m = max(math.hypot(x - center_x, y - center_y) for x, y in leg)
+    return nearest_m <= area.radius_m <= farthest_m

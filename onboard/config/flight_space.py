@@ -200,9 +200,7 @@ def _moved_inside(area: Area, position_enu_m: Xyz, inside_m: float) -> Xyz:
         return position_enu_m
 
     nearest = areas.nearest(area, x, y)
-    missing_m = area.buffer_m + inside_m - nearest.room_m
-    if missing_m <= 0.0:
+    needed_m = area.buffer_m + inside_m  # distance of the moved position from the edge
+    if needed_m - nearest.room_m <= 0.0:
         return x, y, z
-
-    reach_m = area.buffer_m + inside_m
-    return (nearest.x + reach_m * nearest.normal_x, nearest.y + reach_m * nearest.normal_y, z)
+    return (nearest.x + needed_m * nearest.normal_x, nearest.y + needed_m * nearest.normal_y, z)

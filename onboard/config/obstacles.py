@@ -51,13 +51,13 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for x1, y1, x2, y2, radius_m in self.capsules_enu_m:
             # nearest point of the segment, as a share of its length
             length_2 = (x2 - x1) ** 2 + (y2 - y1) ** 2
-            share = 0.0
+            segment_share = 0.0
             if length_2 > 0.0:
-                share = ((x - x1) * (x2 - x1) + (y - y1) * (y2 - y1)) / length_2
-            share = min(1.0, max(0.0, share))
+                segment_share = ((x - x1) * (x2 - x1) + (y - y1) * (y2 - y1)) / length_2
+            segment_share = min(1.0, max(0.0, segment_share))
 
-            to_east_m = x - x1 - share * (x2 - x1)
-            to_north_m = y - y1 - share * (y2 - y1)
+            to_east_m = x - x1 - segment_share * (x2 - x1)
+            to_north_m = y - y1 - segment_share * (y2 - y1)
             nearest_m = min(nearest_m, math.hypot(to_east_m, to_north_m) - radius_m)
 
             # a position is inside if a ray to the east crosses the outline an odd number of times

@@ -427,11 +427,11 @@ def crowding(fleet: FleetConfig, vehicles: list[Vehicle]) -> Finding:
     for area in flight_space_of(fleet).areas:
         if area.keeps_in:
             area_m2 = min(area_m2, areas.size_m2(area))
-    share = count * math.sqrt(0.75) * parking_distance_m(fleet) ** 2 / area_m2
+    parked_share = count * math.sqrt(0.75) * parking_distance_m(fleet) ** 2 / area_m2
 
     return at_most(
         name="crowding",
-        value=100.0 * share,
+        value=100.0 * parked_share,
         bound=30.0,
         unit="%",
         sentence=(

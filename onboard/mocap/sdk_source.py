@@ -27,8 +27,8 @@ from onboard.mocap.source import OnMalformed, OnPose
 
 _LOST_NS = 100_000_000  # a body that is missing for so long is passed on as not tracked
 _FORGOTTEN_NS = 10_000_000_000  # a body that is missing for so long is not passed on any more
-QUIET_S = 2.0  # without frames, after which the reading process is started again
-CONNECT_S = 5.0  # the same for the time before the first frame
+QUIET_S = 2.0  # the reading process is started again after this time without frames
+CONNECT_S = 5.0  # the same, before the first frame
 _AGAIN_S = 1.0  # pause before the reading process is started again
 _POLL_MS = 100  # longest time until a stop is noticed
 _LENGTH_BYTES = 4  # before each frame in the pipe

@@ -441,18 +441,23 @@ def _estimate_rows(
     """Compute and write the state of each vehicle, and the memory of its filter after that."""
     for m in range(memories.shape[0]):
         own_params = _read_filter_params(params[m % params.shape[0]])
-        i = inputs[m]  # see FleetEstimator.step
-        quaternion = (i[0], i[1], i[2], i[3])
-        sample = Vec3(i[6], i[7], i[8])
+        row = inputs[m]  # FleetEstimator.step has filled its columns
+        quaternion = (row[0], row[1], row[2], row[3])
+        thrust_frac = row[4]
+        hover_frac = row[5]
+        sample = Vec3(row[6], row[7], row[8])
+        yaw_rad = row[9]
 
         memory = _read_filter(memories[m])
-        motion = kalman.drive(memory.motion, quaternion, i[4], i[5], own_params, dt_s, False)
+        motion = kalman.drive(
+            memory.motion, quaternion, thrust_frac, hover_frac, own_params, dt_s, False
+        )
         motion = kalman.correct(motion, sample, age_s, own_params)
-        air = wind.step(memory.wind, motion.bias_enu_m_s2, dt_s, False)
+        wind_memory = wind.step(memory.wind, motion.bias_enu_m_s2, dt_s, False)
 
-        _write_filter(EstimatorMemory(motion, air), memories[m])
-        state = kalman.state(motion, i[9], 0.0, 0.0)
-        _write_state(wind.widened(state, air, own_params.gust_time_s), states[m])
+        _write_filter(EstimatorMemory(motion, wind_memory), memories[m])
+        state = kalman.state(motion, yaw_rad, 0.0, 0.0)
+        _write_state(wind.widened(state, wind_memory, own_params.gust_time_s), states[m])
 
 
 @lru_cache(maxsize=1)

@@ -248,7 +248,8 @@ class _Legs:
         self.is_parked = np.array(scenario.is_parked or [False] * vehicles)
         self.arrival_s = np.full((flights, legs), np.inf)
 
-        # of each flight: its present leg, the time since that began, and whether the flight goes on
+        # of each flight: the index of its present leg (the number of legs after the last one), the
+        # time since that leg began, and whether the flight goes on
         self._leg = np.zeros(flights, np.int64)
         self._time_s = np.zeros(flights)
         self._is_open = np.ones(flights, bool)
@@ -270,22 +271,22 @@ class _Legs:
         scenario = self._scenario
         leg = np.minimum(self._leg, self._leg_count - 1)
         goal_enu_m = scenario.legs_enu_m[self._flights, leg]
-        away_m = np.sqrt(((position_enu_m - goal_enu_m) ** 2).sum(-1))
+        distance_m = np.sqrt(((position_enu_m - goal_enu_m) ** 2).sum(-1))
 
-        self._near_s = np.where(away_m < scenario.arrival_m, self._near_s + TICK_S, 0.0)
+        self._near_s = np.where(distance_m < scenario.arrival_m, self._near_s + TICK_S, 0.0)
         self._time_s = self._time_s + TICK_S
 
         has_settled = self._near_s >= scenario.settle_s
         has_arrived = np.asarray(has_settled[:, ~self.is_parked].all(-1))
         is_late = self._time_s >= scenario.timeout_s
 
-        # the arrival is at the begin of the time for which the vehicle has settled
-        done = np.flatnonzero(self._is_open & (has_arrived | is_late))
-        arrival_s = np.where(has_arrived[done], self._time_s[done] - scenario.settle_s, np.inf)
-        self.arrival_s[done, self._leg[done]] = arrival_s
+        # The flights whose leg ends at this tick. Vehicles arrived when they began to settle.
+        ended = np.flatnonzero(self._is_open & (has_arrived | is_late))
+        arrival_s = np.where(has_arrived[ended], self._time_s[ended] - scenario.settle_s, np.inf)
+        self.arrival_s[ended, self._leg[ended]] = arrival_s
 
-        self._leg[done] += 1
-        self._time_s[done] = 0.0
-        self._near_s[done] = 0.0
+        self._leg[ended] += 1
+        self._time_s[ended] = 0.0
+        self._near_s[ended] = 0.0
         self._is_open = self._is_open & (self._leg < self._leg_count)
         return bool(self._is_open.any())

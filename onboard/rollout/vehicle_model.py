@@ -165,6 +165,7 @@ class VehicleModels:
     @property
     def quaternion_wxyz(self) -> Array:
         """Attitudes (F, N, 4), FLU to ENU, with the heading to the east."""
+        # the shortest turn from the vertical to the direction (slope_x, slope_y, 1) of the thrust
         q = np.zeros((*self.thrust.shape, 4))
         q[..., 0] = 1.0 + np.sqrt(1.0 + np.einsum("...c,...c->...", self.slope, self.slope))
         q[..., 1] = -self.slope[..., 1]
@@ -180,6 +181,7 @@ class VehicleModels:
             p: gives the gusts' size and correlation time.
             dt_s: length of the tick.
         """
+        # slopes of the body's up axis, and throttle
         q = attitude["quaternion_wxyz"]
         up_x = 2.0 * (q[..., 1] * q[..., 3] + q[..., 0] * q[..., 2])
         up_y = 2.0 * (q[..., 2] * q[..., 3] - q[..., 0] * q[..., 1])
@@ -193,13 +195,14 @@ class VehicleModels:
         for _ in range(_SUBSTEPS):
             self._substep(sent, dt_s / _SUBSTEPS)
 
-    def _substep(self, sent: Array, h: float) -> None:
+    def _substep(self, sent: Array, step_s: float) -> None:
         """Move all vehicles by a part of a tick.
 
         Args:
             sent: slopes and throttle (F, N, 3).
-            h: length of the part [s].
+            step_s: length of the part.
         """
+        # the setpoints of one dead time ago
         self.queue = np.concatenate([sent[None], self.queue[:-1]])
         by_vehicle = [self.queue[delay, :, n] for n, delay in enumerate(self.delay)]
         delayed = np.stack(by_vehicle, axis=1)
@@ -207,12 +210,12 @@ class VehicleModels:
         # slopes: second order
         setpoint = self.gain[..., None] * delayed[..., :2] + self.bias
         damping = (2.0 * self.zeta * self.wn)[..., None] * self.slope_rate
-        push = self.wn[..., None] ** 2 * (setpoint - self.slope) - damping
-        self.slope_rate = self.slope_rate + h * push
-        self.slope = self.slope + h * self.slope_rate
+        slope_acceleration = self.wn[..., None] ** 2 * (setpoint - self.slope) - damping
+        self.slope_rate = self.slope_rate + step_s * slope_acceleration
+        self.slope = self.slope + step_s * self.slope_rate
 
         # thrust: first order
-        blend = 1.0 - np.exp(-h / self.motor_lag)
+        blend = 1.0 - np.exp(-step_s / self.motor_lag)
         commanded = delayed[..., 2] / self.hover * GRAVITY_M_S2
         self.thrust = self.thrust + blend * (commanded - self.thrust)
 
@@ -223,5 +226,6 @@ class VehicleModels:
         acceleration = force - self.drag[..., None] * self.velocity + self.gust
         acceleration[..., 2] -= GRAVITY_M_S2
 
-        self.position = self.position + h * self.velocity + 0.5 * h * h * acceleration
-        self.velocity = self.velocity + h * acceleration
+        moved = step_s * self.velocity
+        self.position = self.position + moved + 0.5 * step_s * step_s * acceleration
+        self.velocity = self.velocity + step_s * acceleration

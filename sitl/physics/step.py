@@ -192,8 +192,8 @@ def _lift(m: Record, r: Record, thrust_frac: float, is_turning: bool, draw: floa
     m.thrust_noise = (1.0 - _NOISE_BLEND) * m.thrust_noise + _NOISE_SPREAD * draw
 
     healthy_share = (1.0 - r.curve) * thrust + r.curve * thrust * thrust
-    share = min(m.lift_scale * healthy_share, m.lift_cap)
-    lift = share * r.full_lift * (1.0 + r.thrust_noise_std * m.thrust_noise)
+    available_share = min(m.lift_scale * healthy_share, m.lift_cap)
+    lift = available_share * r.full_lift * (1.0 + r.thrust_noise_std * m.thrust_noise)
     m.lift_share = lift / GRAVITY_M_S2
     return float(lift)
 
@@ -391,18 +391,19 @@ def step(
         m = motion[i]
         r = response[i]
 
-        # The commands of one dead time ago.
-        now = commanded[newest, i]
+        # Whether motors and body rates are commanded counts at once. Everything else is commanded
+        # one dead time before it is flown.
+        present = commanded[newest, i]
         by_tilt = commanded[(newest - r.tilt_delay) % depth, i]
         by_heading = commanded[(newest - r.yaw_delay) % depth, i]
         by_rate = commanded[(newest - r.rate_delay) % depth, i]
         by_thrust = commanded[(newest - r.thrust_delay) % depth, i]
 
-        is_turning = now.motors_on and not m.motors_dead
+        is_turning = present.motors_on and not m.motors_dead
         lift = _lift(m, r, by_thrust.thrust, is_turning, draws[i, 0])
         m.is_powered = is_turning and m.lift_scale >= 1.0
 
-        if now.is_rate:
+        if present.is_rate:
             m.rate_steps += 1
         else:
             m.rate_steps = 0

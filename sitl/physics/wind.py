@@ -49,10 +49,10 @@ def wandered(value: Array, std: Array | float, time_s: float, dt_s: float, norma
         dt_s: length of the step.
         normals: standard normal numbers of the shape of the value.
     """
-    kept_share = 0.0
+    correlation = 0.0  # of the values before and after the step
     if time_s > 0.0:
-        kept_share = math.exp(-dt_s / time_s)
-    return kept_share * value + std * math.sqrt(1.0 - kept_share * kept_share) * normals
+        correlation = math.exp(-dt_s / time_s)
+    return correlation * value + std * math.sqrt(1.0 - correlation * correlation) * normals
 
 
 class Wind:

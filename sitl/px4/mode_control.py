@@ -191,8 +191,8 @@ class ModeControl:
         # The speed grows from a share of the climb speed, so that the vehicle leaves the ground at
         # once.
         ramp_s = max(params["MPC_TKO_RAMP_T"], _LEAST_RAMP_S)
-        share = min(1.0, _FIRST_SHARE + climbing_s / ramp_s)
-        up_m_s = share * params["MPC_TKO_SPEED"]
+        speed_share = min(1.0, _FIRST_SHARE + climbing_s / ramp_s)
+        up_m_s = speed_share * params["MPC_TKO_SPEED"]
         self._fly(inputs, PositionGoal(position, _ZERO, yaw_rad), params, up_m_s=up_m_s)
 
     def _has_reached_takeoff_height(self, inputs: AutopilotInputs, params: Parameters) -> bool:
