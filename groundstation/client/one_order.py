@@ -12,6 +12,8 @@ from groundstation.orders.result import Results
 from onboard.bus.control_token import OPEN_TO_ALL
 
 CONNECT_S = 3.0  # longest wait until the vehicles are heard
+# Longest wait before a kill for the telemetry of all others, which comes 5 to 10 times a second.
+_OTHERS_S = 0.25
 
 
 async def order_once(
@@ -36,12 +38,17 @@ async def order_once(
     try:
         await client.wait_for(can_order, CONNECT_S)
         if isinstance(intent, Kill):
+            await client.wait_for(_are_all_heard, _OTHERS_S)
             below = below_words(intent.names, client.fleet, client.state, client.now_ns())
             if below:
                 say(below)
         return await client.order(intent, timeout_s)
     finally:
         await client.stop()
+
+
+def _are_all_heard(state: FleetState) -> bool:
+    return all(view.telemetry is not None for view in state.vehicles.values())
 
 
 def _is_ready(client: FleetClient, state: FleetState, intent: Intent) -> bool:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
+import functools
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import pytest
@@ -25,6 +27,7 @@ def order(
     *words: str,
     misbehave: Mapping[str, str] | None = None,
     heights_m: Mapping[str, float] | None = None,
+    heard_later: Collection[str] = (),
 ) -> int:
     """Give an order to agents that do what they are told, or misbehave.
 
@@ -32,6 +35,7 @@ def order(
         words: the order.
         misbehave: how an agent does, by its vehicle.
         heights_m: of vehicles that fly above one place; the others stand.
+        heard_later: vehicles whose first telemetry comes after that of the others.
     """
     column_m = heights_m or {}
 
@@ -48,7 +52,11 @@ def order(
                 if name in column_m:
                     changes["is_airborne"] = True
                     changes["position_enu_m"] = (0.0, 0.0, column_m[name])
-                bus.tell(name, **changes)
+                tell = functools.partial(bus.tell, name, **changes)
+                if name in heard_later:
+                    asyncio.get_running_loop().call_later(0.05, tell)
+                else:
+                    tell()
 
         found.start = started  # type: ignore[method-assign]
         return found
@@ -87,11 +95,15 @@ def test_a_landing_that_neither_agents_nor_px4s_answer_is_answered_by_nobody(
     assert capsys.readouterr().err.count("PX4 did not answer either") == 3
 
 
+@pytest.mark.parametrize("heard_later", [(), ("mav0", "mav2")])
 def test_who_kills_the_top_of_a_column_reads_who_is_below(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    heard_later: tuple[str, ...],
 ) -> None:
     column = {"mav0": 1.0, "mav1": 2.5}
-    assert order(monkeypatch, "kill", "mav1", heights_m=column) == 0
+    status = order(monkeypatch, "kill", "mav1", heights_m=column, heard_later=heard_later)
+    assert status == 0
     assert capsys.readouterr().err == "mav1 falls on mav0, 1.5 m below.\n"
 
 
