@@ -5,6 +5,7 @@ Examples:
   covey simulate swap8x --seeds 0:1 --plot swap8.png
   covey simulate mix --seeds 200:242 --set law.rotation=never --json
   covey simulate circle.json --law my_law:law
+  covey simulate --suite open --law my_law:law --jobs 2 --keep my_law.jsonl
   covey simulate --map --jobs 2
 
 NAME.json is a scene: a file of yours, or one of Covey's (docs/open-benchmark.md).
@@ -12,6 +13,8 @@ NAME.json is a scene: a file of yours, or one of Covey's (docs/open-benchmark.md
 With --map: cells over delay, loss, top speed and number of vehicles, a screening of each first. It
 can be interrupted, and goes on where it was. --cells AXIS=VALUES flies a part of it (vehicles,
 speed_m_s, delay_ms, loss_pct, errors).
+
+With --suite: all scenes of the open benchmark, as a table with exact intervals.
 
 Exit status: 0 all flights succeed without violation, no cell of a map fails; 1 otherwise; 2 wrong
 input.
@@ -33,7 +36,7 @@ from onboard.exit_status import EXIT_FAILED, EXIT_OK
 from sitl.monte_carlo import campaign_settings, flight_plans, results, scenarios
 from sitl.monte_carlo.command import run
 from sitl.monte_carlo.law_map.map_command import fly_map
-from sitl.monte_carlo.open_benchmark import scene_file, scene_plans
+from sitl.monte_carlo.open_benchmark import scene_file, scene_plans, suite_command
 
 _LAWS = ", ".join(BUILT_IN)
 _ERRORS = ", ".join(campaign_settings.ERRORS)
@@ -44,6 +47,7 @@ Laws: {_LAWS}, or your own as module:function. Classes of errors: {_ERRORS}.
 Keys of --set: {", ".join(campaign_settings.keys(with_aliases=True))}."""
 
 _DEFAULT_SEEDS = "0:10"
+_SUITE_SEEDS = "1000:1020"  # about an hour on two cores for a law in Python
 _DEFAULT_ERRORS = "mocap"
 _DEFAULT_SCALE = 1.0
 
@@ -66,6 +70,8 @@ def simulate(
     cells: Annotated[tuple[str, ...], Parameter(metavar="AXIS=VALUES")] = (),
     flights: Annotated[int, Parameter(metavar="N")] = 500,
     scheduler: Annotated[str | None, Parameter(metavar="ADDRESS")] = None,
+    suite: Annotated[str | None, Parameter(metavar="NAME")] = None,
+    keep: Annotated[Path | None, Parameter(metavar="FILE")] = None,
     anew: bool = False,
 ) -> int:
     """Fly a scenario once per seed, and say how often it succeeds and how near vehicles come.
@@ -75,7 +81,7 @@ def simulate(
 
     Args:
         scenario: one or several, or one file with a scene
-        seeds: half-open range, or one seed
+        seeds: half-open range, or one seed (of the suite 1000:1020)
         law: avoidance law, or your own as module:function (default covey)
         errors: class of errors of the estimate
         type: vehicle types, given in turn (default sih)
@@ -90,11 +96,33 @@ def simulate(
         map_file: file that keeps the map
         cells: only these cells of the map; repeatable
         flights: in a cell of the map that does not fail
-        scheduler: fly the map on a Dask cluster (extra 'cluster')
-        anew: begin the map anew; the old file is kept as .old
+        suite: judge a law over all scenes of the open benchmark; the name is open
+        keep: file that keeps the flights of the suite, from which the same command goes on
+        scheduler: fly the map or the suite on a Dask cluster (extra 'cluster')
+        anew: begin the map or the suite anew; the old file is kept as .old
     """
     if jobs < 1:
         raise ConfigError(f"--jobs is {jobs}; it must be 1 or more.")
+
+    if suite is not None:
+        is_changed = (errors, scale) != (_DEFAULT_ERRORS, _DEFAULT_SCALE)
+        if suite != "open":
+            raise ConfigError(f"--suite is '{suite}'; there is only the suite 'open'.")
+        if is_changed or any((scenario, set, type, fleet, trace, plot, json, map)):
+            raise ConfigError(
+                "--suite flies its own scenes and values; of the other options it takes --law, "
+                "--seeds, --jobs, --scheduler, --keep and --anew."
+            )
+        text = _SUITE_SEEDS if seeds == _DEFAULT_SEEDS else seeds
+        is_whole = suite_command.judge(
+            law or "covey",
+            _seeds(text),
+            jobs=jobs,
+            scheduler=scheduler,
+            keep=keep,
+            is_anew=anew,
+        )
+        return EXIT_OK if is_whole else EXIT_FAILED
 
     if map:
         is_changed = (seeds, errors, scale) != (_DEFAULT_SEEDS, _DEFAULT_ERRORS, _DEFAULT_SCALE)

@@ -191,11 +191,34 @@ def upper_bound(events: int, count: int) -> float:
     if events >= count:
         return 1.0
 
+    return _upper_end(events, count, 0.05)
+
+
+def interval(events: int, count: int) -> tuple[float, float]:
+    """Return the exact interval of the true rate of events, with 95 % confidence.
+
+    This is the interval of Clopper and Pearson. With no event, or with nothing but events, it has
+    one end only, and its other one is that of :func:`upper_bound`.
+    """
+    one_sided = events in (0, count)
+    tail = 0.05 if one_sided else 0.025
+
+    low = 0.0
+    if events > 0:
+        low = 1.0 - _upper_end(count - events, count, tail)
+    high = 1.0
+    if events < count:
+        high = _upper_end(events, count, tail)
+    return low, high
+
+
+def _upper_end(events: int, count: int, tail: float) -> float:
+    """Return the rate at which so few events, or fewer, have this probability."""
     low = events / count
     high = 1.0
     for _ in range(60):  # bisection
         rate = 0.5 * (low + high)
-        if _chance_of_at_most(events, count, rate) > 0.05:
+        if _chance_of_at_most(events, count, rate) > tail:
             low = rate
         else:
             high = rate

@@ -37,6 +37,7 @@ PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
     "gallery": ("gallery.md", reference.gallery),
     "mission-file": ("mission-file.md", reference.mission_file),
     "scenes": ("open-benchmark.md", reference.scenes),
+    "open-laws": ("open-benchmark.md", reference.open_laws),
     "scene-file": ("open-benchmark.md", reference.scene_file),
     "python-api": ("python-api.md", api_reference.python_api),
 }

@@ -7,6 +7,8 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Mapping
+from importlib import import_module
+from importlib.metadata import entry_points
 from typing import Any
 
 from groundstation.formations.frame import FramePoint
@@ -18,6 +20,7 @@ from onboard.config.fences import Fence, FenceCircle
 from onboard.config.fleet_config import FleetSection, Geofence, Origin, Vehicle
 from onboard.config.formation_shape import FormationShape, ShapeName
 from onboard.config.law import LawConfig
+from onboard.config.law_import import GROUP
 from onboard.config.mocap import MocapConfig
 from onboard.config.obstacles import Circle, Obstacle
 from onboard.config.radio import RadioConfig
@@ -232,6 +235,25 @@ def scenes() -> str:
     lines = ["| scene | what happens |", "|---|---|"]
     for name in scene_structs.names():
         lines.append(f"| `{name}` | {scene_structs.load(f'{name}.json').about} |")
+    return "\n".join(lines)
+
+
+_BUILT_IN = {
+    "covey": "Covey's law: [the law](law.md)",
+    "paper": "the paper's law of two vehicles, from which Covey's grew",
+    "off": "no avoidance at all",
+}
+
+
+def open_laws() -> str:
+    """Print the laws of the open benchmark, those of other people with their papers."""
+    lines = ["| law | what it does, and where it comes from |", "|---|---|"]
+    for name, words in _BUILT_IN.items():
+        lines.append(f"| `{name}` | {words} |")
+    for law in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
+        if law.value.startswith("sitl."):
+            words = str(inspect.getdoc(import_module(law.module)))
+            lines.append(f"| `{law.name}` | {' '.join(words.split()).replace('|', '¦')} |")
     return "\n".join(lines)
 
 

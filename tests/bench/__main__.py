@@ -48,6 +48,10 @@ BENCHMARKS = {
         "tests.bench.peers.bench",
         "the law beside other methods, and without each of its ideas",
     ),
+    "open": (
+        "tests.bench.open_benchmark",
+        "the leaderboard of the open benchmark, from what --suite open has kept",
+    ),
     "worst-case": ("tests.bench.worst_case", "search the settings in which vehicles come nearest"),
     "wind": ("tests.bench.wind", "winds, gusts, fleets and seeds: what comes of a mission in each"),
     "digest": (

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from onboard.config.fleet import ConfigError
 from onboard.plain_text import drawing
+from sitl.monte_carlo.executors import say
 from sitl.monte_carlo.law_map import map_summary, run, unit_flights
 from sitl.monte_carlo.law_map.cells import STAGES, Cell, Unit, cells
 from sitl.monte_carlo.law_map.results_file import ResultsFile, digest
@@ -43,7 +44,7 @@ def fly_map(
         try:
             run.run(selected, file, stages=stages, jobs=jobs, scheduler=scheduler)
         except KeyboardInterrupt:
-            run.say(
+            say(
                 f"interrupted; {path} keeps what was flown, and the same command goes on from there"
             )
             raise

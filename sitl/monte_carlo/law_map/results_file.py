@@ -1,7 +1,7 @@
-"""The file of the results of a law map: one JSON line for each unit that has been flown.
+"""The file of results of a map or a benchmark: one JSON line for each unit that has been flown.
 
 The map of the law (``covey simulate --map``) shows in which cells of delay, loss, speed and number
-of vehicles the law holds. A unit is a batch of flights in one cell. A map can be interrupted at any
+of vehicles the law holds. A unit is a batch of flights in one cell. A run can be interrupted at any
 time, and continued from its file.
 """
 
@@ -13,32 +13,52 @@ import json
 import os
 from pathlib import Path
 from types import TracebackType
+from typing import NamedTuple
 
 from onboard.config.file_reading import RESULTS_FILE, json_values, opened, read_bytes
 from onboard.config.fleet import ConfigError
 from sitl.monte_carlo.law_map.unit_flights import SCHEMA, MapRow
 
-_BEGIN = b'{"law_map": '
-# keys of a row whose values are numbers
-_NUMBERS = ("flights", "below", "collisions", "arrived", "worst_m", "speed_m_s")
+
+class ResultsKind(NamedTuple):
+    """What a file of results is of."""
+
+    head: str  # key of the first line, whose value is the schema
+    command: str  # that writes it
+    option: str  # of that command, which names the file
+    numbers: tuple[str, ...]  # keys of a row whose values are numbers
+    others: tuple[str, ...] = ()  # further keys that a row must have
+
+
+MAP = ResultsKind(
+    head="law_map",
+    command="covey simulate --map",
+    option="--map-file",
+    numbers=("flights", "below", "collisions", "arrived", "worst_m", "speed_m_s"),
+    others=("ratio",),
+)
 
 
 class ResultsFile:
     """The rows of a map in a file that only one run at a time can write; a context manager."""
 
-    def __init__(self, path: Path, version: str, *, is_anew: bool = False) -> None:
+    def __init__(
+        self, path: Path, version: str, *, kind: ResultsKind = MAP, is_anew: bool = False
+    ) -> None:
         """Open or begin the file.
 
         Args:
             path: path of the file.
             version: version of the law that flies now (``unit_flights.version``).
+            kind: what the file is of.
             is_anew: whether an existing file is put aside as PATH.old, and a new one begun.
 
         Raises:
-            ConfigError: another run is writing the file, or it is no map, or the map of another
+            ConfigError: another run is writing the file, or it is no such file, or of another
                 version.
         """
         self.path = path
+        self._kind = kind
         self.version = version
         try:
             if is_anew and path.exists():
@@ -58,7 +78,7 @@ class ResultsFile:
         except OSError:
             os.close(self._descriptor)
             raise ConfigError(
-                f"{path}: another run is writing this map. Let it end, or name another file."
+                f"{path}: another run is writing this file. Let it end, or name another file."
             ) from None
         except ConfigError:
             os.close(self._descriptor)
@@ -82,21 +102,22 @@ class ResultsFile:
         data = read_bytes(self.path, RESULTS_FILE)
         complete = data[: data.rfind(b"\n") + 1]
 
-        # a file that is no map is not changed
-        if data and not data.startswith(_BEGIN[: len(data)]):
+        # a file of another kind is not changed
+        begin = f'{{"{self._kind.head}": '.encode()
+        if data and not data.startswith(begin[: len(data)]):
             raise ConfigError(
-                f"{self.path}: this is no file of `covey simulate --map`. Name another one."
+                f"{self.path}: this is no file of `{self._kind.command}`. Name another one."
             )
 
         head: MapRow = {}
         rows: dict[tuple[str, int], MapRow] = {}
         if complete:
-            head, rows = parsed(complete.decode("utf-8", "replace"), self.path)
+            head, rows = parsed(complete.decode("utf-8", "replace"), self.path, self._kind)
 
         if len(complete) < len(data):
             os.ftruncate(self._descriptor, len(complete))
         if not complete:
-            self._append({"law_map": SCHEMA, "version": self.version})
+            self._append({self._kind.head: SCHEMA, "version": self.version})
             return {}
 
         if head["version"] != self.version:
@@ -104,7 +125,7 @@ class ResultsFile:
                 f"{self.path} was flown by another version of the law, its vehicles, or on another "
                 f"kind of processor ({head['version']}, here {self.version}): its flights and "
                 "these are not added up. Continue with that version, name another file with "
-                "--map-file, or begin anew with --anew, which keeps it as .old."
+                f"{self._kind.option}, or begin anew with --anew, which keeps it as .old."
             )
         return rows
 
@@ -129,35 +150,42 @@ class ResultsFile:
             )
 
 
-def parsed(text: str, path: Path) -> tuple[MapRow, dict[tuple[str, int], MapRow]]:
+def parsed(
+    text: str, path: Path, kind: ResultsKind = MAP
+) -> tuple[MapRow, dict[tuple[str, int], MapRow]]:
     """Return the head of a file of results, which holds the version, and the rows.
 
     If two rows are of the same stage of a cell, the first one counts.
+
+    Args:
+        text: content of the file.
+        path: path of the file, for messages.
+        kind: what the file is of.
 
     Raises:
         ConfigError: the text is no file of results, is damaged, or has an unknown schema.
     """
     try:
         head, *lines = (json_values(line, str(path)) for line in text.splitlines())
-        schema = head["law_map"]
+        schema = head[kind.head]
         version = str(head["version"])
 
         rows: dict[tuple[str, int], MapRow] = {}
         for row in lines:
-            has_numbers = all(isinstance(row[name], int | float) for name in _NUMBERS)
-            if not has_numbers or "ratio" not in row:
+            has_numbers = all(isinstance(row[name], int | float) for name in kind.numbers)
+            if not has_numbers or not all(name in row for name in kind.others):
                 raise TypeError(f"numbers are missing in {row['cell']}")
             key = (str(row["cell"]), int(row["stage"]))
             rows.setdefault(key, row)
     except (ValueError, KeyError, TypeError) as error:
         raise ConfigError(
-            f"{path}: this is no file of `covey simulate --map`, or it is damaged ({error}). Name "
+            f"{path}: this is no file of `{kind.command}`, or it is damaged ({error}). Name "
             "another, or begin anew with --anew, which keeps it as .old."
         ) from None
 
     if schema != SCHEMA:
         raise ConfigError(
-            f"{path}: a map of schema {schema}; this version of Covey reads {SCHEMA}. "
+            f"{path}: a file of schema {schema}; this version of Covey reads {SCHEMA}. "
             "Begin with --anew."
         )
     return {"version": version}, rows

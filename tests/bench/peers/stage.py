@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from onboard.avoidance import interface, oist
 from onboard.avoidance.own_law import LawInputs
 from onboard.types import Thrust
+from sitl.monte_carlo.open_benchmark.laws.covey import law as covey_law
 from tests.bench.peers.encounter import Encounter, Step
 
 Law = Callable[[Any, LawInputs], tuple[Any, Thrust]]
+covey: Law = covey_law  # Covey's own law, as anybody else's
 _PURSUIT_SHARE = 1.25  # of the top speed, which the pipeline's pursuit may fly
 _UNTIMED_CALLS = 5  # memory that is allocated or cached on first use is none of the method's cost
 
@@ -52,26 +53,6 @@ def law_of(step: Step, values: Mapping[str, float]) -> Law:
         return None, inputs.limited(float(x), float(y))
 
     return law
-
-
-def covey(memory: oist.LawMemory | None, inputs: LawInputs) -> tuple[oist.LawMemory, Thrust]:
-    """Covey's own law, as anybody else's: to time it, and to show that the door gives all that it
-    needs.
-    """
-    baseline = interface.Baseline(
-        inputs.baseline, inputs.compensation_enu_m_s2, inputs.intent_enu_m_s
-    )
-    memory, output = oist.step(
-        memory or oist.initial(),
-        baseline,
-        inputs.predicted,
-        inputs.state,
-        inputs.received,
-        inputs.obstacles,
-        inputs.vehicle,
-        inputs.dt_s,
-    )
-    return memory, output.thrust
 
 
 class Timed:

@@ -18,7 +18,7 @@ from groundstation.cli import main
 from onboard.config.fleet import ConfigError
 from onboard.feasibility.fleet_checks import fleet_findings
 from onboard.feasibility.law_map import law_map_of
-from sitl.monte_carlo import campaign_settings
+from sitl.monte_carlo import campaign_settings, executors
 from sitl.monte_carlo.law_map import cells, map_summary, run, unit_flights
 from sitl.monte_carlo.law_map.results_file import ResultsFile, digest
 
@@ -143,7 +143,7 @@ def test_a_scheduler_that_dies_is_said_in_words_and_its_flights_are_flown_again_
     monkeypatch.setattr(unit_flights, "fly", flown)
     whole = fly_all(tmp_path / "whole.jsonl")
 
-    monkeypatch.setattr(run, "_cluster", lambda _: (Dying(5), 4))
+    monkeypatch.setattr(executors, "cluster", lambda _: (Dying(5), 4))
     sentences: list[str] = []
 
     with ResultsFile(tmp_path / "map.jsonl", "a") as file:
@@ -160,7 +160,7 @@ def test_a_cluster_whose_workers_die_is_said_in_words_and_one_can_be_interrupted
 ):
     monkeypatch.setattr(unit_flights, "fly", flown)
     for error, goes_on in ((RuntimeError("KilledWorker"), True), (KeyboardInterrupt(), False)):
-        monkeypatch.setattr(run, "_cluster", lambda _, error=error: (Dying(5, error), 4))
+        monkeypatch.setattr(executors, "cluster", lambda _, error=error: (Dying(5, error), 4))
         sentences: list[str] = []
 
         with ResultsFile(tmp_path / f"{goes_on}.jsonl", "a") as file:
@@ -249,7 +249,7 @@ def test_wrong_words_are_refused_before_anything_is_flown(tmp_path, capsys, word
 def test_scheduler_without_its_package_or_without_an_answer_is_refused_in_words(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ConfigError, match="pip install distributed"):
-        run._cluster("tcp://127.0.0.1:1")
+        executors.cluster("tcp://127.0.0.1:1")
 
 
 @pytest.mark.long

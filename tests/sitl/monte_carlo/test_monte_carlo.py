@@ -274,7 +274,10 @@ def test_frozen_vehicle_stops_for_good_and_its_arrival_is_not_asked_for():
     ("words", "said"),
     [
         (["nowhere"], "'nowhere' is not a scenario"),
-        (["form3", "--law", "orca"], "'law.name' is 'orca', but there are only covey, paper, off"),
+        (
+            ["form3", "--law", "nothing"],
+            "'law.name' is 'nothing', but there are only covey, paper, off",
+        ),
         (["form3", "--law", ""], "'law.name' is '', but there are only covey, paper, off"),
         (["form3", "--errors", "lidar"], "--errors is 'lidar'"),
         (["form3", "--type", "jet"], "no vehicle type 'jet'"),

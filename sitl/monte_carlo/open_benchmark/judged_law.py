@@ -1,0 +1,70 @@
+"""The law that a benchmark judges: how it flies in a campaign, and a stop-watch around it.
+
+A law of somebody's own is interpreted, and no law of Covey's is computed beside it: a flight in
+which it would be refused has failed. Covey's laws fly compiled, and are timed in one flight of
+their own, interpreted as on a drone.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from onboard.arrays import Array
+from onboard.avoidance.own_law import LawInputs
+from onboard.avoidance.params import Capsule
+from onboard.config.fleet import OwnLaw
+from onboard.control.pipeline import PipelineParams
+from onboard.rollout import batch
+from onboard.rollout.own_law_fleet import OwnLawFleet
+from onboard.types import Thrust
+from sitl.monte_carlo.campaign_settings import Setup
+from sitl.monte_carlo.open_benchmark.laws import covey
+
+_UNTIMED_CALLS = 20  # memory that is allocated on first use is none of the law's cost
+
+
+class JudgedLaw:
+    """The law of a setup, with the processor time that its calls have taken."""
+
+    def __init__(self, setup: Setup) -> None:
+        """Import the law.
+
+        Args:
+            setup: settings of the flights, which name the law.
+
+        Raises:
+            ConfigError: the law cannot be imported.
+        """
+        own = setup.fleet(1).own_law
+        self.is_own = own is not None
+        self.source_hash = "" if own is None else own.source_hash
+        self._function = covey.law if own is None else own.load()
+        self._name = setup.law
+
+        self.setup = setup
+        if self.is_own:
+            self.setup = replace(setup, law="off")
+        self.busy_s = 0.0
+        self.calls = -_UNTIMED_CALLS
+
+    def __call__(self, memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
+        """Return the law's answer."""
+        begun_s = time.thread_time()
+        answer: tuple[Any, Thrust] = self._function(memory, inputs)
+        self.calls += 1
+        if self.calls > 0:
+            self.busy_s += time.thread_time() - begun_s
+        return answer
+
+    def interpreted(
+        self,
+        params: Sequence[PipelineParams],
+        start_enu_m: Array,
+        obstacles: Sequence[Capsule] = (),
+    ) -> batch.Controller:
+        """Return the control of a batch by this law, interpreted and timed."""
+        law = OwnLaw(name=self._name, source="", source_hash=self.source_hash, load=lambda: self)
+        return OwnLawFleet(law, params, start_enu_m, obstacles)

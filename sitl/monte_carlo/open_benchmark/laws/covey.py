@@ -1,0 +1,25 @@
+"""Covey's own law as anybody's: to time it, and to show that the door gives all that it needs."""
+
+from __future__ import annotations
+
+from onboard.avoidance import interface, oist
+from onboard.avoidance.own_law import LawInputs
+from onboard.types import Thrust
+
+
+def law(memory: oist.LawMemory | None, inputs: LawInputs) -> tuple[oist.LawMemory, Thrust]:
+    """Return the thrust of the law that the parameters of the vehicle name."""
+    baseline = interface.Baseline(
+        inputs.baseline, inputs.compensation_enu_m_s2, inputs.intent_enu_m_s
+    )
+    memory, output = oist.step(
+        memory or oist.initial(),
+        baseline,
+        inputs.predicted,
+        inputs.state,
+        inputs.received,
+        inputs.obstacles,
+        inputs.vehicle,
+        inputs.dt_s,
+    )
+    return memory, output.thrust

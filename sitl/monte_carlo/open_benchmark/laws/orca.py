@@ -1,0 +1,78 @@
+"""ORCA: each vehicle changes its velocity by half of what a pair needs to stay apart for a while.
+
+van den Berg, Guy, Lin, Manocha: Reciprocal n-Body Collision Avoidance, ISRR 2009, sections 3 to 5.
+Where the rows cannot all hold, each gives way by the same amount, as in section 5.3.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from onboard.avoidance.own_law import LawInputs
+from onboard.types import Thrust
+from onboard.vectors import Vec2, dot_2, length_2
+from sitl.monte_carlo.open_benchmark.laws.around import (
+    Body,
+    HalfPlane,
+    bodies,
+    nearest,
+    own_velocity,
+    preferred_velocity,
+    steered,
+)
+
+_HORIZON_S = 4.0  # tau: nobody comes too near within this time
+_TOO_NEAR_S = 0.2  # tau for a body that is too near already
+
+
+def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
+    """Return the thrust towards the nearest velocity that all rows allow."""
+    around = bodies(inputs)
+    velocity = own_velocity(inputs)
+    rows = [orca_row(body, velocity, body.share, _HORIZON_S) for body in around]
+    return None, steered(inputs, nearest(preferred_velocity(inputs, around), rows))
+
+
+def orca_row(body: Body, velocity: Vec2, share: float, horizon_s: float) -> HalfPlane:
+    """Return the half-plane of velocities that a body leaves: ORCA of section 4.
+
+    Args:
+        body: neighbour or obstacle.
+        velocity: own velocity.
+        share: share of the change u that this vehicle makes; 1/2 in the paper.
+        horizon_s: tau.
+    """
+    tau_s = horizon_s if body.distance_m > body.d_m else _TOO_NEAR_S
+    # the velocity obstacle: a cone about -e, cut off by a disc of radius d / tau about -e / tau
+    centre = Vec2(-body.e_m.x / tau_s, -body.e_m.y / tau_s)
+    radius_m_s = body.d_m / tau_s
+    from_centre = Vec2(body.w_m_s.x - centre.x, body.w_m_s.y - centre.y)
+
+    normal, u_m_s = _out_of_disc(from_centre, radius_m_s)
+    sin = min(1.0, body.d_m / body.distance_m)
+    is_at_cone = dot_2(from_centre, body.unit) < sin * length_2(from_centre)
+    if body.distance_m > body.d_m and is_at_cone:
+        normal, u_m_s = _out_of_cone(body, sin)
+
+    # (v - (v_A + share u)) . n >= 0
+    return HalfPlane(normal, dot_2(velocity, normal) + share * u_m_s)
+
+
+def _out_of_disc(from_centre: Vec2, radius_m_s: float) -> tuple[Vec2, float]:
+    """Return the direction out of the disc, and how far it is; negative outside."""
+    size = max(length_2(from_centre), 1e-9)
+    return Vec2(from_centre.x / size, from_centre.y / size), radius_m_s - size
+
+
+def _out_of_cone(body: Body, sin: float) -> tuple[Vec2, float]:
+    """Return the direction out of the cone across its nearer leg, and how far it is."""
+    cos = math.sqrt(max(0.0, 1.0 - sin * sin))
+    along = Vec2(-body.unit.x, -body.unit.y)
+    side = 1.0 if along.x * body.w_m_s.y - along.y * body.w_m_s.x > 0.0 else -1.0
+    # outward normal of that leg
+    normal = Vec2(
+        -sin * along.x - side * cos * along.y,
+        -sin * along.y + side * cos * along.x,
+    )
+    return normal, -dot_2(normal, body.w_m_s)

@@ -1,0 +1,117 @@
+"""The suite: all scenes flown by one law, unit by unit, and what is kept of each flight."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from sitl.monte_carlo import batch_flight, results
+from sitl.monte_carlo.law_map.results_file import ResultsKind
+from sitl.monte_carlo.open_benchmark import scene_file, scene_plans
+from sitl.monte_carlo.open_benchmark.judged_law import JudgedLaw
+from sitl.monte_carlo.open_benchmark.scene_file import Scene
+
+SuiteRow = dict[str, Any]  # one line of the file of results
+KIND = ResultsKind(
+    head="open_benchmark",
+    command="covey simulate --suite open",
+    option="--keep",
+    numbers=("first_seed", "busy_s", "calls"),
+    others=("law", "scene", "flights"),
+)
+_SEEDS_OF_UNIT = 5  # of a law that flies compiled; one of somebody's own has a unit for each seed
+_COST_SCENE = "circle"  # in which laws are timed
+# what is kept of the record of a flight
+_KEPT = (
+    "seed",
+    "success",
+    "reason",
+    "violation_s",
+    "collision",
+    "min_separation_m",
+    "ratio",
+    "straight_line_s",
+    "slew_rms_m_s3",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """Some seeds of one scene by one law: the smallest piece of work whose results are kept."""
+
+    law: str
+    source_hash: str  # of a law of somebody's own
+    scene: Scene
+    seeds: tuple[int, ...]
+
+    @property
+    def cell(self) -> str:
+        """Name of the unit in the file of results; another scene or law of the name differs."""
+        scene = hashlib.sha256(msgspec.json.encode(self.scene)).hexdigest()[:8]
+        seeds = f"{self.seeds[0]}:{self.seeds[-1] + 1}"
+        return f"{self.law} {self.source_hash} {self.scene.name} {scene} {seeds}"
+
+
+def scenes() -> list[Scene]:
+    """Return the scenes of the suite."""
+    return [scene_file.load(f"{name}.json") for name in scene_file.names()]
+
+
+def units(law: str, seeds: range) -> list[Unit]:
+    """Return the work of a law, seed by seed: after any part of it all scenes were flown.
+
+    Raises:
+        ConfigError: the law cannot be imported.
+    """
+    judged = JudgedLaw(scene_plans.setup(scenes()[0], law=law))
+    size = 1 if judged.is_own else _SEEDS_OF_UNIT
+    found = []
+    for first in range(seeds.start, seeds.stop, size):
+        part = tuple(seeds[first - seeds.start : first - seeds.start + size])
+        for scene in scenes():
+            found.append(Unit(law=law, source_hash=judged.source_hash, scene=scene, seeds=part))
+    return found
+
+
+def fly(unit: Unit) -> SuiteRow:
+    """Fly a unit; return its row."""
+    judged = JudgedLaw(scene_plans.setup(unit.scene, law=unit.law))
+    plans = [scene_plans.plan(unit.scene, seed) for seed in unit.seeds]
+    if judged.is_own:
+        flown = batch_flight.fly(plans, judged.setup, controller=judged.interpreted)
+    else:
+        flown = batch_flight.fly(plans, judged.setup)
+        if unit.scene.name == _COST_SCENE:
+            batch_flight.fly(plans[:1], judged.setup, controller=judged.interpreted)
+
+    is_timed = unit.scene.name == _COST_SCENE
+    return {
+        "cell": unit.cell,
+        "stage": 0,
+        "law": unit.law,
+        "scene": unit.scene.name,
+        "first_seed": unit.seeds[0],
+        "flights": [_kept(flight, judged) for flight in flown],
+        "busy_s": judged.busy_s if is_timed else 0.0,
+        "calls": max(0, judged.calls) if is_timed else 0,
+    }
+
+
+def _kept(flown: batch_flight.Flown, judged: JudgedLaw) -> results.FlightRecord:
+    """Return what is kept of a flight; one in which the law was refused has failed."""
+    record = results.record(flown, judged.setup)
+    values = {key: record[key] for key in _KEPT}
+    values["energy_hover_s"] = round(flown.outcome.energy_hover_s, 3)
+    if flown.law_refusal:
+        values["success"] = False
+        values["reason"] = f"law {flown.law_refusal}"
+    return values
+
+
+def flights_of(rows: Sequence[SuiteRow]) -> list[results.FlightRecord]:
+    """Return the flights of several rows."""
+    return [flight for row in rows for flight in row["flights"]]

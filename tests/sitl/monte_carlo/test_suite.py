@@ -1,0 +1,170 @@
+"""The suite of the open benchmark: its units, its file, its table, and its command."""
+
+import json
+
+import pytest
+
+from groundstation.cli import main
+from onboard.config.fleet import ConfigError
+from onboard.rollout import batch
+from sitl.monte_carlo.law_map.results_file import ResultsFile
+from sitl.monte_carlo.open_benchmark import suite, suite_command, suite_summary
+from sitl.monte_carlo.results import interval
+
+FLIGHT = {
+    "seed": 1000,
+    "success": True,
+    "reason": None,
+    "violation_s": 0.0,
+    "collision": False,
+    "min_separation_m": 0.9,
+    "ratio": 1.2,
+    "straight_line_s": 10.0,
+    "slew_rms_m_s3": 20.0,
+    "energy_hover_s": 12.5,
+}
+
+
+def row_of(unit, **changes):
+    """A unit as if it had been flown."""
+    return {
+        "cell": unit.cell,
+        "stage": 0,
+        "law": unit.law,
+        "scene": unit.scene.name,
+        "first_seed": unit.seeds[0],
+        "flights": [{**FLIGHT, "seed": seed, **changes} for seed in unit.seeds],
+        "busy_s": 1.0,
+        "calls": 10_000,
+    }
+
+
+@pytest.fixture
+def flown(monkeypatch):
+    """Units that were flown, without flying."""
+    units = []
+
+    def fly(unit):
+        units.append(unit)
+        return row_of(unit)
+
+    monkeypatch.setattr(suite, "fly", fly)
+    monkeypatch.setattr(suite_command, "version", lambda: "a")
+    monkeypatch.setattr(batch, "warm_up", lambda: None)
+    return units
+
+
+@pytest.mark.parametrize(
+    ("events", "count", "low", "high"),
+    # from the tables of Clopper and Pearson; one-sided where nothing or all happened
+    [(0, 10, 0.0, 0.2589), (10, 10, 0.7411, 1.0), (2, 20, 0.0123, 0.3170), (5, 10, 0.1871, 0.8129)],
+)
+def test_intervals_are_those_of_clopper_and_pearson(events, count, low, high):
+    assert interval(events, count) == pytest.approx((low, high), abs=1e-4)
+
+
+def test_a_suite_has_each_seed_of_each_scene_once_and_another_law_other_units():
+    units = suite.units("orca", range(1000, 1003))
+    flights = [(unit.scene.name, seed) for unit in units for seed in unit.seeds]
+    assert len(flights) == len(set(flights)) == 3 * len(suite.scenes())
+
+    compiled = suite.units("covey", range(1000, 1007))
+    flights = [(unit.scene.name, seed) for unit in compiled for seed in unit.seeds]
+    assert len(flights) == len(set(flights)) == 7 * len(suite.scenes())
+    assert len({unit.cell for unit in units + compiled}) == len(units + compiled)
+
+
+def test_a_run_goes_on_where_it_was_and_one_file_keeps_several_laws(tmp_path, flown):
+    keep = tmp_path / "kept.jsonl"
+    assert suite_command.judge("orca", range(1000, 1001), keep=keep)
+    assert len(flown) == len(suite.scenes())
+
+    assert suite_command.judge("orca", range(1000, 1002), keep=keep)
+    assert len(flown) == 2 * len(suite.scenes())
+
+    assert suite_command.judge("off", range(1000, 1002), keep=keep)
+    with ResultsFile(keep, "a", kind=suite.KIND) as file:
+        assert {row["law"] for row in file.rows.values()} == {"orca", "off"}
+
+
+def test_a_file_of_another_kind_or_version_is_refused_in_a_sentence(tmp_path, flown, monkeypatch):
+    keep = tmp_path / "map.jsonl"
+    keep.write_text('{"law_map": 1, "version": "a"}\n')
+    with pytest.raises(ConfigError, match="no file of `covey simulate --suite open`"):
+        suite_command.judge("orca", range(1), keep=keep)
+
+    keep = tmp_path / "kept.jsonl"
+    suite_command.judge("orca", range(1), keep=keep)
+    monkeypatch.setattr(suite_command, "version", lambda: "b")
+    with pytest.raises(ConfigError, match=r"another version .* --keep"):
+        suite_command.judge("orca", range(1), keep=keep)
+
+
+def test_the_table_counts_what_happened():
+    (unit, *_) = suite.units("orca", range(1000, 1001))
+    bad = row_of(unit, success=False, ratio=None, violation_s=0.1, min_separation_m=0.5)
+    row = suite_summary.table_row([row_of(unit), row_of(unit), row_of(unit, collision=True), bad])
+    named = dict(zip(suite_summary.COLUMNS, row, strict=True))
+    assert named == {
+        "flights": "4",
+        "flawless": "50 %",
+        "below 0.80 m (95 %)": "1 = 25 % (1 to 81)",
+        "collisions": "1",
+        "arrived": "75 %",
+        "worst m": "0.500",
+        "ratio": "1.20",
+        "slew m/s^3": "20",
+        "energy": "1.25",
+        "us a step": "100",
+    }
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--suite", "closed"], "there is only the suite 'open'"),
+        (["--suite", "open", "swap8"], "--suite flies its own scenes"),
+        (["--suite", "open", "--errors", "vision"], "--suite flies its own scenes"),
+        (["--suite", "open", "--seeds", "3:3"], "holds no seed"),
+        (["--suite", "open", "--law", "nowhere:law"], "the module nowhere cannot be imported"),
+        (["circle.json", "swap8"], "name one file with a scene"),
+        (["circle.json", "--errors", "vision"], "says types, errors and places itself"),
+        (["nowhere.json"], "there is no such scene"),
+    ],
+)
+def test_wrong_words_are_refused_before_anything_is_flown(capsys, words, sentence):
+    assert main(["simulate", *words]) == 2
+    assert sentence in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.long
+def test_a_law_of_thirty_lines_is_judged_from_an_empty_folder(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(
+        "def law(memory, inputs):\n    return None, inputs.baseline\n"
+    )
+    two = [scene for scene in suite.scenes() if scene.name in ("symmetry", "circle")]
+    monkeypatch.setattr(suite, "scenes", lambda: two)
+
+    words = ["simulate", "--suite", "open", "--law", "mine:law", "--seeds", "1000:1001"]
+    assert main([*words, "--keep", "kept.jsonl"]) == 1
+    printed = capsys.readouterr().out
+    assert "2 = 100 % (22 to 100)" in printed
+
+    rows = [json.loads(line) for line in (tmp_path / "kept.jsonl").read_text().splitlines()[1:]]
+    assert [row["scene"] for row in rows] == ["circle", "symmetry"]
+    assert rows[0]["calls"] > 1000
+    assert not any(flight["success"] and flight["reason"] for flight in suite.flights_of(rows))
+
+
+@pytest.mark.long
+def test_a_law_that_raises_has_failed_and_the_table_says_why(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "raises.py").write_text("def law(memory, inputs):\n    return 1 / 0\n")
+    one = [scene for scene in suite.scenes() if scene.name == "symmetry"]
+    monkeypatch.setattr(suite, "scenes", lambda: one)
+
+    words = ["simulate", "--suite", "open", "--law", "raises:law", "--seeds", "1000:1001"]
+    assert main(words) == 1
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "In 1 flights the law was refused. The first: law raised ZeroDivisionError" in printed
