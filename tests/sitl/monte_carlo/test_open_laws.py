@@ -13,7 +13,8 @@ from onboard.avoidance.own_law import LawInputs, LawNeighbour, judged
 from onboard.avoidance.params import Capsule
 from onboard.avoidance.prediction import Motion
 from onboard.config.law_import import GROUP, find_own_law
-from onboard.types import GRAVITY_M_S2, Thrust
+from onboard.constants import GRAVITY_M_S2
+from onboard.types import Thrust
 from onboard.vectors import Vec2, Vec3
 from sitl.monte_carlo import batch_flight
 from sitl.monte_carlo.open_benchmark import laws, scene_file, scene_plans
