@@ -33,7 +33,7 @@ from groundstation.commands.parameters import File, Folder, LawName
 from onboard.config.fleet import ConfigError
 from onboard.config.law import BUILT_IN
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
-from sitl.monte_carlo import campaign_settings, flight_plans, results, scenarios
+from sitl.monte_carlo import campaign_settings, flight_plans, results, scenarios, worlds
 from sitl.monte_carlo.command import run
 from sitl.monte_carlo.law_map.map_command import fly_map
 from sitl.monte_carlo.open_benchmark import scene_file, scene_plans, suite_command
@@ -61,6 +61,7 @@ def simulate(
     fleet: File | None = None,
     scale: float = _DEFAULT_SCALE,
     set: Annotated[tuple[str, ...], Parameter(metavar="KEY=VALUE")] = (),
+    physics: Annotated[str, Parameter(metavar="NAME")] = worlds.DEFAULT,
     jobs: Annotated[int, Parameter(metavar="N")] = 1,
     json: bool = False,
     trace: Folder | None = None,
@@ -88,6 +89,7 @@ def simulate(
         fleet: take types, law and distances from this fleet file (no obstacles, no fence)
         scale: multiplies every spacing
         set: change one value; repeatable
+        physics: the emulator's, or that of a library: rotorpy (extra 'bench')
         jobs: processes
         json: one JSON object per flight on standard output
         trace: write one .npz per flight
@@ -111,12 +113,13 @@ def simulate(
         if is_changed or any((scenario, set, type, fleet, trace, plot, json, map)):
             raise ConfigError(
                 "--suite flies its own scenes and values; of the other options it takes --law, "
-                "--seeds, --jobs, --scheduler, --keep and --anew."
+                "--seeds, --physics, --jobs, --scheduler, --keep and --anew."
             )
         text = _SUITE_SEEDS if seeds == _DEFAULT_SEEDS else seeds
         is_whole = suite_command.judge(
             law or "covey",
             _seeds(text),
+            physics=physics,
             jobs=jobs,
             scheduler=scheduler,
             keep=keep,
@@ -127,6 +130,7 @@ def simulate(
     if map:
         is_changed = (seeds, errors, scale) != (_DEFAULT_SEEDS, _DEFAULT_ERRORS, _DEFAULT_SCALE)
         options_of_scenarios = (scenario, set, law, type, fleet, trace, plot, json)
+        is_changed = is_changed or physics != worlds.DEFAULT
         if is_changed or any(options_of_scenarios):
             raise ConfigError(
                 "--map flies its own scenarios and values; of the other options it takes --jobs. "
@@ -168,7 +172,14 @@ def simulate(
         )
 
     records = run(
-        subjects, flown_seeds, setup, jobs=jobs, is_json=json, trace_folder=trace, picture=plot
+        subjects,
+        flown_seeds,
+        setup,
+        jobs=jobs,
+        is_json=json,
+        physics=physics,
+        trace_folder=trace,
+        picture=plot,
     )
     is_flawless = all(results.is_flawless(values) for values in records)
     return EXIT_OK if is_flawless else EXIT_FAILED

@@ -20,6 +20,7 @@ from onboard.control import pipeline, trajectory
 from onboard.rollout import batch
 from onboard.rollout.own_law_fleet import OwnLawFleet
 from onboard.rollout.rows import Rows
+from sitl.monte_carlo import worlds
 from sitl.monte_carlo.campaign_settings import Setup
 from sitl.monte_carlo.member_lie import MemberLies, shifted
 from sitl.monte_carlo.metrics import FlightMetrics, FlightOutcome
@@ -29,7 +30,7 @@ from sitl.monte_carlo.orders import FlightOrders
 from sitl.monte_carlo.radio import Radio
 from sitl.monte_carlo.scenarios import FlightPlan, OtherLaw
 from sitl.monte_carlo.sensing import sensing
-from sitl.monte_carlo.vehicles import TICK_S, Physics
+from sitl.monte_carlo.vehicles import TICK_S
 
 MakeController = Callable[
     [Sequence[pipeline.PipelineParams], Array, Sequence[Capsule]], batch.Controller
@@ -41,8 +42,9 @@ _ALONE_SPARE_S = 20.0
 _OF_STATE = ("position_enu_m", "velocity_enu_m_s")
 _OF_LAW = ("predicted_position_enu_m", "predicted_velocity_enu_m_s")
 
-# (setup, scenario, seed, bytes of its starts and goals) -> makespan of the straight-line flight
-_STRAIGHT_S: dict[tuple[str, str, int, bytes], float] = {}
+# (setup, physics, scenario, seed, bytes of its places) -> makespan of the straight-line flight
+_StraightKey = tuple[str, str, str, int, bytes]
+_STRAIGHT_S: dict[_StraightKey, float] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +63,7 @@ def fly(
     setup: Setup,
     *,
     controller: MakeController | None = None,
+    physics: str = worlds.DEFAULT,
     has_trace: bool = False,
 ) -> list[Flown]:
     """Fly plans and return their outcomes; each outcome depends on its own plan only.
@@ -69,16 +72,24 @@ def fly(
         plans: the plans, all of the same number of vehicles.
         setup: fleet, law, errors and perturbation of all flights.
         controller: makes the control of all vehicles; by default from the law of the fleet.
+        physics: name of the physics, of :data:`sitl.monte_carlo.worlds.WORLDS`.
         has_trace: whether the outcomes hold samples of the flight.
     """
     limits_s = _straight_limits_s(plans, setup)
-    straight_s = straight_line_s(plans, setup)
+    straight_s = straight_line_s(plans, setup, physics=physics)
     longest_s = []
     for plan, one_straight_s, limit_s in zip(plans, straight_s, limits_s, strict=True):
         by_straight_s = _TIMES_STRAIGHT * min(one_straight_s, limit_s)
         longest_s.append(plan.longest_s or by_straight_s)
 
-    outcomes, refusals = _fly(plans, setup, longest_s, controller=controller, has_trace=has_trace)
+    outcomes, refusals = _fly(
+        plans,
+        setup,
+        longest_s,
+        controller=controller,
+        physics=physics,
+        has_trace=has_trace,
+    )
 
     flown = []
     for number, plan in enumerate(plans):
@@ -93,7 +104,9 @@ def fly(
     return flown
 
 
-def straight_line_s(plans: Sequence[FlightPlan], setup: Setup) -> list[float]:
+def straight_line_s(
+    plans: Sequence[FlightPlan], setup: Setup, *, physics: str = worlds.DEFAULT
+) -> list[float]:
     """Return the makespans [s] of the same flights without avoidance: straight lines to the goals.
 
     Noise and vehicles are the same, but the law is off and no messages are sent. The makespans do
@@ -102,22 +115,22 @@ def straight_line_s(plans: Sequence[FlightPlan], setup: Setup) -> list[float]:
     # messages do not count here, so their values must not tell two setups apart
     without_radio = replace(setup.perturbation, delay_s=0.0, loss_share=0.0)
     alone = replace(setup, law="off", law_table={}, perturbation=without_radio)
-    keys = [_straight_key(alone, plan) for plan in plans]
+    keys = [_straight_key(alone, plan, physics) for plan in plans]
 
     missing = [plan for plan, key in zip(plans, keys, strict=True) if key not in _STRAIGHT_S]
     if missing:
         limits_s = _straight_limits_s(missing, setup)
-        outcomes, _ = _fly(missing, alone, limits_s, is_alone=True)
+        outcomes, _ = _fly(missing, alone, limits_s, physics=physics, is_alone=True)
         for plan, outcome in zip(missing, outcomes, strict=True):
-            _STRAIGHT_S[_straight_key(alone, plan)] = outcome.makespan_s
+            _STRAIGHT_S[_straight_key(alone, plan, physics)] = outcome.makespan_s
 
     return [_STRAIGHT_S[key] for key in keys]
 
 
-def _straight_key(alone: Setup, plan: FlightPlan) -> tuple[str, str, int, bytes]:
+def _straight_key(alone: Setup, plan: FlightPlan, physics: str) -> _StraightKey:
     """Return what decides a straight-line flight; two scenes of one name may have other goals."""
     places = plan.start_enu_m.tobytes() + plan.goals_enu_m.tobytes()
-    return repr(alone), plan.scenario, plan.seed, places
+    return repr(alone), physics, plan.scenario, plan.seed, places
 
 
 def _straight_limits_s(plans: Sequence[FlightPlan], setup: Setup) -> list[float]:
@@ -143,6 +156,7 @@ def _fly(
     longest_s: Sequence[float],
     *,
     controller: MakeController | None = None,
+    physics: str = worlds.DEFAULT,
     is_alone: bool = False,
     has_trace: bool = False,
 ) -> tuple[list[FlightOutcome], dict[int, str]]:
@@ -153,6 +167,7 @@ def _fly(
         setup: fleet, law, errors and perturbation of all flights.
         longest_s: time of each flight after which it is ended.
         controller: makes the control of all vehicles; by default from the law of the fleet.
+        physics: name of the physics.
         is_alone: whether vehicles get no messages, know no obstacles and do not lie.
         has_trace: whether the outcomes hold samples of the flight.
 
@@ -175,7 +190,8 @@ def _fly(
     if fleet.fleet.vertical_separation_m is not None:
         wash_m = fleet.fleet.body_diameter_m
 
-    world = Physics(
+    make_world = worlds.world_of(physics)
+    world = make_world(
         vehicles=vehicles,
         start_enu_m=start,
         scripted=scripted,

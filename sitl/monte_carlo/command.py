@@ -14,7 +14,7 @@ from pathlib import Path
 from onboard.config.fleet import ConfigError
 from onboard.plain_text import drawing
 from onboard.rollout import batch as rollout_batch
-from sitl.monte_carlo import campaign_settings, flight_plans, process_chunks, results
+from sitl.monte_carlo import campaign_settings, flight_plans, process_chunks, results, worlds
 
 _PICTURES = (".png", ".svg", ".pdf")
 _MOST_FAILURES = 10  # number of failed flights that are listed
@@ -27,6 +27,7 @@ def run(
     *,
     jobs: int,
     is_json: bool,
+    physics: str = worlds.DEFAULT,
     trace_folder: Path | None,
     picture: Path | None,
 ) -> list[results.FlightRecord]:
@@ -38,12 +39,14 @@ def run(
         setup: the settings of all flights.
         jobs: number of processes.
         is_json: whether one JSON object per flight is printed instead of a table.
+        physics: name of the physics, of :data:`sitl.monte_carlo.worlds.WORLDS`.
         trace_folder: folder for one .npz per flight; None keeps no traces.
         picture: a file for the picture of one flight, or a folder for many; None draws nothing.
 
     Raises:
         ConfigError: the settings do not allow the flights; nothing was flown.
     """
+    worlds.world_of(physics)  # refuses an unknown name
     for subject in subjects:
         _check_heights(subject, setup)
         setup.fleet(flight_plans.vehicle_count(subject)).import_law()
@@ -60,7 +63,11 @@ def run(
         if picture is not None:
             _make(picture.parent if picture.suffix else picture)
 
-        records = _fly(subjects, seeds, setup, folder, jobs=jobs, is_json=is_json)
+        chunks = process_chunks.campaign(
+            subjects, seeds, setup, jobs=jobs, physics=physics, trace_folder=folder
+        )
+        flights = len(subjects) * len(seeds)
+        records = _fly(chunks, flights, seeds, setup, is_json=is_json)
         if picture is not None and folder is not None:
             _draw(folder, picture, records)
     return records
@@ -103,21 +110,19 @@ def _make(folder: Path) -> None:
 
 
 def _fly(
-    subjects: Sequence[flight_plans.Subject],
+    chunks: Iterable[list[results.FlightRecord]],
+    flights: int,
     seeds: range,
     setup: campaign_settings.Setup,
-    folder: Path | None,
     *,
-    jobs: int,
     is_json: bool,
 ) -> list[results.FlightRecord]:
     """Fly all flights and print them; return their records."""
     _warm_up()
-    chunks = process_chunks.campaign(subjects, seeds, setup, jobs=jobs, trace_folder=folder)
     if is_json:
         return _print_lines(chunks)
 
-    records = _collect(chunks, flights=len(subjects) * len(seeds))
+    records = _collect(chunks, flights=flights)
     _print_table(records, seeds, setup)
     return records
 

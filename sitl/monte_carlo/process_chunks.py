@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from sitl.monte_carlo import flight_plans, results
+from sitl.monte_carlo import flight_plans, results, worlds
 from sitl.monte_carlo.batch_flight import fly
 from sitl.monte_carlo.campaign_settings import Setup
 
@@ -26,6 +26,7 @@ def campaign(
     setup: Setup,
     *,
     jobs: int = 1,
+    physics: str = worlds.DEFAULT,
     trace_folder: Path | None = None,
 ) -> Iterator[list[results.FlightRecord]]:
     """Yield the records of all subjects and seeds in their order, each chunk when it is ready.
@@ -35,12 +36,13 @@ def campaign(
         seeds: the seeds, with each of which every subject is flown.
         setup: the settings of all flights.
         jobs: number of processes.
+        physics: name of the physics, of :data:`sitl.monte_carlo.worlds.WORLDS`.
         trace_folder: folder for a trace of each flight; None writes none.
     """
     chunks = []
     for subject in subjects:
         for part in _parts(seeds, flight_plans.vehicle_count(subject), jobs):
-            chunks.append((subject, part, setup, trace_folder))
+            chunks.append((subject, part, setup, physics, trace_folder))
 
     if jobs == 1 or len(chunks) == 1:
         yield from map(_fly_chunk, chunks)
@@ -65,11 +67,11 @@ def _parts(seeds: Sequence[int], count: int, jobs: int) -> list[Sequence[int]]:
 
 
 def _fly_chunk(
-    chunk: tuple[flight_plans.Subject, Sequence[int], Setup, Path | None],
+    chunk: tuple[flight_plans.Subject, Sequence[int], Setup, str, Path | None],
 ) -> list[results.FlightRecord]:
-    subject, seeds, setup, trace_folder = chunk
+    subject, seeds, setup, physics, trace_folder = chunk
     plans = [flight_plans.plan(subject, seed, scale=setup.scale) for seed in seeds]
-    flown = fly(plans, setup, has_trace=trace_folder is not None)
+    flown = fly(plans, setup, physics=physics, has_trace=trace_folder is not None)
     if trace_folder is not None:
         for flight in flown:
             results.write_trace(trace_folder, flight, setup)

@@ -19,7 +19,7 @@ from sitl.physics.wind import GUST_TIME_S, Wind, WindSettings, wandered
 
 TICK_S = 0.02
 _STEPS = round(TICK_S / STEP_S)
-_THRUST_NOISE_TIME_S = 0.1
+THRUST_NOISE_TIME_S = 0.1
 _WIND_RISES_S = 3.0
 _EAST_RAD = 0.5 * math.pi  # heading of a vehicle whose body x axis points along the fleet's x axis
 
@@ -92,7 +92,7 @@ class Physics:
         self._commands.motors_on[:] = True
         self._commands.thrust_frac[:] = states.thrust_frac
 
-        self._winds = [_wind(count, perturbation, seed) for seed in seeds]
+        self._winds = [wind_of_flight(count, perturbation, seed) for seed in seeds]
         self._gust = np.zeros((flights, count, 2))  # acceleration, east and north
         self._thrust_noise = np.array([vehicle.sitl.thrust_noise_frac for vehicle in vehicles])
         self._thrust_error = np.zeros((flights, count))
@@ -131,7 +131,7 @@ class Physics:
         self._thrust_error = wandered(
             self._thrust_error,
             self._thrust_noise,
-            _THRUST_NOISE_TIME_S,
+            THRUST_NOISE_TIME_S,
             TICK_S,
             normals[..., 8],
         )
@@ -197,7 +197,7 @@ class Physics:
         return np.asarray(by_flight[self._flights])
 
 
-def _wind(count: int, perturbation: SimulatedErrors, seed: int) -> Wind:
+def wind_of_flight(count: int, perturbation: SimulatedErrors, seed: int) -> Wind:
     """Return the wind of one flight; the seed decides its direction."""
     bearing_rad = float(np.random.default_rng([seed, 6]).uniform(-math.pi, math.pi))
     speed_m_s = perturbation.wind_m_s

@@ -117,7 +117,7 @@ def test_what_is_imported_is_installed_by_the_readme_s_one_command() -> None:
         *project["dependencies"],
         *(
             line
-            for name in ("ground", "sim", "plots", "viewers", "rtk", "cluster")
+            for name in ("ground", "sim", "plots", "viewers", "rtk", "cluster", "bench")
             for line in extras[name]
         ),
     ]

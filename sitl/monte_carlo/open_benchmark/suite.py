@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from sitl.monte_carlo import batch_flight, results
+from sitl.monte_carlo import batch_flight, results, worlds
 from sitl.monte_carlo.law_map.results_file import ResultsKind
 from sitl.monte_carlo.open_benchmark import scene_file, scene_plans
 from sitl.monte_carlo.open_benchmark.judged_law import JudgedLaw
@@ -47,13 +47,17 @@ class Unit:
     source_hash: str  # of a law of somebody's own
     scene: Scene
     seeds: tuple[int, ...]
+    physics: str = worlds.DEFAULT
 
     @property
     def cell(self) -> str:
         """Name of the unit in the file of results; another scene or law of the name differs."""
         scene = hashlib.sha256(msgspec.json.encode(self.scene)).hexdigest()[:8]
         seeds = f"{self.seeds[0]}:{self.seeds[-1] + 1}"
-        return f"{self.law} {self.source_hash} {self.scene.name} {scene} {seeds}"
+        key = f"{self.law} {self.source_hash} {self.scene.name} {scene} {seeds}"
+        if self.physics != worlds.DEFAULT:
+            key += f" {self.physics}"
+        return key
 
 
 def scenes() -> list[Scene]:
@@ -61,19 +65,27 @@ def scenes() -> list[Scene]:
     return [scene_file.load(f"{name}.json") for name in scene_file.names()]
 
 
-def units(law: str, seeds: range) -> list[Unit]:
+def units(law: str, seeds: range, physics: str = worlds.DEFAULT) -> list[Unit]:
     """Return the work of a law, seed by seed: after any part of it all scenes were flown.
 
     Raises:
-        ConfigError: the law cannot be imported.
+        ConfigError: the law cannot be imported, or there is no such physics.
     """
+    worlds.world_of(physics)
     judged = JudgedLaw(scene_plans.setup(scenes()[0], law=law))
     size = 1 if judged.is_own else _SEEDS_OF_UNIT
     found = []
     for first in range(seeds.start, seeds.stop, size):
         part = tuple(seeds[first - seeds.start : first - seeds.start + size])
         for scene in scenes():
-            found.append(Unit(law=law, source_hash=judged.source_hash, scene=scene, seeds=part))
+            unit = Unit(
+                law=law,
+                source_hash=judged.source_hash,
+                scene=scene,
+                seeds=part,
+                physics=physics,
+            )
+            found.append(unit)
     return found
 
 
@@ -82,9 +94,11 @@ def fly(unit: Unit) -> SuiteRow:
     judged = JudgedLaw(scene_plans.setup(unit.scene, law=unit.law))
     plans = [scene_plans.plan(unit.scene, seed) for seed in unit.seeds]
     if judged.is_own:
-        flown = batch_flight.fly(plans, judged.setup, controller=judged.interpreted)
+        flown = batch_flight.fly(
+            plans, judged.setup, controller=judged.interpreted, physics=unit.physics
+        )
     else:
-        flown = batch_flight.fly(plans, judged.setup)
+        flown = batch_flight.fly(plans, judged.setup, physics=unit.physics)
         if unit.scene.name == _COST_SCENE:
             batch_flight.fly(plans[:1], judged.setup, controller=judged.interpreted)
 
@@ -93,6 +107,7 @@ def fly(unit: Unit) -> SuiteRow:
         "cell": unit.cell,
         "stage": 0,
         "law": unit.law,
+        "physics": unit.physics,
         "scene": unit.scene.name,
         "first_seed": unit.seeds[0],
         "flights": [_kept(flight, judged) for flight in flown],

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from onboard.plain_text import drawing
+from sitl.monte_carlo import worlds
 from sitl.monte_carlo.executors import fly_missing, say
 from sitl.monte_carlo.law_map.results_file import ResultsFile
 from sitl.monte_carlo.law_map.unit_flights import version
@@ -22,6 +23,7 @@ def judge(
     law: str,
     seeds: range,
     *,
+    physics: str = worlds.DEFAULT,
     jobs: int = 1,
     scheduler: str | None = None,
     keep: Path | None = None,
@@ -32,6 +34,7 @@ def judge(
     Args:
         law: name of the law, as ``--law`` takes it.
         seeds: the seeds with which each scene is flown.
+        physics: name of the physics, of :data:`sitl.monte_carlo.worlds.WORLDS`.
         jobs: number of processes.
         scheduler: address of a Dask scheduler that is used instead of processes.
         keep: file that keeps the results, from which the same command goes on; None keeps none.
@@ -40,7 +43,7 @@ def judge(
     Raises:
         ConfigError: the law cannot be imported, or the file cannot be continued.
     """
-    work = suite.units(law, seeds)
+    work = suite.units(law, seeds, physics)
     with tempfile.TemporaryDirectory() as scratch:
         path = keep or Path(scratch) / "open-benchmark.jsonl"
         with ResultsFile(path, version(), kind=suite.KIND, is_anew=is_anew) as file:
@@ -52,7 +55,7 @@ def judge(
                 raise
             rows = [file.rows[unit.cell, 0] for unit in work]
 
-    _print(law, seeds, rows)
+    _print(f"open benchmark, law {law}, physics {physics}", seeds, rows)
     return all(suite_summary.is_flawless(flight) for flight in suite.flights_of(rows))
 
 
@@ -85,12 +88,12 @@ def _fly(
     fly_missing(missing, suite.fly, keep, jobs=jobs, scheduler=scheduler)
 
 
-def _print(law: str, seeds: range, rows: Sequence[suite.SuiteRow]) -> None:
+def _print(title: str, seeds: range, rows: Sequence[suite.SuiteRow]) -> None:
     """Print a line for each scene, and one for all."""
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title=f"open benchmark, law {law}, seeds {seeds[0]}:{seeds[-1] + 1}")
+    table = Table(title=f"{title}, seeds {seeds[0]}:{seeds[-1] + 1}")
     table.add_column("scene")
     for column in suite_summary.COLUMNS:
         table.add_column(column, justify="right")
