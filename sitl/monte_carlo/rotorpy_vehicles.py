@@ -19,7 +19,7 @@ import numpy as np
 
 from onboard.arrays import Array, IntArray
 from onboard.config.fleet import ConfigError, Vehicle
-from onboard.types import GRAVITY_M_S2
+from onboard.constants import GRAVITY_M_S2
 from sitl.monte_carlo.campaign_settings import SimulatedErrors
 from sitl.monte_carlo.noise import FlightNoise
 from sitl.monte_carlo.vehicles import (
