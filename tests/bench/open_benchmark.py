@@ -1,7 +1,8 @@
 """``make bench-open ARGS="FILE --write"``: the leaderboard of the open benchmark from kept results.
 
-The flights come from ``covey simulate --suite open --law NAME --keep FILE``, once for each law with
-the same file. ``--pictures`` draws the scenes.
+The flights come from ``covey simulate --suite open --law NAME --keep FILE``, once for each law.
+Several files of the same version are added up, so that several machines can fly. ``--pictures``
+draws the scenes.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ import numpy as np
 
 from groundstation.figures.style import SOFT, colour, new_figure, styled
 from onboard.config.file_reading import RESULTS_FILE, read_text
+from onboard.config.fleet import ConfigError
+from sitl.monte_carlo import worlds
 from sitl.monte_carlo.law_map.results_file import digest, parsed
 from sitl.monte_carlo.open_benchmark import scene_plans, suite, suite_summary
 from tests.bench.peers.pages import insert
@@ -29,14 +32,14 @@ Rows = Sequence[suite.SuiteRow]
 def main(words: Sequence[str]) -> int:
     """Entry of ``make bench-open``."""
     parser = argparse.ArgumentParser(prog="make bench-open", description=__doc__)
-    parser.add_argument("file", type=Path, help="results that --suite open has kept")
+    parser.add_argument("files", type=Path, nargs="+", help="results that --suite open has kept")
     parser.add_argument("--write", action="store_true", help=f"write them into docs/{PAGE}")
     parser.add_argument("--pictures", action="store_true", help="draw the scenes anew")
     parser.add_argument("--out", type=Path, default=DOCS, help="folder of the page; docs")
     options = parser.parse_args(words)
 
-    head, rows = parsed(read_text(options.file, RESULTS_FILE), options.file, suite.KIND)
-    text = leaderboard(list(rows.values()), head["version"], digest(rows))
+    version, rows = _read(options.files)
+    text = leaderboard(list(rows.values()), version, digest(rows))
     print(text)
     if options.write:
         insert(options.out / PAGE, "leaderboard", text)
@@ -45,14 +48,36 @@ def main(words: Sequence[str]) -> int:
     return 0
 
 
+def _read(files: Sequence[Path]) -> tuple[str, dict[tuple[str, int], suite.SuiteRow]]:
+    """Return the version and the rows of all files.
+
+    Raises:
+        ConfigError: a file is no file of the suite, or two are of different versions.
+    """
+    versions = []
+    rows: dict[tuple[str, int], suite.SuiteRow] = {}
+    for file in files:
+        head, own_rows = parsed(read_text(file, RESULTS_FILE), file, suite.KIND)
+        versions.append(head["version"])
+        rows.update(own_rows)
+
+    if len(set(versions)) > 1:
+        raise ConfigError(
+            f"the files are of different versions ({', '.join(versions)}), which are not added up. "
+            "Fly them anew with one."
+        )
+    return versions[0], rows
+
+
 def leaderboard(rows: Rows, version: str, results_digest: str) -> str:
     """Return both tables: a line for each law, and its flawless flights in each scene."""
-    by_law = _by(rows, "law")
+    rows = [{**row, "contestant": _contestant(row)} for row in rows]
+    by_law = _by(rows, "contestant")
     order = sorted(by_law, key=lambda law: _rank(by_law[law]))
 
     lines = [f"| {' | '.join(_HEADS)} |", "|---" * len(_HEADS) + "|"]
     for law in order:
-        lines.append(f"| `{law}` | {' | '.join(suite_summary.table_row(by_law[law]))} |")
+        lines.append(f"| {law} | {' | '.join(suite_summary.table_row(by_law[law]))} |")
 
     scenes = sorted({row["scene"] for row in rows})
     lines += ["", "Flawless flights by scene:", ""]
@@ -60,10 +85,18 @@ def leaderboard(rows: Rows, version: str, results_digest: str) -> str:
     for law in order:
         own = _by(by_law[law], "scene")
         cells = [_flawless(own.get(scene, ())) for scene in scenes]
-        lines.append(f"| `{law}` | {' | '.join(cells)} |")
+        lines.append(f"| {law} | {' | '.join(cells)} |")
 
     lines += ["", f"Version of law and vehicles {version}; digest of the results {results_digest}."]
     return "\n".join(lines)
+
+
+def _contestant(row: suite.SuiteRow) -> str:
+    """Return the name of a line: the law, and its physics if that is another one."""
+    physics = row.get("physics", worlds.DEFAULT)
+    if physics == worlds.DEFAULT:
+        return f"`{row['law']}`"
+    return f"`{row['law']}` on {physics}"
 
 
 def _by(rows: Rows, key: str) -> dict[str, list[suite.SuiteRow]]:
@@ -112,7 +145,7 @@ def _draw_scene(axes: Any, scene: Any) -> None:
     plan = scene_plans.plan(scene, 1000)
     for obstacle in plan.obstacles:
         begin, end = np.array(obstacle.begin_enu_m), np.array(obstacle.end_enu_m)
-        for share in np.linspace(0.0, 1.0, 60):
+        for share in np.linspace(0.0, 1.0, 25):
             middle = begin + share * (end - begin)
             axes.add_patch(_disc(middle, obstacle.radius_m, "#555555"))
 
