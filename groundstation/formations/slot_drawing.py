@@ -95,8 +95,9 @@ def _pixels(file: str) -> Array:
 
     data = read_bytes(file, PICTURE)
     try:
-        # Only the header is read here, which has the size; no pixel is unpacked yet.
-        with warnings.catch_warnings(action="ignore", category=Image.DecompressionBombWarning):
+        # Only the header is read here, which has the size; no pixel is unpacked yet. Pillow warns
+        # of large pictures and of wrong animations.
+        with warnings.catch_warnings(action="ignore"):
             opened_image = Image.open(BytesIO(data), formats=_FORMATS)
         with opened_image as image:
             width_px, height_px = image.size

@@ -28,7 +28,7 @@ from onboard.config.fleet import ConfigError
 MAX_CHUNK_BYTES = 16 * 1024 * 1024
 MAX_FLIGHT_NS = 86_400_000_000_000  # a day: stamps further from the others do not belong to it
 # exceptions that mcap raises on damaged bytes
-DAMAGED = (McapError, ZstdError, EOFError, ValueError, struct.error)
+DAMAGED = (McapError, ZstdError, EOFError, ValueError, OverflowError, struct.error)
 _MAX_NUMBER = 1e300
 _MAX_STAMP_NS = (1 << 63) - 1
 

@@ -151,6 +151,9 @@ class Timeline:
             self._scan()
         except (OSError, struct.error) as error:
             self.broken = f"{self.path.name} cannot be read further ({error})."
+        except ConfigError:
+            self._stream.close()
+            raise
         if not self._chunks:
             self._stream.close()
             reason = self.broken or "The record is empty."

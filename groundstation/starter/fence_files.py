@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from onboard.config.fences import MOST_FENCES, Fence, FenceCircle
+from onboard.config.fences import MOST_CORNERS, MOST_FENCES, Fence, FenceCircle
 from onboard.config.file_reading import FENCE_FILE, json_values, read_bytes
 from onboard.config.fleet import ConfigError
 
@@ -141,7 +141,10 @@ def _plan_fences(data: dict[str, Any], name: str, stem: str) -> Iterator[Fence]:
         where = f"{name}: polygon {number} of geoFence"
         shape = _table(polygon, where)
         _check_version(shape, SHAPE_VERSION, name, f"polygon {number} of geoFence")
-        corners = [_degrees(corner, where) for corner in _list(shape, "polygon", where)]
+        corners = [
+            _degrees(corner, where)
+            for corner in _ring(shape.get("polygon", []), f"{where}: polygon")
+        ]
         yield Fence(
             name=f"{stem} {number}",
             keep=_keep(shape.get("inclusion"), where),
@@ -242,7 +245,7 @@ def _geometry_fences(
         if not isinstance(rings, list) or not rings:
             raise ConfigError(f"{where} has no corners. Draw it again.")
         for hole, ring in enumerate(rings):
-            corners = _opened([_swapped(corner, where) for corner in _items(ring, where)])
+            corners = _opened([_swapped(corner, where) for corner in _ring(ring, where)])
             if hole == 0:
                 yield Fence(name=own_label, keep=keep, polygon_deg=tuple(corners))
             elif keep == "out":
@@ -264,6 +267,17 @@ def _swapped(place: Any, where: str) -> Degrees:
 
 
 # -- values ----------------------------------------------------------------------------------------
+
+
+def _ring(value: Any, where: str) -> list[Any]:
+    """Return the corners of a polygon, the first of which may be repeated at the end."""
+    corners = _items(value, where)
+    if len(corners) > MOST_CORNERS + 1:
+        raise ConfigError(
+            f"{where} has {len(corners)} corners; {MOST_CORNERS} are the most. Leave out those "
+            "that a straight edge can join."
+        )
+    return corners
 
 
 def _opened(corners: list[Degrees]) -> list[Degrees]:

@@ -19,6 +19,7 @@ import os
 import re
 import stat
 import tomllib
+import warnings
 from typing import Any, BinaryIO, NamedTuple
 
 from onboard.config.config_error import ConfigError
@@ -234,7 +235,9 @@ def python_tree(text: str, name: str) -> ast.Module:
         ConfigError: The text is no Python, or is nested too deeply.
     """
     try:
-        return ast.parse(text, name)
+        # The parser warns of numbers such as `1or`; the text is not ours to correct.
+        with warnings.catch_warnings(action="ignore", category=SyntaxWarning):
+            return ast.parse(text, name)
     except (RecursionError, MemoryError):
         raise _too_deep(name) from None
     except (SyntaxError, ValueError) as error:

@@ -58,6 +58,38 @@ def _font(path: Path) -> None:
     text_slots("PX4", str(path), 4)
 
 
+def _fence(path: Path) -> None:
+    from groundstation.starter.fence_files import read_fences, toml_of
+
+    toml_of(read_fences(path))
+
+
+def _rtcm(path: Path) -> None:
+    """Open a recording of RTCM, and read what each of its frames says."""
+    from onboard.corrections.relay.sources import frames_of_file
+    from onboard.corrections.rtcm import base_of, ends_epoch, number_of, station_of
+
+    for frame in frames_of_file(str(path)):
+        number_of(frame)
+        station_of(frame)
+        base_of(frame)
+        ends_epoch(frame)
+
+
+def _px4_log(path: Path) -> None:
+    from groundstation.px4_logs.px4_log import read_log
+
+    read_log(path)
+
+
+def _script(path: Path) -> None:
+    from groundstation.crazyswarm import script_check
+
+    script_check.is_of_crazyswarm(str(path))
+    script_check.refuse_what_is_not_flown(str(path))
+    script_check.longest_timescale(str(path))
+
+
 def _fleet(path: Path) -> None:
     from onboard.config.fleet import load_fleet
 
@@ -175,6 +207,10 @@ DOORS: dict[str, Callable[[Path], None]] = {
     "lights": _lights,
     "picture": _picture,
     "font": _font,
+    "fence": _fence,
+    "rtcm": _rtcm,
+    "px4 log": _px4_log,
+    "script": _script,
     "fleet": _fleet,
     "mission": _mission,
     "record": _record,
