@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -38,6 +39,7 @@ CASES = [
     ((3.95, 0.0, 1.0), (1.0, 0.0, 0.0), NEAR),  # a hand's breadth from the wall
     ((3.995, 0.0, 1.0), (0.05, 0.0, 0.0), NEAR),  # creeps towards it
     ((0.0, 3.995, 1.0), (0.0, 0.05, 0.0), NEAR),
+    ((0.0, 0.0, 2.995), (0.0, 0.0, 0.05), NEAR),
     ((math.nan, 0.0, 1.0), (0.0, 0.0, 0.0), OUTSIDE),
     ((0.0, 0.0, math.inf), (0.0, 0.0, 0.0), OUTSIDE),
 ]
@@ -94,6 +96,7 @@ IN_AREAS = [
     ((0.6, 1.5, 1.0), (-1.0, 0.0, 0.0), INSIDE),  # flies away from it
     ((0.9, 0.4, 1.0), (0.0, 1.0, 0.0), INSIDE),  # passes beside it
     ((2.6, 0.0, 1.0), (1.0, 0.0, 0.0), NEAR),  # about to leave the field
+    ((0.0, 0.0, 2.5), (0.0, 0.0, 0.0), INSIDE),  # at its top
     ((0.0, 0.0, 2.6), (0.0, 0.0, 0.0), ABOVE),  # above the field
     ((0.0, 0.0, 2.3), (0.0, 0.0, 1.0), NEAR),
     ((4.01, 0.0, 1.0), (0.0, 0.0, 0.0), OUTSIDE),  # out of the box, too
@@ -112,3 +115,13 @@ def test_a_circle_is_about_to_be_crossed_where_the_way_to_stop_reaches_it() -> N
     assert ROOM.status_in((pond,), (0.1, 0.0, 1.0), (1.0, 0.0, 0.0)) == NEAR
     assert ROOM.status_in((pond,), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)) == INSIDE
     assert ROOM.status_in((pond,), (1.0, 0.2, 1.0), (0.0, 0.0, 0.0)) == OUTSIDE
+
+
+@pytest.mark.parametrize("brake_m_s2", [(1.0, 2.0, 4.0), (2.0, 1.0, 4.0)])
+def test_the_weaker_of_both_horizontal_brakes_says_where_a_vehicle_stops(
+    brake_m_s2: tuple[float, float, float],
+) -> None:
+    box = replace(ROOM, brake_m_s2=brake_m_s2)
+    # 1 m/s: 0.2 m until it brakes, then 0.5 m with 1 m/s^2, or 0.25 m with 2 m/s^2
+    assert box.status_in((HOUSE,), (0.4, 1.5, 1.0), (1.0, 0.0, 0.0)) == NEAR
+    assert box.status_in((HOUSE,), (0.2, 1.5, 1.0), (1.0, 0.0, 0.0)) == INSIDE
