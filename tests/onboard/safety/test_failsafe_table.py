@@ -67,6 +67,36 @@ def test_a_condition_that_lasts_has_at_least_as_strong_an_action_as_one_that_has
         assert TABLE[situation, long] >= TABLE[situation, short]
 
 
+def test_the_actions_have_these_ranks() -> None:
+    assert [action.name for action in sorted(Action)] == [
+        "GO_ON",
+        "REFUSE",
+        "SLOW",
+        "HOLD",
+        "LEVEL",
+        "LAND",
+        "PX4_LAND",
+        "DISARM",
+        "STOP",
+    ]
+
+
+def test_of_two_conditions_with_one_action_the_first_in_the_list_is_named() -> None:
+    for situation in Situation:
+        for first, second in itertools.combinations(Condition, 2):
+            if TABLE[situation, first] is TABLE[situation, second]:
+                assert decide(situation, {second, first})[1] is first
+
+
+def test_a_setpoint_is_level_where_one_condition_demands_it_among_others() -> None:
+    for situation, condition in itertools.product(Situation, Condition):
+        is_level = TABLE[situation, condition] is Action.LEVEL
+        assert needs_level(situation, {condition}) is is_level
+        level_too = needs_level(situation, {condition, Condition.NOT_FINITE})
+        assert level_too is (is_level or needs_level(situation, {Condition.NOT_FINITE}))
+    assert needs_level(Situation.FLYING, {Condition.NOT_FINITE})
+
+
 def test_of_two_conditions_the_stronger_action_wins() -> None:
     for situation, first, second in itertools.product(Situation, Condition, Condition):
         action, _ = decide(situation, {first, second})
