@@ -41,6 +41,27 @@ ACCEPTED = (
     ),
     Accepted(
         _MEASURED,
+        "safety/battery_monitor.py",
+        (
+            (
+                "runs_out = left_frac < _LANDING_SHARE * land_frac and "
+                "fallen_frac > _LEAST_FALL_FRAC",
+                _SMALLER,
+            ),
+            (
+                "runs_out = left_frac < _LANDING_SHARE * land_frac and "
+                "fallen_frac > _LEAST_FALL_FRAC",
+                _LARGER,
+            ),
+            (
+                "is_measured = math.isfinite(before_v) and before_v > _LEAST_VOLTAGE_V",
+                _LARGER,
+            ),
+            ("return is_measured and now_v < (1.0 - _SAG_SHARE) * before_v", _SMALLER),
+        ),
+    ),
+    Accepted(
+        _MEASURED,
         "supervision/wind_monitor.py",
         (
             ("is_rising = self._soon_m_s(own.wind_enu_m_s) > self._too_much_m_s", _LARGER),

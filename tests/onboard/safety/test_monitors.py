@@ -210,6 +210,34 @@ def test_a_voltage_that_sags_falls_and_numbers_that_px4_does_not_report_say_noth
     assert monitor.is_falling
 
 
+def is_falling(*samples: tuple[float, float, float]) -> bool:
+    """Return the monitor's answer after samples of time, charge and voltage."""
+    monitor = BatteryMonitor()
+    for time_s, remaining_frac, voltage_v in samples:
+        monitor.update(time_s, remaining_frac, voltage_v, land_frac=0.2, descent_s=10.0)
+    return monitor.is_falling
+
+
+def test_a_fall_is_judged_from_the_first_second_to_the_end_of_the_window() -> None:
+    assert not is_falling((0.0, 0.9, 15.0), (0.9, 0.9, 12.0))
+    assert is_falling((0.0, 0.9, 15.0), (1.0, 0.9, 12.0))
+    assert is_falling((0.0, 0.9, 15.0), (1.2, 0.9, 12.0))
+    assert is_falling((0.0, 0.9, 15.0), (10.0, 0.9, 12.0))
+    assert not is_falling((0.0, 0.9, 15.0), (10.1, 0.9, 12.0))
+
+
+def test_a_short_fall_counts_as_if_it_had_lasted_five_seconds() -> None:
+    # 4 % in 5 s are 20 % in the descent of 10 s and the reserve of 15 s
+    assert is_falling((0.0, 0.32, 15.0), (2.0, 0.28, 15.0))
+    assert not is_falling((0.0, 0.36, 15.0), (2.0, 0.32, 15.0))
+
+
+def test_a_voltage_of_about_nothing_is_no_measurement() -> None:
+    assert not is_falling((0.0, 0.9, 0.5), (2.0, 0.9, 0.1))
+    assert not is_falling((0.0, 0.9, math.inf), (2.0, 0.9, 15.0))
+    assert is_falling((0.0, 0.9, 1.2), (2.0, 0.9, 1.0))
+
+
 # -- distances and predictions ---------------------------------------------------------------------
 
 
