@@ -106,6 +106,8 @@ def simulate(
     if jobs < 1:
         raise ConfigError(f"--jobs is {jobs}; it must be 1 or more.")
 
+    if keep is not None and suite is None:
+        raise ConfigError("--keep is for --suite; --json prints the flights of scenarios.")
     if suite is not None:
         is_changed = (errors, scale) != (_DEFAULT_ERRORS, _DEFAULT_SCALE)
         if suite != "open":

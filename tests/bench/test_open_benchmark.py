@@ -66,6 +66,7 @@ def test_files_of_different_versions_are_refused(tmp_path):
         open_benchmark.main([one, other])
 
 
+@pytest.mark.long
 def test_scenes_are_drawn_with_walls_an_intruder_and_a_second_law(tmp_path, monkeypatch):
     names = ("corridor", "intruder", "mixed")
     shown = [scene for scene in suite.scenes() if scene.name in names]

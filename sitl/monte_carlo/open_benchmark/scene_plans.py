@@ -23,7 +23,8 @@ from sitl.monte_carlo.scenarios import HEIGHT_M, FlightPlan, OtherLaw
 
 _STREAM = 31  # random numbers of scenes; no other part of a flight draws from this stream
 _ATTEMPTS = 400  # attempts for each point before the square is emptied
-_FILLINGS = 200  # attempts to fill the square
+_MOST_ATTEMPTS = 50_000  # attempts in all, which take a second
+_BODY_M = 0.5  # diameter of a vehicle
 _FREE_M = 0.4  # least gap between the body of a vehicle at a drawn point and an obstacle
 
 
@@ -168,25 +169,46 @@ def _drawn(
     If they do not fit after many attempts, the square is emptied and filled anew.
     """
     half_m = 0.5 * placing.side_m
-    for _ in range(_FILLINGS):
-        points = np.empty((0, 2))
-        for _ in range(_ATTEMPTS * count):
-            point = rng.uniform(-half_m, half_m, 2)
-            distances_m = np.hypot(*(points - point).T)
-            is_near = distances_m.min(initial=math.inf) < placing.spacing_m
-            if (
-                is_near
-                or clutter.clearances_m(_raised(point)[None, None], obstacles, 0.5) < _FREE_M
-            ):
-                continue
+    points = np.empty((0, 2))
+    walls = _Walls(obstacles)
+    for attempt in range(_MOST_ATTEMPTS):
+        if attempt % (_ATTEMPTS * count) == 0:
+            points = np.empty((0, 2))
 
-            points = np.concatenate([points, point[None]])
-            if len(points) == count:
-                return points
+        point = rng.uniform(-half_m, half_m, 2)
+        distances_m = np.hypot(*(points - point).T)
+        if distances_m.min(initial=math.inf) < placing.spacing_m:
+            continue
+        if walls.gap_m(point) < 0.5 * _BODY_M + _FREE_M:
+            continue
+
+        points = np.concatenate([points, point[None]])
+        if len(points) == count:
+            return points
     raise ConfigError(
         f"the scene {name}: {count} points that are {placing.spacing_m:g} m apart were not found "
         f"in a square of {placing.side_m:g} m between its obstacles. Make it larger."
     )
+
+
+class _Walls:
+    """All obstacles of a scene at once, since a point is tested against them many times."""
+
+    def __init__(self, obstacles: Sequence[Capsule]) -> None:
+        self._begin = np.array([obstacle.begin_enu_m for obstacle in obstacles]).reshape(-1, 2)
+        end = np.array([obstacle.end_enu_m for obstacle in obstacles]).reshape(-1, 2)
+        self._along = end - self._begin  # (O, 2)
+        # a pillar has length 0; no division by 0
+        self._length_2 = np.maximum(np.einsum("oc,oc->o", self._along, self._along), 1e-12)
+        self._radius_m = np.array([obstacle.radius_m for obstacle in obstacles])
+
+    def gap_m(self, point: Array) -> float:
+        """Return the distance of a point (2,) from the nearest outline; negative inside."""
+        offset = point - self._begin
+        share = np.einsum("oc,oc->o", offset, self._along) / self._length_2
+        from_axis = offset - np.clip(share, 0.0, 1.0)[:, None] * self._along
+        gaps_m = np.hypot(*from_axis.T) - self._radius_m
+        return float(gaps_m.min(initial=math.inf))
 
 
 def _capsules(scene: Scene) -> tuple[Capsule, ...]:

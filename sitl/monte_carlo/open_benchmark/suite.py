@@ -93,16 +93,16 @@ def fly(unit: Unit) -> SuiteRow:
     """Fly a unit; return its row."""
     judged = JudgedLaw(scene_plans.setup(unit.scene, law=unit.law))
     plans = [scene_plans.plan(unit.scene, seed) for seed in unit.seeds]
+    is_timed = unit.scene.name == _COST_SCENE
     if judged.is_own:
         flown = batch_flight.fly(
             plans, judged.setup, controller=judged.interpreted, physics=unit.physics
         )
     else:
         flown = batch_flight.fly(plans, judged.setup, physics=unit.physics)
-        if unit.scene.name == _COST_SCENE:
+        if is_timed:
             batch_flight.fly(plans[:1], judged.setup, controller=judged.interpreted)
 
-    is_timed = unit.scene.name == _COST_SCENE
     return {
         "cell": unit.cell,
         "stage": 0,

@@ -21,6 +21,13 @@ from typing import Any, NamedTuple
 from tests.groundstation.recorded import record
 from tests.groundstation.shows.made_shows import line_of, trajectory
 
+_SCENE_OF_MANY = (
+    b'{"schema": 1, "name": "many", "about": "Many.", "placing": '
+    b'{"type": "square", "vehicles": %d, "side_m": 29.5, "spacing_m": 1.4}'
+)
+_PILLAR = b'{"begin_enu_m": [0, 0], "radius_m": 50}'
+_PILLARS = b', "obstacles": [' + b", ".join([_PILLAR] * 500) + b"]}"
+
 
 class HostileFile(NamedTuple):
     """One file of the corpus."""
@@ -534,6 +541,17 @@ CORPUS = {
     ),
     "results that never end": HostileFile("results", _endless(".jsonl")),
     "results that are a pipe": HostileFile("results", _pipe(".jsonl")),
+    "scene nested 200,000 deep": HostileFile(
+        "scene", _bytes("scene.json", b'{"schema": 1, "name": ' + b"[" * 200_000)
+    ),
+    "scene that never ends": HostileFile("scene", _endless(".json")),
+    "scene that is a pipe": HostileFile("scene", _pipe(".json")),
+    "scene of a million vehicles": HostileFile(
+        "scene", _bytes("scene.json", _SCENE_OF_MANY % 1_000_000 + b"}")
+    ),
+    "scene whose square is full of pillars": HostileFile(
+        "scene", _bytes("scene.json", _SCENE_OF_MANY % 250 + _PILLARS)
+    ),
     "a law that is a pipe": HostileFile("law", _pipe(".py")),
     "a message to the web's socket, nested 60,000 deep": HostileFile(
         "web", _bytes("message.json", b"[" * 60_000), outcome="read"

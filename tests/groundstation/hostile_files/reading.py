@@ -188,6 +188,12 @@ def _results(path: Path) -> None:
     ResultsFile(path, "1")
 
 
+def _scene(path: Path) -> None:
+    from sitl.monte_carlo.open_benchmark import scene_file, scene_plans
+
+    scene_plans.setup(scene_file.load(path))
+
+
 def _law(path: Path) -> None:
     from onboard.config.law_import import find_own_law
 
@@ -226,6 +232,7 @@ DOORS: dict[str, Callable[[Path], None]] = {
     "key": _key,
     "mavlink key": _mavlink_key,
     "results": _results,
+    "scene": _scene,
     "law": _law,
     "web": _web,
 }

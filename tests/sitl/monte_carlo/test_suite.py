@@ -1,6 +1,7 @@
 """The suite of the open benchmark: its units, its file, its table, and its command."""
 
 import json
+import pickle
 
 import pytest
 
@@ -73,6 +74,10 @@ def test_a_suite_has_each_seed_of_each_scene_once_and_another_law_other_units():
     assert len(flights) == len(set(flights)) == 7 * len(suite.scenes())
     assert len({unit.cell for unit in units + compiled}) == len(units + compiled)
 
+    # processes and workers of a cluster get units in this way
+    for unit in units:
+        assert pickle.loads(pickle.dumps(unit)) == unit
+
 
 def test_a_run_goes_on_where_it_was_and_one_file_keeps_several_laws(tmp_path, flown):
     keep = tmp_path / "kept.jsonl"
@@ -127,6 +132,7 @@ def test_the_table_counts_what_happened():
         (["--suite", "open", "--errors", "vision"], "--suite flies its own scenes"),
         (["--suite", "open", "--seeds", "3:3"], "holds no seed"),
         (["--suite", "open", "--law", "nowhere:law"], "the module nowhere cannot be imported"),
+        (["swap8", "--keep", "kept.jsonl"], "--keep is for --suite"),
         (["circle.json", "swap8"], "name one file with a scene"),
         (["circle.json", "--errors", "vision"], "says types, errors and places itself"),
         (["nowhere.json"], "there is no such scene"),
