@@ -24,7 +24,7 @@ from tests.bench.peers.pages import insert
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = "open-benchmark.md"
-_HEADS = ("law", *suite_summary.COLUMNS)
+_HEADS = ("law", "scenes", *suite_summary.COLUMNS)
 
 Rows = Sequence[suite.SuiteRow]
 
@@ -73,13 +73,14 @@ def leaderboard(rows: Rows, version: str, results_digest: str) -> str:
     """Return both tables: a line for each law, and its flawless flights in each scene."""
     rows = [{**row, "contestant": _contestant(row)} for row in rows]
     by_law = _by(rows, "contestant")
-    order = sorted(by_law, key=lambda law: _rank(by_law[law]))
+    scenes = sorted({row["scene"] for row in rows})
+    order = sorted(by_law, key=lambda law: _rank(by_law[law], len(scenes)))
 
     lines = [f"| {' | '.join(_HEADS)} |", "|---" * len(_HEADS) + "|"]
     for law in order:
-        lines.append(f"| {law} | {' | '.join(suite_summary.table_row(by_law[law]))} |")
+        count = len({row["scene"] for row in by_law[law]})
+        lines.append(f"| {law} | {count} | {' | '.join(suite_summary.table_row(by_law[law]))} |")
 
-    scenes = sorted({row["scene"] for row in rows})
     lines += ["", "Flawless flights by scene:", ""]
     lines += [f"| law | {' | '.join(scenes)} |", "|---" * (len(scenes) + 1) + "|"]
     for law in order:
@@ -106,12 +107,16 @@ def _by(rows: Rows, key: str) -> dict[str, list[suite.SuiteRow]]:
     return groups
 
 
-def _rank(rows: Rows) -> tuple[float, float]:
-    """Return the sorting key of a law, the best first: flawless flights, then too near ones."""
+def _rank(rows: Rows, scenes: int) -> tuple[bool, float, float]:
+    """Return the sorting key of a law: flawless flights, then too near ones.
+
+    Laws that have not flown all scenes come last, because scenes differ in how hard they are.
+    """
     flights = suite.flights_of(rows)
     flawless = sum(suite_summary.is_flawless(flight) for flight in flights)
     below = sum(flight["violation_s"] > 0.0 for flight in flights)
-    return -flawless / len(flights), below / len(flights)
+    is_partial = len({row["scene"] for row in rows}) < scenes
+    return is_partial, -flawless / len(flights), below / len(flights)
 
 
 def _flawless(rows: Rows) -> str:
