@@ -75,7 +75,7 @@ def summarized(
         planned=planned,
         undisturbed=[point for flight in undisturbed for point in flight.hull_m],
         undisturbed_height_m=max((flight.highest_m for flight in undisturbed), default=0.0),
-        failed=[point for flight in flights for point in flight.hull_m],
+        flown=[point for flight in flights for point in flight.hull_m],
         highest_m=max((flight.highest_m for flight in flights), default=0.0),
         fastest_m_s=max((flight.fastest_m_s for flight in flights), default=0.0),
         wind_m_s=wind_m_s,

@@ -57,7 +57,7 @@ def volumes(
     planned: Iterable[tuple[float, float, float]],
     undisturbed: Iterable[Point],
     undisturbed_height_m: float,
-    failed: Sequence[Point],
+    flown: Sequence[Point],
     highest_m: float,
     fastest_m_s: float,
     wind_m_s: float,
@@ -69,7 +69,7 @@ def volumes(
         planned: planned positions of the mission, east, north and up [m].
         undisturbed: positions in the air in undisturbed flights.
         undisturbed_height_m: greatest height in undisturbed flights.
-        failed: positions in the air in all flights.
+        flown: positions in the air in all flights, with and without failures.
         highest_m: greatest height in all flights.
         fastest_m_s: greatest horizontal speed in all flights.
         wind_m_s: mean wind.
@@ -82,7 +82,7 @@ def volumes(
     planned_height_m = max((up for _, _, up in planned_m), default=0.0)
     geography_height_m = max(planned_height_m, undisturbed_height_m) + half_body_m
 
-    excursion_m = max((distance_outside_m(geography, point) for point in failed), default=0.0)
+    excursion_m = max((distance_outside_m(geography, point) for point in flown), default=0.0)
     excursion_m += half_body_m
     contingency = widened(geography, excursion_m)
     contingency_height_m = max(geography_height_m, highest_m + half_body_m)

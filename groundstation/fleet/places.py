@@ -39,15 +39,18 @@ def stand_ins(state: FleetState | None) -> dict[str, str]:
 
 
 def out_of_service(state: FleetState) -> set[str]:
-    """Return the vehicles that take part in no flight: disabled and swapped ones.
+    """Return the vehicles that take part in no flight.
+
+    They are disabled, or gave their place to another vehicle and took no other place.
 
     Args:
         state: the fleet as known now.
     """
     disabled = {name for name, view in state.vehicles.items() if view.is_disabled}
     vehicle_by_place = stand_ins(state)
-    swapped = vehicle_by_place.keys() - vehicle_by_place.values()
-    return disabled | swapped
+    gave_their_place = vehicle_by_place.keys()
+    have_a_place = vehicle_by_place.values()
+    return disabled | (gave_their_place - have_a_place)
 
 
 def place_of(name: str, state: FleetState | None) -> str:

@@ -42,7 +42,7 @@ def check_steps(mission: Mission) -> None:
 def _check_course_step(course_step: CourseStep, mission: Mission) -> None:
     fleet = mission.fleet
     step = course_step.step
-    where = f"{mission.path}: '{course_step.key}"
+    where = f"{mission.path}: '{course_step.key}"  # a field and the closing quote follow
 
     may_fly: Collection[str] = fleet.enabled_names
     if course_step.is_known:

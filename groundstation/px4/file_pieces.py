@@ -21,17 +21,17 @@ class Pieces:
 
     def __init__(self, size: int, count: int = 0) -> None:
         self.size = size
-        self.count = count  # number of bytes at the begin of the file, up to the first hole
+        self.bytes_in_order = count  # from the begin of the file to the first hole
         self._waiting: list[tuple[int, bytes]] = []  # heap of pieces behind a hole: offset, data
         self._waiting_bytes = 0
 
     @property
     def is_whole(self) -> bool:
         """Whether no byte is missing."""
-        return self.count >= self.size
+        return self.bytes_in_order >= self.size
 
     @property
-    def is_full(self) -> bool:
+    def drops_more(self) -> bool:
         """Whether too many bytes wait; further pieces behind a hole are then dropped."""
         return self._waiting_bytes >= _MOST_WAITING_BYTES
 
@@ -39,8 +39,8 @@ class Pieces:
     def gap(self) -> tuple[int, int]:
         """Offset of the first missing byte, and offset at which the missing part ends."""
         if self._waiting:
-            return self.count, min(self.size, self._waiting[0][0])
-        return self.count, self.size
+            return self.bytes_in_order, min(self.size, self._waiting[0][0])
+        return self.bytes_in_order, self.size
 
     def add(self, offset: int, data: bytes) -> bytes:
         """Add a piece.
@@ -53,14 +53,14 @@ class Pieces:
             The bytes that follow those returned before; empty while there is a hole.
         """
         data = data[: max(0, self.size - offset)]
-        if offset > self.count:
-            if data and not self.is_full:
+        if offset > self.bytes_in_order:
+            if data and not self.drops_more:
                 heapq.heappush(self._waiting, (offset, data))
                 self._waiting_bytes += len(data)
             return b""
 
         following = [self._cut(offset, data)]
-        while self._waiting and self._waiting[0][0] <= self.count:
+        while self._waiting and self._waiting[0][0] <= self.bytes_in_order:
             waiting_offset, waiting = heapq.heappop(self._waiting)
             self._waiting_bytes -= len(waiting)
             following.append(self._cut(waiting_offset, waiting))
@@ -68,6 +68,6 @@ class Pieces:
 
     def _cut(self, offset: int, data: bytes) -> bytes:
         """Return the part of a piece that is new, and count it."""
-        new = data[self.count - offset :]
-        self.count += len(new)
+        new = data[self.bytes_in_order - offset :]
+        self.bytes_in_order += len(new)
         return new

@@ -260,7 +260,7 @@ class _Download:
     def __init__(self, file: BinaryIO, pieces: Pieces, show: Callable[[int], None]) -> None:
         self._file = file
         self._show = show
-        self._shown = pieces.count
+        self._shown_bytes = pieces.bytes_in_order
         self.pieces = pieces
 
     def head(self) -> bytes:
@@ -273,9 +273,9 @@ class _Download:
     def take(self, piece: Piece) -> None:
         """Add a piece."""
         self._file.write(self.pieces.add(piece.offset, piece.data))
-        if self.pieces.count - self._shown >= _SHOWN_BYTES or self.pieces.is_whole:
-            self._shown = self.pieces.count
-            self._show(self._shown)
+        if self.pieces.bytes_in_order - self._shown_bytes >= _SHOWN_BYTES or self.pieces.is_whole:
+            self._shown_bytes = self.pieces.bytes_in_order
+            self._show(self._shown_bytes)
 
 
 def _fetched(link: LogLink, log: VehicleLog, target: Path, vehicle: str, progress: Progress) -> str:
@@ -299,8 +299,8 @@ def _fetched(link: LogLink, log: VehicleLog, target: Path, vehicle: str, progres
 
     if not pieces.is_whole:
         raise IncompleteError(
-            f"{part} has {pieces.count} of {log.size} bytes, then PX4 gave out nothing more. Run"
-            " this once more: it goes on there."
+            f"{part} has {pieces.bytes_in_order} of {log.size} bytes, then PX4 gave out nothing"
+            " more. Run this once more: it goes on there."
         )
     part.replace(target)
 
@@ -322,16 +322,16 @@ def _by_all_methods(link: LogLink, log: VehicleLog, download: _Download) -> list
     count_by_data = 0
     failures = 0
     while not pieces.is_whole and failures < _MOST_FAILURES:
-        before = pieces.count
+        before = pieces.bytes_in_order
         if log.path:
             sessions += _by_file_transfer(link, log.path, download)
-        count_by_file += pieces.count - before
+        count_by_file += pieces.bytes_in_order - before
 
-        between = pieces.count
+        between = pieces.bytes_in_order
         if not pieces.is_whole:
             _by_log_data(link, log, download)
-        count_by_data += pieces.count - between
-        failures = 0 if pieces.count > before else failures + 1
+        count_by_data += pieces.bytes_in_order - between
+        failures = 0 if pieces.bytes_in_order > before else failures + 1
 
     methods = []
     if count_by_file:
@@ -376,14 +376,14 @@ def _by_file_transfer(link: LogLink, path: str, download: _Download) -> int:
     sessions = 0
     failures = 0
     while not pieces.is_whole and failures < _MOST_FAILURES:
-        before = pieces.count
+        before = pieces.bytes_in_order
         try:
             transfer.open(path)
             sessions += 1
             _read_on(transfer, download)
         except (TransferRefused, TransferSilent):
             pass  # PX4 has ended the session: open the file once more
-        failures = 0 if pieces.count > before else failures + 1
+        failures = 0 if pieces.bytes_in_order > before else failures + 1
 
     # close the session; if this fails, PX4 closes it by itself after a while
     with contextlib.suppress(TransferRefused, TransferSilent):
@@ -395,18 +395,18 @@ def _read_on(transfer: FileTransfer, download: _Download) -> None:
     """Read an open file until the log is whole, or no more bytes come."""
     pieces = download.pieces
     while not pieces.is_whole:
-        before = pieces.count
+        before = pieces.bytes_in_order
         begin, end = pieces.gap
         if end < pieces.size and end - begin <= _SMALL_GAP_BYTES:
             download.take(transfer.read(begin, end - begin))
         else:
             for piece in transfer.burst(begin):
                 download.take(piece)
-                if pieces.is_full:
-                    # The burst goes on behind a hole, and its pieces find no room any more. The
-                    # caller opens the file anew, which ends the burst.
+                if pieces.drops_more:
+                    # So many pieces wait behind a hole that further ones would be dropped. The
+                    # caller opens the file anew, which ends the burst, and reads the hole first.
                     return
-        if pieces.count == before:
+        if pieces.bytes_in_order == before:
             return
 
 
@@ -422,11 +422,11 @@ def _by_log_data(link: LogLink, log: VehicleLog, download: _Download) -> None:
     pieces = download.pieces
     failures = 0
     while not pieces.is_whole and failures < _MOST_FAILURES:
-        before = pieces.count
+        before = pieces.bytes_in_order
         begin, end = pieces.gap
         for piece in data.read(number, begin, end - begin):
             download.take(piece)
-        failures = 0 if pieces.count > before else failures + 1
+        failures = 0 if pieces.bytes_in_order > before else failures + 1
     data.stop()
 
 

@@ -111,7 +111,8 @@ class _Output:
                         data=data,
                     )
 
-        # The record is roughly in order of time, the scenes exactly: so is their merged sequence.
+        # The scenes are exactly in order of time, and the record is roughly. Their merged sequence
+        # is therefore roughly in order as well.
         scenes = _messages(flight, begin_ns)
         next_scene = next(scenes, None)
         for number in range(timeline.chunk_count):
@@ -201,7 +202,9 @@ def _log(flight: Flight) -> Iterator[_Message]:
 
 
 def _motion(flight: Flight, step_s: float) -> FleetMotion:
-    return FleetMotion(flight, np.arange(flight.begin_s, flight.length_s + step_s / 2.0, step_s))
+    # The times count from flight.begin_ns. The first vehicle is known earlier or later than that.
+    times_s = np.arange(flight.begin_s, flight.length_s + step_s / 2.0, step_s)
+    return FleetMotion(flight, times_s)
 
 
 def _stamps_ns(flight: Flight, motion: FleetMotion) -> list[int]:

@@ -69,6 +69,8 @@ class PoseConverter:
         if raw.arrived_ns < earliest_ns:
             return []
 
+        # The next frame is due a period after this one was due. After a late frame at most one
+        # period is caught up.
         self._next_ns = max(self._next_ns, raw.arrived_ns - self._period_ns) + self._period_ns
         self.sequence += 1
         stamp_ns = raw.arrived_ns - self._latency_ns

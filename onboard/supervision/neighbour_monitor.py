@@ -39,7 +39,7 @@ _FASTEST_FACTOR = 3.0  # times its max_speed_m_s
 class Silence(NamedTuple):
     """Names of neighbours that became silent, or that are heard again."""
 
-    silent: tuple[str, ...]  # were heard in the air, and are not heard any more
+    silent: tuple[str, ...]  # were heard in the air, and are not heard at this tick
     unseen: tuple[str, ...]  # confirmed as silent, and without mocap poses
     heard_again: tuple[str, ...]  # heard again within the last seconds
 
@@ -85,8 +85,8 @@ class NeighbourMonitor:
             for name in table.names
         }
 
-        self._silence = Held()
-        self._silent: tuple[str, ...] = ()  # neighbours whose silence is confirmed
+        self._silence = Held()  # in how many ticks in a row any neighbour was silent
+        self._confirmed_silent: tuple[str, ...] = ()  # silent in enough ticks in a row
         self._heard_again: tuple[str, ...] = ()
         self._heard_again_ns = 0
 
@@ -101,15 +101,15 @@ class NeighbourMonitor:
         if silent:
             self._silence.see(now_ns)
         else:
-            self._silence.checks = 0
+            self._silence.end()
 
-        before = self._silent
+        before = self._confirmed_silent
         unseen: tuple[str, ...] = ()
         if self._silence.checks >= NEIGHBOUR_CHECKS:
-            self._silent = silent
+            self._confirmed_silent = silent
             unseen = self._table.unseen(now_ns)
         else:
-            self._silent = ()
+            self._confirmed_silent = ()
 
         if before:
             self._find_heard_again(before, now_ns)
@@ -120,7 +120,9 @@ class NeighbourMonitor:
         table = self._table
         ages_s = dict(zip(table.names, table.heard_ages_s(now_ns).tolist(), strict=True))
         heard_again = tuple(
-            name for name in before if name not in self._silent and ages_s[name] <= table.silent_s
+            name
+            for name in before
+            if name not in self._confirmed_silent and ages_s[name] <= table.silent_s
         )
         if heard_again:
             self._heard_again = heard_again
@@ -274,9 +276,10 @@ class NeighbourMonitor:
         above_it_m = z - other_z
         closing_m_s = (other_vz - vz) * math.copysign(1.0, above_it_m)
         height_left_m = abs(above_it_m) - _CLIMB_S * max(closing_m_s, 0.0)
-        # the whole column below a neighbour counts if that lands, falls or is silent
-        claims_column = not row.is_cooperative and above_it_m < 0.0
-        if height_left_m >= self._vertical_m and not claims_column:
+        # A neighbour that does not cooperate may come down, because it lands or falls, for
+        # instance. Below it the horizontal distance counts at all heights.
+        may_come_down_on_us = not row.is_cooperative and above_it_m < 0.0
+        if height_left_m >= self._vertical_m and not may_come_down_on_us:
             return False
 
         # both brake, if the other cooperates

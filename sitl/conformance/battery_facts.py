@@ -49,7 +49,11 @@ def run(client: VehicleClient, report: FactReport) -> None:
 
 
 def _floor(client: VehicleClient, report: FactReport) -> None:
-    """Report the least charge in earlier flights, which is the default floor if it lasted."""
+    """Report the charge at which the simulated battery stops by default (SIM_BAT_MIN_PCT).
+
+    It is the least charge that was received earlier in this run. A battery that stopped there sent
+    it several times.
+    """
     charges = [packet.message.battery_remaining for packet in client.received.of("BATTERY_STATUS")]
     least = min(charges, default=100)
     if least < 90 and charges.count(least) >= 3:
@@ -82,11 +86,13 @@ def _empty(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     client.params.set("SIM_BAT_DRAIN", _SLOW_DRAIN_S)
     slow_s = client.now_s + _LAG_S
 
-    # Low battery.
+    # Wait until the charge is low, and report how low it is.
     client.text("Low battery", since_s, wait_s=0.1 * _SLOW_DRAIN_S)
     low_s = _report_text(client, report, "low", "Low battery", since_s)
+
+    # Wait until the charge is critical. The last heartbeat came before PX4 said so, and therefore
+    # still has the mode of a low battery.
     client.text("Critical battery", since_s, wait_s=0.12 * _SLOW_DRAIN_S)
-    # Mode of the last heartbeat before that text.
     low_mode = "not seen"
     if math.isfinite(low_s):
         low_mode = client.mode

@@ -40,18 +40,18 @@ def run(client: VehicleClient, report: FactReport) -> None:
     if report.wants("quirk.odometry-velocity"):
         _odometry(client, report, hover)
     if report.wants("offboard.two-hertz"):
-        _slowly(client, report, hover)
+        _send_at_two_hertz(client, report, hover)
     if report.wants("offboard.disarm-*"):
-        _disarm(client, report)
+        _request_disarm_in_air(client, report)
     if report.wants("offboard.hold*", "offboard.refused*", "offboard.again"):
         _hold(client, report, hover)
     if report.wants("offboard.cut-disarm"):
-        _cut(client, report, hover)
+        _land_and_cut_thrust(client, report, hover)
     if report.wants("offboard.forced*"):
-        _forced(client, report)
+        _force_disarm(client, report)
 
 
-def _disarm(client: VehicleClient, report: FactReport) -> None:
+def _request_disarm_in_air(client: VehicleClient, report: FactReport) -> None:
     since_s = client.now_s
     report.add("offboard.disarm-in-air", client.command(ARM, 0.0))
     client.spend(0.3)
@@ -166,7 +166,7 @@ def _odometry(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     settle(client, hover)
 
 
-def _slowly(client: VehicleClient, report: FactReport, hover: Hover) -> None:
+def _send_at_two_hertz(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     level = quaternion(0.0, 0.0, hover.yaw_rad)
     client.stream(lambda: client.attitude(level, hover.thrust), hz=2.0)
     client.spend(3.0)
@@ -197,7 +197,7 @@ def _hold(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     report.add("offboard.again", client.set_mode("OFFBOARD"))
 
 
-def _cut(client: VehicleClient, report: FactReport, hover: Hover) -> None:
+def _land_and_cut_thrust(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     hover.to_height(-0.3)
     client.spend(8.0, lambda: hover.height_m < 0.05)
     client.spend(0.5)
@@ -208,7 +208,7 @@ def _cut(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     client.stream(None)
 
 
-def _forced(client: VehicleClient, report: FactReport) -> None:
+def _force_disarm(client: VehicleClient, report: FactReport) -> None:
     hover = airborne(client, 0.6)
     client.interval("SERVO_OUTPUT_RAW", 50.0)
     since_s = client.now_s

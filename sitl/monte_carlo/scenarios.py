@@ -457,7 +457,9 @@ def _gap(name: str, seed: int, number: str | None) -> FlightPlan:
     mirrored = (-1.0, 1.0)  # factors of x and y
 
     start = np.concatenate([right * mirrored, right])
-    goal = np.concatenate([right[::-1], right[::-1] * mirrored])
+    # Whoever is nearest to the gap flies to the place farthest behind it, and in the same order.
+    farthest_first = right[::-1]
+    goal = np.concatenate([farthest_first, farthest_first * mirrored])
 
     return FlightPlan(
         scenario=name,

@@ -30,7 +30,7 @@ def shapes(fleet, **changes):
         "planned": [(0.0, 0.0, 1.0)],
         "undisturbed": SQUARE,
         "undisturbed_height_m": 1.2,
-        "failed": [*SQUARE, BESIDE],
+        "flown": [*SQUARE, BESIDE],
         "highest_m": 2.0,
         "fastest_m_s": 3.0,
         "wind_m_s": 4.0,

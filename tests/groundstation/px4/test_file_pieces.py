@@ -24,10 +24,10 @@ def test_whatever_arrives_only_what_is_whole_from_the_begin_is_written(
 
     for offset, size in cuts:
         written += pieces.add(offset, WHOLE[offset : offset + size])
-        assert written == WHOLE[: pieces.count]
+        assert written == WHOLE[: pieces.bytes_in_order]
 
         begin, end = pieces.gap
-        assert begin == pieces.count
+        assert begin == pieces.bytes_in_order
         assert begin <= end <= len(WHOLE)
 
     while not pieces.is_whole:
@@ -51,5 +51,5 @@ def test_what_waits_behind_a_hole_is_bounded() -> None:
     for offset in range(1, size, 1_000_000):
         pieces.add(offset, b"x" * 1_000_000)
 
-    assert pieces.is_full
+    assert pieces.drops_more
     assert pieces._waiting_bytes <= file_pieces._MOST_WAITING_BYTES + 1_000_000
