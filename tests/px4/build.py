@@ -35,8 +35,6 @@ _MODEL = {
     "PX4_SYS_AUTOSTART": "10040",
     "PX4_SIM_MODEL": "sihsim_quadx",
     "PX4_PARAM_SDLOG_MODE": "-1",
-    # else the simulated battery loses half of its charge in a minute, and a pause ends at once
-    "PX4_PARAM_SIM_BAT_DRAIN": "1800",
 }
 
 

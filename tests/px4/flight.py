@@ -38,6 +38,8 @@ _AIRBORNE_M = 0.10
 _DOWN_M = 0.15
 _STILL_M_S = 0.10
 _WATCH_S = 1.0
+# else the simulated battery loses half of its charge in a minute, and a pause ends at once
+_BATTERY = {"SIM_BAT_DRAIN": 1800.0}
 
 
 def fleet_of(
@@ -192,7 +194,11 @@ def flying(
     (folder / "mission.toml").write_text(mission, encoding="utf-8")
     names = dict(zip(instances, fleet.enabled_names, strict=True))
     params = {
-        number: {**_params_to_set(fleet, fleet.vehicles[name], build.version), **(wind or {})}
+        number: {
+            **_params_to_set(fleet, fleet.vehicles[name], build.version),
+            **_BATTERY,
+            **(wind or {}),
+        }
         for number, name in names.items()
     }
     places_deg = None
