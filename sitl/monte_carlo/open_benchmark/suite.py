@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 
 from sitl.monte_carlo import batch_flight, results, worlds
+from sitl.monte_carlo.campaign_settings import Setup
 from sitl.monte_carlo.law_map.results_file import ResultsKind
 from sitl.monte_carlo.open_benchmark import scene_file, scene_plans
 from sitl.monte_carlo.open_benchmark.judged_law import JudgedLaw
@@ -72,7 +73,7 @@ def units(law: str, seeds: range, physics: str = worlds.DEFAULT) -> list[Unit]:
         ConfigError: the law cannot be imported, or there is no such physics.
     """
     worlds.world_of(physics)
-    judged = JudgedLaw(scene_plans.setup(scenes()[0], law=law))
+    judged = JudgedLaw(_setup(scenes()[0], law))
     size = 1 if judged.is_own else _SEEDS_OF_UNIT
     found = []
     for first in range(seeds.start, seeds.stop, size):
@@ -89,9 +90,17 @@ def units(law: str, seeds: range, physics: str = worlds.DEFAULT) -> list[Unit]:
     return found
 
 
+def _setup(scene: Scene, law: str) -> Setup:
+    """Return the settings of a scene; the paper's law flies with any number of vehicles here."""
+    changes: tuple[str, ...] = ()
+    if law == "paper":
+        changes = ("law.paper_force_ring=true",)
+    return scene_plans.setup(scene, law=law, changes=changes)
+
+
 def fly(unit: Unit) -> SuiteRow:
     """Fly a unit; return its row."""
-    judged = JudgedLaw(scene_plans.setup(unit.scene, law=unit.law))
+    judged = JudgedLaw(_setup(unit.scene, unit.law))
     plans = [scene_plans.plan(unit.scene, seed) for seed in unit.seeds]
     is_timed = unit.scene.name == _COST_SCENE
     if judged.is_own:

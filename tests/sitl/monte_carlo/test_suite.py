@@ -7,6 +7,7 @@ import pytest
 
 from groundstation.cli import main
 from onboard.config.fleet import ConfigError
+from onboard.config.law import BUILT_IN
 from onboard.rollout import batch
 from sitl.monte_carlo.law_map.results_file import ResultsFile
 from sitl.monte_carlo.open_benchmark import suite, suite_command, suite_summary
@@ -77,6 +78,11 @@ def test_a_suite_has_each_seed_of_each_scene_once_and_another_law_other_units():
     # processes and workers of a cluster get units in this way
     for unit in units:
         assert pickle.loads(pickle.dumps(unit)) == unit
+
+
+def test_each_built_in_law_is_judged_also_the_one_of_two_vehicles():
+    for law in BUILT_IN:
+        assert suite.units(law, range(1000, 1001))
 
 
 def test_a_run_goes_on_where_it_was_and_one_file_keeps_several_laws(tmp_path, flown):
