@@ -28,6 +28,7 @@ from groundstation.alarms.alarm_table import (
     GroundCondition,
     Kind,
 )
+from groundstation.fleet.places import out_of_service
 from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
@@ -314,7 +315,12 @@ def _of_fleet(state: FleetState, fleet: FleetConfig, now_ns: int) -> Iterator[Al
         if view is not None and view.is_armed and view.is_fresh(now_ns):
             yield _alarm(GroundCondition.DISABLED_FLIES, view.name, is_flying=view.is_airborne)
 
-    never_heard = [name for name, view in state.vehicles.items() if view.telemetry is None]
+    replaced = out_of_service(state)
+    never_heard = [
+        name
+        for name, view in state.vehicles.items()
+        if view.telemetry is None and name not in replaced
+    ]
     if never_heard:
         names = listed(never_heard, _GROUPED)
         yield _alarm(GroundCondition.WAITING, "", is_flying=False, names=names)

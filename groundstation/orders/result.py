@@ -87,6 +87,9 @@ class OrderResult:
             order = planned.orders.get(name)
             if order is not None:
                 result = VehicleResult(name, order.order_id, "sent", "")
+            elif planned.orders and name not in planned.refusals:
+                # the vehicle that a spare replaces, if it is silent
+                result = VehicleResult(name, "", "done", "It is not heard, so it gets no order.")
             else:
                 result = VehicleResult(name, "", "refused", planned.refusals.get(name, ""))
             self.results[name] = result

@@ -319,3 +319,13 @@ def test_durations_are_short_and_right() -> None:
         "1 min 1 s",
         "2 h 5 min",
     ]
+
+
+def test_a_vehicle_that_was_never_heard_is_waited_for_until_another_one_has_its_place(
+    ground: Ground3,
+) -> None:
+    ground.hear("mav0")
+    ground.hear("mav1")
+    assert GroundCondition.WAITING in ground.kinds()
+    ground.hear("mav1", stands_in_for="mav2")
+    assert GroundCondition.WAITING not in ground.kinds()

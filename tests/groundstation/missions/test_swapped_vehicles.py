@@ -14,6 +14,7 @@ from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.missions.api import Fleet
 from groundstation.missions.runner import MissionRun
 from groundstation.orders.grammar import OrderError, parse
+from groundstation.orders.result import OrderResult
 from onboard.bus.schema import SERVICE
 from onboard.config.fleet import FleetConfig
 
@@ -83,6 +84,20 @@ async def test_a_swapped_vehicle_that_nobody_hears_gets_no_order(bus: Any, clien
     spot_enu_m = client.fleet.vehicles["mav1"].start_enu_m
     await tell(client, bus, "mav2", position_enu_m=spot_enu_m)
     assert set(client.plan("swap mav1 mav2").orders) == {"mav2"}
+
+
+@pytest.mark.usefixtures("without_mav1")
+async def test_a_swap_is_done_with_the_spare_if_nobody_hears_the_other(
+    bus: Any, client: Any
+) -> None:
+    spot_enu_m = client.fleet.vehicles["mav1"].start_enu_m
+    await tell(client, bus, "mav2", position_enu_m=spot_enu_m)
+    order = OrderResult(client.plan("swap mav1 mav2"))
+    assert not order.is_done
+
+    order.update("mav2", "done", "")
+    assert order.is_done
+    assert "not heard" in order.results["mav1"].sentence
 
 
 @pytest.mark.parametrize(
