@@ -41,6 +41,47 @@ ACCEPTED = (
     ),
     Accepted(
         _MEASURED,
+        "safety/autopilot_monitor.py",
+        (("if abs(shift_ns) <= STANDSTILL_S * 1e9:", "LtE becomes Lt"),),
+    ),
+    Accepted(
+        "the shift is more than 0.15 s to either side there",
+        "safety/autopilot_monitor.py",
+        (
+            ("if shift_ns > 0.0:", _LARGER),
+            ("if shift_ns > 0.0:", "0.0 becomes larger"),
+        ),
+    ),
+    Accepted(
+        "the next attitude agrees with the new difference of both clocks, and sets the count to 0",
+        "safety/autopilot_monitor.py",
+        (("self._shifted.checks = 0", "0 becomes larger"),),
+    ),
+    Accepted(
+        "an error of a tenth of a millisecond of the clock is none",
+        "safety/report_confirmation.py",
+        (("return max(0.0, moved_ms - passed_ms)", "0.0 becomes larger"),),
+    ),
+    Accepted(
+        "a clock that stands has the error 0 either way",
+        "safety/report_confirmation.py",
+        (
+            ("if moved_ms < 0:", _SMALLER),
+            ("if moved_ms < 0:", "0 becomes larger"),
+        ),
+    ),
+    Accepted(
+        _MEASURED,
+        "safety/report_confirmation.py",
+        (
+            (
+                "is_near = abs(sum(a * b for a, b in pairs)) > _SAME_TURN_COS",
+                _LARGER,
+            ),
+        ),
+    ),
+    Accepted(
+        _MEASURED,
         "safety/battery_monitor.py",
         (
             (

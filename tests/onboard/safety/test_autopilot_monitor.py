@@ -61,6 +61,11 @@ def test_a_px4_that_was_never_heard_is_silent_and_nothing_else() -> None:
     assert flags(monitor) == set()
 
 
+def test_a_second_after_the_start_of_this_computer_nothing_has_happened_to_px4() -> None:
+    px4 = Px4(now_ms=1000, heartbeat_ms=1000)
+    assert flags(px4.tick()) == set()
+
+
 def test_packets_heartbeats_and_the_clock_count_after_their_times() -> None:
     px4 = Px4()
     assert flags(px4.run(1.0)) == set()
@@ -97,7 +102,7 @@ def test_a_clock_that_goes_back_by_more_than_a_second_is_a_reboot_for_two_second
     assert flags(px4.run(0.02)) == set()
 
 
-@pytest.mark.parametrize(("lost_ms", "is_back"), [(140, False), (260, True)])
+@pytest.mark.parametrize(("lost_ms", "is_back"), [(140, False), (200, True)])
 def test_a_px4_whose_clock_has_lost_time_is_back_after_a_standstill(
     lost_ms: int, is_back: bool
 ) -> None:
@@ -125,8 +130,8 @@ def test_a_shift_that_does_not_last_and_a_clock_that_gains_time_are_no_standstil
     assert flags(px4.run(3.0)) == set()
 
 
-def test_a_simulated_px4_may_run_a_sixth_slower_for_ever_and_one_at_half_the_time_may_not() -> None:
+def test_a_simulated_px4_may_run_a_sixth_slower_for_ever_and_one_a_third_slower_may_not() -> None:
     px4 = Px4()
     px4.run(1.0)
     assert flags(px4.run(10.0, px4_lasts=0.85)) == set()
-    assert "is_back" in flags(px4.run(3.0, px4_lasts=0.5))
+    assert "is_back" in flags(px4.run(3.0, px4_lasts=0.7))

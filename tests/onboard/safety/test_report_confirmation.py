@@ -178,3 +178,121 @@ def test_a_battery_that_measures_no_voltage_is_believed() -> None:
     reports.believe(without, FLYING)
     later = replace(without, battery_ns=2 * S, battery_frac=0.79)
     assert reports.believe(later, FLYING) is later
+
+
+def attitude(after_ms: float, *, turn_deg: float = 0.0, gained_ms: int = 0) -> Snapshot:
+    """The attitude so long after the first one, turned, and with a clock that has gained."""
+    half_rad = math.radians(turn_deg) / 2.0
+    return replace(
+        TRUE,
+        attitude_ns=S + round(after_ms * 1e6),
+        px4_boot_ms=TRUE.px4_boot_ms + round(after_ms) + gained_ms,
+        quaternion_enu_flu_wxyz=(math.cos(half_rad), math.sin(half_rad), 0.0, 0.0),
+    )
+
+
+def is_believed_at_once(report: Snapshot, expected: Expected = FLYING) -> bool:
+    reports = ReportConfirmation()
+    level = replace(TRUE, quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0))
+    reports.believe(level, expected)
+    return reports.believe(report, expected) is report
+
+
+@pytest.mark.parametrize(
+    ("report", "is_believed"),
+    [
+        (attitude(20.0, turn_deg=44.0), True),
+        (attitude(20.0, turn_deg=46.0), False),
+        (attitude(20.0, turn_deg=-46.0), False),
+        (attitude(100.0, turn_deg=180.0), False),
+        (attitude(101.0, turn_deg=180.0), True),  # it may have turned so far since
+        (attitude(20.0, gained_ms=500), True),
+        (attitude(20.0, gained_ms=501), False),
+        (attitude(20.0, gained_ms=-520), True),
+        (attitude(20.0, gained_ms=-521), False),
+    ],
+)
+def test_an_attitude_surprises_beyond_45_degrees_or_half_a_second_of_its_clock(
+    report: Snapshot, is_believed: bool
+) -> None:
+    assert is_believed_at_once(report) is is_believed
+
+
+@pytest.mark.parametrize(
+    ("changes", "is_believed"),
+    [
+        ({"battery_frac": 0.71}, True),
+        ({"battery_frac": 0.69}, False),
+        ({"battery_voltage_v": 13.8}, True),
+        ({"battery_voltage_v": 13.5}, False),
+    ],
+)
+def test_a_battery_surprises_beyond_a_tenth(changes: dict[str, float], is_believed: bool) -> None:
+    report = replace(TRUE, battery_ns=2 * S, **changes)
+    level = replace(report, quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0))
+    assert is_believed_at_once(level) is is_believed
+    # nobody exchanges the battery of a vehicle in the air, whoever flies it
+    assert is_believed_at_once(level, Expected()) is is_believed
+
+
+def test_a_heartbeat_of_the_flights_mode_is_believed_at_once_with_all_that_it_says() -> None:
+    level = replace(TRUE, quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0))
+    assert is_believed_at_once(replace(level, heartbeat_ns=2 * S, is_failsafe=True))
+
+
+def test_a_report_that_waits_still_waits_in_ticks_without_another_one() -> None:
+    reports = ReportConfirmation()
+    reports.believe(TRUE, FLYING)
+    disarmed = replace(TRUE, heartbeat_ns=2 * S, is_armed=False)
+    for _ in range(3):
+        assert reports.believe(disarmed, FLYING).is_armed
+    assert not reports.contradicted
+
+
+def test_two_surprises_that_differ_contradict_each_other_and_are_counted_anew() -> None:
+    reports = ReportConfirmation()
+    reports.believe(attitude(0.0), FLYING)
+    reports.believe(attitude(20.0, turn_deg=90.0), FLYING)
+    assert not reports.contradicted
+
+    for number in range(2, 6):
+        turned = attitude(20.0 * number, turn_deg=180.0)
+        assert reports.believe(turned, FLYING) is not turned
+        assert reports.contradicted == "attitude"
+    fifth = attitude(120.0, turn_deg=180.0)
+    assert reports.believe(fifth, FLYING) is fifth
+
+
+def test_a_dropped_snapshot_counts_for_a_second() -> None:
+    reports = ReportConfirmation()
+    assert reports.impossible(S) == ""
+    reports.drop("PX4 says nonsense.", 5 * S)
+    assert reports.impossible(6 * S - 1) == "PX4 says nonsense."
+    assert reports.impossible(6 * S) == ""
+
+
+def test_px4_is_asked_for_a_heartbeat_each_60_ms_at_most() -> None:
+    reports = ReportConfirmation()
+    assert not reports.is_heartbeat_due(S)
+    reports.is_heartbeat_wanted = True
+    assert reports.is_heartbeat_due(S)
+    assert not reports.is_heartbeat_due(S + 59_999_999)
+    assert reports.is_heartbeat_due(S + 60_000_000)
+
+
+@pytest.mark.parametrize(("apart_s", "lasts_s"), [(3.0, 3.0), (3.1, 0.0)])
+def test_contradictions_within_three_seconds_belong_together_and_count_for_two(
+    apart_s: float, lasts_s: float
+) -> None:
+    reports = ReportConfirmation()
+    assert reports.contradicted_s(S) == 0.0
+    second_ns = 3 * S + round(apart_s * S)
+    for right_ns in (3 * S, second_ns):
+        wrong = replace(TRUE, heartbeat_ns=right_ns - S // 2, is_armed=False)
+        reports.believe(replace(TRUE, heartbeat_ns=right_ns - S), FLYING)
+        reports.believe(wrong, FLYING)
+        reports.believe(replace(TRUE, heartbeat_ns=right_ns), FLYING)
+
+    assert reports.contradicted_s(second_ns) == pytest.approx(lasts_s, abs=1e-6)
+    assert reports.contradicted_s(second_ns + 2 * S) > 0.0
+    assert reports.contradicted_s(second_ns + 2 * S + 1) == 0.0
