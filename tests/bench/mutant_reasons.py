@@ -40,6 +40,11 @@ ACCEPTED = (
         (("or (vz > 0.0 and self._is_near(top - z, vz, brake_z))", _LARGER),),
     ),
     Accepted(
+        "of an action's number only the rank counts, and nothing is stronger",
+        "safety/failsafe_table.py",
+        (("STOP = 8", "8 becomes larger"),),
+    ),
+    Accepted(
         _MEASURED,
         "safety/autopilot_monitor.py",
         (("if abs(shift_ns) <= STANDSTILL_S * 1e9:", "LtE becomes Lt"),),
@@ -69,6 +74,34 @@ ACCEPTED = (
             ("if moved_ms < 0:", _SMALLER),
             ("if moved_ms < 0:", "0 becomes larger"),
         ),
+    ),
+    Accepted(
+        "five attitudes take longer than a nanosecond",
+        "safety/report_confirmation.py",
+        (("least_ns=0,", "0 becomes larger"),),
+    ),
+    Accepted(
+        "it is set before it is read",
+        "safety/report_confirmation.py",
+        (
+            ("first_ns: int = 0", "0 becomes larger"),
+            ("count: int = 0", "0 becomes larger"),
+            ("_run_begin_ns: int = 0", "0 becomes larger"),
+        ),
+    ),
+    Accepted(
+        "nothing arrives in the first nanosecond of a clock",
+        "safety/report_confirmation.py",
+        (
+            ("seen_ns: int = 0", "0 becomes larger"),
+            ("_requested_ns: int = 0", "0 becomes larger"),
+            ("_dropped_ns: int = 0", "0 becomes larger"),
+        ),
+    ),
+    Accepted(
+        "a clock of PX4 of one millisecond comes with no first attitude, and is replaced by it",
+        "safety/autopilot_monitor.py",
+        (("_boot_ms: int = 0", "0 becomes larger"),),
     ),
     Accepted(
         _MEASURED,
