@@ -34,7 +34,7 @@ from __future__ import annotations
 
 import math
 
-from groundstation.formations.slots import formation_names, formation_slots
+from groundstation.formations.slots import formation_names
 from groundstation.orders.intents import INTENTS, Intent, LineWords
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.tuples import Xyz
@@ -96,8 +96,6 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
     names, numbers = _take_vehicles(words, kind, fleet)
     is_everybody = not names or words[0].lower() == "all"
     names = _names_meant(names, kind, fleet)
-    if kind.verb == "formation" and len(names) == len(fleet.enabled_names):
-        names = _with_slots(names, fleet, formation)
 
     return kind.from_line(
         LineWords(
@@ -284,15 +282,6 @@ def _is_selection(word: str, fleet: FleetConfig) -> bool:
         return bool(fleet.select(word))
     except ConfigError:
         return False
-
-
-def _with_slots(names: tuple[str, ...], fleet: FleetConfig, formation: str) -> tuple[str, ...]:
-    """Return the vehicles that have a slot in a formation."""
-    try:
-        slots = formation_slots(fleet, formation)
-    except ConfigError as error:
-        raise OrderError(str(error)) from None
-    return tuple(name for name in names if name in slots)
 
 
 def _number(word: str) -> float | None:

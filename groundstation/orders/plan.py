@@ -17,12 +17,12 @@ from dataclasses import dataclass, field, replace
 
 import msgspec
 
-from groundstation.fleet.places import out_of_service
+from groundstation.fleet.places import out_of_service, place_of
 from groundstation.fleet.state import FleetState
 from groundstation.fleet.stoppable import stoppable
 from groundstation.orders.goals import GoalFacts, goals_of
-from groundstation.orders.held_formation import HeldFormation, held_after
-from groundstation.orders.intents import Formation, Goto, Intent, Swap, Takeoff
+from groundstation.orders.held_formation import HeldFormation, held_after, held_slots
+from groundstation.orders.intents import Formation, Goto, Intent, Move, Rotate, Swap, Takeoff
 from groundstation.orders.swap import names_that_hear, swap_refusals, with_place
 from onboard.bus.schema import BY_MISSION, ON_PATHS, Order
 from onboard.config.fleet import (
@@ -89,7 +89,9 @@ def plan_order(
     Returns:
         Orders for the vehicles that may be ordered, refusals for the others.
     """
-    intent = _without_bystanders(_without_disabled(intent, fleet, state), fleet, state)
+    intent = _without_disabled(intent, fleet, state)
+    intent = _without_bystanders(intent, fleet, state)
+    intent = _without_slotless(intent, fleet, state, held)
     if isinstance(intent, Swap) and state is not None:
         intent = with_place(intent, state)
 
@@ -187,15 +189,44 @@ def _without_bystanders(intent: Intent, fleet: FleetConfig, state: FleetState | 
     if state is None or intent.kind not in ON_PATHS:
         return intent
 
-    in_service = set(fleet.enabled_names) - out_of_service(state)
-    is_to_all = len(intent.names) > 1 and in_service <= set(intent.names)
-    if not is_to_all:
+    if not _is_to_all(intent, fleet, state):
         return intent
 
     names = stoppable(state, [name for name in intent.names if name in state.vehicles])
     if not names:
         return intent
     return msgspec.structs.replace(intent, vehicles=names)
+
+
+def _without_slotless(
+    intent: Intent, fleet: FleetConfig, state: FleetState | None, held: HeldFormation
+) -> Intent:
+    """Return an order to all about a formation without the vehicles that have no slot in it.
+
+    A spare, for instance, has a slot only when it stands in for a vehicle that has one.
+    """
+    if not isinstance(intent, (Formation, Move, Rotate)) or not _is_to_all(intent, fleet, state):
+        return intent
+    held = held_after(intent, held)
+    if held.name is None:
+        return intent
+
+    try:
+        slots = held_slots(fleet, held)
+    except ConfigError:  # a formation that cannot be made; goals_of says why
+        return intent
+    names = tuple(name for name in intent.names if place_of(name, state) in slots)
+    if not names:
+        return intent
+    return msgspec.structs.replace(intent, vehicles=names)
+
+
+def _is_to_all(intent: Intent, fleet: FleetConfig, state: FleetState | None) -> bool:
+    """Whether an order is to several vehicles, and to all that are in service."""
+    in_service = set(fleet.enabled_names)
+    if state is not None:
+        in_service -= out_of_service(state)
+    return len(intent.names) > 1 and in_service <= set(intent.names)
 
 
 def check_again(

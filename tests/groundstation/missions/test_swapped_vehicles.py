@@ -4,19 +4,42 @@ from __future__ import annotations
 
 import asyncio
 import math
+import tomllib
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from groundstation.client.preflight_page import page_of
+from groundstation.fleet import state as fleet_state
 from groundstation.fleet.state import FleetState
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.missions.api import Fleet
 from groundstation.missions.runner import MissionRun
 from groundstation.orders.grammar import OrderError, parse
+from groundstation.orders.held_formation import HeldFormation
+from groundstation.orders.plan import plan_order
 from groundstation.orders.result import OrderResult
 from onboard.bus.schema import SERVICE
-from onboard.config.fleet import FleetConfig
+from onboard.config.fleet import FleetConfig, fleet_from_mapping
+from tests.groundstation.console.fake import telemetry
+
+SECOND = 1_000_000_000
+
+
+def fleet_with_a_fourth_vehicle() -> FleetConfig:
+    """The paper's fleet with a spare, mav3, that has no slot in any formation."""
+    data = tomllib.loads(Path("configs/fleets/paper.toml").read_text(encoding="utf-8"))
+    data["vehicles"]["mav3"] = {
+        **data["vehicles"]["mav2"],
+        "system_id": 4,
+        "start_enu_m": [3.0, 3.0, 0.0],
+        "agent": "tcp/127.0.0.1:7463",
+        "autopilot": "udpin://127.0.0.1:14543",
+        "direct": "udpout://127.0.0.1:18573",
+        "mocap_body": "mav3",
+    }
+    return fleet_from_mapping(data)
 
 
 async def tell(client: Any, bus: Any, name: str, **changes: Any) -> None:
@@ -198,3 +221,40 @@ async def test_scripts_swap_and_go_on_by_the_name_of_the_place(bus: Any, standin
 async def test_the_preflight_page_says_whose_place_a_spare_has(swapped: Any) -> None:
     page = page_of(swapped.state.vehicles["mav2"], swapped.fleet, swapped.now_ns())
     assert "mav2 stands in for mav1" in " ".join(line.sentence for line in page.lines)
+
+
+@pytest.mark.parametrize("line", ["formation triangle 0 0 1", "move all 0 0 1", "rotate 20"])
+@pytest.mark.parametrize("is_swapped", [True, False])
+def test_orders_to_all_about_a_formation_leave_out_a_spare_until_it_has_a_slot(
+    line: str, is_swapped: bool
+) -> None:
+    fleet = fleet_with_a_fourth_vehicle()
+    state = fleet_state.initial(fleet)
+    flying = ["mav0", "mav1", "mav2", "mav3"]
+    if is_swapped:
+        flying.remove("mav2")
+    for name in flying:
+        place = "mav2" if is_swapped and name == "mav3" else ""
+        x, y, _ = fleet.vehicles[name].start_enu_m
+        heard = telemetry(
+            name,
+            sequence=1,
+            position_enu_m=(x, y, 1.0),
+            goal_enu_m=(x, y, 1.0),
+            is_armed=True,
+            is_airborne=True,
+            state="flying",
+            stands_in_for=place,
+        )
+        state = fleet_state.fold(state, heard, SECOND)
+
+    planned = plan_order(
+        parse(line, fleet),
+        fleet,
+        state,
+        held=HeldFormation("triangle"),
+        author="olga",
+        now_ns=SECOND,
+    )
+    third = "mav3" if is_swapped else "mav2"
+    assert set(planned.orders) == {"mav0", "mav1", third}, planned.refusals
