@@ -34,7 +34,7 @@ from __future__ import annotations
 
 import math
 
-from groundstation.formations.slots import formation_names
+from groundstation.formations.slots import formation_names, formation_slots
 from groundstation.orders.intents import INTENTS, Intent, LineWords
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.tuples import Xyz
@@ -96,6 +96,8 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
     names, numbers = _take_vehicles(words, kind, fleet)
     is_everybody = not names or words[0].lower() == "all"
     names = _names_meant(names, kind, fleet)
+    if kind.verb == "formation":
+        _check_formation(formation, fleet)
 
     return kind.from_line(
         LineWords(
@@ -282,6 +284,14 @@ def _is_selection(word: str, fleet: FleetConfig) -> bool:
         return bool(fleet.select(word))
     except ConfigError:
         return False
+
+
+def _check_formation(formation: str, fleet: FleetConfig) -> None:
+    """Refuse a formation that cannot be made, for instance from a missing picture."""
+    try:
+        formation_slots(fleet, formation)
+    except ConfigError as error:
+        raise OrderError(str(error)) from None
 
 
 def _number(word: str) -> float | None:

@@ -240,7 +240,7 @@ def test_orders_to_all_about_a_formation_leave_out_a_spare_until_it_has_a_slot(
             name,
             sequence=1,
             position_enu_m=(x, y, 1.0),
-            goal_enu_m=(x, y, 1.0),
+            goal_position_enu_m=(x, y, 1.0),
             is_armed=True,
             is_airborne=True,
             state="flying",
