@@ -40,6 +40,17 @@ ACCEPTED = (
         (("or (vz > 0.0 and self._is_near(top - z, vz, brake_z))", _LARGER),),
     ),
     Accepted(
+        _MEASURED,
+        "safety/setpoint_check.py",
+        (
+            ("is_unit = abs(squared_length - 1.0) < _UNIT_SLACK", _SMALLER),
+            (
+                "return cos_tilt >= math.cos(math.radians(max_tilt_deg + _TILT_SLACK_DEG))",
+                "GtE becomes Gt",
+            ),
+        ),
+    ),
+    Accepted(
         "of an action's number only the rank counts, and nothing is stronger",
         "safety/failsafe_table.py",
         (("STOP = 8", "8 becomes larger"),),
