@@ -75,6 +75,7 @@ def trail(timeline: Timeline) -> list[OrderTrace]:
         Orders of the ground that recorded, with reply and end; and orders of other grounds as the
         vehicles have reported them.
     """
+    # one nanosecond early, because a reading yields only messages after this time
     messages = timeline.read(timeline.begin_ns - 1, TOPICS).until(timeline.end_ns)
     return trail_of(messages, timeline.begin_ns)
 

@@ -51,7 +51,7 @@ MAX_VEHICLES = 256
 MAX_ORDER_MESSAGES = 50_000  # orders, replies and events
 # messages of one vehicle and kind that are decoded at once; so many stay in the processor's cache
 _DECODED_AT_ONCE = 64
-MAX_MADE = 20  # entries about the program that wrote the record
+MAX_MADE = 20  # kept entries about the program that wrote the record
 MAX_NAME = 60  # letters of a flight's title
 LARGEST = 1e9  # a number with a larger magnitude is absurd and becomes NaN
 # A longer pause between stamps separates the flight from stamps that do not belong to it.
@@ -191,6 +191,7 @@ class _Rows:
         block = np.empty((len(rows), self._width))
         begin = 0
         values_of_fields = zip(*map(msgspec.structs.astuple, rows), strict=True)
+        # not strict: the texts of a row come after its numbers and are left out here
         for values, size in zip(values_of_fields, self._fields.values(), strict=False):
             block[:, begin : begin + size] = _numbers(values, size)
             begin += size
@@ -418,7 +419,7 @@ def read_flight(folder: Path, fleet_path: str | None = None) -> Flight:
         fleet_path: fleet file; None for the one beside the record, if there is one.
 
     Returns:
-        The flight, as far as the record goes.
+        The flight; if the record was cut off, the part before the cut.
 
     Raises:
         ConfigError: there is no record, or no vehicle is in it.
@@ -431,9 +432,9 @@ def read_flight(folder: Path, fleet_path: str | None = None) -> Flight:
                 collected.add(raw)
         collected.finish()
 
-    beside = timeline.path.parent
+    record_folder = timeline.path.parent
     notes = [timeline.broken] if timeline.broken else []
-    fleet = _fleet(beside, fleet_path, notes)
+    fleet = _fleet(record_folder, fleet_path, notes)
 
     span = _span(collected, timeline.begin_ns)
     vehicles = _vehicles(collected, fleet, span)
@@ -447,7 +448,7 @@ def read_flight(folder: Path, fleet_path: str | None = None) -> Flight:
     messages = [recorded for recorded in collected.messages if span.has(recorded.stamp_ns)]
     messages.sort(key=lambda recorded: recorded.stamp_ns)
     return Flight(
-        title=plain_line(beside.resolve().name)[:MAX_NAME],
+        title=plain_line(record_folder.resolve().name)[:MAX_NAME],
         begin_ns=span.begin_ns,
         length_s=span.length_s,
         vehicles=vehicles,
@@ -458,8 +459,8 @@ def read_flight(folder: Path, fleet_path: str | None = None) -> Flight:
         ],
         orders=trail_of(messages, span.begin_ns),
         fleet=fleet,
-        verdict=_verdict(beside, notes),
-        mission=_mission(beside),
+        verdict=_verdict(record_folder, notes),
+        mission=_mission(record_folder),
         made=dict(list(timeline.made_by.items())[:MAX_MADE]),
         notes=tuple(notes),
     )
@@ -487,7 +488,7 @@ class _Span:
     def __init__(self, begin_ns: int, end_ns: int, *, left_out: int = 0) -> None:
         self.begin_ns = begin_ns
         self.end_ns = end_ns
-        self.left_out = left_out  # number of stamps outside
+        self.left_out = left_out  # number of stamps before begin_ns or after end_ns
 
     @property
     def length_s(self) -> float:

@@ -140,7 +140,8 @@ def separations(tracks: dict[str, TrueMotion], height_share: float = 0.0) -> dic
     at_own_stamps = {name: _sampled(motion, motion.stamp_ns) for name, motion in tracks.items()}
 
     def sampled(name: str, stamps: NDArray[np.int64]) -> _Sampled:
-        # one emulator gives all its vehicles the same stamps, and then one result serves all pairs
+        # One emulator gives all its vehicles the same stamps. Then a vehicle's motion at its own
+        # stamps serves all pairs.
         if np.array_equal(stamps, tracks[name].stamp_ns):
             return at_own_stamps[name]
         return _sampled(tracks[name], stamps)
@@ -151,19 +152,19 @@ def separations(tracks: dict[str, TrueMotion], height_share: float = 0.0) -> dic
         first = sampled(first_name, stamps)
         second = sampled(second_name, stamps)
 
-        is_flying = ~(first.is_on_ground & second.is_on_ground)
-        counts = first.is_covered & second.is_covered & is_flying
-        if not counts.any():
+        is_one_flying = ~(first.is_on_ground & second.is_on_ground)
+        is_counted = first.is_covered & second.is_covered & is_one_flying
+        if not is_counted.any():
             continue
 
-        gaps_enu_m = first.position_enu_m[counts] - second.position_enu_m[counts]
-        distances_m = separations_m(gaps_enu_m, height_share)
+        offsets_enu_m = first.position_enu_m[is_counted] - second.position_enu_m[is_counted]
+        distances_m = separations_m(offsets_enu_m, height_share)
         index = int(np.argmin(distances_m))
         closest[f"{first_name}-{second_name}"] = Separation(
             first=first_name,
             second=second_name,
             distance_m=float(distances_m[index]),
-            stamp_ns=int(stamps[counts][index]),
+            stamp_ns=int(stamps[is_counted][index]),
             is_truth=True,
         )
     return closest

@@ -79,7 +79,7 @@ def list_line(one: dict[str, Any]) -> str:
 
 def info_lines(one: dict[str, Any], counts: dict[str, int]) -> list[str]:
     """Return a flight and its channels as lines."""
-    length_s = max(one["length_s"], 1e-3)
+    length_s = max(one["length_s"], 1e-3)  # a record of a single stamp has no length
     lines = [
         f"{one['folder']}: {one['length_s']:.1f} s, {one['size_bytes'] / _MB:.1f} MB,"
         f" {one['events']} events.",

@@ -196,13 +196,13 @@ def at_times(times_s: Array, values: Array, wanted_s: Array, max_gap_s: float) -
     if not times_s.size:
         return np.full(shape, np.nan)
 
-    last = np.searchsorted(times_s, wanted_s, side="right") - 1
-    is_known = last >= 0
-    last = np.clip(last, 0, None)
-    is_known &= wanted_s - times_s[last] <= max_gap_s
+    before = np.searchsorted(times_s, wanted_s, side="right") - 1  # index; -1 if there is none
+    is_known = before >= 0
+    before = np.clip(before, 0, None)
+    is_known &= wanted_s - times_s[before] <= max_gap_s
 
     found = np.full(shape, np.nan)
-    found[is_known] = values[last[is_known]]
+    found[is_known] = values[before[is_known]]
     return found
 
 

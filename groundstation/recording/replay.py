@@ -39,8 +39,11 @@ MAX_KEYFRAMES = 20_000
 MEMORY_NS = 60_000_000_000
 # When another vehicle is followed, its ticks of so much time are read at once.
 TICKS_NS = 20_000_000_000
-_SLICE_S = 0.02  # work at a time; then the console can be drawn
-_BACK_NS = 1_000_000_000  # a jump back skips events that are less than this behind
+_SLICE_S = 0.02  # a seek works so long, and then other tasks draw the console
+_MAX_PLAY_S = 4.0 * _SLICE_S  # one call of Replay.play works no longer than this
+_MAX_ELAPSED_S = 1.0  # one call of Replay.play makes up for no longer pause than this
+# While the record plays, a jump back skips events that are less than this behind.
+_BACK_NS = 1_000_000_000
 _FOLDED = frozenset(("telemetry", "truth", "event", "preflight"))  # topics of the fleet's state
 _WITH_TICKS = _FOLDED | {"tick"}
 REFUSAL = (
@@ -90,6 +93,7 @@ class Replay:
         self._listeners: list[OnStep] = []
         self._resets: list[Callable[[], None]] = []
 
+        # one nanosecond early, because a reading yields only messages after this time
         self._now_ns = timeline.begin_ns - 1
         self._state = fleet_state.initial(fleet)
         self._keyframes = [(self._now_ns, self._state)]
@@ -158,10 +162,10 @@ class Replay:
         if not self.is_playing or self.seeking is not None:
             return
 
-        until_ns = self._now_ns + int(min(elapsed_s, 1.0) * self.speed * 1e9)
+        until_ns = self._now_ns + int(min(elapsed_s, _MAX_ELAPSED_S) * self.speed * 1e9)
         begin_s = time.perf_counter()
         for _ in self._steps(min(until_ns, self.timeline.end_ns)):
-            if time.perf_counter() - begin_s > 4.0 * _SLICE_S:
+            if time.perf_counter() - begin_s > _MAX_PLAY_S:
                 break  # this computer is too slow for the speed: play as fast as it can
 
         if self.is_at_end:
@@ -212,9 +216,10 @@ class Replay:
             await self.seek(0.0)
 
     async def _go(self, target_ns: int) -> None:
-        """Replay up to a time; if it lies behind, start from a kept state.
+        """Replay up to a time.
 
-        In between the event loop runs other tasks. A newer target ends this seek.
+        If the time is behind, the replay starts from a kept state MEMORY_NS before it. The event
+        loop runs other tasks after each slice of work. A newer target ends this seek.
         """
         if target_ns < self._now_ns:
             self._turn_back(target_ns - MEMORY_NS)

@@ -321,7 +321,7 @@ class Timeline:
     # -- the messages ------------------------------------------------------------------------------
 
     def first_chunk(self, after_ns: int) -> int:
-        """Return the first chunk that may hold a stamp above this one."""
+        """Return the index of the first chunk that may hold a stamp above this one."""
         return bisect.bisect_right(self._latest, after_ns)
 
     def may_begin_ns(self, number: int) -> float:
@@ -545,8 +545,9 @@ def _bounds_ns(
             for stamp_ns in (span.first_ns, span.middle_ns, span.last_ns)
         ]
         near_ns = [stamp_ns for stamp_ns in stamps_ns if abs(stamp_ns - now_ns) <= MAX_LATE_NS]
-        begins_ns += near_ns[:1]
-        ends_ns += near_ns[-1:]
+        if near_ns:
+            begins_ns.append(near_ns[0])
+            ends_ns.append(near_ns[-1])
     return min(begins_ns, default=0), max(ends_ns, default=-1)
 
 
@@ -613,8 +614,8 @@ class _Stamps:
 
         The common clock is the one that most chunks contain. Another clock may run hours beside it,
         as that of a computer without a battery does. Its shift [ns] is subtracted from its stamps,
-        so that they are times on the common clock. A clock gets a new shift where its stamps leave
-        the time that the chunk has on the common clock; before, and after, other shifts count.
+        so that they are times on the common clock. A clock gets a new shift in a chunk in which its
+        stamps are outside the time of the chunk on the common clock. Earlier chunks keep theirs.
         """
         common = self._common_clock()
         now_ns = next((spans[common].middle_ns for spans in self._chunks if common in spans), 0)

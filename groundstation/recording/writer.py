@@ -262,7 +262,7 @@ class RecordFiles:
 
     def flush(self) -> None:
         """Bring all messages so far to the disk, so that a power cut loses at most a second."""
-        # This ends the chunk although it is not full; with few vehicles it would take a minute.
+        # This ends the chunk although it is not full. Few vehicles take a minute to fill a chunk.
         self._mcap.flush()  # type: ignore[no-untyped-call]
         for file in self._files():
             file.flush()
