@@ -518,7 +518,8 @@ class FleetClient:
         """
         now_ns = self._clock_ns()
         if self._lateness.look():
-            # This gap is too short for a stall, so silence counts again after AFTER_LATE_S.
+            # This gap may be too short for a stall, so silence counts again after AFTER_LATE_S. The
+            # state counts AFTER_STALL_S from the time that it is given, so that time lies earlier.
             excused_ns = now_ns - round((AFTER_STALL_S - AFTER_LATE_S) * 1e9)
             self._excuse_silence(excused_ns)
 
@@ -535,7 +536,10 @@ class FleetClient:
         self.publish_event("warning", GROUND_STALLED, sentence)
 
     def _notice_lateness(self) -> None:
-        """Note how late this delivery is; it is called fifty times a second."""
+        """Note how late this delivery is, and whether this ground stood still.
+
+        The feed calls it before each delivery, fifty times a second.
+        """
         self._loop_lateness.look()
         late_s = round(self._loop_lateness.worst_s, 2)
         if late_s != self._state.loop_late_s:
@@ -585,9 +589,10 @@ class FleetClient:
         self._state = without_distances(self._state)
 
     def _take_batch(self, batch: Sequence[ReceivedMessage]) -> None:
-        """Fold a batch into the state, and call the listeners."""
+        """Fold a batch into the state, update the control, end orders, and call the listeners."""
         now_ns = self._clock_ns()
-        state = self._state = fold_batch(self._state, batch, now_ns)
+        state = fold_batch(self._state, batch, now_ns)
+        self._state = state
         if now_ns >= self._control_due_ns:
             self._control_due_ns = now_ns + CONTROL_PERIOD_NS
             self.control.update(state)

@@ -28,17 +28,17 @@ async def order_fault(feed: BusFeed, order: FaultOrder) -> str:
     Raises:
         FaultRefused: the fault is impossible, or no emulator answers.
     """
-    replied = asyncio.Event()
+    has_ended = asyncio.Event()  # set by a reply, and also by the end of the wait without one
     replies: list[OrderReply | Malformed] = []
 
     def on_reply(reply: OrderReply | Malformed) -> None:
         replies.append(reply)
-        feed.call(replied.set)
+        feed.call(has_ended.set)
 
     feed.bus.fault(
-        order, timeout_s=_TIMEOUT_S, on_reply=on_reply, on_end=lambda: feed.call(replied.set)
+        order, timeout_s=_TIMEOUT_S, on_reply=on_reply, on_end=lambda: feed.call(has_ended.set)
     )
-    await replied.wait()
+    await has_ended.wait()
 
     reply = next((reply for reply in replies if isinstance(reply, OrderReply)), None)
     if reply is None:

@@ -94,7 +94,7 @@ class Signing:
         self.secret_key = key
         self.link_id = link_id
         self.sign_outgoing = key is not None
-        self.allow_unsigned_callback = self._other
+        self.allow_unsigned_callback = self._accepts_unsigned
         self.stream_timestamps: dict[tuple[int, int, int], int] = {}
 
         # pymavlink counts received messages in these
@@ -116,7 +116,7 @@ class Signing:
     def timestamp(self, value: int) -> None:
         self._newest = value
 
-    def _other(self, _: Any, message_id: int) -> bool:
+    def _accepts_unsigned(self, _: Any, message_id: int) -> bool:
         return self._hears_all
 
 
@@ -206,8 +206,8 @@ def send_to_autopilot(codec: Any, system_id: int, name: str, values: tuple[objec
         codec: MAVLink codec of pymavlink.
         system_id: system id of the vehicle.
         name: name of the message, in small letters.
-        values: of its fields; target system and component are put in where they belong: first, or
-            behind the first field of file transfers, the network.
+        values: values of its fields, without target system and component. These two come first, but
+            in file transfers they come after the first field, the network.
     """
     target = (system_id, AUTOPILOT)
     if name == "file_transfer_protocol":

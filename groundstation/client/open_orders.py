@@ -145,7 +145,7 @@ class OpenOrders:
             self._open[order.order_id] = result
             self._feed.tell_sinks(Topic.ORDER, vehicle, order)
             replied = asyncio.Event()
-            self._send(result, vehicle, order, replied, is_refusal_believed=True)
+            self._send(result, vehicle, order, replied)
             self._begin_wait(result, vehicle, replied)
 
     def has_open(self, vehicle: str, kinds: Collection[str]) -> bool:
@@ -313,7 +313,7 @@ class OpenOrders:
             limit_s = self._land_limit_s(vehicle)
         if not await self._has_replied(result, vehicle, replied, limit_s):
             problem = _no_answer_words(vehicle, limit_s)
-            if kind == "land" and self._is_own_link(result, vehicle):
+            if kind == "land" and self._is_own_link_dead(result, vehicle):
                 sentence = f"{problem}, nor is another heard: my own link. {_WITHOUT_GROUND}"
                 result.update(vehicle, "no answer", sentence)
                 return
@@ -354,7 +354,7 @@ class OpenOrders:
         kind = result.planned.orders[vehicle].kind
         has_stalled = False
         stall = OwnStall(self._stall_clock_ns)
-        stall.look()
+        stall.look()  # stalls count from here
 
         while True:
             begin_ns = self._feed.now_ns()
@@ -437,14 +437,14 @@ class OpenOrders:
         telemetry = self._views()[vehicle].telemetry
         return telemetry is not None and telemetry.order_id == result.results[vehicle].order_id
 
-    def _is_own_link(self, result: OrderResult, vehicle: str) -> bool:
-        """Whether a silence probably comes from this ground's own link.
+    def _is_own_link_dead(self, result: OrderResult, vehicle: str) -> bool:
+        """Whether this ground's own link is probably the reason of a silence.
 
         Then a mission's landing is left to the agents, which avoid each other without this ground;
         PX4s that land by themselves would not. An agent that is dead or hangs sends no setpoints,
         so its PX4 lands without an order.
 
-        There are two signs of an own link: another vehicle fell silent at the same time, or no
+        There are two signs of a dead own link: another vehicle fell silent at the same time, or no
         other vehicle in flight is heard. In the second case nothing shows whether the agent or the
         link is dead.
         """
@@ -480,7 +480,7 @@ class OpenOrders:
         """
         order_id = result.planned.orders[vehicle].order_id
         has_followed = False
-        without_ns = 0  # time since which the vehicle is heard without the order; 0: it is not
+        unfollowed_ns = 0  # time since which it is heard without the order; 0: it is not
 
         while not result.results[vehicle].is_final:
             await asyncio.sleep(0.1 * LOST_END_S)
@@ -490,16 +490,16 @@ class OpenOrders:
 
             if telemetry is None or not view.is_fresh(now_ns):
                 # When a vehicle is heard again, it reports missed ends a second later.
-                without_ns = 0
+                unfollowed_ns = 0
                 continue
             if telemetry.order_id == order_id:
                 has_followed = True
-                without_ns = 0
+                unfollowed_ns = 0
                 continue
 
-            if without_ns == 0:
-                without_ns = now_ns
-            if has_followed and (now_ns - without_ns) * 1e-9 >= LOST_END_S:
+            if unfollowed_ns == 0:
+                unfollowed_ns = now_ns
+            if has_followed and (now_ns - unfollowed_ns) * 1e-9 >= LOST_END_S:
                 doing = f"it is {telemetry.state}. {telemetry.reason}".strip()
                 sentence = (
                     f"{vehicle} does not follow this order any more, "
@@ -521,7 +521,7 @@ class OpenOrders:
         accepted = f"{vehicle}'s agent accepted {kind}"
         accepted_s = loop.time()
         accepted_ns = self._feed.now_ns()
-        stall.look()
+        stall.look()  # stalls count from here
 
         while not result.results[vehicle].is_final:
             unable = self._unable.pop(result.results[vehicle].order_id, "")

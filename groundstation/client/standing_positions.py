@@ -84,16 +84,16 @@ def _are_heard(state: FleetState, names: Sequence[str]) -> bool:
 def _refusal(telemetry: Telemetry) -> str:
     """Return why a vehicle's position cannot be used as a spot; empty if it can."""
     name = telemetry.vehicle
-    does = ""
+    problem = ""
     if telemetry.is_airborne:
-        does = "flies"
+        problem = "flies"
     elif telemetry.is_armed:
-        does = "is armed"
-    if does:
-        return f"{name} {does}: spots are surveyed while all stand disarmed. Land it first."
+        problem = "is armed"
+    if problem:
+        return f"{name} {problem}: spots are surveyed while all stand disarmed. Land it first."
 
     poor = [condition.value for condition in _POOR if condition.value in telemetry.conditions]
     if poor or not telemetry.is_position_valid:
-        why = ", ".join(poor) or "it has no valid position"
-        return f"{name} does not know well where it is: {why}. See covey check vehicles."
+        reason = ", ".join(poor) or "it has no valid position"
+        return f"{name} does not know well where it is: {reason}. See covey check vehicles."
     return ""

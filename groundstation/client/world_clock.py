@@ -12,7 +12,8 @@ from collections.abc import Callable
 
 from onboard.bus.clock_offsets import Clocks
 
-# Number of readings of both clocks; in one of them this process may be stopped between both.
+# Number of readings. A reading takes one clock after the other, and this process may be stopped
+# between the two; the quickest reading is used.
 _READINGS = 3
 
 

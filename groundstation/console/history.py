@@ -249,7 +249,8 @@ def closest_pairs(
     distances_m = separations_m(gaps_m, height_share)
     is_flying = is_airborne[first] | is_airborne[second]
 
-    # A pair on the ground gets a distance that no pair in the air can have, so it comes last.
+    # A pair on the ground gets a distance that no pair in the air can have, so it comes last: no
+    # coordinate is beyond FAR_M.
     ranks = np.where(is_flying, distances_m, distances_m + FAR_M * 4)
     closest = np.arange(len(ranks))
     if len(ranks) > most:

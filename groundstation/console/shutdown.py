@@ -25,7 +25,7 @@ HANG_UP_S = 1.0  # time in which a landing reaches all vehicles, also PX4s of si
 
 
 class Shutdown:
-    """Ends the console, and lands a flying fleet before or asks the operator.
+    """Ends the console; before that it lands a flying fleet, or asks the operator.
 
     Args:
         app: app that is ended.

@@ -75,7 +75,10 @@ class KeptFlights:
             path.write_bytes(msgspec.json.encode(origin) + b"\n")
 
     def _read(self, origin: dict[str, str]) -> None:
-        """Read the flights of a file, which must have this origin; drop an incomplete last line."""
+        """Read the flights of a file, which must have this origin.
+
+        The file is written anew, because its last line may be incomplete.
+        """
         lines = read_bytes(self.path, EVIDENCE_FILE).splitlines()
         try:
             kept_origin = msgspec.json.decode(lines[0], type=dict[str, str])

@@ -99,9 +99,9 @@ def _add_fence(axes: Any, fleet: FleetConfig) -> None:
 
 def _set_limits(axes: Any, outline: Outline, fleet: FleetConfig) -> None:
     fence = fleet.fleet.geofence_m
-    east = [*(east for east, _ in outline), *fence.x]
-    north = [*(north for _, north in outline), *fence.y]
-    margin_m = _MARGIN * (max(east) - min(east))
-    axes.set_xlim(min(east) - margin_m, max(east) + margin_m)
-    axes.set_ylim(min(north) - margin_m, max(north) + margin_m)
+    all_east_m = [*(east_m for east_m, _ in outline), *fence.x]
+    all_north_m = [*(north_m for _, north_m in outline), *fence.y]
+    margin_m = _MARGIN * (max(all_east_m) - min(all_east_m))
+    axes.set_xlim(min(all_east_m) - margin_m, max(all_east_m) + margin_m)
+    axes.set_ylim(min(all_north_m) - margin_m, max(all_north_m) + margin_m)
     axes.set_aspect("equal")

@@ -77,8 +77,8 @@ def volumes(
     """
     planned_m = list(planned)
     half_body_m = 0.5 * fleet.fleet.body_diameter_m
-    flat = [(east, north) for east, north, _ in planned_m]
-    geography = widened(convex_hull([*flat, *undisturbed]), half_body_m)
+    planned_points = [(east_m, north_m) for east_m, north_m, _ in planned_m]
+    geography = widened(convex_hull([*planned_points, *undisturbed]), half_body_m)
     planned_height_m = max((up for _, _, up in planned_m), default=0.0)
     geography_height_m = max(planned_height_m, undisturbed_height_m) + half_body_m
 
@@ -127,9 +127,10 @@ def _half_hull(ordered: Sequence[Point]) -> list[Point]:
 
 def _turn(first: Point, second: Point, third: Point) -> float:
     """Return a number that is positive if three points turn to the left, negative to the right."""
-    east = (second[0] - first[0]) * (third[1] - first[1])
-    north = (second[1] - first[1]) * (third[0] - first[0])
-    return east - north
+    # the cross product of the two offsets from the first point
+    left_part = (second[0] - first[0]) * (third[1] - first[1])
+    right_part = (second[1] - first[1]) * (third[0] - first[0])
+    return left_part - right_part
 
 
 def widened(outline: Outline, by_m: float) -> Outline:
@@ -201,7 +202,7 @@ def geojson(shapes: Volumes, fleet: FleetConfig) -> dict[str, Any]:
     if origin is None:
         collection["note"] = (
             "The fleet file gives no origin on Earth: coordinates are metres east and north of the"
-            " fleet's frame, and no longitudes and latitudes."
+            " fleet's frame, not longitudes and latitudes."
         )
     return collection
 

@@ -61,7 +61,7 @@ def examine(
     if examined.fleet.own_law is None:
         return examined
     if runs_law:
-        examined.fleet.import_law()
+        examined.fleet.import_law()  # so that an error in it is found now
         sentence = "It was imported here, because --run-law was given: it can be called as a law."
     else:
         sentence = "None of its code was run here; --run-law imports it, with your rights."

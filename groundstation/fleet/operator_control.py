@@ -248,6 +248,7 @@ class Control:
         Claim free control, note a refusal of the own request, and withdraw an own refusal when the
         other ground's request has gone.
         """
+        # a token `keeps` names the node whose request its sender refuses
         is_refused = any(
             token.claim == "keeps" and token.node == self._bus.node for token in tokens
         )

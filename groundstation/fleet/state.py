@@ -469,7 +469,7 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
     late = state.late
     now_ns = 0
 
-    for message, now_ns in received:
+    for message, now_ns in received:  # after the loop, now_ns belongs to the last message
         view = vehicles.get(message.vehicle)
         if view is None and message.vehicle in state.disabled:
             view = VehicleView(message.vehicle)

@@ -108,6 +108,7 @@ def touchdown_of(
     if before is None or truth.touchdowns <= before.touchdowns:
         return None
 
+    # Without fresh telemetry nothing shows that an agent flew it.
     is_by_px4 = True
     is_blind = False
     if telemetry is not None and is_fresh:

@@ -22,7 +22,7 @@ from onboard.config.fleet_config import FleetSection
 
 CandidateKind = Literal["cause", "defence"]
 
-_CALM = "0,0"
+_CALM = "0,0"  # wind to the east and to the north [m/s], as in --what-if wind=3,0
 _MORE_MARGIN_M = 0.2
 _SLOWER_FRAC = 0.7
 _USUAL_BUS = {

@@ -53,6 +53,7 @@ def packed(key: str, values: Array, resolution: float) -> Column:
 
     numbers = np.full(values.size, _NOT_KNOWN, np.int16)
     quantised = np.rint((values[is_known] - offset) / scale)
+    # the rounded offset may move a number to one beyond _MOST
     numbers[is_known] = np.clip(quantised, -_MOST - 1, _MOST + 1).astype(np.int16)
     return Column(key, scale=scale, offset=offset, data=_planes(numbers))
 

@@ -53,8 +53,8 @@ def _samples(vehicle: VehicleFlight, grid_s: Array, max_gap_s: float) -> tuple[I
     if not ticks.size:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
 
-    last = np.searchsorted(ticks.time_s, grid_s, side="right") - 1
-    is_known = (last >= 0) & (grid_s - ticks.time_s[last] <= max_gap_s)
-    intervenes = (ticks.intervention_m_s2[last] >= LEAST_M_S2) & (ticks.avoided[last] >= 0.0)
+    before = np.searchsorted(ticks.time_s, grid_s, side="right") - 1  # tick; -1 if there is none
+    is_known = (before >= 0) & (grid_s - ticks.time_s[before] <= max_gap_s)
+    intervenes = (ticks.intervention_m_s2[before] >= LEAST_M_S2) & (ticks.avoided[before] >= 0.0)
     samples = np.flatnonzero(is_known & intervenes)
-    return samples, last[samples]
+    return samples, before[samples]

@@ -97,7 +97,7 @@ def judge(
     begin_ns: int | None = None,
     record_failure: str | None = None,
 ) -> Verdict:
-    """Judge a flight by its live state and its record; the smaller of both distances counts.
+    """Judge a flight by its live state and its record.
 
     Args:
         flown: observations of the runner.
@@ -228,7 +228,9 @@ def _has_closest_collided(verdict: Verdict) -> bool:
     closest = verdict.closest
     if closest is None or not verdict.is_collision:
         return False
-    return not verdict.collided or {closest.first, closest.second} <= {*verdict.collided}
+    if not verdict.collided:
+        return True  # without ground truth, the distance of this pair shows the collision
+    return {closest.first, closest.second} <= {*verdict.collided}
 
 
 # -- parts of the judgement ------------------------------------------------------------------------

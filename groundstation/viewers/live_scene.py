@@ -23,7 +23,7 @@ from groundstation.viewers.scene_messages import (
 )
 from onboard.config.fleet import FleetConfig
 
-_NOT_HELD_BACK = ("", "inactive")  # words of the law's status
+_NO_INTERVENTION = ("", "inactive")  # words of the law's status while it changes nothing
 
 
 class LiveScene:
@@ -122,6 +122,6 @@ def _goal(view: VehicleView) -> PointEnu | None:
 
 def _avoided(view: VehicleView) -> str:
     """Return the name of the vehicle that the law avoids; empty if it does not intervene."""
-    if view.telemetry is None or view.telemetry.law_status.lower() in _NOT_HELD_BACK:
+    if view.telemetry is None or view.telemetry.law_status.lower() in _NO_INTERVENTION:
         return ""
     return view.telemetry.avoids or view.telemetry.nearest_vehicle

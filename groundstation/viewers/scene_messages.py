@@ -100,7 +100,7 @@ class FleetMotion:
         """Return a vehicle's attitude at one of the times; level if it is not known."""
         w, x, y, z = self.quaternions[name][index]
         length = math.sqrt(w * w + x * x + y * y + z * z)
-        if not length > 0.5:
+        if not length > 0.5:  # also true for NaN
             return LEVEL
         return float(w / length), float(x / length), float(y / length), float(z / length)
 
@@ -377,7 +377,9 @@ class VehicleScenes:
         return update
 
     def _trail(self, name: str, index: int) -> list[PointEnu]:
-        step_s = self._motion.times_s[1] - self._motion.times_s[0] if index else TRAIL_STEP_S
+        step_s = TRAIL_STEP_S  # at the first time the trail is one point, whatever the step is
+        if index:
+            step_s = self._motion.times_s[1] - self._motion.times_s[0]
         stride = max(1, round(TRAIL_STEP_S / step_s))
         begin = max(0, index - round(TRAIL_S / step_s))
         path_enu_m = self._motion.positions_enu_m[name][begin : index + 1 : stride]
@@ -393,7 +395,7 @@ class VehicleScenes:
     def _avoided_position(self, name: str, index: int) -> PointEnu | None:
         """Return the position of the vehicle that the law avoids; None if it avoids none."""
         number = self._avoided[name][index]
-        if not number >= 0.0:
+        if not number >= 0.0:  # also true for NaN
             return None
         return self._motion.position(self._names[int(number)], index)
 
@@ -459,7 +461,7 @@ def _add_half_plane(
     edge_m = M_PER_M_S2 * row.bound_m_s2  # distance of the edge along the normal
 
     def add(along_m: float, depth_m: float) -> None:
-        """Add a point by its place along the edge and its depth in the forbidden side."""
+        """Add a point by its distance along the edge and its depth in the forbidden side."""
         lines.points.add(
             x=position[0] + (edge_m - depth_m) * row.normal.x - along_m * row.normal.y,
             y=position[1] + (edge_m - depth_m) * row.normal.y + along_m * row.normal.x,
@@ -520,6 +522,7 @@ def cloud_of(points: Mapping[int, PointEnu], stamp_ns: int) -> PointCloud:
     for number, name in enumerate(("x", "y", "z")):
         cloud.fields.add(name=name, offset=4 * number, type=PackedElementField.FLOAT32)
     for number, name in enumerate(("red", "green", "blue", "alpha")):
+        # behind the three floats
         cloud.fields.add(name=name, offset=12 + number, type=PackedElementField.UINT8)
 
     data = bytearray()
