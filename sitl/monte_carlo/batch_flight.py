@@ -36,7 +36,7 @@ MakeController = Callable[
     [Sequence[pipeline.PipelineParams], Array, Sequence[Capsule]], batch.Controller
 ]
 _TIMES_STRAIGHT = 5.5  # a flight has failed if it takes more than so many times its straight line
-_ALONE_SPARE_S = 20.0
+_ALONE_SPARE_S = 20.0  # time added to the expected time of a straight-line flight
 
 # names of position and velocity in rows of states and of the law
 _OF_STATE = ("position_enu_m", "velocity_enu_m_s")

@@ -49,6 +49,7 @@ def run(
     worlds.world_of(physics)  # refuses an unknown name
     for subject in subjects:
         _check_heights(subject, setup)
+        # refuses a law that cannot be imported
         setup.fleet(flight_plans.vehicle_count(subject)).import_law()
     if picture is not None:
         _check_picture(picture, flights=len(subjects) * len(seeds))

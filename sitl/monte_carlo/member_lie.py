@@ -35,9 +35,9 @@ class MemberLie(NamedTuple):
     @property
     def words(self) -> str:
         """The lie in words."""
-        whose = "a spoofed receiver" if self.kind == "spoof" else "a lie"
+        origin = "a spoofed receiver" if self.kind == "spoof" else "a lie"
         return (
-            f"{whose} of vehicle {self.member}: {self.size_m:.2f} m towards "
+            f"{origin} of vehicle {self.member}: {self.size_m:.2f} m towards "
             f"{np.degrees(self.direction_rad) % 360.0:.0f} degrees from {self.start_s:.1f} s on, "
             f"for {self.lasts_s:.1f} s, risen within {self.rise_s:.1f} s, "
             f"swinging {self.swings_hz:.2f} times a second"

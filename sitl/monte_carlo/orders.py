@@ -1,4 +1,4 @@
-"""The orders of flights: the goals of all vehicles, who is lost from when on, and who is blind."""
+"""The orders of flights: the goals of vehicles, and which of them are lost or blind, and when."""
 
 from __future__ import annotations
 
@@ -60,6 +60,7 @@ class FlightOrders:
 
         The goal of a vehicle that has just frozen is the position where it comes to rest.
         """
+        # In flights with lost vehicles each has one goal: a sequence above 0 is of a frozen one.
         has_just_frozen = is_frozen & (self._sequence == 0)
         if has_just_frozen.any():
             resting = truth.position_enu_m + _STOP_S * truth.velocity_enu_m_s

@@ -21,11 +21,11 @@ from sitl.monte_carlo.law_map.unit_flights import SCHEMA, MapRow
 
 
 class ResultsKind(NamedTuple):
-    """What a file of results is of."""
+    """The kind of a file of results."""
 
     head: str  # key of the first line, whose value is the schema
-    command: str  # that writes it
-    option: str  # of that command, which names the file
+    command: str  # the command that writes such files
+    option: str  # the option of that command that names the file
     numbers: tuple[str, ...]  # keys of a row whose values are numbers
     others: tuple[str, ...] = ()  # further keys that a row must have
 
@@ -50,7 +50,7 @@ class ResultsFile:
         Args:
             path: path of the file.
             version: version of the law that flies now (``unit_flights.version``).
-            kind: what the file is of.
+            kind: kind of the file.
             is_anew: whether an existing file is put aside as PATH.old, and a new one begun.
 
         Raises:
@@ -102,7 +102,7 @@ class ResultsFile:
         data = read_bytes(self.path, RESULTS_FILE)
         complete = data[: data.rfind(b"\n") + 1]
 
-        # a file of another kind is not changed
+        # A file of another kind is not changed. The first line may be incomplete, too.
         begin = f'{{"{self._kind.head}": '.encode()
         if data and not data.startswith(begin[: len(data)]):
             raise ConfigError(
@@ -160,7 +160,7 @@ def parsed(
     Args:
         text: content of the file.
         path: path of the file, for messages.
-        kind: what the file is of.
+        kind: kind of the file.
 
     Raises:
         ConfigError: the text is no file of results, is damaged, or has an unknown schema.

@@ -1,1 +1,1 @@
-"""The open benchmark: scenes in JSON files, flown by any law, and a table of what came of it."""
+"""The open benchmark: scenes in JSON files, flown by any law, and a table of the results."""

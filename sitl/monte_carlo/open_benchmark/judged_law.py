@@ -46,9 +46,9 @@ class JudgedLaw:
 
         self.setup = setup
         if self.is_own:
-            self.setup = replace(setup, law="off")
+            self.setup = replace(setup, law="off")  # no law of Covey's is computed beside it
         self.busy_s = 0.0
-        self.calls = -_UNTIMED_CALLS
+        self.calls = -_UNTIMED_CALLS  # timed calls; below 0 while the first ones are not timed
 
     def __call__(self, memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
         """Return the law's answer."""

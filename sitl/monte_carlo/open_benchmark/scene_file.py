@@ -36,7 +36,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "leaves_s": (0.0, 3600.0),
     "within_s": (1.0, 3600.0),
 }
-# area per point that is drawn, in squares of the spacing: fewer points of a denser set are found
+# least area per drawn point, in squares of the spacing: denser points are hardly found by drawing
 _AREA_OF_SPACING = 1.75
 
 Point = tuple[float, float]  # east, north
@@ -147,9 +147,9 @@ def load(path: str | os.PathLike[str]) -> Scene:
         ConfigError: the file is missing, too large, no JSON, or no scene.
     """
     found = Path(path)
-    own = files(_PACKAGE).joinpath("scenes", found.name)
-    if not found.exists() and found.parent == Path() and found.stem in names():
-        found = Path(str(own))
+    is_name_only = found.parent == Path()
+    if not found.exists() and is_name_only and found.stem in names():
+        found = Path(str(files(_PACKAGE).joinpath("scenes", found.name)))
     return parsed(read_bytes(found, SCENE_FILE), str(path))
 
 
@@ -171,7 +171,7 @@ def parsed(data: bytes, path: str) -> Scene:
         )
 
     scene: Scene = convert(values, Scene, path, "scene")
-    for problem in _problems(scene):
+    for problem in _problems(scene):  # the first one is enough
         raise ConfigError(f"{path}: {problem}")
     return scene
 

@@ -65,8 +65,11 @@ def _check_places(scene: Scene, setup: campaign_settings.Setup) -> None:
     exact = plan(scene, seed=0, is_jittered=False)
     members = scene.placing.vehicles
 
-    places = {"start": exact.start_enu_m[:members], "end": exact.goals_enu_m[-1, :members]}
-    for verb, points_enu_m in places.items():
+    points_by_verb = {
+        "start": exact.start_enu_m[:members],
+        "end": exact.goals_enu_m[-1, :members],
+    }
+    for verb, points_enu_m in points_by_verb.items():
         nearest_m = least_distance_m([(x, y) for x, y, _ in points_enu_m.tolist()])
         if nearest_m < fleet.safety_distance_m:
             raise ConfigError(

@@ -72,12 +72,12 @@ def units(law: str, seeds: range, physics: str = worlds.DEFAULT) -> list[Unit]:
     Raises:
         ConfigError: the law cannot be imported, or there is no such physics.
     """
-    worlds.world_of(physics)
-    judged = JudgedLaw(_setup(scenes()[0], law))
+    worlds.world_of(physics)  # refuses an unknown name
+    judged = JudgedLaw(_setup(scenes()[0], law))  # with any scene: only the law counts here
     size = 1 if judged.is_own else _SEEDS_OF_UNIT
     found = []
-    for first in range(seeds.start, seeds.stop, size):
-        part = tuple(seeds[first - seeds.start : first - seeds.start + size])
+    for index in range(0, len(seeds), size):
+        part = tuple(seeds[index : index + size])
         for scene in scenes():
             unit = Unit(
                 law=law,
@@ -114,7 +114,7 @@ def fly(unit: Unit) -> SuiteRow:
 
     return {
         "cell": unit.cell,
-        "stage": 0,
+        "stage": 0,  # a unit of the suite has one stage, unlike those of the map
         "law": unit.law,
         "physics": unit.physics,
         "scene": unit.scene.name,

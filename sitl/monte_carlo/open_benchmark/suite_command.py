@@ -67,8 +67,9 @@ def _fly(
     def missing() -> list[suite.Unit]:
         return [unit for unit in work if (unit.cell, 0) not in file.rows]
 
-    begun_s = last_said_s = time.monotonic()
-    at_first = len(missing())
+    begun_s = time.monotonic()
+    last_said_s = begun_s
+    missing_at_first = len(missing())
 
     def keep(row: suite.SuiteRow) -> None:
         nonlocal last_said_s
@@ -79,7 +80,8 @@ def _fly(
         if now_s - last_said_s < _SAY_EVERY_S and left:
             return
         last_said_s = now_s
-        left_min = (now_s - begun_s) * left / (at_first - left) / 60.0
+        flown_now = missing_at_first - left  # at least the unit of this row
+        left_min = (now_s - begun_s) * left / flown_now / 60.0
         say(
             f"open benchmark: {len(work) - left} of {len(work)} units flown, "
             f"about {left_min:.0f} min left"

@@ -1,4 +1,4 @@
-"""What came of the suite: a line for each scene or law, with exact intervals."""
+"""The results of the suite: a line for each scene or law, with exact intervals."""
 
 from __future__ import annotations
 

@@ -15,8 +15,10 @@ SHARE_OF_PAIR = 0.5  # share of a correction that each vehicle of a cooperating 
 _GAIN_1_S = 4.0  # a velocity error times this is an acceleration
 _STUCK_M_S = 0.12  # a slower vehicle that is blocked turns to the right
 _BLOCKED_FRAC = 1.3  # of the distance to keep: nearer bodies ahead block
-_TOUCHING_M = 1e-6  # no distance is taken as smaller
-# rows that cannot all hold give way by the first of these that is enough
+_LEAST_DISTANCE_M = 1e-6  # smaller distances count as this one, so that none is 0
+_LEAST_BLOCKED_M_S2 = 0.3  # a vehicle whose baseline asks for less has nowhere to go
+_AHEAD_COS = 0.2  # cosine of the largest angle between the wanted direction and a body ahead
+# rows that cannot all hold give way by the first of these amounts that is enough
 _GIVES_WAY = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
 
 
@@ -55,7 +57,7 @@ def bodies(inputs: LawInputs) -> list[Body]:
 
 
 def _body(e_m: Vec2, w_m_s: Vec2, d_m: float, share: float) -> Body:
-    distance_m = max(length_2(e_m), _TOUCHING_M)
+    distance_m = max(length_2(e_m), _LEAST_DISTANCE_M)
     unit = Vec2(e_m.x / distance_m, e_m.y / distance_m)
     return Body(e_m=e_m, w_m_s=w_m_s, d_m=d_m, share=share, distance_m=distance_m, unit=unit)
 
@@ -82,21 +84,22 @@ def preferred_velocity(inputs: LawInputs, around: Sequence[Body] = ()) -> Vec2:
     laws without a rule of their own would stand face to face for ever.
 
     Args:
-        inputs: of the law.
+        inputs: inputs of the law.
         around: bodies before which the vehicle turns; none for a law with a rule of its own.
     """
     velocity = own_velocity(inputs)
-    wanted = Vec2(*inputs.baseline.thrust_enu_m_s2[:2])
-    size = length_2(wanted)
+    wanted_m_s2 = Vec2(*inputs.baseline.thrust_enu_m_s2[:2])
+    size_m_s2 = length_2(wanted_m_s2)
+    is_stuck = length_2(velocity) < _STUCK_M_S and size_m_s2 > _LEAST_BLOCKED_M_S2
     for body in around:
         is_blocking = body.distance_m < _BLOCKED_FRAC * body.d_m
-        is_ahead = -dot_2(body.unit, wanted) > 0.2 * size
-        if is_blocking and is_ahead and length_2(velocity) < _STUCK_M_S and size > 0.3:
-            wanted = turned_right(wanted, math.radians(60.0))
+        is_ahead = -dot_2(body.unit, wanted_m_s2) > _AHEAD_COS * size_m_s2
+        if is_blocking and is_ahead and is_stuck:
+            wanted_m_s2 = turned_right(wanted_m_s2, math.radians(60.0))
             break
 
-    asked = Vec2(velocity.x + wanted.x / _GAIN_1_S, velocity.y + wanted.y / _GAIN_1_S)
-    return shortened(asked, inputs.vehicle.top_speed_m_s)
+    preferred = Vec2(velocity.x + wanted_m_s2.x / _GAIN_1_S, velocity.y + wanted_m_s2.y / _GAIN_1_S)
+    return shortened(preferred, inputs.vehicle.top_speed_m_s)
 
 
 def steered(inputs: LawInputs, velocity_m_s: Vec2) -> Thrust:
@@ -115,7 +118,7 @@ def turned_right(vector: Vec2, angle_rad: float) -> Vec2:
 
 def shortened(vector: Vec2, longest: float) -> Vec2:
     """Return a vector, shortened if it is longer."""
-    factor = min(1.0, longest / max(length_2(vector), 1e-12))
+    factor = min(1.0, longest / max(length_2(vector), 1e-12))  # no division by 0
     return Vec2(factor * vector.x, factor * vector.y)
 
 
@@ -143,14 +146,16 @@ def _nearest(point: Vec2, rows: Sequence[HalfPlane]) -> Vec2 | None:
         if dot_2(normal, found) >= bound - 1e-9:
             continue
 
+        # the point of the edge that is nearest to the given point
         missing = bound - dot_2(normal, point)
         foot = Vec2(point.x + missing * normal.x, point.y + missing * normal.y)
+        # the part of the edge, counted along it from the foot, that the rows before leave
         along = Vec2(-normal.y, normal.x)
         low, high = -math.inf, math.inf
         for other, other_bound in rows[:index]:
             slope = dot_2(other, along)
             gap = other_bound - dot_2(other, foot)
-            if abs(slope) < 1e-9:
+            if abs(slope) < 1e-9:  # the edges are parallel
                 if gap > 1e-9:
                     return None
             elif slope > 0.0:
@@ -159,6 +164,6 @@ def _nearest(point: Vec2, rows: Sequence[HalfPlane]) -> Vec2 | None:
                 high = min(high, gap / slope)
         if low > high:
             return None
-        at = min(max(0.0, low), high)
-        found = Vec2(foot.x + at * along.x, foot.y + at * along.y)
+        nearest_to_foot = min(max(0.0, low), high)
+        found = Vec2(foot.x + nearest_to_foot * along.x, foot.y + nearest_to_foot * along.y)
     return found

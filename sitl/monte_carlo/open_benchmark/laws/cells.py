@@ -20,14 +20,14 @@ from sitl.monte_carlo.open_benchmark.laws.around import (
     steered,
 )
 
-_HORIZON_S = 0.5  # how far ahead the point lies that the vehicle flies to
+_HORIZON_S = 0.5  # time ahead of the point that the vehicle flies to
 
 
 def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
     """Return the thrust towards the point of the own cell nearest to where the vehicle would be."""
     around = bodies(inputs)
-    asked = preferred_velocity(inputs, around)
-    target_m = Vec2(_HORIZON_S * asked.x, _HORIZON_S * asked.y)
+    preferred = preferred_velocity(inputs, around)
+    target_m = Vec2(_HORIZON_S * preferred.x, _HORIZON_S * preferred.y)
 
     point_m = nearest(target_m, [cell_row(body) for body in around])
     return None, steered(inputs, Vec2(point_m.x / _HORIZON_S, point_m.y / _HORIZON_S))

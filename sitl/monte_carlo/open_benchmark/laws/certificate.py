@@ -22,20 +22,23 @@ from sitl.monte_carlo.open_benchmark.laws.around import (
     preferred_velocity,
 )
 
-_BRAKE_M_S2 = 2.0  # of one vehicle
+_BRAKE_M_S2 = 2.0  # braking of one vehicle
 _GAMMA = 1.0
-_GAIN_1_S = 4.0
-_LEAST_ROOM_M = 0.005  # nearer than the distance to keep the barrier has no value
+_GAIN_1_S = 4.0  # a velocity error times this is the wanted acceleration
+# A smaller room counts as this one: within the distance to keep the barrier has no value.
+_LEAST_ROOM_M = 0.005
 
 
 def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
     """Return the thrust nearest to the baseline's that all certificates allow."""
     around = bodies(inputs)
-    asked = preferred_velocity(inputs, around)
+    preferred = preferred_velocity(inputs, around)
     velocity = own_velocity(inputs)
-    wanted = Vec2(_GAIN_1_S * (asked.x - velocity.x), _GAIN_1_S * (asked.y - velocity.y))
+    wanted_m_s2 = Vec2(
+        _GAIN_1_S * (preferred.x - velocity.x), _GAIN_1_S * (preferred.y - velocity.y)
+    )
 
-    allowed = nearest(wanted, [certificate_row(body) for body in around])
+    allowed = nearest(wanted_m_s2, [certificate_row(body) for body in around])
     return None, inputs.limited(allowed.x, allowed.y)
 
 

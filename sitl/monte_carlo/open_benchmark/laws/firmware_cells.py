@@ -30,7 +30,7 @@ _SIDESTEP_M = 0.25
 
 
 def law(memory: Vec2 | None, inputs: LawInputs) -> tuple[Any, Thrust]:
-    """Return the thrust towards the setpoint in the cell; memory: last place in a cell."""
+    """Return the thrust towards the setpoint in the cell; memory: last position in a cell."""
     rows = [cell_row(body) for body in bodies(inputs)]
     x, y, _ = inputs.predicted.position_enu_m
     is_empty = any(row.bound > 0.0 for row in rows)  # the vehicle is outside its own cell
@@ -38,10 +38,11 @@ def law(memory: Vec2 | None, inputs: LawInputs) -> tuple[Any, Thrust]:
         held = Vec2((memory.x - x) / _HORIZON_S, (memory.y - y) / _HORIZON_S)
         return memory, steered(inputs, shortened(held, inputs.vehicle.max_speed_m_s))
 
-    asked = preferred_velocity(inputs)
-    goal_m = Vec2(_HORIZON_S * asked.x, _HORIZON_S * asked.y)
+    preferred = preferred_velocity(inputs)
+    goal_m = Vec2(_HORIZON_S * preferred.x, _HORIZON_S * preferred.y)
     to_wall_m = math.inf
     for normal, bound in rows:
+        # share of the way to the goal that leads towards this wall, and the distance to the wall
         towards = -dot_2(normal, goal_m) / max(length_2(goal_m), 1e-9)
         if towards > 0.0:
             to_wall_m = min(to_wall_m, max(0.0, -bound) / towards)

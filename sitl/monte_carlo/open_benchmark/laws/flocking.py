@@ -32,8 +32,8 @@ _SLOPE_1_S = 2.0  # p_frict, of its linear part
 def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
     """Return the thrust towards the sum of the velocities."""
     around = bodies(inputs)
-    asked = preferred_velocity(inputs, around)
-    x_m_s, y_m_s = asked
+    preferred = preferred_velocity(inputs, around)
+    x_m_s, y_m_s = preferred
     for body in around:
         room_m = body.distance_m - body.d_m
         repulsion_m_s = _REPULSION_1_S * max(0.0, _RANGE_M - room_m)

@@ -51,6 +51,7 @@ def orca_row(body: Body, velocity: Vec2, share: float, horizon_s: float) -> Half
 
     normal, u_m_s = _out_of_disc(from_centre, radius_m_s)
     sin = min(1.0, body.d_m / body.distance_m)
+    # whether the nearest edge of the velocity obstacle is a leg of the cone, and not the disc
     is_at_cone = dot_2(from_centre, body.unit) < sin * length_2(from_centre)
     if body.distance_m > body.d_m and is_at_cone:
         normal, u_m_s = _out_of_cone(body, sin)
@@ -60,15 +61,16 @@ def orca_row(body: Body, velocity: Vec2, share: float, horizon_s: float) -> Half
 
 
 def _out_of_disc(from_centre: Vec2, radius_m_s: float) -> tuple[Vec2, float]:
-    """Return the direction out of the disc, and how far it is; negative outside."""
+    """Return the direction out of the disc, and the distance to its edge; negative outside."""
     size = max(length_2(from_centre), 1e-9)
     return Vec2(from_centre.x / size, from_centre.y / size), radius_m_s - size
 
 
 def _out_of_cone(body: Body, sin: float) -> tuple[Vec2, float]:
-    """Return the direction out of the cone across its nearer leg, and how far it is."""
+    """Return the direction out of the cone across its nearer leg, and the distance to that leg."""
     cos = math.sqrt(max(0.0, 1.0 - sin * sin))
     along = Vec2(-body.unit.x, -body.unit.y)
+    # 1: the left leg is nearer; -1: the right one
     side = 1.0 if along.x * body.w_m_s.y - along.y * body.w_m_s.x > 0.0 else -1.0
     # outward normal of that leg
     normal = Vec2(

@@ -18,19 +18,19 @@ from sitl.monte_carlo.open_benchmark.laws.around import (
 )
 
 _ETA_M3_S2 = 0.02
-_RHO_0_M = 1.0  # beyond the distance to keep
+_RHO_0_M = 1.0  # range of the force, counted from the distance to keep
 _DAMPING_1_S = 2.0
-_GAIN_1_S = 4.0
-_LEAST_ROOM_M = 0.05
+_GAIN_1_S = 4.0  # a velocity error times this is the wanted acceleration
+_LEAST_ROOM_M = 0.05  # a smaller room counts as this one, so that the force stays finite
 
 
 def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
     """Return the baseline's thrust, pushed away from all bodies."""
     around = bodies(inputs)
-    asked = preferred_velocity(inputs, around)
+    preferred = preferred_velocity(inputs, around)
     velocity = own_velocity(inputs)
-    x_m_s2 = _GAIN_1_S * (asked.x - velocity.x)
-    y_m_s2 = _GAIN_1_S * (asked.y - velocity.y)
+    x_m_s2 = _GAIN_1_S * (preferred.x - velocity.x)
+    y_m_s2 = _GAIN_1_S * (preferred.y - velocity.y)
 
     for body in around:
         rho_m = max(body.distance_m - body.d_m, _LEAST_ROOM_M)

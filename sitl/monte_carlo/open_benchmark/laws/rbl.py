@@ -27,11 +27,11 @@ from sitl.monte_carlo.open_benchmark.laws.around import (
 )
 from sitl.monte_carlo.open_benchmark.laws.cells import cell_row
 
-_RADIUS_M = 1.5  # of sensing
-_GAIN_1_S = 3.0  # centroid to velocity
+_RADIUS_M = 1.5  # sensing radius
+_GAIN_1_S = 3.0  # the centroid times this is the velocity
 _BETA_M, _LEAST_BETA_M = 0.5, 0.1
 _NEAR_M, _MOVED_M = 0.1, 0.2  # d_1 and d_2 of the rules
-_RATE_1_S = 1.0  # of both rules
+_RATE_1_S = 1.0  # rate at which both rules act and end
 
 _AXIS_M = np.linspace(-_RADIUS_M, _RADIUS_M, 13)
 _GRID = np.stack(np.meshgrid(_AXIS_M, _AXIS_M), axis=-1).reshape(-1, 2)
@@ -48,25 +48,30 @@ class Rules(NamedTuple):
 def law(memory: Rules | None, inputs: LawInputs) -> tuple[Rules, Thrust]:
     """Return the thrust towards the centroid of the cell."""
     rules = memory or Rules()
-    asked = preferred_velocity(inputs)
-    ahead_m = min(1.0, length_2(asked) / inputs.vehicle.max_speed_m_s) * _RADIUS_M
-    straight = shortened(Vec2(1e3 * asked.x, 1e3 * asked.y), ahead_m)
+    preferred = preferred_velocity(inputs)
+    ahead_m = min(1.0, length_2(preferred) / inputs.vehicle.max_speed_m_s) * _RADIUS_M
+    # a vector in the preferred direction, longer than ahead_m, is shortened to just this length
+    straight = shortened(Vec2(1e3 * preferred.x, 1e3 * preferred.y), ahead_m)
     goal = np.array(turned_right(straight, rules.turn_rad))
 
     weight = np.exp(-np.hypot(*(_DISC - goal).T) / rules.beta_m)
-    free = weight @ _DISC / weight.sum()
+    free_centroid = weight @ _DISC / weight.sum()  # without the neighbours
     for normal, bound in (cell_row(body) for body in bodies(inputs)):
         weight = np.where(_DISC @ normal >= bound, weight, 0.0)
     centroid = np.zeros(2)
     if weight.sum() > 0.0:
         centroid = weight @ _DISC / weight.sum()
 
-    is_held_up = math.hypot(*centroid) < _NEAR_M and math.hypot(*(centroid - free)) > _MOVED_M
-    aims = (_LEAST_BETA_M, 0.5 * math.pi) if is_held_up else (_BETA_M, 0.0)
+    is_near = math.hypot(*centroid) < _NEAR_M
+    is_moved = math.hypot(*(centroid - free_centroid)) > _MOVED_M
+    is_held_up = is_near and is_moved
+    goal_beta_m, goal_turn_rad = _BETA_M, 0.0
+    if is_held_up:
+        goal_beta_m, goal_turn_rad = _LEAST_BETA_M, 0.5 * math.pi
     step = _RATE_1_S * inputs.dt_s
     after = Rules(
-        beta_m=rules.beta_m + step * (aims[0] - rules.beta_m),
-        turn_rad=rules.turn_rad + step * (aims[1] - rules.turn_rad),
+        beta_m=rules.beta_m + step * (goal_beta_m - rules.beta_m),
+        turn_rad=rules.turn_rad + step * (goal_turn_rad - rules.turn_rad),
     )
     velocity = Vec2(*(_GAIN_1_S * centroid).tolist())
     return after, steered(inputs, shortened(velocity, inputs.vehicle.max_speed_m_s))

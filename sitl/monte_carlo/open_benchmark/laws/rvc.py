@@ -24,8 +24,8 @@ from sitl.monte_carlo.open_benchmark.laws.around import (
 from sitl.monte_carlo.open_benchmark.laws.orca import orca_row
 
 _AHEAD_S = (0.2, 0.5)  # times of the horizon at which the rows hold
-_TAU_S = 3.0  # of the first row; later rows look less far ahead
-_GAIN_1_S = 4.0
+_TAU_S = 3.0  # tau of ORCA now; a row at a later time looks less far ahead by that time
+_GAIN_1_S = 4.0  # a velocity error times this is the wanted acceleration
 
 
 def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
@@ -39,7 +39,9 @@ def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
             # n . (v + a t) >= b
             rows.append(HalfPlane(normal, (bound - dot_2(normal, velocity)) / ahead_s))
 
-    asked = preferred_velocity(inputs, around)
-    wanted = Vec2(_GAIN_1_S * (asked.x - velocity.x), _GAIN_1_S * (asked.y - velocity.y))
-    allowed = nearest(wanted, rows)
+    preferred = preferred_velocity(inputs, around)
+    wanted_m_s2 = Vec2(
+        _GAIN_1_S * (preferred.x - velocity.x), _GAIN_1_S * (preferred.y - velocity.y)
+    )
+    allowed = nearest(wanted_m_s2, rows)
     return None, inputs.limited(allowed.x, allowed.y)

@@ -24,7 +24,8 @@ from sitl.monte_carlo.open_benchmark.laws.around import (
     steered,
 )
 
-_W_M = 1.0
+_W_M = 1.0  # w of the penalty
+_AT_ONCE_S = 0.05  # time to the collision with a body that is too near already
 _SPEEDS = (0.0, 0.25, 0.5, 0.75, 1.0)  # shares of the top speed
 _HEADINGS = 24
 _ANGLE_RAD = np.arange(_HEADINGS) * (2.0 * math.pi / _HEADINGS)
@@ -35,13 +36,13 @@ _SAMPLES = np.concatenate([speed * _UNITS for speed in _SPEEDS])  # (S, 2)
 def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
     """Return the thrust towards the sample with the least penalty."""
     around = bodies(inputs)
-    asked = preferred_velocity(inputs, around)
+    preferred = preferred_velocity(inputs, around)
     if not around:
-        return None, steered(inputs, asked)
+        return None, steered(inputs, preferred)
 
-    samples = np.concatenate([[asked], inputs.vehicle.max_speed_m_s * _SAMPLES])
+    samples = np.concatenate([[preferred], inputs.vehicle.max_speed_m_s * _SAMPLES])
     soonest_s = _times_to_collision_s(samples, np.array(own_velocity(inputs)), around)
-    penalty = _W_M / np.maximum(soonest_s, 1e-3) + np.hypot(*(samples - asked).T)
+    penalty = _W_M / np.maximum(soonest_s, 1e-3) + np.hypot(*(samples - preferred).T)
     best = samples[int(penalty.argmin())]
     return None, steered(inputs, Vec2(*best.tolist()))
 
@@ -56,6 +57,7 @@ def _times_to_collision_s(samples: Array, velocity: Array, around: list[Body]) -
     # relative velocities (S, K, 2) if this vehicle made only its share of the change
     change = samples[:, None] - velocity
     relative = w + change / share[:, None]
+    # |e + t relative| = d is the quadratic equation a t^2 + 2 b t + c = 0
     a = np.einsum("skc,skc->sk", relative, relative)
     b = np.einsum("kc,skc->sk", e, relative)
     c = np.einsum("kc,kc->k", e, e) - d**2
@@ -63,6 +65,8 @@ def _times_to_collision_s(samples: Array, velocity: Array, around: list[Body]) -
     root_2 = b**2 - a * c
     comes_too_near = (b < 0.0) & (root_2 > 0.0)
     time_s = (-b - np.sqrt(np.maximum(root_2, 0.0))) / np.maximum(a, 1e-9)
-    # who is too near already collides at once while it comes nearer
-    time_s = np.where(c < 0.0, 0.05, time_s)
-    return np.asarray(np.where(comes_too_near | ((c < 0.0) & (b < 0.0)), time_s, np.inf).min(1))
+    # a body that is too near already collides at once if it comes still nearer
+    is_too_near = c < 0.0
+    time_s = np.where(is_too_near, _AT_ONCE_S, time_s)
+    collides = comes_too_near | (is_too_near & (b < 0.0))
+    return np.asarray(np.where(collides, time_s, np.inf).min(1))

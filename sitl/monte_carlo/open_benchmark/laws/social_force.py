@@ -22,16 +22,16 @@ from sitl.monte_carlo.open_benchmark.laws.around import (
 _PUSH_M_S2 = 3.0  # at the distance to keep
 _RANGE_M = 0.3  # the push falls to 1/e over this distance
 _STEP_S = 1.0  # duration of the other's next step
-_GAIN_1_S = 4.0
+_GAIN_1_S = 4.0  # a velocity error times this is the wanted acceleration
 
 
 def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
     """Return the baseline's thrust, with the push of all bodies."""
     around = bodies(inputs)
-    asked = preferred_velocity(inputs, around)
+    preferred = preferred_velocity(inputs, around)
     velocity = own_velocity(inputs)
-    x_m_s2 = _GAIN_1_S * (asked.x - velocity.x)
-    y_m_s2 = _GAIN_1_S * (asked.y - velocity.y)
+    x_m_s2 = _GAIN_1_S * (preferred.x - velocity.x)
+    y_m_s2 = _GAIN_1_S * (preferred.y - velocity.y)
 
     for body in around:
         # as in later forms of the model the step is that of the relative motion
@@ -39,6 +39,7 @@ def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
         after_m = Vec2(body.e_m.x - step_m.x, body.e_m.y - step_m.y)
         axes_m = body.distance_m + length_2(after_m)
         b_m = 0.5 * math.sqrt(max(0.0, axes_m**2 - length_2(step_m) ** 2))
+        # at most e^3 times the push at the distance to keep
         push_m_s2 = _PUSH_M_S2 * math.exp(min(3.0, (body.d_m - b_m) / _RANGE_M))
         x_m_s2 += push_m_s2 * body.unit.x
         y_m_s2 += push_m_s2 * body.unit.y
