@@ -77,7 +77,7 @@ def _arming_denied(client: VehicleClient, report: FactReport) -> None:
 def _text_about_denial(client: VehicleClient, report: FactReport, denied_s: float) -> None:
     """Report the text about a denial that came before the ground station appeared."""
     client.greet(as_ground_station=True)
-    client.text("Arming denied", denied_s, wait_s=1.5)
+    client.text("Arming denied", denied_s, wait_s=1.5)  # wait until its first piece has come
     client.spend(0.2)  # for the remaining pieces of the text
 
     text = client.text("Arming denied", denied_s)
@@ -101,7 +101,7 @@ def _set_mode_message(client: VehicleClient, report: FactReport) -> None:
     since_s = client.now_s
     loiter = MODE_NUMBERS["AUTO.LOITER"]
     client.send("SET_MODE", target_system=client.system_id, base_mode=1, custom_mode=loiter)
-    client.acks(SET_MODE, since_s)
+    client.acks(SET_MODE, since_s)  # wait for an answer
 
     # All acknowledgements count, since it is unknown which command they name for this message.
     accepted = 0

@@ -26,7 +26,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
     client.interval("EXTENDED_SYS_STATE", 20.0)
     ground_z = client.newest("LOCAL_POSITION_NED").z
 
-    default = math.nan
+    default = math.nan  # PX4 chooses the value
     answer = client.command(TAKEOFF, default, 0.0, 0.0, default, default, default, default)
     report.add("takeoff.accepted", answer)
 
@@ -36,11 +36,11 @@ def run(client: VehicleClient, report: FactReport) -> None:
     armed_s = client.now_s
     if client.command(ARM, 1.0) != "ACCEPTED":
         raise Stuck("it did not arm in AUTO.TAKEOFF")
-    client.spend(12.0, lambda: math.isfinite(_since(client, "IN_AIR", armed_s)))
+    client.spend(12.0, lambda: math.isfinite(_state_after_s(client, "IN_AIR", armed_s)))
     report.add("takeoff.text", client.quote("Using default", armed_s))
     report.add("takeoff.detected", client.delay_s("Takeoff detected", armed_s))
-    report.add("takeoff.state", _since(client, "TAKEOFF", armed_s))
-    report.add("takeoff.in-air", _since(client, "IN_AIR", armed_s))
+    report.add("takeoff.state", _state_after_s(client, "TAKEOFF", armed_s))
+    report.add("takeoff.in-air", _state_after_s(client, "IN_AIR", armed_s))
 
     # the mode after the take-off, and the messages of that mode
     since_s = client.now_s
@@ -59,11 +59,11 @@ def run(client: VehicleClient, report: FactReport) -> None:
     client.interval("EXTENDED_SYS_STATE", 0.0)
 
 
-def _since(client: VehicleClient, state: str, armed_s: float) -> float:
-    """Return the time from arming to the first EXTENDED_SYS_STATE with a state, or infinity."""
-    for packet in client.received.of("EXTENDED_SYS_STATE", armed_s):
+def _state_after_s(client: VehicleClient, state: str, since_s: float) -> float:
+    """Return the time from `since_s` to the first EXTENDED_SYS_STATE with a state, or infinity."""
+    for packet in client.received.of("EXTENDED_SYS_STATE", since_s):
         if LANDED.get(packet.message.landed_state) == state:
-            return packet.at_s - armed_s
+            return packet.at_s - since_s
     return math.inf
 
 
@@ -85,7 +85,7 @@ def _land(client: VehicleClient, report: FactReport, ground_z: float) -> None:
     report.add("land.speed", mean(sinking_m_s))
 
     detected = client.text("Landing detected", since_s)
-    on_ground_s = _since(client, "ON_GROUND", since_s) + since_s
+    on_ground_s = _state_after_s(client, "ON_GROUND", since_s) + since_s
     if detected is None or disarmed is None:
         return
 

@@ -1,7 +1,7 @@
 """Datagrams to and from one MAVLink endpoint, recorded with the time of the vehicle.
 
-Frames are separated here, and pymavlink decodes only those whose message is read, because a
-vehicle that is simulated faster than real time sends thousands of frames a second.
+Frames are separated here. A vehicle that is simulated faster than real time sends thousands of
+frames a second, so pymavlink decodes only frames whose message is read.
 """
 
 from __future__ import annotations

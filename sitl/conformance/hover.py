@@ -53,9 +53,10 @@ class Hover:
 
     Attributes:
         goal: north, east, down in the local frame of the vehicle [m].
-        yaw_rad: heading.
+        yaw_rad: heading that is held.
         thrust: thrust that balances the weight, estimated from that of the SIH quadrotor on.
         tilt: roll and pitch that replace the horizontal hold [rad]; None: the position is held.
+        is_resting: whether level attitudes without thrust are sent, for a vehicle on the ground.
     """
 
     def __init__(self, client: VehicleClient) -> None:
@@ -134,9 +135,9 @@ def _clip(value: float, below: float, above: float) -> float:
 
 
 def airborne(client: VehicleClient, height_m: float) -> Hover:
-    """Fly to a height in OFFBOARD by attitude setpoints; return the hold when the vehicle rests.
+    """Fly to a height in OFFBOARD by attitude setpoints, and return the hold.
 
-    The flight begins on the ground or in the air.
+    The vehicle is then at rest in the air. The flight begins on the ground or in the air.
 
     Raises:
         Stuck: the vehicle cannot be armed or does not come to rest at the height.
@@ -153,7 +154,7 @@ def airborne(client: VehicleClient, height_m: float) -> Hover:
 
 
 def _arm_in_offboard(client: VehicleClient) -> Hover:
-    """Bring the vehicle to the ground and arm it in OFFBOARD; return its hold, which rests.
+    """Bring the vehicle to the ground and arm it in OFFBOARD; return its hold, without thrust.
 
     Raises:
         Stuck: the vehicle cannot be armed.

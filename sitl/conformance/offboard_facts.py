@@ -61,7 +61,7 @@ def _request_disarm_in_air(client: VehicleClient, report: FactReport) -> None:
 
 
 def _start(client: VehicleClient, report: FactReport) -> Hover:
-    """Take off in OFFBOARD by attitude setpoints; return the hold when the vehicle rests."""
+    """Take off in OFFBOARD by attitude setpoints, wait for rest in the air, and return the hold."""
     fast_streams(client)
     hover = Hover(client)
     level = quaternion(0.0, 0.0, hover.yaw_rad)
@@ -198,7 +198,7 @@ def _hold(client: VehicleClient, report: FactReport, hover: Hover) -> None:
 
 
 def _land_and_cut_thrust(client: VehicleClient, report: FactReport, hover: Hover) -> None:
-    hover.to_height(-0.3)
+    hover.to_height(-0.3)  # the goal is below the ground
     client.spend(8.0, lambda: hover.height_m < 0.05)
     client.spend(0.5)
     hover.is_resting = True

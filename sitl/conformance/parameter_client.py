@@ -71,7 +71,7 @@ class ParameterClient:
 
     def _read(self, name: str) -> tuple[float, int] | None:
         for _ in range(_ATTEMPTS):
-            count = len(self._values)
+            count_before = len(self._values)
             self._client.send(
                 "PARAM_REQUEST_READ",
                 target_system=self._client.system_id,
@@ -79,7 +79,7 @@ class ParameterClient:
                 param_id=name.encode("ascii"),
                 param_index=-1,
             )
-            answer = self._answer(name, count)
+            answer = self._answer(name, count_before)
             if answer is not None:
                 return answer
         return None
@@ -87,10 +87,11 @@ class ParameterClient:
     def _write(self, name: str, value: float, kind: int) -> float | None:
         encoded = value
         if kind != _MAV_PARAM_TYPE_REAL32:
+            # the bytes of the whole number, put into the field of a float
             packed = struct.pack(_INTEGER_STRUCTS[kind], int(value)).ljust(4, b"\0")
             encoded = struct.unpack("<f", packed)[0]
 
-        count = len(self._values)
+        count_before = len(self._values)
         self._client.send(
             "PARAM_SET",
             target_system=self._client.system_id,
@@ -99,7 +100,7 @@ class ParameterClient:
             param_value=encoded,
             param_type=kind,
         )
-        answer = self._answer(name, count)
+        answer = self._answer(name, count_before)
         if answer is None:
             return None
         answered_value, _ = answer
@@ -107,13 +108,20 @@ class ParameterClient:
 
     @property
     def _values(self) -> list[ReceivedPacket]:
+        """All values of parameters that have arrived, the newest last."""
         return self._client.received.packets[_PARAM_VALUE]
 
-    def _answer(self, name: str, count: int) -> tuple[float, int] | None:
+    def _answer(self, name: str, count_before: int) -> tuple[float, int] | None:
+        """Wait for the value of a parameter; return it with its type, or None without an answer.
+
+        Args:
+            name: name of the parameter.
+            count_before: number of values that had arrived before the request.
+        """
         answers: list[tuple[float, int]] = []
 
         def is_answered() -> bool:
-            for packet in self._values[count:]:
+            for packet in self._values[count_before:]:
                 if packet.message.param_id == name:
                     answers.append(parameter_value(packet.message))
                     return True

@@ -97,7 +97,7 @@ class MeasuredResponse:
     largest_rate_deg_s: float
 
     def reaches(self, part: float) -> float:
-        """Return the time of the first reaching of a fraction, interpolated between samples."""
+        """Return the time at which a fraction is first reached, interpolated between samples."""
         samples = zip(self.times_s, self.parts, strict=True)
         for (t0, p0), (t1, p1) in itertools.pairwise(samples):
             if t0 >= 0.0 and p0 < part <= p1:
@@ -151,6 +151,7 @@ def _tilt(
 
     name = f"step.{axis}-{step_deg}"
     for part in _TILT_TIMES:
+        # t63: the time to reach 63 % of the step
         report.add(f"{name}-{part}", response.reaches(int(part[1:]) / 100.0))
     report.add(f"{name}-overshoot", response.overshoot_pct)
     report.add(f"{name}-peak", response.peak_s)
@@ -176,6 +177,7 @@ def _yaw(client: VehicleClient, report: FactReport, hover: Hover, step_deg: int)
     times, _ = _YAW[step_deg]
     name = f"step.yaw-{step_deg}"
     for part in times:
+        # t63: the time to reach 63 % of the step
         report.add(f"{name}-{part}", response.reaches(int(part[1:]) / 100.0))
     report.add(f"{name}-overshoot", response.overshoot_pct)
     report.add(f"{name}-rate", response.largest_rate_deg_s)
@@ -213,6 +215,7 @@ def _record(
 
     # The target has the new setpoint once it has turned by a quarter of the step. The distance of
     # two quaternions is half of the angle between them.
+    # Without such a target, time zero is the begin: _MEAN_S after the first of the earlier samples.
     zero_ms = earlier[0].time_boot_ms + 1e3 * _MEAN_S
     for packet in client.received.of("ATTITUDE_TARGET", begin_s):
         if math.dist(packet.message.q, target_before) > 0.25 * abs(step_rad) / 2:

@@ -27,7 +27,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
         _from_elsewhere(client, report)
         return
 
-    report.skip(
+    report.skip(  # all but link.second-sender
         FACTS[1:], "it leaves the vehicle locked to a port that is gone: see --from-elsewhere"
     )
     client.greet(as_ground_station=False)
@@ -53,7 +53,7 @@ def _from_elsewhere(client: VehicleClient, report: FactReport) -> None:
     client.port = first
     client.greet(as_ground_station=False)
     client.spend(0.6)
-    listener.receive(0.0)
+    listener.receive(0.0)  # drop what has arrived so far
     client.spend(0.4)
     has_moved = not listener.receive(0.0)
     report.add("link.first-sender", "moves there" if has_moved else "stays")
@@ -64,6 +64,7 @@ def _from_elsewhere(client: VehicleClient, report: FactReport) -> None:
     comes_back = bool(listener.receive(0.0))
     stays = has_moved and not comes_back
     report.add("link.listening-port", "stays" if stays else "comes back")
+    # link.second-sender
     report.skip(FACTS[:1], "the first sender was another port")
 
     if has_moved:

@@ -41,7 +41,7 @@ _SLOW_1_S = 0.5
 FACTS = facts("setpoints", "facts")
 
 STICKS = facts("setpoints", "sticks")
-# Some versions do not recover from these setpoints, so that they come last.
+# Some versions do not recover from these setpoints, so they come last.
 BREAKING = facts("setpoints", "breaking")
 
 
@@ -203,6 +203,7 @@ def _steep(client: VehicleClient, report: FactReport, hover: Hover) -> None:
         _recover(client, hover)
 
     client.next_heartbeat()
+    # since_s is the begin of the steeper of both
     report.add("setpoint.steep-text", client.quote("Preflight Fail", since_s))
     report.add("setpoint.steep-failsafe-text", client.quote("Failsafe activated", since_s))
     report.add("setpoint.steep-mode", client.mode)

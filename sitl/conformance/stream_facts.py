@@ -231,7 +231,8 @@ def _heartbeats(client: VehicleClient, report: FactReport, since_s: float) -> No
         report.add("heartbeat.interval-max", NOT_MEASURED)
         return
 
-    # The arrival is measured by the clock of this computer, so that its error grows with the pace.
+    # The arrival is measured by the clock of this computer, so its error grows with the pace. The
+    # slack moves an interval towards 1 s, which is right, but not beyond it.
     slack_s = 0.02 * max(0.0, client.clock.pace - 1.0)
     report.add("heartbeat.interval-min", min(1.0, min(intervals_s) + slack_s))
     report.add("heartbeat.interval-max", max(1.0, max(intervals_s) - slack_s))

@@ -208,7 +208,8 @@ def _measure_all(
                 # another.
                 client.params.set("SIM_BAT_DRAIN", _DRAIN_S)
                 # A vehicle with vision only is never ready on the ground. The check continues.
-                client.spend(_READY_S - min(_READY_S, client.now_s), client.shows_ready)
+                left_s = max(0.0, _READY_S - client.now_s)
+                client.spend(left_s, client.shows_ready)
                 _measure(group, client, report, say)
             else:
                 report.skip(group.facts, _NOT_SIMULATED)
@@ -261,7 +262,7 @@ def _measure(
         reason = str(error)
     client.vision_duty.act = None
     client.params.restore()
-    report.fail(group.facts, reason)
+    report.fail(group.facts, reason)  # only facts that the group has not measured
 
 
 def _put_down(client: VehicleClient, say: Callable[[str], None]) -> None:

@@ -51,7 +51,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
 
 
 def _streams(client: VehicleClient) -> str:
-    """Return the word of the facts for whether LOCAL_POSITION_NED is still sent."""
+    """Return "streams" if LOCAL_POSITION_NED is still sent, otherwise "stops"."""
     recent = client.received.of("LOCAL_POSITION_NED", client.now_s - 0.5)
     return "streams" if recent else "stops"
 
@@ -97,7 +97,7 @@ def _lost(client: VehicleClient, report: FactReport) -> None:
         client.vision_duty.act = _vision(client, list(_POSITION_NED_M))
         client.spend(_SETTLE_S)
 
-    # PX4 does not fuse ATT_POS_MOCAP, so that the position is lost with it as without any message.
+    # PX4 does not fuse ATT_POS_MOCAP. While it is sent, the position is lost all the same.
     client.vision_duty.act = None
     if report.wants("vision.mocap-ignored"):
         client.vision_duty.act = _mocap(client, list(_POSITION_NED_M))

@@ -34,6 +34,7 @@ from sitl.px4.modes import Mode
 
 _BEYOND_M = 5.0  # distance outside the fence
 _LEAST_HEIGHT_M = 0.5
+_TICK_S = 0.02  # period of the agents' ticks
 _WIND_RISES_IN_S = 20.0
 _STRONGEST_WIND_M_S = 30.0  # the emulator accepts no more
 _SLOW_DELAY_S = 0.4
@@ -205,7 +206,7 @@ def tick_fails(count: int) -> Inject:
             )
 
         for number in range(count):
-            flight.at(flight.time_s + 0.02 * number, fail)
+            flight.at(flight.time_s + _TICK_S * number, fail)
 
     return inject
 
@@ -278,7 +279,7 @@ def landed_state(duration_s: float, *, is_repeated: bool) -> Inject:
         def change(fields: dict[str, Any]) -> None:
             if "landed" in fields and flight.time_s < end_s:
                 fields = {key: value for key, value in fields.items() if key != "landed"}
-                if is_repeated:
+                if is_repeated:  # otherwise no landed state reaches the agent
                     fields["landed"] = Landed.ON_GROUND
             receive(fields)
 
@@ -321,7 +322,7 @@ def wrong_report(name: str) -> Inject:
 
 def some_wrong_report(flight: Lockstep, vehicle: str) -> None:
     """Inject one wrong report of PX4; the time of the flight decides which one."""
-    tick = round(flight.time_s / 0.02)
+    tick = round(flight.time_s / _TICK_S)
     name = list(WRONG_REPORTS)[tick % len(WRONG_REPORTS)]
     wrong_report(name)(flight, vehicle)
 
@@ -351,12 +352,12 @@ def stops(*names: str) -> Inject:
     return inject
 
 
-def without_law(flight: Lockstep, name: str) -> None:
+def without_law(flight: Lockstep, vehicle: str) -> None:
     """Let one vehicle fly without avoidance, and announce the hash of a fleet file without law."""
-    shell = flight.agents[name]
+    shell = flight.agents[vehicle]
     other = shell.fleet.with_law("off")
     control = shell.core.control
-    control.params = pipeline_params(other, name)
+    control.params = pipeline_params(other, vehicle)
     publish = shell.node.publish
 
     def change(topic: Topic, name: str, message: Message) -> None:
@@ -370,20 +371,20 @@ def without_law(flight: Lockstep, name: str) -> None:
 
 
 def lies(lie: Callable[[StateMessage, int], dict[str, Any]]) -> Inject:
-    """Return an injection: a vehicle flies as always, but publishes wrong states.
+    """Return an injection: a vehicle flies as always, but publishes wrong states from now on.
 
     Args:
         lie: returns the changed fields of a state message, given the true one and the tick.
     """
 
-    def inject(flight: Lockstep, name: str) -> None:
-        node = flight.agents[name].node
+    def inject(flight: Lockstep, vehicle: str) -> None:
+        node = flight.agents[vehicle].node
         publish = node.publish
 
         def change(topic: Topic, name: str, message: Message) -> None:
             if isinstance(message, StateMessage):
                 message = msgspec.structs.replace(
-                    message, **lie(message, round(flight.time_s / 0.02))
+                    message, **lie(message, round(flight.time_s / _TICK_S))
                 )
             publish(topic, name, message)
 
@@ -465,10 +466,10 @@ def _beyond_edge(area: Area) -> Point:
 
     farthest = max(corners, key=lambda corner: math.dist(corner, (middle_east, middle_north)))
     away_m = math.dist(farthest, (middle_east, middle_north))
-    share = (away_m + _BEYOND_M) / away_m
+    stretch = (away_m + _BEYOND_M) / away_m  # above 1: the position is beyond the corner
     return (
-        middle_east + share * (farthest[0] - middle_east),
-        middle_north + share * (farthest[1] - middle_north),
+        middle_east + stretch * (farthest[0] - middle_east),
+        middle_north + stretch * (farthest[1] - middle_north),
     )
 
 
@@ -489,9 +490,9 @@ def order_into_another(flight: Lockstep, name: str) -> None:
     _order_to(flight, name, (east_m, north_m, max(up_m, _LEAST_HEIGHT_M)))
 
 
-def _order_to(flight: Lockstep, name: str, place_enu_m: tuple[float, float, float]) -> None:
+def _order_to(flight: Lockstep, name: str, goal_enu_m: tuple[float, float, float]) -> None:
     """Order a vehicle to a position; the ground or the vehicle may refuse it."""
-    east_m, north_m, up_m = place_enu_m
+    east_m, north_m, up_m = goal_enu_m
     with contextlib.suppress(OrderError):
         flight.client.submit_now(f"move {name} {east_m:.2f} {north_m:.2f} {up_m:.2f}")
 

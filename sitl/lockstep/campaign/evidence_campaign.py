@@ -112,6 +112,7 @@ def undisturbed_cases(campaign: Campaign) -> list[FlightCase]:
     """Return the flights in which nothing breaks."""
     cases = []
     for number in range(max(campaign.rounds, _LEAST_UNDISTURBED)):
+        # 1: other random numbers than in broken_cases
         rng = np.random.default_rng([number, 0, 1])
         cases.append(
             FlightCase(
@@ -141,6 +142,7 @@ def broken_cases(
             victims = possible_victims(mission.fleet, injection)
             if not victims or campaign.only not in injection.name:
                 continue
+            # 2: other random numbers than in undisturbed_cases
             rng = np.random.default_rng([number, row, 2])
             yield FlightCase(
                 fault=injection.name,
@@ -205,6 +207,7 @@ def _fly_missing(
 def _flown(
     fly_one: Callable[[FlightCase], FlownCase], cases: Sequence[FlightCase], jobs: int
 ) -> Iterator[FlownCase]:
+    """Fly the cases in a number of processes, and yield each outcome in the order of the cases."""
     if jobs == 1 or len(cases) < 2:
         yield from map(fly_one, cases)
         return
@@ -292,8 +295,8 @@ def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
 
 def planned_height_m(mission: Mission) -> float:
     """Return the greatest planned height [m]; for a Python mission the ceiling of the fence."""
-    heights = [place[2] for place in planned_places(mission)]
-    return max(heights, default=mission.fleet.fleet.geofence_m.z[1])
+    heights_m = [up_m for _, _, up_m in planned_places(mission)]
+    return max(heights_m, default=mission.fleet.fleet.geofence_m.z[1])
 
 
 def planned_places(mission: Mission) -> list[tuple[float, float, float]]:

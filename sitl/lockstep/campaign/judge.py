@@ -93,7 +93,7 @@ class Judge:
 
         self.is_injected = False
         self.was_flying = False  # whether all vehicles flew when the fault was injected
-        self.highest_m = math.inf  # height that the victim may reach
+        self.highest_m = math.inf  # height that the victim may reach; no limit before the fault
         self.height_share = flight.config.fleet.height_share
 
         # by vehicle: the strongest action demanded since its newest order, the id of that order,
@@ -133,7 +133,7 @@ class Judge:
     # -- while it flies ----------------------------------------------------------------------------
 
     def _check_setpoint(self, name: str, send: object, setpoint: AttitudeSetpoint) -> None:
-        """Note a bad setpoint, and send it."""
+        """Note a setpoint if it is bad; send it in any case."""
         q = np.asarray(setpoint.quaternion_wxyz)
         thrust_frac = setpoint.thrust_frac
         limit_deg = self.flight.config.vehicles[name].max_tilt_deg + _TILT_SLACK_DEG
@@ -142,6 +142,7 @@ class Judge:
         elif not 0.0 <= thrust_frac <= 1.0 or abs(np.linalg.norm(q) - 1.0) > 1e-6:
             self.note(f"{name} sends a thrust of {thrust_frac:.2f} or no unit quaternion")
         else:
+            # the vertical component of the body's vertical axis
             cos_tilt = 1.0 - 2.0 * float(q[1] ** 2 + q[2] ** 2)
             tilt_deg = math.degrees(math.acos(max(-1.0, cos_tilt)))
             if tilt_deg > limit_deg:
@@ -243,7 +244,7 @@ class Judge:
         flight = self.flight
         for collision in flight.simulation.emulator.world.collisions:
             both = {flight.simulation.names[i] for i in (collision.first, collision.second)}
-            if not both <= self.silenced:
+            if not both <= self.silenced:  # two vehicles that do not avoid may collide
                 self.note(f"{' and '.join(sorted(both))} collide")
 
         autopilots = flight.simulation.emulator.autopilots
@@ -272,7 +273,8 @@ class Judge:
             words = " or ".join(sorted(condition.value for condition in wanted))
             self.note(f"{' or '.join(names)} did not notice {words}")
             return
-        if self.injection.is_cut_off or noticed <= _QUIET:
+        needs_event = bool(noticed - _QUIET)
+        if self.injection.is_cut_off or not needs_event:
             return
 
         reported = {(event.vehicle, event.code) for event in self.flight.events}
