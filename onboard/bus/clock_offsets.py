@@ -157,7 +157,7 @@ class Clocks:
         node = message.node
         if node == self.node:
             return
-        if node not in self._peers and not self._has_room(received_ns):
+        if node not in self._peers and not self._make_room(received_ns):
             return
 
         # a node that claims to share our clock must have sent at a time that our clock confirms
@@ -187,7 +187,7 @@ class Clocks:
         """Return the peer by a message that contradicts the known one, and how many agree on it.
 
         Such a message either agrees with the contradicting messages before it or is the first of a
-        new row. None for a message that contradicts itself.
+        new row. Return None for a message that contradicts itself.
         """
         earlier, count = self._contradictions.get(message.node, (None, 0))
         peer = self._merged(earlier, message, received_ns)
@@ -201,7 +201,7 @@ class Clocks:
     def _merged(self, peer: Peer | None, message: ClockMessage, received_ns: int) -> Peer | None:
         """Return a peer with one more of its messages taken into account.
 
-        None if the message contradicts the peer.
+        Return None if the message contradicts the peer.
         """
         # another boot is another clock
         if peer is not None and peer.host != message.host:
@@ -239,8 +239,11 @@ class Clocks:
             return None
         return peer
 
-    def _has_room(self, now_ns: int) -> bool:
-        """Whether one more node can be remembered; forgets one that was silent for a minute."""
+    def _make_room(self, now_ns: int) -> bool:
+        """Return whether one more node can be remembered.
+
+        If there are too many, one that was silent for a minute is forgotten.
+        """
         if len(self._peers) >= _MAX_NODES:
             oldest, peer = min(tuple(self._peers.items()), key=lambda item: item[1].received_ns)
             if now_ns - peer.received_ns < _FORGET_NS:
@@ -255,7 +258,7 @@ class Clocks:
         own clock; any other is replaced by its arrival, less an assumed delay.
 
         Args:
-            node: whose clock made the stamp.
+            node: name of the node whose clock made the stamp.
             stamp_ns: time by that clock.
             received_ns: arrival of the message, by our clock.
         Returns:

@@ -63,9 +63,9 @@ class ClockNode:
         self._bus = bus
         self.clocks = Clocks(bus.node, host_id())
 
-        # source of poses that cannot be used, because its clock is not known -> since when
+        # source whose poses cannot be used, as its clock is not known -> arrival of the first pose
         self._unknown_since_ns: dict[str, int] = {}
-        self._warned: set[str] = set()  # those of them that a warning has named
+        self._warned: set[str] = set()  # such sources that a warning has named
 
     def start(self) -> None:
         """Subscribe to the others' clocks; the bus must be open."""

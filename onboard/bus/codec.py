@@ -15,7 +15,7 @@ from onboard.bus.schema import SCHEMA_VERSION, Message
 
 MessageT = TypeVar("MessageT", bound=Message)
 
-MAX_BYTES = 65_536  # of one message
+MAX_BYTES = 65_536  # largest size of one message
 
 _encoder = msgspec.msgpack.Encoder()
 # type of message -> its decoder, which is made when it is first needed

@@ -25,7 +25,7 @@ class PosePublisher:
         self._bus = bus
         # body -> its newest pose since all bodies were last published together
         self._newest: dict[str, MocapPose] = {}
-        self._due_ns = 0  # when they are published together next
+        self._due_ns = 0  # stamp from which they are published together next
 
     def publish(self, pose: MocapPose) -> None:
         """Publish one pose; never blocks.
@@ -35,8 +35,8 @@ class PosePublisher:
         """
         self._bus.publish(Topic.MOCAP, pose.body, pose)
 
-        # a time until then that is not within one period shows that it has come, or that the stamps
-        # have jumped, back or far ahead; in both cases all bodies are published at once
+        # All bodies are published when their time has come. They are also published if it is more
+        # than a period ahead, which shows that the stamps have jumped back.
         until_due_ns = self._due_ns - pose.stamp_ns
         if not 0 <= until_due_ns <= _PERIOD_NS:
             self._due_ns = pose.stamp_ns + _PERIOD_NS

@@ -17,7 +17,7 @@ class Presence:
     def __init__(self, on_alive: OnAlive) -> None:
         self._on_alive = on_alive
         self._instances: dict[str, set[str]] = {}  # name -> instances of the nodes that declare it
-        self._count = 0  # of the instances of all names
+        self._count = 0  # number of instances of all names together
 
     def see(self, token: str, is_alive: bool) -> None:
         """Take a liveliness token that appeared or vanished.

@@ -43,7 +43,8 @@ def router_settings(
     Args:
         fleets: fleets whose messages it passes on.
         endpoint: result of :func:`router_endpoint`.
-        credentials: of the router, with the access control of all fleets; None without keys.
+        credentials: credentials of the router, with the access control of all fleets; None without
+            keys.
     """
     others: list[str] = []
     for fleet in fleets:
@@ -63,7 +64,7 @@ class Router:
     def __init__(self, settings: Sequence[Setting]) -> None:
         self._settings = settings
         self._sockets = PromptSockets()
-        self._session: Any = None  # of zenoh, while it runs
+        self._session: Any = None  # zenoh's session, while the router runs
 
     def start(self) -> None:
         """Listen, and pass messages on, on threads of zenoh.
@@ -116,7 +117,8 @@ def _is_of_this_computer(host: str) -> bool:
             try:
                 probe.bind(address)
             except OSError as error:
-                if error.errno != errno.EADDRINUSE:  # only an own address can be in use here
+                # An address that is in use is one of this computer, too.
+                if error.errno != errno.EADDRINUSE:
                     continue
             return True
     return False

@@ -83,7 +83,8 @@ class BusSession:
         listen: endpoints to listen at, for instance ``["tcp/127.0.0.1:7460"]``; empty for the
             ground.
         connect: endpoints of the others; retried for ever, so that nodes may start in any order.
-        credentials: of this node, for ``quic/`` and ``tls/``; None for a bus without keys.
+        credentials: credentials of this node, for ``quic/`` and ``tls/``; None for a bus without
+            keys.
         routers: endpoints of the fleet's routers; if there are any, the node connects only to one
             of them, and listens nowhere.
         router_timeout_s: time for which :meth:`start` looks for a router.
@@ -123,7 +124,7 @@ class BusSession:
         self._publishers: dict[tuple[Topic, str], zenoh.Publisher] = {}
         self._followed: dict[tuple[Topic, str], _Collector] = {}
         self._collected: list[_Collector] = []
-        self._collectors: tuple[_Collector, ...] = ()  # those of both, for :meth:`deliver`
+        self._collectors: tuple[_Collector, ...] = ()  # followed and collected, for :meth:`deliver`
         self._claims: dict[str, Any] = {}  # further liveliness tokens of this node, by their names
 
         # subscribers and queryables, which zenoh ends when nothing refers to them any more

@@ -96,9 +96,10 @@ def of_router(
     """Return the settings of a router.
 
     Args:
-        endpoint: at which it listens.
+        endpoint: endpoint at which it listens.
         others: endpoints of the other routers, to which it connects.
-        credentials: of the router; None for a bus without keys, where it passes on everything.
+        credentials: credentials of the router; None for a bus without keys, where it passes on
+            everything.
     """
     router_lease_ms = lease_ms([endpoint])
     if others:

@@ -105,8 +105,10 @@ def fleet_from_mapping(
     slots, shapes = formation_shape.split(written_formations, path)
     formations = convert(slots, dict[str, dict[str, Xyz]], path, "formations")
 
-    fixed = convert(data.get("obstacles", []), tuple[obstacles.Obstacle, ...], path, "obstacles")
-    enclosing = convert(data.get("fences", []), tuple[fences.Fence, ...], path, "fences")
+    written_obstacles = convert(
+        data.get("obstacles", []), tuple[obstacles.Obstacle, ...], path, "obstacles"
+    )
+    written_fences = convert(data.get("fences", []), tuple[fences.Fence, ...], path, "fences")
     mocap = convert(data.get("mocap", {}), MocapConfig, path, "mocap")
     radio: RadioConfig | None = None
     if "radio" in data:
@@ -128,8 +130,8 @@ def fleet_from_mapping(
         formations=formations,
         vehicles=vehicles,
         text=text,
-        obstacles=fixed,
-        fences=enclosing,
+        obstacles=written_obstacles,
+        fences=written_fences,
         mocap=mocap,
         shapes=shapes,
         radio=radio,

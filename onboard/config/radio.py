@@ -71,6 +71,7 @@ class RadioConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         periods = 1.0
         if loss > 0.0:  # the number of periods with loss**periods = _RARE_LOSS
             periods = math.log(_RARE_LOSS) / math.log(loss)
+        # 1e-9 keeps a rounding error of a whole number from adding a period
         return self.expected_delay_s + period_s * max(1, math.ceil(periods - 1e-9))
 
     @property

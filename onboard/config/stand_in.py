@@ -46,9 +46,9 @@ def stand_in_refusal(
     tolerance_m = _tolerance_m(fleet, spare)
     if off_m > tolerance_m:
         east_m, north_m, _ = spot_enu_m
-        whose = "its own spot" if spare == place else f"the spot of {place}"
+        spot_words = "its own spot" if spare == place else f"the spot of {place}"
         return (
-            f"{spare} stands {off_m:.1f} m from {whose}, ({east_m:g}, {north_m:g}); "
+            f"{spare} stands {off_m:.1f} m from {spot_words}, ({east_m:g}, {north_m:g}); "
             f"{tolerance_m:.1f} m are allowed. Put it there, then order again."
         )
     return ""
@@ -75,16 +75,17 @@ def _difference(fleet: FleetConfig, spare: Vehicle, other: Vehicle) -> str:
             f"vehicles.{spare.name}.start_enu_m"
         )
 
-    least: list[tuple[str, float, float, str]] = [
+    # key, the spare's value, the other vehicle's value, which is the least, and the unit
+    limits: list[tuple[str, float, float, str]] = [
         ("max_speed_m_s", spare.max_speed_m_s, other.max_speed_m_s, "m/s"),
         ("max_acceleration_m_s2", spare.max_acceleration_m_s2, other.max_acceleration_m_s2, "m/s²"),
         ("max_tilt_deg", spare.max_tilt_deg, other.max_tilt_deg, "°"),
         ("wind limit", wind_limit_m_s(fleet, spare), wind_limit_m_s(fleet, other), "m/s"),
     ]
     if spare.hover_time_s is not None and other.hover_time_s is not None:
-        least.append(("hover_time_s", spare.hover_time_s, other.hover_time_s, "s"))
+        limits.append(("hover_time_s", spare.hover_time_s, other.hover_time_s, "s"))
 
-    for key, has, needs, unit in least:
-        if has < needs:
-            return f"its {key} is {has:g} {unit}, and the mission was checked with {needs:g} {unit}"
+    for key, own, least, unit in limits:
+        if own < least:
+            return f"its {key} is {own:g} {unit}, and the mission was checked with {least:g} {unit}"
     return ""

@@ -89,6 +89,7 @@ def row_range_m(
     s = kappa_1_1_s + kappa_2_1_s
     q = kappa_1_1_s * kappa_2_1_s
 
+    # the larger root r of q/2 r^2 - s v r + v^2 - q/2 d^2 = 0, beyond which no braking is required
     discriminant = s * s * v * v - q * (2.0 * v * v - q * distance_m**2)
     return (s * v + math.sqrt(max(0.0, discriminant))) / q
 

@@ -120,16 +120,17 @@ def _nobody(fleet: FleetConfig) -> Finding:
 
 def _own_law(fleet: FleetConfig, law: OwnLaw) -> Finding:
     """Return the warning that a fleet file names code, which will be executed."""
-    real = "does not take off"
+    on_real_vehicles = "does not take off"
     if fleet.law.allow_own_law_on_real_vehicles:
-        real = "may fly"
+        on_real_vehicles = "may fly"
 
     remedy = "Read its source before you run it."
     sentence = (
         f"The law '{law.name}' is code that this fleet file names: "
         f"{law.source or 'an installed module'} (source {law.source_hash}). It runs with the "
         "rights of every agent and simulation that flies it. On real vehicles it "
-        f"{real}. Preview and these findings are of Covey's law, which takes over where it fails. "
+        f"{on_real_vehicles}. Preview and these findings are of Covey's law, which takes over "
+        "where it fails. "
         f"{remedy}"
     )
     return Finding(
@@ -319,12 +320,12 @@ def _fence_finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Find
     # the floor of the fence does not count: the ground is there
     x, y, z = spot
     room_m = min(x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y, fence.z[1] - z)
-    which = "the fence"
+    limit_words = "the fence"
     remedy = "Move the spot inwards, widen fleet.geofence_m, or lower max_speed_m_s."
     to_area_m, area_name = flight_space_of(fleet).room_m(spot)
     if to_area_m < room_m:
         room_m = to_area_m
-        which = f"the buffer of the fence '{area_name}'"
+        limit_words = f"the buffer of the fence '{area_name}'"
         remedy = f"Move the spot away from it, correct '{area_name}', or lower max_speed_m_s."
 
     stop_m = bounds.stopping_distance_m(
@@ -339,7 +340,7 @@ def _fence_finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Find
         bound=stop_m,
         unit="m",
         sentence=(
-            f"{_capitalized(label)}: {name} is {{value}} from {which}, stopping from "
+            f"{_capitalized(label)}: {name} is {{value}} from {limit_words}, stopping from "
             f"{vehicle.max_speed_m_s:g} m/s takes {{bound}}"
         ),
         remedy=remedy,

@@ -127,6 +127,7 @@ def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
             refuse_below_m = 0.0
 
     advised_m = math.ceil(100.0 * required_m) / 100.0
+    # as parking_distance_m: 0.10 m beyond the design distance
     apart_m = fleet.fleet.safety_distance_m + required_m + 0.10
 
     return at_least(

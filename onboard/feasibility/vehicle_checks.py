@@ -33,7 +33,8 @@ _PX4_CRITICAL_FRAC = 0.07
 # name of the finding about px4_params that weaken a demand
 OWN_FAILSAFES = "PX4's own failsafes"
 
-# by which the agent's landing level should be, and has to be, above PX4's critical level
+# Distance from PX4's critical level up to the agent's landing level. With less than the first the
+# finding is a warning, and with less than the second a refusal.
 _BATTERY_GAP_PCT = 3.0
 _LEAST_BATTERY_GAP_PCT = 0.5
 _ADVISED_BATTERY_PCT = 5.0  # further gap in the advice
