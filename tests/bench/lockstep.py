@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import cProfile
 import hashlib
-import math
 import os
 import pstats
 import statistics
@@ -21,7 +20,6 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 from onboard.config.fleet import FleetConfig, load_fleet
 from sitl.lockstep.flight import Lockstep
@@ -29,13 +27,9 @@ from tests.sitl.square_fleets import square_fleet
 
 ROOT = Path(__file__).resolve().parents[2]
 SIZES = (3, 10, 100)
-# Simulated over real time: what is asked for at least, and what is aimed at, on a machine that
-# makes so many rounds of _one_round a second. Of another machine as much less or more is asked.
-QUIET_MACHINE_ROUNDS_S = 3.0e4
+# simulated over real time: what is asked for at least, and what is aimed at
 WANTED = {3: (12.0, 20.0), 10: (4.0, 8.0), 100: (0.3, 0.4)}
 _WARM_S = 1.0
-_SPEED_SPANS = 40
-_SPEED_ROUNDS = 200
 # Which part of the program a function's time counts for: the first that its path holds. The rest,
 # libraries and built-in functions, counts for whoever called it.
 _PARTS = (
@@ -50,12 +44,6 @@ _PARTS = (
     ("the record", ("/groundstation/recording/",)),
     ("the ground: client and mission", ("/groundstation/",)),
 )
-
-
-class _Position(NamedTuple):
-    x: float
-    y: float
-    z: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,34 +62,6 @@ class Speed:
     start_s: float
     parts: dict[str, float]
     is_repeated: bool
-
-
-def machine_share() -> float:
-    """Return the speed of this machine, as a share of the one that the wanted factors are for.
-
-    The best of many short spans counts, as for the flights.
-    """
-    fastest_rounds_s = 0.0
-    for _ in range(_SPEED_SPANS):
-        begin_s = time.process_time()
-        for _ in range(_SPEED_ROUNDS):
-            _one_round()
-        fastest_rounds_s = max(fastest_rounds_s, _SPEED_ROUNDS / (time.process_time() - begin_s))
-    return fastest_rounds_s / QUIET_MACHINE_ROUNDS_S
-
-
-def _one_round() -> float:
-    """Do what agents in lockstep do most: make small values, look them up, compute with floats."""
-    states = {}
-    for index in range(20):
-        position = _Position(0.1 * index, 0.2 * index, 1.0)
-        states[index] = position._replace(z=position.z + 0.01)
-    distances_m = [
-        math.hypot(one.x - other.x, one.y - other.y)
-        for one in states.values()
-        for other in (states[0], states[19])
-    ]
-    return min(distances_m)
 
 
 def fleet_of(count: int) -> FleetConfig:
@@ -186,13 +146,8 @@ def part_of(path: str) -> str | None:
     return next((part for part, words in _PARTS if any(word in name for word in words)), None)
 
 
-def table(speeds: Sequence[Speed], share: float) -> str:
-    """The figures as Markdown.
-
-    Args:
-        speeds: of each fleet.
-        share: of this machine's speed; what is wanted is multiplied by it.
-    """
+def table(speeds: Sequence[Speed]) -> str:
+    """The figures as Markdown."""
     lines = [
         "| vehicles | times real time (processor) | median | times real time (wall clock) | at "
         "least | aim "
@@ -204,7 +159,7 @@ def table(speeds: Sequence[Speed], share: float) -> str:
         lines.append(
             f"| {speed.count} | {speed.factor_cpu:.2f} | {speed.factor_median:.2f} | "
             f"{speed.factor_wall:.2f} "
-            f"| {share * least:.2g} | {share * aim:.2g} | {speed.start_s:.1f} | "
+            f"| {least:g} | {aim:g} | {speed.start_s:.1f} | "
             f"{'yes' if speed.is_repeated else 'NO'} |"
         )
     lines += [
@@ -246,7 +201,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--out", type=Path, help="write the tables to this file as well")
     options = parser.parse_args(argv)
-    share = machine_share()
     speeds = []
     with tempfile.TemporaryDirectory() as scratch:
         for word in options.vehicles.split(","):
@@ -260,16 +214,12 @@ def main(argv: Sequence[str] | None = None) -> int:
                 flush=True,
             )
     text = (
-        f"Measured by `make bench-lockstep` on one core of {os.cpu_count()}.\n\n"
-        f"This machine is {share:.2f} times as fast as the one that 12, 4 and 0.3 times real time "
-        f"are asked of.\n\n{table(speeds, share)}\n"
+        f"Measured by `make bench-lockstep` on one core of {os.cpu_count()}.\n\n{table(speeds)}\n"
     )
     print(text)
     if options.out:
         options.out.write_text(text, encoding="utf-8")
-    fast = all(
-        speed.factor_cpu >= share * WANTED.get(speed.count, (0.0, 0.0))[0] for speed in speeds
-    )
+    fast = all(speed.factor_cpu >= WANTED.get(speed.count, (0.0, 0.0))[0] for speed in speeds)
     return 0 if fast and all(speed.is_repeated for speed in speeds) else 1
 
 
