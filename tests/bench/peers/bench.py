@@ -23,7 +23,7 @@ from sitl.monte_carlo import campaign_settings
 from sitl.monte_carlo.campaign_settings import SimulatedErrors
 from sitl.monte_carlo.law_map.cells import Cell as MapCell
 from sitl.monte_carlo.law_map.cells import changes
-from sitl.monte_carlo.law_map.results_file import ResultsFile
+from sitl.monte_carlo.law_map.results_file import ResultsFile, ResultsKind
 from sitl.monte_carlo.law_map.unit_flights import version
 from tests.bench.peers import arena, explain, pages, pictures
 from tests.bench.peers.ablation import VARIANTS
@@ -103,6 +103,15 @@ def _late(cell: Cell) -> tuple[str, ...]:
     )
 
 
+_KEPT = ResultsKind(
+    head="law_bench",
+    command="make bench-law",
+    option="--keep",
+    numbers=(),
+    others=("outcomes", "cost"),
+)
+
+
 def fly_all(
     cells: Sequence[Cell], jobs: int, keep: Path | None = None
 ) -> list[tuple[Cell, arena.Flights]]:
@@ -117,7 +126,7 @@ def fly_all(
         return [(cell, found[cell]) for cell in cells]
     law = campaign_settings.setup_for(law="tests.bench.peers.laws:orca").fleet(2).own_law
     methods = "" if law is None else law.source_hash  # of all files of this folder
-    with ResultsFile(keep, f"bench {version()} {methods}") as file:
+    with ResultsFile(keep, f"bench {version()} {methods}", kind=_KEPT) as file:
         missing = [cell for cell in cells if (repr(cell), 0) not in file.rows]
         for cell, flown in _flown(missing, jobs):
             outcomes = [asdict(outcome) for outcome in flown.outcomes]
