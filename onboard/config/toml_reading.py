@@ -69,7 +69,7 @@ def convert(value: Any, kind: Any, path: str, key: str) -> Any:
     """Convert a value of a file to a type.
 
     Args:
-        value: value that TOML gives.
+        value: value that TOML or JSON gives.
         kind: type of the result.
         path: path of the file, for the message.
         key: key path of the value, for the message.
@@ -82,6 +82,8 @@ def convert(value: Any, kind: Any, path: str, key: str) -> Any:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
         raise ConfigError(_sentence(str(error), kind, path, key)) from None
+    except UnicodeEncodeError:  # JSON can write half of a character, as \ud800
+        raise ConfigError(f"{path}: '{key}' has half of a character. Correct the value.") from None
 
 
 def _sentence(text: str, kind: Any, path: str, key: str) -> str:

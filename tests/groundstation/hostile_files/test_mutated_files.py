@@ -23,6 +23,7 @@ from hypothesis import strategies as st
 
 from onboard.config import file_reading
 from onboard.config.file_reading import FileKind
+from sitl.monte_carlo import open_benchmark
 from tests.groundstation.hostile_files.reading import DOORS, outcome_of
 from tests.groundstation.hostile_files.test_fuzzed_files import JSON_VALUES, changed, open_once
 from tests.groundstation.px4_logs.made_up_logs import log_bytes
@@ -30,6 +31,7 @@ from tests.groundstation.recorded import record
 from tests.groundstation.starter.test_fence_files import geojson, plan
 from tests.onboard.corrections.rtcm_frames import framed, recording
 
+OPEN_SCENES = Path(open_benchmark.__file__).parent / "scenes"
 DAILY = settings(
     max_examples=10, deadline=None, suppress_health_check=list(HealthCheck), database=None
 )
@@ -52,6 +54,7 @@ DOORS_OF_KIND = {
     "PARAMETER_FILE": ("params",),
     "KEY_FILE": ("certificate", "key", "mavlink key"),
     "RTCM_FILE": ("rtcm",),
+    "SCENE_FILE": ("scene",),
     "RESULTS_FILE": ("results", "log info"),
     "EVIDENCE_FILE": ("evidence", "kept flights"),
     "SIMULATION_FILE": ("flown",),
@@ -105,6 +108,10 @@ swarm.timeHelper.sleep(TIME)
 """
 
 
+def good_scene() -> bytes:
+    return (OPEN_SCENES / "corridor.json").read_bytes()
+
+
 GOOD: dict[str, Callable[[], bytes]] = {
     "picture": good_picture,
     "record": good_record,
@@ -113,6 +120,7 @@ GOOD: dict[str, Callable[[], bytes]] = {
     "rtcm": lambda: recording(2),
     "script": good_script,
     "fence": lambda: json.dumps(geojson()).encode(),
+    "scene": good_scene,
 }
 ENDINGS = {
     "picture": ".png",
@@ -122,6 +130,7 @@ ENDINGS = {
     "rtcm": ".rtcm3",
     "script": ".py",
     "fence": ".geojson",
+    "scene": ".json",
 }
 
 
@@ -194,6 +203,9 @@ PICTURES = st.builds(
 FENCES = st.one_of(changed(plan(), JSON_VALUES), changed(geojson(), JSON_VALUES)).map(
     lambda data: json.dumps(data).encode("utf-8", "surrogatepass")
 )
+SCENES = changed(json.loads(good_scene()), JSON_VALUES).map(
+    lambda data: json.dumps(data).encode("utf-8", "surrogatepass")
+)
 # frames whose checksums are right
 FRAMES = st.lists(
     st.tuples(st.sampled_from(_NUMBERS), st.binary(max_size=40)),
@@ -206,6 +218,7 @@ FRAMES = st.lists(
 BUILT: dict[str, tuple[str, st.SearchStrategy[bytes]]] = {
     "a picture": ("picture", PICTURES),
     "a fence": ("fence", FENCES),
+    "a scene": ("scene", SCENES),
     "frames": ("rtcm", FRAMES),
 }
 
