@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
+
+from msgspec import structs
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
@@ -12,7 +15,7 @@ from groundstation.orders.result import Results
 from onboard.bus.control_token import OPEN_TO_ALL
 
 CONNECT_S = 3.0  # longest wait until the vehicles are heard
-# Longest wait before a kill for the telemetry of all others, which comes 5 to 10 times a second.
+# Longest wait after a kill for the telemetry of all others, which comes 5 to 10 times a second.
 _OTHERS_S = 0.25
 
 
@@ -25,7 +28,8 @@ async def order_once(
         client: fleet client that has not been started.
         intent: the order.
         timeout_s: longest wait for its end [s].
-        say: function for a sentence about vehicles below the killed ones, called before a kill.
+        say: function for a sentence about vehicles below the killed ones, called once the kill is
+            on its way: a kill waits for nothing.
 
     Returns:
         vehicle -> its result.
@@ -37,14 +41,27 @@ async def order_once(
     await client.start()
     try:
         await client.wait_for(can_order, CONNECT_S)
+        state_before = client.state
+        ordered = asyncio.create_task(client.order(intent, timeout_s))
         if isinstance(intent, Kill):
+            await asyncio.sleep(0.0)  # lets the task send the kill
             await client.wait_for(_are_all_heard, _OTHERS_S)
-            below = below_words(intent.names, client.fleet, client.state, client.now_ns())
+            below = _below_killed(client, intent, state_before)
             if below:
                 say(below)
-        return await client.order(intent, timeout_s)
+        return await ordered
     finally:
         await client.stop()
+
+
+def _below_killed(client: FleetClient, intent: Kill, state_before: FleetState) -> str:
+    """Return which vehicles are below the killed ones, which were in the air before the kill."""
+    vehicles = dict(client.state.vehicles)
+    for name in intent.names:
+        if name in vehicles:
+            vehicles[name] = state_before.vehicles[name]
+    state = structs.replace(client.state, vehicles=vehicles)
+    return below_words(intent.names, client.fleet, state, client.now_ns())
 
 
 def _are_all_heard(state: FleetState) -> bool:

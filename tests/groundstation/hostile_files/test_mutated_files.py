@@ -178,9 +178,7 @@ CHUNKS = st.lists(
     st.one_of(
         st.tuples(st.just(b"IDAT"), PIXELS),
         st.tuples(
-            st.sampled_from(
-                [b"IHDR", b"PLTE", b"tRNS", b"iCCP", b"zTXt", b"eXIf", b"acTL", b"fcTL"]
-            ),
+            st.sampled_from(_MORE_CHUNKS),
             st.binary(max_size=40),
         ),
     ).map(lambda part: _chunk(*part)),
