@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import functools
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 import pytest
@@ -28,6 +28,7 @@ def order(
     misbehave: Mapping[str, str] | None = None,
     heights_m: Mapping[str, float] | None = None,
     heard_later: Collection[str] = (),
+    sent_before: list[int] | None = None,
 ) -> int:
     """Give an order to agents that do what they are told, or misbehave.
 
@@ -36,6 +37,7 @@ def order(
         misbehave: how an agent does, by its vehicle.
         heights_m: of vehicles that fly above one place; the others stand.
         heard_later: vehicles whose first telemetry comes after that of the others.
+        sent_before: gets the number of orders that were sent before each of these is heard.
     """
     column_m = heights_m or {}
 
@@ -44,6 +46,11 @@ def order(
         bus.misbehave = dict(misbehave or {})
         found = FleetClient(fleet, author="script", bus=bus, send=lambda *_, **__: NOBODY)
         start = found.start
+
+        def tell_later(tell: Callable[[], None]) -> None:
+            if sent_before is not None:
+                sent_before.append(len(bus.orders))
+            tell()
 
         async def started() -> None:
             await start()
@@ -54,7 +61,7 @@ def order(
                     changes["position_enu_m"] = (0.0, 0.0, column_m[name])
                 tell = functools.partial(bus.tell, name, **changes)
                 if name in heard_later:
-                    asyncio.get_running_loop().call_later(0.05, tell)
+                    asyncio.get_running_loop().call_later(0.05, tell_later, tell)
                 else:
                     tell()
 
@@ -105,6 +112,22 @@ def test_who_kills_the_top_of_a_column_reads_who_is_below(
     status = order(monkeypatch, "kill", "mav1", heights_m=column, heard_later=heard_later)
     assert status == 0
     assert capsys.readouterr().err == "mav1 falls on mav0, 1.5 m below.\n"
+
+
+def test_a_kill_is_sent_before_the_other_vehicles_are_heard(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    sent_before: list[int] = []
+    status = order(
+        monkeypatch,
+        "kill",
+        "mav1",
+        heights_m={"mav0": 1.0, "mav1": 2.5},
+        heard_later=("mav0", "mav2"),
+        sent_before=sent_before,
+    )
+    assert status == 0
+    assert sent_before == [1, 1]
 
 
 def test_json_is_a_list_of_vehicles(
