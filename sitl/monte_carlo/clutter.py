@@ -72,27 +72,28 @@ def scaled(obstacles: Sequence[Capsule], scale: float) -> tuple[Capsule, ...]:
     return tuple(moved)
 
 
-def clearances_m(position_enu_m: Array, obstacles: Sequence[Capsule], body_m: float) -> Array:
-    """Return the smallest gap [m] between a vehicle's body and an obstacle in each flight (F,).
+class Outlines:
+    """The outlines of obstacles (O), from which the distances of many points are computed."""
 
-    It is infinite without obstacles.
+    def __init__(self, obstacles: Sequence[Capsule]) -> None:
+        begin = np.array([obstacle.begin_enu_m for obstacle in obstacles]).reshape(-1, 1, 1, 2)
+        end = np.array([obstacle.end_enu_m for obstacle in obstacles]).reshape(-1, 1, 1, 2)
+        self._begin = begin  # (O, 1, 1, 2)
+        self._along = end - begin  # from end to end, (O, 1, 1, 2)
 
-    Args:
-        position_enu_m: positions (F, N, 3) of the vehicles.
-        obstacles: the obstacles, the same in all flights.
-        body_m: diameter of a vehicle.
-    """
-    nearest = np.full(len(position_enu_m), np.inf)
-    for obstacle in obstacles:
-        begin = np.array(obstacle.begin_enu_m)
-        along = np.array(obstacle.end_enu_m) - begin  # from end to end
-        length_2 = max(float(along @ along), 1e-12)  # a pillar has length 0; no division by 0
+        length_2 = np.matmul(self._along, self._along.mT)[..., 0]  # (O, 1, 1)
+        self._length_2 = np.maximum(length_2, 1e-12)  # a pillar has length 0; no division by 0
+        radius_m = np.array([obstacle.radius_m for obstacle in obstacles])
+        self._radius_m = radius_m.reshape(-1, 1, 1)
 
-        offset = position_enu_m[..., :2] - begin  # (F, N, 2)
-        # (F, N): nearest point of the obstacle's axis, as a share of its length
-        share = np.clip(offset @ along / length_2, 0.0, 1.0)
-        from_axis = offset - share[..., None] * along
-        from_axis_m = np.hypot(*np.moveaxis(from_axis, -1, 0))  # (F, N)
+    def gaps_m(self, points: Array) -> Array:
+        """Return the distance [m] of each point (F, N, 2) from the nearest outline, (F, N).
 
-        nearest = np.minimum(nearest, from_axis_m.min(-1) - obstacle.radius_m - 0.5 * body_m)
-    return nearest
+        It is negative in an obstacle, and infinite without obstacles.
+        """
+        offset = points - self._begin  # (O, F, N, 2)
+        # (O, F, N): nearest point of the obstacle's axis, as a share of its length
+        share = np.clip(np.matmul(offset, self._along.mT)[..., 0] / self._length_2, 0.0, 1.0)
+        from_axis = offset - share[..., None] * self._along
+        from_axis_m = np.hypot(*np.moveaxis(from_axis, -1, 0))
+        return np.asarray((from_axis_m - self._radius_m).min(0, initial=np.inf))

@@ -20,7 +20,7 @@ from onboard.flight.arrival import moved_by_gusts
 from onboard.rollout.rows import Rows
 from onboard.types import LawStatus
 from sitl.monte_carlo.campaign_settings import ErrorClass
-from sitl.monte_carlo.clutter import clearances_m
+from sitl.monte_carlo.clutter import Outlines
 from sitl.monte_carlo.scenarios import FlightPlan
 from sitl.monte_carlo.vehicles import TICK_S, TrueMotions
 from sitl.physics.contacts import HEIGHT_OF_DIAMETER
@@ -108,7 +108,7 @@ class FlightMetrics:
         moved = [moved_by_gusts(gust_m_s2) for gust_m_s2 in gusts_m_s2]
         self._near_m = errors.arrival_m + np.array([moved_m for moved_m, _ in moved])
         self._slow_m_s = errors.slow_m_s + np.array([moved_m_s for _, moved_m_s in moved])
-        self._obstacles = plans[0].obstacles
+        self._outlines = Outlines(plans[0].obstacles)
 
         self._limit_m = fleet.fleet.safety_distance_m
         self._body_m = fleet.fleet.body_diameter_m
@@ -244,9 +244,8 @@ class FlightMetrics:
             distance = np.maximum(distance, self._height_share * height)
             touches &= height < HEIGHT_OF_DIAMETER * self._body_m
 
-        if self._obstacles:
-            clearance = clearances_m(position_enu_m, self._obstacles, self._body_m)
-            self._clearance = np.minimum(self._clearance, clearance)
+        nearest_gap_m = self._outlines.gaps_m(position_enu_m[..., :2]).min(-1)
+        self._clearance = np.minimum(self._clearance, nearest_gap_m - 0.5 * self._body_m)
         self._has_touched |= np.asarray(touches.any(-1)) | (self._clearance < 0.0)
 
         nearest = distance.min(-1, initial=np.inf)

@@ -11,7 +11,8 @@ from onboard.arrays import Array
 from onboard.avoidance.params import Capsule
 from onboard.config.config_error import ConfigError
 from onboard.vectors import Vec2
-from sitl.monte_carlo import campaign_settings, clutter
+from sitl.monte_carlo import campaign_settings
+from sitl.monte_carlo.clutter import Outlines
 from sitl.monte_carlo.open_benchmark.scene_file import (
     Circle,
     Listed,
@@ -77,11 +78,12 @@ def _check_places(scene: Scene, setup: campaign_settings.Setup) -> None:
                 f"and the safety distance is {fleet.safety_distance_m:g} m. Move them apart."
             )
 
-        gap_m = clutter.clearances_m(points_enu_m[None], exact.obstacles, fleet.body_diameter_m)
-        if gap_m[0] < 0.0:
+        outlines = Outlines(exact.obstacles)
+        gap_m = outlines.gaps_m(points_enu_m[None, :, :2]).min() - 0.5 * fleet.body_diameter_m
+        if gap_m < 0.0:
             raise ConfigError(
                 f"the scene {scene.name}: a vehicle would {verb} in an obstacle, "
-                f"{-gap_m[0]:.2f} m deep. Move it away."
+                f"{-gap_m:.2f} m deep. Move it away."
             )
 
 
@@ -173,7 +175,7 @@ def _drawn(
     """
     half_m = 0.5 * placing.side_m
     points = np.empty((0, 2))
-    walls = _Walls(obstacles)
+    outlines = Outlines(obstacles)
     for attempt in range(_MOST_ATTEMPTS):
         if attempt % (_ATTEMPTS * count) == 0:
             points = np.empty((0, 2))
@@ -182,7 +184,7 @@ def _drawn(
         distances_m = np.hypot(*(points - point).T)
         if distances_m.min(initial=math.inf) < placing.spacing_m:
             continue
-        if walls.gap_m(point) < 0.5 * _BODY_M + _FREE_M:
+        if outlines.gaps_m(point[None, None])[0, 0] < 0.5 * _BODY_M + _FREE_M:
             continue
 
         points = np.concatenate([points, point[None]])
@@ -192,26 +194,6 @@ def _drawn(
         f"the scene {name}: {count} points that are {placing.spacing_m:g} m apart were not found "
         f"in a square of {placing.side_m:g} m between its obstacles. Make it larger."
     )
-
-
-class _Walls:
-    """All obstacles of a scene at once, since a point is tested against them many times."""
-
-    def __init__(self, obstacles: Sequence[Capsule]) -> None:
-        self._begin = np.array([obstacle.begin_enu_m for obstacle in obstacles]).reshape(-1, 2)
-        end = np.array([obstacle.end_enu_m for obstacle in obstacles]).reshape(-1, 2)
-        self._along = end - self._begin  # (O, 2)
-        # a pillar has length 0; no division by 0
-        self._length_2 = np.maximum(np.einsum("oc,oc->o", self._along, self._along), 1e-12)
-        self._radius_m = np.array([obstacle.radius_m for obstacle in obstacles])
-
-    def gap_m(self, point: Array) -> float:
-        """Return the distance of a point (2,) from the nearest outline; negative inside."""
-        offset = point - self._begin
-        share = np.einsum("oc,oc->o", offset, self._along) / self._length_2
-        from_axis = offset - np.clip(share, 0.0, 1.0)[:, None] * self._along
-        gaps_m = np.hypot(*from_axis.T) - self._radius_m
-        return float(gaps_m.min(initial=math.inf))
 
 
 def _capsules(scene: Scene) -> tuple[Capsule, ...]:
