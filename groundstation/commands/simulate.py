@@ -112,22 +112,24 @@ def simulate(
         is_changed = (errors, scale) != (_DEFAULT_ERRORS, _DEFAULT_SCALE)
         if suite != "open":
             raise ConfigError(f"--suite is '{suite}'; there is only the suite 'open'.")
-        if is_changed or any((scenario, set, type, fleet, trace, plot, json, map)):
+        if is_changed or any((scenario, set, type, fleet, trace, plot, json, map, cells)):
             raise ConfigError(
                 "--suite flies its own scenes and values; of the other options it takes --law, "
                 "--seeds, --physics, --jobs, --scheduler, --keep and --anew."
             )
-        text = _SUITE_SEEDS if seeds == _DEFAULT_SEEDS else seeds
-        is_whole = suite_command.judge(
+        suite_seeds = seeds
+        if seeds == _DEFAULT_SEEDS:
+            suite_seeds = _SUITE_SEEDS
+        are_flawless = suite_command.judge(
             law or "covey",
-            _seeds(text),
+            _seeds(suite_seeds),
             physics=physics,
             jobs=jobs,
             scheduler=scheduler,
             keep=keep,
             is_anew=anew,
         )
-        return EXIT_OK if is_whole else EXIT_FAILED
+        return EXIT_OK if are_flawless else EXIT_FAILED
 
     if map:
         is_changed = (seeds, errors, scale) != (_DEFAULT_SEEDS, _DEFAULT_ERRORS, _DEFAULT_SCALE)

@@ -136,6 +136,7 @@ def test_the_table_counts_what_happened():
         (["--suite", "closed"], "there is only the suite 'open'"),
         (["--suite", "open", "swap8"], "--suite flies its own scenes"),
         (["--suite", "open", "--errors", "vision"], "--suite flies its own scenes"),
+        (["--suite", "open", "--cells", "vehicles=3"], "--suite flies its own scenes"),
         (["--suite", "open", "--seeds", "3:3"], "holds no seed"),
         (["--suite", "open", "--law", "nowhere:law"], "the module nowhere cannot be imported"),
         (["swap8", "--keep", "kept.jsonl"], "--keep is for --suite"),
