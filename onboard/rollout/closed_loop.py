@@ -21,7 +21,8 @@ from onboard.config.pair_separation import separations_m
 from onboard.control import pipeline
 from onboard.estimation import kalman
 from onboard.rollout import batch
-from onboard.rollout.rows import Rows, floats
+from onboard.rollout.radio import Radio
+from onboard.rollout.rows import Rows
 from onboard.rollout.vehicle_model import Noise, Perturbation, Plant, VehicleModels, plant_of
 from onboard.types import TICK_S
 
@@ -129,7 +130,7 @@ def fly(
     controller = batch.FleetPipeline(model.params, start_enu_m, model.obstacles)
     legs = _Legs(scenario)
     parked = legs.is_parked
-    radio: _Radio | None = None  # it begins with the first estimates
+    radio: Radio | None = None  # it begins with the first estimates
 
     trace_enu_m: list[Array] = []
     most_ticks = math.ceil(scenario.timeout_s * scenario.legs_enu_m.shape[1] / TICK_S)
@@ -138,7 +139,7 @@ def fly(
 
         states = sensing.update(vehicles, mocap_noise)
         if radio is None:
-            radio = _Radio(states, parked, errors)
+            radio = Radio(states, parked, errors)
         neighbours, is_present = radio.receive(link_draws)
 
         ticks = controller.step(states, legs.goals(), neighbours, is_present, TICK_S)
@@ -200,41 +201,6 @@ class _Sensing:
         """Take the throttle and the hover thrust of the newest tick, for the next estimate."""
         self._throttle = ticks["attitude"]["thrust_frac"]
         self._hover = ticks["hover_thrust_frac"]
-
-
-class _Radio:
-    """Messages between all vehicles, with delay and losses."""
-
-    def __init__(self, states: Rows, is_parked: BoolArray, errors: Perturbation) -> None:
-        first = batch.message(states, None)
-        flights, count = first.shape
-        self._errors = errors
-        self._delay_s = errors.message_delay_ticks * TICK_S
-
-        depth = errors.message_delay_ticks + 1
-        self._sent = deque([first] * depth, depth)  # newest first
-
-        # newest message of each sender at each receiver, and its age (F, receiver, sender)
-        self._inbox = np.repeat(first[:, None], count, axis=1)
-        self._age_s = np.full((flights, count, count), self._delay_s)
-
-        self._others = batch.all_others(count)
-        self._is_cooperative = np.broadcast_to(~is_parked, self._age_s.shape)
-        self._is_present = np.ones((flights, *self._others.shape), bool)
-
-    def receive(self, link_draws: Array) -> tuple[Rows, BoolArray]:
-        """Return the neighbours (F, N, K) of this tick, and whether each is known: all are."""
-        is_received = link_draws >= self._errors.message_loss
-        arriving = floats(self._sent[-1])[:, None]
-        np.copyto(floats(self._inbox), arriving, where=is_received[..., None])
-        self._age_s = np.where(is_received, self._delay_s, self._age_s + TICK_S)
-
-        neighbours = batch.received(self._inbox, self._age_s, self._others, self._is_cooperative)
-        return neighbours, self._is_present
-
-    def publish(self, states: Rows, ticks: Rows) -> None:
-        """Take the messages of this tick."""
-        self._sent.appendleft(batch.message(states, ticks))
 
 
 class _Legs:
