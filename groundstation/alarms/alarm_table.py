@@ -1,8 +1,9 @@
-"""The alarm table, read from table.toml: condition -> severity, sentence, advice."""
+"""The alarm table, read from table.toml: condition -> severities, sentence, advice."""
 
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from importlib.resources import files
@@ -46,19 +47,23 @@ class AlarmRow:
     in_flight: AlarmSeverity  # while the vehicle flies
     on_ground: AlarmSeverity  # while it does not
     sentence: str  # {who} is a vehicle or several, {what} a number, name or reason
-    advice: str
+    advice_in_flight: str  # what the vehicle does by itself, and what to do at once
+    advice: str  # what to look into, in flight and on the ground
 
 
 _FILE = tomllib.loads(files(__package__).joinpath("table.toml").read_text(encoding="utf-8"))
 _KINDS: dict[str, Kind] = {kind.name: kind for kind in (*Condition, *GroundCondition)}
 
 
-def _row(in_flight: str, on_ground: str, sentence: str, advice: str) -> AlarmRow:
+def _row(
+    in_flight: str, on_ground: str, sentence: str, advice_in_flight: str, advice: str
+) -> AlarmRow:
     """Return one row of the file."""
     return AlarmRow(
         in_flight=AlarmSeverity[in_flight.upper()],
         on_ground=AlarmSeverity[on_ground.upper()],
         sentence=sentence,
+        advice_in_flight=advice_in_flight,
         advice=advice,
     )
 
@@ -72,3 +77,17 @@ BY_TEXT = {condition.value: condition for condition in Condition}
 COVERED: dict[Kind, Kind] = {
     _KINDS[name]: _KINDS[worse] for name, worse in _FILE["covered_by"].items()
 }
+
+
+def without_implied(texts: Sequence[str]) -> list[str]:
+    """Return the conditions that a vehicle reports, less those that a worse one of them implies.
+
+    Args:
+        texts: conditions as the telemetry has them, known to this ground or not.
+    """
+    if len(texts) < 2:
+        return list(texts)
+
+    kinds = {BY_TEXT[text] for text in texts if text in BY_TEXT}
+    implied = {covered for covered, by in COVERED.items() if by in kinds}
+    return [text for text in texts if BY_TEXT.get(text) not in implied]

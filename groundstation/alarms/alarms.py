@@ -95,7 +95,7 @@ class AlarmLine:
         length = lasting(self.duration_s(now_ns))
         if self.over_ns is not None:
             length += f", over for {lasting((now_ns - self.over_ns) * 1e-9)}"
-        return f"{self.alarm.sentence} ({length}). {self.alarm.advice}"
+        return f"{self.alarm.sentence} ({length}). {self.alarm.advice}".rstrip()
 
 
 # -- alarms over time ------------------------------------------------------------------------------
@@ -290,19 +290,27 @@ def conditions(state: FleetState, fleet: FleetConfig, now_ns: int) -> list[Alarm
     """
     alarms = list(_of_fleet(state, fleet, now_ns))
     is_after_stall = state.is_after_stall(now_ns)
+    replaced_or_disabled = out_of_service(state)
     for view in state.vehicles.values():
+        is_at_rest = not (view.is_armed or view.is_airborne)
+        if is_at_rest and view.name in replaced_or_disabled:
+            continue  # it stands, and is repaired or carried about
         alarms.extend(_of_vehicle(view, fleet, now_ns, is_after_stall))
     return sorted(alarms, key=_urgency)
 
 
 def _alarm(kind: Kind, subject: str, *, is_flying: bool, what: str = "", names: str = "") -> Alarm:
     row = TABLE[kind]
+    advice = row.advice
+    if is_flying:
+        advice = f"{row.advice_in_flight} {row.advice}".strip()
+
     return Alarm(
         kind=kind,
         subject=subject,
         severity=row.in_flight if is_flying else row.on_ground,
         sentence=row.sentence.format(who=names or subject, what=what),
-        advice=row.advice,
+        advice=advice,
         what=what,
     )
 

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from groundstation.alarms.alarm_table import without_implied
 from groundstation.alarms.alarms import AlarmLine
 from groundstation.fleet.operator_control import Control
 from groundstation.fleet.satellite_words import satellite_words
@@ -151,7 +152,7 @@ def _vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> PageMessage:
         satellites=satellite_words(telemetry),
         service=_service_words(telemetry),
         wind_m_s=[_known(part) for part in telemetry.wind_enu_m_s],
-        conditions=list(telemetry.conditions),
+        conditions=without_implied(telemetry.conditions),
         action=telemetry.action,
         blocks=[plain_line(sentence)[:_MOST_TEXT] for sentence in telemetry.not_ready],
         loop_p99_ms=_known(telemetry.loop_period_p99_ms),

@@ -103,7 +103,10 @@ def flight() -> str:
 
 def alarms() -> str:
     """Return the alarms for docs/alarms.md."""
-    lines = ["| condition | flying | on the ground | sentence | advice |", "|---|---|---|---|---|"]
+    lines = [
+        "| condition | flying | on the ground | sentence | advice in flight | advice |",
+        "|---|---|---|---|---|---|",
+    ]
     for kind, row in alarm_table.TABLE.items():
         sentence = row.sentence.replace("{who}", "mav1").replace("{what}", "…")
         lines.append(
@@ -112,6 +115,7 @@ def alarms() -> str:
                 row.in_flight.name.lower(),
                 row.on_ground.name.lower(),
                 sentence,
+                row.advice_in_flight,
                 row.advice,
             )
         )

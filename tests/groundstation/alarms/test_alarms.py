@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from groundstation.alarms.alarm_table import TABLE, AlarmSeverity, GroundCondition
+from groundstation.alarms.alarm_table import (
+    TABLE,
+    AlarmSeverity,
+    GroundCondition,
+    without_implied,
+)
 from groundstation.alarms.alarms import LINGER_S, MAX_OVER, Alarms, conditions, lasting
 from groundstation.fleet import state as fleet_state
 from groundstation.fleet.state import FleetState
@@ -61,7 +66,7 @@ def test_every_failsafe_condition_has_an_alarm_with_a_sentence_and_advice(
     ground: Ground3, condition: Condition
 ) -> None:
     assert TABLE[condition].sentence
-    assert TABLE[condition].advice
+    assert TABLE[condition].advice_in_flight or TABLE[condition].advice
     assert TABLE[condition].in_flight > AlarmSeverity.NOTE
     ground.all_hear()
     ground.hear("mav1", conditions=(condition.value,))
@@ -111,6 +116,47 @@ def test_of_two_alarms_that_say_the_same_only_the_worse_is_shown(ground: Ground3
     both = (Condition.BUS_LOST.value, Condition.BUS_LOST_LONG.value)
     ground.hear("mav0", conditions=both)
     assert ground.kinds() == [Condition.BUS_LOST_LONG]
+
+
+def test_what_px4_does_not_tell_is_part_of_its_silence(ground: Ground3) -> None:
+    ground.all_hear()
+    silent = (
+        Condition.AUTOPILOT_SILENT,
+        Condition.BATTERY_UNKNOWN,
+        Condition.LANDED_UNKNOWN,
+        Condition.POSITION_INACCURATE,
+    )
+    texts = tuple(condition.value for condition in silent)
+    ground.hear("mav0", conditions=texts)
+    assert ground.kinds() == [Condition.AUTOPILOT_SILENT]
+    assert without_implied(texts) == [Condition.AUTOPILOT_SILENT.value]
+
+
+def test_a_vehicle_out_of_service_raises_no_alarm_while_it_stands(ground: Ground3) -> None:
+    ground.all_hear()
+    standing = {"is_armed": False, "is_airborne": False, "conditions": ("PX4 silent",)}
+    ground.hear("mav1", disabled_by="olga", **standing)
+    assert ground.kinds() == []
+
+    ground.hear("mav1", **standing)
+    assert ground.kinds() == [Condition.AUTOPILOT_SILENT]
+
+    flying = {**standing, "is_armed": True, "is_airborne": True}
+    ground.hear("mav1", disabled_by="olga", **flying)
+    assert ground.kinds() == [Condition.AUTOPILOT_SILENT]
+
+
+def test_on_the_ground_nobody_is_told_what_happens_in_flight(ground: Ground3) -> None:
+    conditions_now = (Condition.POSITION_LOST.value,)
+    ground.all_hear()
+    ground.hear("mav0", conditions=conditions_now)
+    ground.hear("mav1", is_airborne=False, conditions=conditions_now)
+    ground.update()
+
+    in_flight, on_ground = ground.texts()
+    assert "It lands by dead reckoning." in in_flight
+    assert "It lands" not in on_ground
+    assert "Look at its markers or satellites." in on_ground
 
 
 def test_silence_is_critical_in_the_air_and_a_warning_on_the_ground(ground: Ground3) -> None:
