@@ -53,6 +53,20 @@ def out_of_service(state: FleetState) -> set[str]:
     return disabled | (gave_their_place - have_a_place)
 
 
+def empty_places(state: FleetState) -> set[str]:
+    """Return the places that no vehicle takes in a flight.
+
+    Their vehicle is disabled, or stands in for another one.
+
+    Args:
+        state: the fleet as known now.
+    """
+    vehicle_by_place = stand_ins(state)
+    standing_in = set(vehicle_by_place.values())
+    disabled = {name for name, view in state.vehicles.items() if view.is_disabled}
+    return (disabled | standing_in) - vehicle_by_place.keys()
+
+
 def place_of(name: str, state: FleetState | None) -> str:
     """Return the name of the place that a vehicle has; mostly its own name.
 

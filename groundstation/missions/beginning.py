@@ -8,8 +8,11 @@ are refused before the mission gives its first order.
 from __future__ import annotations
 
 import datetime
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
+from msgspec import structs
+
+from groundstation.fleet.places import empty_places
 from groundstation.fleet.state import FleetState
 from groundstation.mission_files.expected_course import resolved
 from groundstation.mission_files.mission import Mission
@@ -23,7 +26,7 @@ from groundstation.mission_files.steps import (
 )
 from groundstation.mission_files.world_time import WorldTime, time_words, world_time
 from groundstation.orders.intents import Intent
-from onboard.config.fleet import ConfigError
+from onboard.config.fleet import ConfigError, FleetConfig
 
 
 def begin_refusal(mission: Mission, state: FleetState) -> str:
@@ -52,6 +55,38 @@ def begin_refusal(mission: Mission, state: FleetState) -> str:
                 "mission that begins in the air."
             )
     return ""
+
+
+def without_empty_places(mission: Mission, state: FleetState) -> Mission:
+    """Return the mission with the fleet that takes part in it now.
+
+    "all" then leaves out the places that no vehicle takes at present, and no finding is about
+    them. A place that a step names itself stays.
+
+    Args:
+        mission: mission file, loaded and checked.
+        state: the fleet as known now.
+    """
+    fleet = _without(mission.fleet, empty_places(state))
+    named: set[str] = set()
+    for step in _in_order(mission.steps):
+        if isinstance(step, FollowPathStep):
+            named.update(step.paths)
+        elif isinstance(step, Intent):
+            named.update(resolved(step, fleet).names)
+
+    fleet = _without(mission.fleet, empty_places(state) - named)
+    if not fleet.enabled_names:
+        return mission
+    return structs.replace(mission, fleet=fleet)
+
+
+def _without(fleet: FleetConfig, disabled: Collection[str]) -> FleetConfig:
+    """Return the fleet file with these vehicles disabled."""
+    vehicles = dict(fleet.vehicles)
+    for name in disabled:
+        vehicles[name] = structs.replace(vehicles[name], enabled=False)
+    return structs.replace(fleet, vehicles=vehicles)
 
 
 def step_times(mission: Mission, now: datetime.datetime) -> dict[str, WorldTime]:

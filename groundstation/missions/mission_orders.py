@@ -20,7 +20,7 @@ from groundstation.mission_files.mission_findings import refuse_unflyable
 from groundstation.mission_files.names import mission_names
 from groundstation.mission_files.python_file import load_function
 from groundstation.mission_files.world_time import WorldTime, local_now, time_words, world_time
-from groundstation.missions.beginning import begin_refusal
+from groundstation.missions.beginning import begin_refusal, without_empty_places
 from groundstation.missions.countdown import clock_problem, clock_words
 from groundstation.missions.mission_words import USAGE
 from groundstation.missions.runner import MissionRun
@@ -139,7 +139,8 @@ class MissionOrders:
             mission = replace(mission, arguments=arguments)
             if mission.is_python:
                 load_function(mission)
-            refuse_unflyable(mission, client.state.is_simulated)
+            flown_now = without_empty_places(mission, client.state)
+            refuse_unflyable(flown_now, client.state.is_simulated)
             refusal = begin_refusal(mission, client.state)
             if refusal:
                 return refusal

@@ -8,10 +8,15 @@ from typing import Any
 import pytest
 
 from groundstation.client.preflight_page import as_text, page_of
+from groundstation.fleet import state as fleet_state
 from groundstation.mission_files.loading import mission_from_mapping
+from groundstation.mission_files.mission import Mission
+from groundstation.mission_files.mission_findings import refused_findings
 from groundstation.missions.api import Fleet
+from groundstation.missions.beginning import without_empty_places
 from groundstation.missions.runner import MissionRun
 from onboard.config.fleet import FleetConfig
+from tests.groundstation.console.fake import telemetry as telemetry_of
 
 OFF = {"disabled_by": "olga", "not_ready": ("mav1 is disabled by olga.",), "state": "waiting"}
 
@@ -67,3 +72,46 @@ async def test_scripts_disable_and_enable(client: Any, bus: Any) -> None:
     await flown.enable("mav1")
     assert flown.names == ("mav0", "mav1", "mav2")
     assert ordered(bus, "disable") == ordered(bus, "enable") == ["mav1"]
+
+
+def over_the_spot_of_mav1(fleet: FleetConfig, **takeoff: object) -> Mission:
+    """Return a mission in which mav0 stops above the take-off spot of mav1."""
+    x, y, _ = fleet.vehicles["mav1"].start_enu_m
+    steps = [
+        {"do": "takeoff", "height_m": 1.0, **takeoff},
+        {"do": "goto", "goals": {"mav0": [x, y, 1.0]}},
+        {"do": "land"},
+    ]
+    return mission_from_mapping({"schema": 1, "step": steps}, path="t.toml", fleet=fleet)
+
+
+def test_no_finding_is_about_a_vehicle_that_is_out_of_service(
+    fleet: FleetConfig, serviced: Any
+) -> None:
+    mission = over_the_spot_of_mav1(fleet)
+    (finding,) = refused_findings(mission, is_simulated=False)
+    assert "mav1" in finding.sentence
+
+    flown_now = without_empty_places(mission, serviced.state)
+    assert refused_findings(flown_now, is_simulated=False) == []
+
+
+def test_a_vehicle_out_of_service_that_a_step_names_is_checked_all_the_same(
+    fleet: FleetConfig, serviced: Any
+) -> None:
+    mission = over_the_spot_of_mav1(fleet, vehicles=["mav0", "mav1"])
+    flown_now = without_empty_places(mission, serviced.state)
+    (finding,) = refused_findings(flown_now, is_simulated=False)
+    assert "mav1" in finding.sentence
+
+
+def test_a_spare_is_checked_at_the_place_that_it_takes_and_not_at_its_own(
+    fleet: FleetConfig, bus: Any, client: Any
+) -> None:
+    state = client.state
+    telemetry = telemetry_of("mav2", stands_in_for="mav1")
+    state = fleet_state.fold(state, telemetry, client.now_ns())
+
+    flown_now = without_empty_places(over_the_spot_of_mav1(fleet), state)
+    assert flown_now.fleet.enabled_names == ("mav0", "mav1")
+    assert len(refused_findings(flown_now, is_simulated=False)) == 1
