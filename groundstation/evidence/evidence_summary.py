@@ -128,5 +128,5 @@ def read_evidence(folder: Path) -> Evidence:
     data = read_bytes(path, EVIDENCE_FILE)
     try:
         return msgspec.json.decode(data, type=Evidence)
-    except (msgspec.DecodeError, RecursionError) as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ConfigError(f"{path} is no evidence of this version of Covey: {error}.") from None

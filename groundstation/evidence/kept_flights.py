@@ -82,7 +82,7 @@ class KeptFlights:
         lines = read_bytes(self.path, EVIDENCE_FILE).splitlines()
         try:
             kept_origin = msgspec.json.decode(lines[0], type=dict[str, str])
-        except (IndexError, msgspec.DecodeError, RecursionError):
+        except (IndexError, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             raise ConfigError(
                 f"{self.path} does not begin with a line of covey evidence. Give another folder."
             ) from None
@@ -96,7 +96,7 @@ class KeptFlights:
         for line in lines[1:]:
             try:
                 flight = msgspec.json.decode(line, type=FlownCase)
-            except (msgspec.DecodeError, RecursionError):
+            except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
                 break  # the last line, which is incomplete if the campaign was stopped
             self.flown[flight.case] = flight
         self._write_whole(origin)

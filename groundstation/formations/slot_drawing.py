@@ -46,9 +46,11 @@ def text_slots(text: str, font: str | None, count: int) -> Array:
         raise ConfigError(
             f"{font}: this font cannot be read ({error}). Name a .ttf or .otf."
         ) from None
+    except AttributeError:  # matplotlib makes no path of a text in which nothing is drawn
+        raise _invisible(text) from None
     polygons = [matplotlib.path.Path(points) for points in outline.to_polygons()]
     if not polygons:
-        raise ConfigError(f"The text {text!r} has no visible letter. Write another one.")
+        raise _invisible(text)
 
     # the middle of each pixel of the box around the text
     corners = np.concatenate([polygon.vertices for polygon in polygons])
@@ -60,6 +62,11 @@ def text_slots(text: str, font: str | None, count: int) -> Array:
     # Exclusive or, because the hole of an O is a separate polygon.
     inside = np.logical_xor.reduce([polygon.contains_points(pixels) for polygon in polygons])
     return _spread(pixels[inside], count, f"The text {text!r}")
+
+
+def _invisible(text: str) -> ConfigError:
+    """Return the refusal of a text in which nothing is drawn."""
+    return ConfigError(f"The text {text!r} has no visible letter. Write another one.")
 
 
 def image_slots(file: str, count: int) -> Array:

@@ -266,7 +266,7 @@ def next_frame(pending: bytearray) -> RawFrame | str | None:
     del pending[:end]
     try:
         return _decoder.decode(data)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         return str(error)
 
 

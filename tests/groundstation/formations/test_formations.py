@@ -95,6 +95,12 @@ def test_layers_that_stand_above_each_other_are_refused_with_the_reason() -> Non
     assert any("no vertical separation" in reason for reason in planned.refusals.values())
 
 
+@pytest.mark.parametrize("text", ["", " ", "\u200b"])
+def test_a_text_in_which_nothing_is_drawn_is_refused(text: str) -> None:
+    with pytest.raises(ConfigError, match="no visible letter"):
+        slot_drawing.text_slots(text, None, 3)
+
+
 def test_a_text_and_an_image_are_drawn_by_their_slots(tmp_path: Path) -> None:
     from matplotlib.image import imsave
 

@@ -12,6 +12,7 @@ import io
 import json
 import os
 import resource
+import shutil
 import signal
 import tempfile
 import time
@@ -147,9 +148,16 @@ def _report(path: Path) -> None:
 
 
 def _evidence(path: Path) -> None:
-    from groundstation.evidence.evidence_summary import read_evidence
+    """Open a folder of evidence, or one that has only this file."""
+    from groundstation.evidence.evidence_summary import EVIDENCE_NAME, read_evidence
 
-    read_evidence(path)
+    if not path.is_file():
+        read_evidence(path)
+        return
+
+    with tempfile.TemporaryDirectory() as folder:
+        shutil.copyfile(path, Path(folder) / EVIDENCE_NAME)
+        read_evidence(Path(folder))
 
 
 def _kept_flights(path: Path) -> None:

@@ -185,6 +185,7 @@ def open_once(door: str, ending: str, content: bytes) -> None:
     """Open one file; it must be read or refused."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"fuzzed{ending}"
+        path.touch(mode=0o600)  # keys that others can read are refused
         path.write_bytes(content)
         outcome = outcome_of(door, path)
     assert outcome.kind in ("read", "refused"), outcome

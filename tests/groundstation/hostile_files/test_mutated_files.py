@@ -7,6 +7,7 @@ checksums are right, because a wrong checksum ends the reading at once.
 
 from __future__ import annotations
 
+import datetime
 import functools
 import json
 import struct
@@ -17,13 +18,20 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from matplotlib import font_manager
 
+from groundstation.evidence.kept_flights import KeptFlights
+from groundstation.keys import authority
 from onboard.config import file_reading
 from onboard.config.file_reading import FileKind
+from onboard.config.fleet import load_fleet
 from sitl.monte_carlo import open_benchmark
+from sitl.monte_carlo.law_map import results_file
+from tests.groundstation.evidence.campaigns import evidence, flown
 from tests.groundstation.hostile_files.reading import DOORS, outcome_of
 from tests.groundstation.hostile_files.test_fuzzed_files import JSON_VALUES, changed, open_once
 from tests.groundstation.px4_logs.made_up_logs import log_bytes
@@ -112,6 +120,43 @@ def good_scene() -> bytes:
     return (OPEN_SCENES / "corridor.json").read_bytes()
 
 
+@functools.cache
+def good_font() -> bytes:
+    return Path(font_manager.findfont("DejaVu Sans")).read_bytes()
+
+
+@functools.cache
+def good_keys() -> tuple[bytes, bytes]:
+    """A certificate and its private key."""
+    with tempfile.TemporaryDirectory() as folder:
+        keys = Path(folder) / "keys"
+        authority.make_authority(keys, "paper", datetime.datetime.now(datetime.UTC))
+        return (keys / "ca.pem").read_bytes(), (keys / authority.AUTHORITY_KEY).read_bytes()
+
+
+def good_results() -> bytes:
+    row = {"cell": "swap2 mocap", "stage": 0, "ratio": [1.1, 1.2]}
+    row |= dict.fromkeys(results_file.MAP.numbers, 1)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "map.jsonl"
+        with results_file.ResultsFile(path, "1") as results:
+            results.add(row)
+        return path.read_bytes()
+
+
+def good_flights() -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "flights.jsonl"
+        kept = KeptFlights(path, {"fleet": "a"})
+        kept.keep(flown())
+        kept.keep(flown("agent killed", 1))
+        return path.read_bytes()
+
+
+def good_evidence() -> bytes:
+    return msgspec.json.encode(evidence(load_fleet("configs/fleets/paper.toml"), [flown()]))
+
+
 GOOD: dict[str, Callable[[], bytes]] = {
     "picture": good_picture,
     "record": good_record,
@@ -121,6 +166,13 @@ GOOD: dict[str, Callable[[], bytes]] = {
     "script": good_script,
     "fence": lambda: json.dumps(geojson()).encode(),
     "scene": good_scene,
+    "font": good_font,
+    "certificate": lambda: good_keys()[0],
+    "key": lambda: good_keys()[1],
+    "mavlink key": lambda: bytes(range(1, 33)),
+    "results": good_results,
+    "kept flights": good_flights,
+    "evidence": good_evidence,
 }
 ENDINGS = {
     "picture": ".png",
@@ -131,6 +183,13 @@ ENDINGS = {
     "script": ".py",
     "fence": ".geojson",
     "scene": ".json",
+    "font": ".ttf",
+    "certificate": ".pem",
+    "key": ".pem",
+    "mavlink key": ".key",
+    "results": ".jsonl",
+    "kept flights": ".jsonl",
+    "evidence": ".json",
 }
 
 
@@ -158,6 +217,7 @@ def mutated(draw: st.DrawFn, good: bytes) -> bytes:
 @pytest.mark.parametrize("door", GOOD)
 def test_a_good_file_with_other_bytes_is_read_or_refused(door: str, tmp_path: Path) -> None:
     path = tmp_path / f"good{ENDINGS[door]}"
+    path.touch(mode=0o600)  # keys that others can read are refused
     path.write_bytes(GOOD[door]())
     assert outcome_of(door, path).kind == "read", "what is changed has to be good"
     _fuzz(door, mutated(GOOD[door]()), DAILY)

@@ -258,3 +258,9 @@ def test_bytes_are_frames_only_when_they_are_whole_and_sound() -> None:
     assert isinstance(sdk_source.next_frame(pending), RawFrame)
     assert bytes(pending) == whole[:5]
     assert isinstance(sdk_source.next_frame(bytearray(b"\xff\xff\xff\xff")), str)
+
+
+def test_a_frame_whose_name_is_no_text_is_invalid() -> None:
+    data = msgspec.msgpack.encode(_frame(3, "name")).replace(b"name", b"n\x80me")
+    frame = len(data).to_bytes(4, "little") + data
+    assert isinstance(sdk_source.next_frame(bytearray(frame)), str)
