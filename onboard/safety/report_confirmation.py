@@ -22,7 +22,6 @@ from msgspec.structs import replace
 from onboard.autopilot import Landed, Snapshot
 
 CONTRADICTED_S = 2.0  # a contradiction counts as a condition for this time
-CONTRADICTED_LONG_S = 2.0  # if contradictions go on for longer, they are not single datagrams
 _ONE_RUN_S = 3.0  # contradictions that follow each other within this time belong together
 _IMPOSSIBLE_NS = 1_000_000_000  # a dropped snapshot counts for this time
 _ASK_EVERY_NS = 60_000_000  # shortest time between two requests for a heartbeat

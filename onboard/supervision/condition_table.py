@@ -26,7 +26,6 @@ from onboard.safety.limits import (
     RECKONING_AMONG_OTHERS_S,
     RECKONING_S,
 )
-from onboard.safety.report_confirmation import CONTRADICTED_LONG_S
 from onboard.supervision.tick_facts import ModeLoss, TickFacts
 from onboard.types import TICK_S
 
@@ -40,6 +39,9 @@ SWAP_JUMPS = 2  # the same, if another vehicle is near the samples
 UNUSABLE_M = 3.0  # if PX4's position is less accurate, PX4 flies level and ignores it
 INACCURATE_S = 0.5
 FIX_BELOW_S = 0.5  # a receiver that loses its fix for a moment has it again at the next report
+
+# PX4
+CONTRADICTED_LONG_S = 2.0  # if contradictions go on for longer, they are not single datagrams
 
 # own process
 LATE_S = 0.005  # a tick is late if its period is longer by more than this
