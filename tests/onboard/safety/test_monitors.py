@@ -1,114 +1,19 @@
-"""The monitors of the answer to commands, of the battery, of distances and of predictions.
+"""The monitors of the battery, of distances and of predictions.
 
 Each is fed with made-up numbers.
 """
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable
 
 import pytest
 
 from onboard.safety.autopilot_monitor import AutopilotMonitor
 from onboard.safety.battery_monitor import BatteryMonitor
 from onboard.safety.separation_monitor import PredictionMonitor, smallest_distance_m
-from onboard.safety.tracking_monitor import TrackingMonitor
 
 START_NS = 10**9
-TICK_S = 0.02
-
-TiltDeg = Callable[[float], float]  # of the time [s]
-
-
-# -- attitude and thrust ---------------------------------------------------------------------------
-
-
-def tilted(degrees: float) -> tuple[float, float, float, float]:
-    half_rad = 0.5 * math.radians(degrees)
-    return (math.cos(half_rad), 0.0, math.sin(half_rad), 0.0)
-
-
-def after(
-    seconds: float,
-    commanded: TiltDeg,
-    measured: TiltDeg,
-    monitor: TrackingMonitor | None = None,
-    *,
-    thrust_frac: float = 0.5,
-    below_m: float = 0.0,
-    climb_m_s: float = 0.0,
-) -> TrackingMonitor:
-    """Return the monitor after a flight with these tilts."""
-    if monitor is None:
-        monitor = TrackingMonitor(lag_s=0.27, largest_frac=0.98)
-    for tick in range(round(seconds / TICK_S)):
-        time_s = TICK_S * tick
-        monitor.update(
-            tilted(commanded(time_s)),
-            tilted(measured(time_s)),
-            thrust_frac,
-            below_m=below_m,
-            climb_m_s=climb_m_s,
-            dt_s=TICK_S,
-        )
-    return monitor
-
-
-def level(time_s: float) -> float:
-    return 0.0
-
-
-def square(time_s: float) -> float:
-    return 20.0 if time_s % 2.0 < 1.0 else -20.0
-
-
-def test_an_attitude_that_follows_weakly_late_and_leaning_still_follows() -> None:
-    def measured(time_s: float) -> float:
-        # a moving average over 0.4 s
-        late = [square(max(0.0, time_s - 0.04 - 0.02 * n)) for n in range(20)]
-        return 0.9 * sum(late) / len(late) + 1.5
-
-    assert not after(20.0, square, measured).is_attitude_lost
-
-
-def test_an_attitude_that_does_not_follow_is_detected_within_0_7_s_of_a_real_tilt() -> None:
-    monitor = after(1.0, level, level)
-    assert after(0.7, lambda _: 20.0, level, monitor).is_attitude_lost
-
-
-def test_a_vehicle_on_its_side_is_detected_at_once() -> None:
-    assert after(0.14, level, lambda _: 80.0).is_attitude_lost
-
-
-def test_full_thrust_is_saturated_and_sinking_with_it_is_worse() -> None:
-    assert not after(0.4, square, square, thrust_frac=0.98).is_saturated
-
-    climbing = after(2.0, level, level, thrust_frac=0.98, below_m=0.3, climb_m_s=0.4)
-    assert climbing.is_saturated
-    assert not climbing.is_sinking
-
-    sinking = after(2.0, level, level, thrust_frac=0.98, below_m=0.3, climb_m_s=-0.1)
-    assert sinking.is_sinking
-
-
-def test_full_thrust_counts_after_half_a_second_and_sinking_with_it_after_one() -> None:
-    full = functools.partial(after, commanded=level, measured=level, thrust_frac=0.98)
-    assert not full(0.48).is_saturated
-    assert full(0.54).is_saturated
-    assert not after(2.0, level, level, thrust_frac=0.96).is_saturated
-
-    assert not full(0.98, below_m=0.2, climb_m_s=0.0).is_sinking
-    assert full(1.04, below_m=0.2, climb_m_s=0.0).is_sinking
-    assert not full(2.0, below_m=0.14, climb_m_s=0.0).is_sinking
-    assert not full(2.0, below_m=0.2, climb_m_s=0.06).is_sinking
-
-
-def test_a_tilt_counts_from_60_degrees_on_after_a_tenth_of_a_second() -> None:
-    assert not after(0.08, level, lambda _: 61.0).is_attitude_lost
-    assert after(0.14, level, lambda _: 61.0).is_attitude_lost
-    assert not after(0.14, level, lambda _: 59.0).is_attitude_lost
 
 
 # -- battery ---------------------------------------------------------------------------------------
