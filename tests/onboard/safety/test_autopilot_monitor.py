@@ -117,6 +117,13 @@ def test_a_px4_whose_clock_has_lost_time_is_back_after_a_standstill(
     assert flags(px4.run(3.0)) == set()
 
 
+def test_time_that_px4_loses_right_after_its_first_attitude_is_a_standstill() -> None:
+    px4 = Px4()
+    px4.tick()
+    px4.boot_ms -= 200
+    assert flags(px4.run(0.1)) == {"is_back"}
+
+
 def test_a_shift_that_does_not_last_and_a_clock_that_gains_time_are_no_standstill() -> None:
     px4 = Px4()
     px4.run(1.0)

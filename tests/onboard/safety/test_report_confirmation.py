@@ -117,6 +117,20 @@ def test_on_the_ground_and_in_a_landing_heartbeats_are_believed_at_once() -> Non
         assert reports.believe(down, expected) is down
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"is_armed": True, "landed": Landed.ON_GROUND},
+        {"is_armed": False, "landed": Landed.IN_AIR},
+    ],
+)
+def test_who_leaves_the_mode_in_the_air_or_armed_has_not_landed(changes: dict[str, Any]) -> None:
+    reports = ReportConfirmation()
+    reports.believe(TRUE, Expected(mode="OFFBOARD"))
+    left = replace(TRUE, heartbeat_ns=2 * S, mode="HOLD", **changes)
+    assert reports.believe(left, Expected(mode="OFFBOARD")).mode == "OFFBOARD"
+
+
 def test_what_a_flight_does_not_expect_any_more_is_believed_without_another_report() -> None:
     reports = ReportConfirmation()
     reports.believe(TRUE, FLYING)
@@ -260,6 +274,17 @@ def test_two_surprises_that_differ_contradict_each_other_and_are_counted_anew() 
         assert reports.believe(turned, FLYING) is not turned
         assert reports.contradicted == "attitude"
     fifth = attitude(120.0, turn_deg=180.0)
+    assert reports.believe(fifth, FLYING) is fifth
+
+
+def test_an_attitude_that_surprises_is_believed_with_the_fifth_of_its_kind() -> None:
+    """They come so quickly that the vehicle cannot have turned meanwhile."""
+    reports = ReportConfirmation()
+    reports.believe(attitude(0.0), FLYING)
+    for number in range(1, 5):
+        turned = attitude(10.0 * number, turn_deg=90.0)
+        assert reports.believe(turned, FLYING) is not turned
+    fifth = attitude(50.0, turn_deg=90.0)
     assert reports.believe(fifth, FLYING) is fifth
 
 
