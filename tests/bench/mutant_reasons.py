@@ -147,6 +147,131 @@ ACCEPTED = (
     ),
     Accepted(
         _MEASURED,
+        "safety/tracking_monitor.py",
+        (
+            ("is_full = thrust_frac >= _FULL_SHARE * self.largest_frac", "GtE becomes Gt"),
+            ("is_sinking = is_full and below_m > _BELOW_M and climb_m_s < _CLIMB_M_S", _LARGER),
+            ("is_sinking = is_full and below_m > _BELOW_M and climb_m_s < _CLIMB_M_S", _SMALLER),
+            ("has_missed = squared_miss > _MISS_SIN * _MISS_SIN", _LARGER),
+            (
+                "self._upset_s = self._upset_s + dt_s if cos_tilt < _UPSET_COS else 0.0",
+                _SMALLER,
+            ),
+        ),
+    ),
+    Accepted(
+        _ONE_TICK,
+        "safety/tracking_monitor.py",
+        (
+            ("self.is_upset = self._upset_s > _UPSET_FOR_S", _LARGER),
+            ("self.is_attitude_lost = self.missed_s > _MISS_FOR_S or self.is_upset", _LARGER),
+            ("self.is_saturated = self._full_s > _FULL_FOR_S", _LARGER),
+            ("self.is_sinking = self._sinking_s > _SINKING_FOR_S", _LARGER),
+        ),
+    ),
+    Accepted(
+        "on an edge the distance is 0, inside or outside",
+        "safety/area_room.py",
+        (("is_west_of_edge = x < x1 + (y - y1) / (y2 - y1) * along_x", _SMALLER),),
+    ),
+    Accepted(
+        _MEASURED,
+        "safety/area_room.py",
+        (
+            ("is_wrong |= _clearance_m(area, positions_enu_m, 0.0) < 0.0", _SMALLER),
+            ("is_beyond = clearances_m(fleet_areas, line_enu_m) < 0.0", _SMALLER),
+        ),
+    ),
+    Accepted(
+        "a line is looked at once more often",
+        "safety/area_room.py",
+        (
+            (
+                "count = min(_MOST_SAMPLES, 2 + int(length_m / _SAMPLE_M))",
+                "2 becomes larger",
+            ),
+        ),
+    ),
+    Accepted(
+        "more samples of a line beyond 250 m take longer, and find no less",
+        "safety/area_room.py",
+        (("_MOST_SAMPLES = 5000", "5000 becomes larger"),),
+    ),
+    Accepted(
+        _MEASURED,
+        "safety/model_mismatch.py",
+        (
+            ("is_upright = up.z > _LEAST_UP", _LARGER),
+            ("if np.linalg.cond(normal) > _LARGEST_CONDITION_NUMBER:", _LARGER),
+            ("if gain < _LEAST_GAIN:", _SMALLER),
+            (
+                "if std_s < _SURE_S and abs(slower_s) - 2.0 * std_s > LAG_ERROR_S:",
+                _SMALLER,
+            ),
+            (
+                "if std_s < _SURE_S and abs(slower_s) - 2.0 * std_s > LAG_ERROR_S:",
+                _LARGER,
+            ),
+            (
+                "if memory.time_s >= _LEAST_S and abs(hover_share - 1.0) > _HOVER_SHARE:",
+                _LARGER,
+            ),
+        ),
+    ),
+    Accepted(
+        _ONE_TICK,
+        "safety/model_mismatch.py",
+        (
+            ("if memory.time_s < _LEAST_S:", _SMALLER),
+            (
+                "if memory.time_s >= _LEAST_S and abs(hover_share - 1.0) > _HOVER_SHARE:",
+                "GtE becomes Gt",
+            ),
+        ),
+    ),
+    Accepted(
+        "a difference that is told is larger than nothing",
+        "safety/model_mismatch.py",
+        (('direction = "later" if slower_s > 0.0 else "earlier"', _LARGER),),
+    ),
+    Accepted(
+        "there are five samples within a correlation time, and never fewer than two",
+        "safety/model_mismatch.py",
+        (
+            (
+                "correlated_count = max(1.0, _CORRELATED_S * sample_count / memory.time_s)",
+                _LARGER_1,
+            ),
+        ),
+    ),
+    Accepted(
+        "of a condition number the order of magnitude counts",
+        "safety/model_mismatch.py",
+        (("_LARGEST_CONDITION_NUMBER = 1e6", "1000000.0 becomes larger"),),
+    ),
+    Accepted(
+        _MEASURED,
+        "safety/separation_monitor.py",
+        (
+            ("if distance_m < _COINCIDENT_M:", _SMALLER),
+            ("return self.miss_m_s > _MISS_M_S", _LARGER),
+        ),
+    ),
+    Accepted(
+        "a prediction for the first nanosecond of a clock is too old to be compared",
+        "safety/separation_monitor.py",
+        (
+            ("_due_ns: int = 0", "0 becomes larger"),
+            ("self._due_ns = 0", "0 becomes larger"),
+        ),
+    ),
+    Accepted(
+        "it is set before it is read",
+        "safety/separation_monitor.py",
+        (("_predicted_m_s: Xy = (0.0, 0.0)", "0.0 becomes larger"),),
+    ),
+    Accepted(
+        _MEASURED,
         "supervision/wind_monitor.py",
         (
             ("is_rising = self._soon_m_s(own.wind_enu_m_s) > self._too_much_m_s", _LARGER),
