@@ -129,6 +129,26 @@ async def test_marks_come_by_space_by_range_and_all_at_once() -> None:
         assert table.marked == ()
 
 
+async def test_an_order_that_is_begun_keeps_all_marked_for_five_seconds_more() -> None:
+    client = SteadyClient(crowd(8))
+    fly(client, 0.0)
+    app = ConsoleApp(client.fleet, client)
+    async with app.run_test(size=(120, 40)) as pilot:
+        table = table_of(app)
+        await pilot.press("asterisk")
+        client.clock_ns += 4_000_000_000
+        await see(app, pilot)
+        await pilot.press("f4")  # move
+
+        client.clock_ns += 4_000_000_000
+        await see(app, pilot)
+        assert len(table.marked) == 8
+
+        client.clock_ns += 1_100_000_000
+        await see(app, pilot)
+        assert table.marked == ()
+
+
 async def test_a_wrong_range_marks_nobody_and_says_why() -> None:
     client = SteadyClient(crowd(8))
     app = ConsoleApp(client.fleet, client)
