@@ -295,6 +295,17 @@ JUST_NOT = [
         {"is_airborne": True, "nearest_m": LIMITS.safety_distance_m},
         {"is_airborne": True, "nearest_m": LIMITS.safety_distance_m - 0.001},
     ),
+    # PX4 reports whole percents
+    (
+        Condition.BATTERY_WARNING,
+        {"slow": SlowFacts(battery_frac=0.01 * LIMITS.battery_warning_pct)},
+        {"slow": SlowFacts(battery_frac=0.01 * LIMITS.battery_warning_pct - 0.01)},
+    ),
+    (
+        Condition.BATTERY_LOW,
+        {"slow": SlowFacts(battery_frac=0.01 * LIMITS.battery_land_pct)},
+        {"slow": SlowFacts(battery_frac=0.01 * LIMITS.battery_land_pct - 0.01)},
+    ),
     # both of two facts are needed
     (
         Condition.COLLISION_SUSPECTED,
