@@ -187,3 +187,46 @@ def test_the_scatter_is_of_this_hover_without_the_laws_evasions() -> None:
     assert looked(monitor).scatter_m == pytest.approx(0.3)
     monitor.reset()
     assert looked(monitor).scatter_m == 0.0
+
+
+def test_scatter_counts_from_the_first_tick_of_a_hover_on() -> None:
+    monitor = WindMonitor(FLEET, VEHICLE)
+    for _ in range(2):
+        monitor.update(context_of(setpoint_miss_m=0.3), 0.02)
+        # one of a hundred ticks over which it averages
+        assert looked(monitor).scatter_m == pytest.approx(0.1 * 0.3)
+        monitor.reset()
+
+
+@pytest.mark.parametrize(("seconds", "is_back"), [(2.98, False), (3.02, True)])
+def test_the_way_back_after_the_law_has_acted_takes_three_seconds_at_most(
+    seconds: float, is_back: bool
+) -> None:
+    monitor = WindMonitor(FLEET, VEHICLE)
+    monitor.update(context_of(is_law_active=True), 0.02)
+    scatter_m = flown(monitor, 0.3, seconds).scatter_m
+    assert (scatter_m > 0.0) is is_back
+
+
+@pytest.mark.parametrize(("share", "is_rising"), [(0.45, False), (0.57, True)])
+def test_a_rise_of_three_seconds_is_expected_to_go_on_for_eight(
+    share: float, is_rising: bool
+) -> None:
+    """The mean of six seconds has missed 0.61 of the step then, and 1.3 times that is to come."""
+    monitor = WindMonitor(FLEET, VEHICLE)
+    for _ in range(600):
+        looked(monitor)
+    for _ in range(30):
+        facts = looked(monitor, (share * SPENT_M_S, 0.0))
+    assert facts.is_rising is is_rising
+    assert facts.is_above is is_rising
+
+
+def test_a_wind_far_above_the_limit_counts_although_it_does_not_rise() -> None:
+    there = (1.1 * GUSTY * wind_limit_m_s(FLEET, VEHICLE), 0.0)
+    facts = looked(WindMonitor(FLEET, VEHICLE), there)
+    assert (facts.is_above, facts.is_rising) == (True, False)
+
+
+def test_calm_air_has_no_gusts_and_moves_nobody() -> None:
+    assert WindFacts().gust_words == "gusts of 0.0 m/s^2, 0.00 m in hover"
