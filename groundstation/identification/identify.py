@@ -10,12 +10,12 @@ There are two fits:
   motion precedes the time stamps of the attitude.
 
 An attitude is stamped some time after it was measured, and this age must not count in the lag L
-from a command to the acceleration that it causes. The time from the second fit and the known age
-remove it.
+from a command to the acceleration that it causes. The second fit estimates the age, with the log's
+own value of it as one more measurement, and it is taken off the dead time.
 
 Residuals are correlated (gusts, thrust noise, model error). Therefore standard deviations come from
-a jackknife over windows, with Student's factor for their number. They are never below a floor for
-effects that the model leaves out.
+a jackknife over windows, and intervals from Student's factor for the number of windows. A standard
+deviation is never below a floor for effects that the model leaves out.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def identify(log: Log) -> Identified:
     hover = GRAVITY_M_S2 / scale
     hover_std = math.hypot(hover * scale_std / scale, _FLOOR["hover"] * hover)
 
-    # correct the dead time by the age of the attitude, which the fit of the motion has found
+    # take the age of the attitude off the dead time; motion.theta[1] is minus that age
     delay_s, wn, zeta = attitude.theta[:3]
     delay_s += motion.theta[1]
     lag_std = math.hypot(motion.std[1], _FLOOR["lag"])
@@ -202,6 +202,11 @@ def _span(log: Log) -> tuple[float, float]:
 
 
 def _student(clusters: int) -> float:
-    """Approximate the 0.975 quantile of Student's t, for 5 clusters or more."""
-    freedom = max(clusters - 5, 3)
-    return 1.96 + 2.4 / freedom + 3.0 / freedom**2
+    """Approximate the 0.975 quantile of Student's t by its series in 1 / freedom, to 1 %.
+
+    Args:
+        clusters: clusters of the fit of the horizontal motion: one per window and axis, at least
+            six, and one for the log's own value of the attitude's age.
+    """
+    freedom = clusters - 1 - 4  # without the one of the age; four parameters are fitted
+    return 1.96 + 2.37 / freedom + 2.82 / freedom**2 + 2.56 / freedom**3 + 1.6 / freedom**4

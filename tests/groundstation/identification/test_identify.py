@@ -12,7 +12,13 @@ import pytest
 
 from groundstation.identification.attitude_fit import step_response
 from groundstation.identification.identify import Identified, identify
-from groundstation.identification.logged_stretch import Log, TooLittleFlown, tilt_vector_rad
+from groundstation.identification.logged_stretch import (
+    MEMORY_S,
+    Log,
+    TooLittleFlown,
+    tilt_vector_rad,
+)
+from groundstation.identification.motion_fit import WINDOW_S
 from onboard.arrays import Array
 from onboard.constants import GRAVITY_M_S2
 
@@ -256,6 +262,25 @@ def test_a_second_in_which_something_else_was_sent_than_the_log_says_changes_not
     assert abs(found.static_gain.value - 1.0) < 0.02
     assert found.static_gain.std < 0.01
     assert all(is_covered for _, is_covered in misses(found, Truth()).values())
+
+
+@pytest.mark.parametrize(
+    ("windows", "student"),
+    [(3, 4.303), (4, 2.776), (6, 2.306)],  # tables of Student's t, 0.975, for 2, 4 and 8 degrees
+)
+def test_the_fewer_windows_have_positions_the_more_standard_deviations_an_interval_spans(
+    windows: int, student: float
+) -> None:
+    log = logs(WEAK, range(5, 6), duration_s=16.0)[0]
+    used = log.position_time_s < MEMORY_S + windows * WINDOW_S
+    used[-10:] = True  # the log is as long, with too few positions for a window at its end
+    found = identify(
+        replace(
+            log, position_time_s=log.position_time_s[used], position_enu_m=log.position_enu_m[used]
+        )
+    )
+    half_1_s = 0.5 * (found.drag_1_s.high - found.drag_1_s.low)
+    assert half_1_s / found.drag_1_s.std == pytest.approx(student, rel=0.01)
 
 
 @pytest.mark.parametrize("zeta", [0.4, 1.0, 1.8])
