@@ -54,7 +54,7 @@ class TiltComparison:
     """
 
     difference_rad: float = 0.0  # angle between both directions, low-passed
-    has_wrong_tilt: bool = False  # whether they differed when the vehicle was last tilted by hand
+    differed_when_tilted: bool = False  # they did when the vehicle was last tilted by hand
     _by_mocap: Xyz | None = None  # direction by the mocap, low-passed; None before the first tick
     _by_px4: Xyz | None = None  # the same by PX4
 
@@ -73,7 +73,7 @@ class TiltComparison:
         self.difference_rad = _angle_rad(self._by_mocap, self._by_px4)
         tilt_rad = max(_angle_rad(self._by_mocap, _UP), _angle_rad(self._by_px4, _UP))
         if tilt_rad > _HANDLED_RAD:
-            self.has_wrong_tilt = self.difference_rad > _WRONG_TILT_RAD
+            self.differed_when_tilted = self.difference_rad > _WRONG_TILT_RAD
 
 
 def _body_up(quaternion_wxyz: Wxyz) -> Xyz:

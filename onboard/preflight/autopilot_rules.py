@@ -12,7 +12,7 @@ from onboard.config.endpoints import host_of, is_on_network
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.preflight.attitude_lag import lag_s
 from onboard.preflight.preflight_facts import HEARTBEAT_SILENT_S, PreflightFacts
-from onboard.preflight.preflight_rule import FINE, NO_PX4, OK, SKIP, Judgement, rules
+from onboard.preflight.preflight_rule import NO_PX4, OK, PASSED, SKIP, Judgement, rules
 from onboard.px4.required_params import weakened
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation, in_order
 from onboard.safety.limits import AUTOPILOT_SILENT_S
@@ -133,7 +133,7 @@ def _port(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
     listens = vehicle.autopilot.startswith("udpin://")
     if listens and host_of(vehicle.autopilot) in _EVERY_NETWORK:
         return "open", {}
-    return FINE
+    return PASSED
 
 
 def _signing(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
@@ -156,7 +156,7 @@ def _signing(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Jud
 def _alone(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if facts.has_duplicate:
         return "duplicate", {}
-    return FINE
+    return PASSED
 
 
 def _health(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
@@ -171,7 +171,7 @@ def _health(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judg
     others = [name for name, is_required in facts.unhealthy if not is_required]
     if others:
         return "not required", {"sensors": ", ".join(others)}
-    return FINE
+    return PASSED
 
 
 def _disarmed(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
@@ -183,7 +183,7 @@ def _disarmed(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Ju
         return "airborne", {}
     if facts.is_armed:
         return "armed", {}
-    return FINE
+    return PASSED
 
 
 def _failsafe(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
@@ -196,7 +196,7 @@ def _failsafe(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Ju
         if TABLE[Situation.GROUND, condition] is Action.REFUSE
     ]
     if not names:
-        return FINE
+        return PASSED
     text = ", ".join(names)
     return "holds", {"conditions": text[0].upper() + text[1:]}
 
@@ -212,7 +212,7 @@ def _parameters(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> 
         return "unread", {}
     if facts.param_problems:
         return "differ", {"problems": " ".join(facts.param_problems), "fleet": fleet.path}
-    return FINE
+    return PASSED
 
 
 AUTOPILOT_RULES = rules(

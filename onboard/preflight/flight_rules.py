@@ -12,7 +12,7 @@ import math
 
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.preflight.preflight_facts import PreflightFacts
-from onboard.preflight.preflight_rule import FINE, NO_PX4, OK, SKIP, Judgement, rules
+from onboard.preflight.preflight_rule import NO_PX4, OK, PASSED, SKIP, Judgement, rules
 from onboard.security.certificate_times import SOON_S, flight_s, left_words
 
 HOVER_SHARE = 0.25  # a larger difference of the hover throttle refuses a take-off
@@ -160,7 +160,7 @@ def _loop(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
 
 def _record(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if facts.has_recorder:
-        return FINE
+        return PASSED
     return "none", {}
 
 

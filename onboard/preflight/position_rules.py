@@ -15,11 +15,11 @@ from onboard.config.flight_space import flight_space_of
 from onboard.preflight.frame_fit import fit_frame
 from onboard.preflight.preflight_facts import OLDEST_SAMPLE_S, PreflightFacts
 from onboard.preflight.preflight_rule import (
-    FINE,
     NO_MOCAP,
     NO_POSITION,
     NO_PX4,
     OK,
+    PASSED,
     SKIP,
     Judgement,
     coordinates,
@@ -75,7 +75,7 @@ def _clock(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
     widest = max(bounds_s, key=bounds_s.__getitem__, default="")
     if widest and bounds_s[widest] > WIDE_CLOCK_S:
         return "wide", {"other": widest, "bound": 1e3 * bounds_s[widest]}
-    return FINE
+    return PASSED
 
 
 def _agreement(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
@@ -92,8 +92,8 @@ def _agreement(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> J
     words: dict[str, object] = {"heading": heading_deg, "turn": abs(heading_deg), "tilt": tilt_deg}
     if not tilt_deg <= TILT_MISS_DEG:
         return "tilt", words
-    if facts.has_wrong_tilt:
-        return "handled", words
+    if facts.differed_when_tilted:
+        return "tilted by hand", words
     if facts.param_problems:
         return SKIP, {"reason": "before PX4's parameters are right"}
 
@@ -121,7 +121,7 @@ def _at_rest(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Jud
         return NO_POSITION
     if not facts.speed_m_s <= MOVING_M_S:
         return "moving", {"speed": facts.speed_m_s}
-    return FINE
+    return PASSED
 
 
 def _spot(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
@@ -173,7 +173,7 @@ def _frame(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
         "turn": math.degrees(frame.turn_rad),
         "shift": frame.shift_m,
         "miss": abs(frame.turn_rad) * frame.far_m,
-        "least": math.degrees(frame.unseen_turn_rad),
+        "unseen": math.degrees(frame.unseen_turn_rad),
         "corner": frame.unseen_turn_rad * frame.far_m,
         "placing": fleet.fleet.placing_m,
         "std": frame.spot_std_m,
@@ -183,7 +183,7 @@ def _frame(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
     if frame.is_shifted:
         return "shifted", words
     if math.degrees(frame.unseen_turn_rad) > UNSEEN_TURN_DEG:
-        return "short", words
+        return "spots too near", words
     return OK, words
 
 
@@ -196,7 +196,7 @@ def _fence(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
         return NO_POSITION
     if not space.contains(facts.position_enu_m):
         return "outside", {"position": coordinates(facts.position_enu_m)}
-    return FINE
+    return PASSED
 
 
 def _spot_enu_m(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Xyz:

@@ -86,7 +86,7 @@ class PreflightFacts:
     # angle between the directions of up in the body's axes, by the mocap and by PX4
     tilt_miss_rad: float = 0.0
     # whether these directions differed when the vehicle was last tilted by hand
-    has_wrong_tilt: bool = False
+    differed_when_tilted: bool = False
 
     # the vehicle
     speed_m_s: float = 0.0  # highest speed of the last second

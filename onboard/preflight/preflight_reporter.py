@@ -224,7 +224,7 @@ class PreflightReporter:
             position_std_m=own.position_std_m,
             heading_miss_rad=own.heading_offset_rad,
             tilt_miss_rad=self._tilt.difference_rad,
-            has_wrong_tilt=self._tilt.has_wrong_tilt,
+            differed_when_tilted=self._tilt.differed_when_tilted,
             # the flight
             is_airborne=is_airborne,
             has_flown=self._has_flown,

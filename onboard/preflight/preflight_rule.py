@@ -20,7 +20,8 @@ SKIP = "skip"
 Judgement = tuple[str, Mapping[str, object]]
 PreflightJudge = Callable[[PreflightFacts, FleetConfig, Vehicle], Judgement]
 
-FINE: Judgement = (OK, {})
+# results that several rules share: passed, and skipped with the reason
+PASSED: Judgement = (OK, {})
 NO_PX4: Judgement = (SKIP, {"reason": "while PX4 is silent"})
 NO_POSITION: Judgement = (SKIP, {"reason": "without a fresh position"})
 NO_MOCAP: Judgement = (SKIP, {"reason": "for a vehicle that flies on PX4's own position"})

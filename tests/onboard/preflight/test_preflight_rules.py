@@ -85,7 +85,7 @@ SHIFTED = {name: (x + 0.2, y, z) for name, (x, y, z) in SPOTS.items()}
 CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ("frame", "turned"): ({"spots_seen_enu_m": TURNED}, "turned by 7.0°: so are the places of 3"),
     ("frame", "shifted"): ({"spots_seen_enu_m": SHIFTED}, "3 vehicles are 0.20 m off"),
-    ("frame", "short"): (
+    ("frame", "spots too near"): (
         {"spots_seen_enu_m": SPOTS, "has_emulator": True},
         "turned by less than 4.1°",
     ),
@@ -194,7 +194,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {"tilt_miss_rad": math.radians(90.0)},
         "by 90 degrees about which way is up",
     ),
-    ("agreement", "handled"): ({"has_wrong_tilt": True}, "tilted by hand"),
+    ("agreement", "tilted by hand"): ({"differed_when_tilted": True}, "tilted by hand"),
     ("agreement", "heading"): (
         {"heading_miss_rad": math.radians(-90.0)},
         "-90 degrees about the heading",
