@@ -146,7 +146,8 @@ def fetch(
     newest: int = 1,
     json: bool = False,
 ) -> int:
-    """Fetch PX4's own logs (ULog) of disarmed vehicles into DIR/px4, from all at a time.
+    """Fetch PX4's own logs (ULog) of disarmed vehicles into DIR/px4, from all vehicles at the same
+    time.
 
     Args:
         flight: flight folder, or any other folder
@@ -175,11 +176,15 @@ def fetch(
     chosen = selected_vehicles(config, vehicles, exclude)
     progress = FetchProgress(sys.stderr)
     keys = mavlink_keys(config, [vehicle.name for vehicle in chosen])
-    with opened(chosen, keys) as links:
-        unreached = [link.vehicle for link in links if link.link is None]
+    with opened(chosen, keys) as vehicle_links:
+        unreached = [each.vehicle for each in vehicle_links if each.link is None]
         with agent_log_links(config, unreached) as through_agents:
             reports = log_fetch.fetch(
-                links, through_agents, flight / FOLDER, newest=newest, progress=progress.show
+                vehicle_links,
+                through_agents,
+                flight / FOLDER,
+                newest=newest,
+                progress=progress.show,
             )
     progress.end()
 

@@ -242,8 +242,8 @@ class Crazyflie:
         """Keep a trajectory for :meth:`startTrajectory`, which sends it to the vehicle.
 
         Raises:
-            OrderError: the trajectory is too fast for the vehicle with every timescale in the
-                script.
+            OrderError: the trajectory is too fast for the vehicle even with the longest timescale
+                in the script.
         """
         path = path_of_trajectory(trajectory)
         if self._longest_timescale is not None:

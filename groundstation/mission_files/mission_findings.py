@@ -210,8 +210,8 @@ def _arrival_expectation(mission: Mission, errors: ErrorClass | None) -> Iterato
         within_m,
         _ARRIVAL_M + 2.0 * accuracy.position_std_m,
         "m",
-        f"The mission expects arrivals within {{value}}; with the accuracy of '{accuracy.name}' "
-        "{relation} {bound} comes true nearly always",
+        f"The mission expects arrivals within {{value}}; with the accuracy of '{accuracy.name}', "
+        "expect {relation} {bound}: nearly every arrival is within that",
         "Raise expect.arrived_within_m by {difference}, or fly on a better position.",
         refuse_below=0.0,
     )

@@ -238,8 +238,8 @@ def _each(
     Args:
         vehicles: names, or one; None: all.
         holds: function that returns whether it holds for one vehicle.
-        words: words for vehicles for which it holds.
-        otherwise: words for vehicles for which it does not hold.
+        words: words after the names of the vehicles for which it is to hold.
+        otherwise: words before the names of those for which it does not hold.
     """
 
     def exceptions(moment: FleetMoment) -> list[str]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 from typing import Protocol
 
-from groundstation.missions.pause_watch import PausedGround, PauseWatch
+from groundstation.missions.pause_watch import PauseGround, PauseWatch
 from groundstation.missions.taken import FleetWatch
 from groundstation.orders.battery_reserve import Reserve
 from groundstation.orders.result import OrderFailed
@@ -19,17 +19,17 @@ _LOOK_S = 0.5  # period at which a pause is checked
 _HOME_S = 90.0  # longest wait for vehicles that are brought home
 
 
-class FollowGround(PausedGround, Protocol):
-    """The part of a flight's ground that a pause of followers needs."""
+class FollowGround(PauseGround, Protocol):
+    """What a pause of followers needs of the flight's :class:`MissionGround`."""
 
-    watch: FleetWatch
+    watch: FleetWatch  # notices when somebody else has taken the fleet
 
 
 class FollowPause:
     """Knows from telemetry whether followers are paused, whichever ground has paused them.
 
     Args:
-        ground: the mission's ground in this flight.
+        ground: gives the orders of the mission, and shows its lines and its title.
         names: names of the followers.
     """
 

@@ -19,8 +19,8 @@ from groundstation.orders.intents import BringHome, Intent
 from groundstation.orders.result import Results
 
 
-class PausedGround(Protocol):
-    """The part of a flight's ground that a pause needs."""
+class PauseGround(Protocol):
+    """What a pause needs of the flight's :class:`MissionGround`, which gives its orders."""
 
     client: FleetClient
     say: Callable[[str], None]
@@ -34,10 +34,10 @@ class PauseWatch:
     """Watches the batteries of some vehicles, before a pause and during it.
 
     Args:
-        ground: the mission's ground in this flight.
+        ground: gives the orders of the mission, and shows its lines and its title.
     """
 
-    def __init__(self, ground: PausedGround) -> None:
+    def __init__(self, ground: PauseGround) -> None:
         self._ground = ground
         self._discharge = Discharge()
 

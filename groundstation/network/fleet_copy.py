@@ -26,7 +26,9 @@ from groundstation.processes.free_ports import in_another_folder, toml_text, wit
 from groundstation.processes.supervisor import ProcessError, Processes
 from onboard.config.fleet import FleetConfig, fleet_from_mapping, load_fleet
 
-SPARE = "attacked-spare"  # a vehicle of the copy that does not fly, and notes what reaches it
+# A vehicle of the copy that is never started. The attempts open a node with its name, endpoint and
+# keys, which notes what reaches it.
+SPARE = "attacked-spare"
 
 _MOST_VEHICLES = 6
 _LARGEST_ID = 250  # largest MAVLink system id of a vehicle; larger ones belong to ground stations
@@ -88,7 +90,7 @@ def _vehicles(
     taken_ids = {vehicle.system_id for vehicle in fleet.vehicles.values()}
     free_id = next(number for number in range(_LARGEST_ID, 0, -1) if number not in taken_ids)
     spare = {**vehicles[names[0]], "system_id": free_id, "enabled": False, "mocap_body": SPARE}
-    spare.pop("direct", None)
+    spare.pop("direct", None)  # PX4's second endpoint, which belongs to the first vehicle alone
     vehicles[SPARE] = spare
 
     # endpoints on this machine; with_free_ports replaces their ports by free ones

@@ -37,10 +37,12 @@ def page(title: str, data: bytes, *, has_pictures: bool = False) -> str:
     """
     scripts = [text_of(name) for name in SCRIPTS] + [_own(name) for name in OWN_SCRIPTS]
     styles = [text_of(name) for name in STYLES] + [_own(OWN_STYLE)]
+    # the template holds the licence in an HTML comment, which must not contain "--"
+    licence = html.escape(text_of(LICENCE_OF_UPLOT)).replace("--", "- -")
     return Template(_own(_TEMPLATE)).substitute(
         policy=html.escape(policy(scripts, styles, has_pictures=has_pictures), quote=True),
         title=html.escape(title),
-        licence=html.escape(text_of(LICENCE_OF_UPLOT)).replace("--", "- -"),
+        licence=licence,
         styles="\n".join(f"<style>{text}</style>" for text in styles),
         data=base64.b64encode(data).decode("ascii"),
         scripts="\n".join(f"<script>{text}</script>" for text in scripts),

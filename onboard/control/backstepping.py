@@ -60,8 +60,9 @@ def step(
         params: gains and bounds.
     Returns:
         F/m [m/s^2], ENU, with gravity included: hover is (0, 0, g). ``params`` bound it.
-    Properties: yaw-rotation- and translation-equivariant; homogeneous in length; zero error gives
-    a_s + g.
+    Properties: equivariant under translations and rotations about the vertical; gravity aside,
+    homogeneous if the bounds are scaled with the state and the setpoint; without an error it is
+    a_s + g, if the bounds allow a_s.
     """
     k1 = params.position_gain_1_s
     k2 = params.velocity_gain_1_s

@@ -211,7 +211,7 @@ def _apply(flight: FlightContext, view: FlightView, row: Row, cause: str = "") -
     """
     reason = flight.reason
     if row.reason is not None:
-        reason = _text(row.reason, flight, view)
+        reason = cause if row.reason == CAUSE else _text(row.reason, flight, view)
 
     if row.ends is not None:
         outcome, text = row.ends
@@ -221,7 +221,7 @@ def _apply(flight: FlightContext, view: FlightView, row: Row, cause: str = "") -
         severity, code, text = row.says
         flight.say(view, severity, code, _text(text, flight, view))
 
-    flight.reason = cause if reason == CAUSE else reason
+    flight.reason = reason
     if row.to is not None:
         _begin_step(flight, view, row.to)
 

@@ -497,7 +497,11 @@ class Estimator:
         return int(self.resets[index].sum()) & 0xFF
 
     def flags(self, index: int, time_s: float) -> int:
-        """Return ESTIMATOR_STATUS.flags, of which some end in two steps without a source."""
+        """Return ESTIMATOR_STATUS.flags.
+
+        When the last source is lost, some flags are cleared at once, and more after 5 s of dead
+        reckoning.
+        """
         absolute = 0
         if self.origin_altitude_m[index] is not None:
             absolute = _FLAG_ABSOLUTE
