@@ -10,7 +10,7 @@ from onboard.tuples import Wxyz, Xyz
 
 _RATE_OVER_NS = 1_000_000_000  # time over which attitudes are counted
 _TILT_TIME_S = 0.5  # time constant of the low-pass
-_HANDLED_RAD = math.radians(12.0)  # a vehicle that is tilted more is held by a person
+_IN_HANDS_RAD = math.radians(12.0)  # a vehicle that is tilted more is held by a person
 _WRONG_TILT_RAD = math.radians(10.0)  # largest difference of the two tilts while it is held
 _UP: Xyz = (0.0, 0.0, 1.0)
 
@@ -54,7 +54,7 @@ class TiltComparison:
     """
 
     difference_rad: float = 0.0  # angle between both directions, low-passed
-    differed_when_tilted: bool = False  # they did when the vehicle was last tilted by hand
+    differed_when_tilted: bool = False  # whether they did when last tilted by hand
     _by_mocap: Xyz | None = None  # direction by the mocap, low-passed; None before the first tick
     _by_px4: Xyz | None = None  # the same by PX4
 
@@ -72,7 +72,7 @@ class TiltComparison:
 
         self.difference_rad = _angle_rad(self._by_mocap, self._by_px4)
         tilt_rad = max(_angle_rad(self._by_mocap, _UP), _angle_rad(self._by_px4, _UP))
-        if tilt_rad > _HANDLED_RAD:
+        if tilt_rad > _IN_HANDS_RAD:
             self.differed_when_tilted = self.difference_rad > _WRONG_TILT_RAD
 
 

@@ -89,7 +89,7 @@ def _certificates(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -
     if left_s <= 0.0:
         return "ended", words
     if left_s < required_s:
-        return "short", words
+        return "ends too soon", words
     if left_s < SOON_S:
         return "soon", words
     return OK, words
@@ -127,7 +127,7 @@ def _hover(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
     words = {"learned": learned_frac, "file": file_frac}
     share = abs(learned_frac / file_frac - 1.0)
     if share > HOVER_SHARE:
-        return "far", words
+        return "far off", words
     if share > HOVER_ADVICE_SHARE:
         return "off", words
     return OK, words

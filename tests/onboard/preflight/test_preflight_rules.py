@@ -280,7 +280,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         "mav2 flies with another fleet file, or another law (xyz, here abc",
     ),
     ("certificates", "ended"): ({"certificate_left": ("mav2", -60.0)}, "of mav2 has ended"),
-    ("certificates", "short"): (
+    ("certificates", "ends too soon"): (
         {"certificate_left": ("mav1", 240.0)},
         "of mav1 ends in 0.1 h; a flight and an hour to spare take",
     ),
@@ -295,7 +295,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         "The fleet file sets law.rotation, and mav1 is a real vehicle",
     ),
     ("law", "baseline"): ({"law_refusals": (FINDING,), "law": "paper"}, "0.4 m apart"),
-    ("hover thrust", "far"): (
+    ("hover thrust", "far off"): (
         {"hover_frac": 0.45},
         "0.45 of its throttle, the fleet file says 0.75",
     ),
