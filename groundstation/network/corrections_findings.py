@@ -25,9 +25,11 @@ def corrections_findings(fleet: FleetConfig) -> list[Finding]:
     if corrections is None:
         return []
 
-    taking = [name for name in fleet.enabled_names if fleet.takes_corrections(fleet.vehicles[name])]
-    if not taking:
-        remedy = "Remove [corrections], or set mocap_required = false for who flies by satellites."
+    takers = [name for name in fleet.enabled_names if fleet.takes_corrections(fleet.vehicles[name])]
+    if not takers:
+        remedy = (
+            "Remove [corrections], or set mocap_required = false where satellites are flown by."
+        )
         return [_finding("warning", f"No vehicle takes the corrections. {remedy}", remedy)]
 
     findings = [
@@ -67,10 +69,11 @@ def _source_words(corrections: CorrectionsConfig) -> str:
         return f"the server {corrections.address}"
     if corrections.source == "file":
         return f"the recording {corrections.address}, which is for demonstrations"
-    return "a base that is made up: real receivers make nothing of it"
+    return "a base that is made up, of which real receivers take nothing"
 
 
 def _finding(status: Status, sentence: str, remedy: str) -> Finding:
+    """Return a finding that measures nothing: value and bound are 0."""
     return Finding(
         name="corrections",
         status=status,

@@ -28,7 +28,7 @@ from onboard.feasibility.pair_checks import message_age_s
 from onboard.message_counts import in_words
 from onboard.neighbours.table import SILENT_S
 
-_STEP_S = 0.02
+_STEP_S = 0.02  # period at which messages that have come are looked at
 _STATES_HZ = TOPICS[Topic.STATE].rate_hz
 
 # Share of the states that arrive.
@@ -184,11 +184,11 @@ def _silent_vehicle(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
     """Return the probable reason why a vehicle sends nothing."""
     endpoint = fleet.vehicles[name].agent
     if name in heard.nodes:
-        text = "On the bus, but tells nothing."
+        text = "On the bus, but publishes nothing."
         remedy = "Look at its log: covey agent logs"
     elif name in heard.listening and fleet.has_keys:
         text = (
-            f"It runs at {endpoint}, and takes no link: its keys are others, or its clock is wrong."
+            f"It runs at {endpoint}, but accepts no link: its keys differ, or its clock is wrong."
         )
         remedy = (
             "Copy keys/ca.pem and its own two files to it anew, and start its agent anew"
@@ -208,7 +208,10 @@ def _silent_vehicle(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
 
 
 def _old_s(fleet: FleetConfig) -> float:
-    """Return the age [s] from which on a state is older than the fleet's margin allows for."""
+    """Return the age [s] from which on a state is older than the fleet's margin allows for.
+
+    It contains a step of our own, in which a state waits until it is looked at.
+    """
     return max(_OLD_S, message_age_s(fleet) + _STEP_S)
 
 
@@ -231,7 +234,7 @@ def _arrivals(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
         received_share >= _GOOD_SHARE and age_s < _old_s(fleet),
         f"{rate_hz:.0f} states a second come here, {lost_pct:.1f} % are lost, "
         f"their age is {1e3 * age_s:.0f} ms (p99).",
-        "Too much of its radio is lost: a better place or channel, fewer on it;"
+        "Its radio loses or delays too much: a better place or channel, fewer on it;"
         " quic/ instead of tcp/.",
         bad=bad,
     )
@@ -278,10 +281,10 @@ def _unused_messages(name: str, heard: Heard) -> Iterator[Diagnosis]:
         return
 
     malformed, refused, _, _ = counts
-    most = (1.0 - _GOOD_SHARE) * _STATES_HZ * heard.seconds
+    tolerated = (1.0 - _GOOD_SHARE) * _STATES_HZ * heard.seconds
     yield graded(
         f"{name} did not use",
-        malformed == refused == 0 and sum(counts) < most,
+        malformed == refused == 0 and sum(counts) < tolerated,
         f"Of the last {heard.seconds:.0f} s: {words}.",
         "Refused or malformed ones are of another version, or of a stranger: docs/threats.md",
     )
@@ -318,7 +321,7 @@ def _limits_of_links(fleet: FleetConfig) -> Diagnosis:
         *(fleet.vehicles[name].agent for name in fleet.enabled_names),
     ]
     silent_s = 1e-3 * lease_ms(endpoints)
-    if len(fleet.fleet.routers) > 1:
+    if len(fleet.fleet.routers) > 1:  # a node must change to another router soon
         silent_s = 1e-3 * ROUTER_LEASE_MS
     return Diagnosis(
         "links",

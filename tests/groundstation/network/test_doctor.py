@@ -88,7 +88,7 @@ def test_each_fault_of_a_link_is_said_with_a_remedy(heard: Heard, make_telemetry
     assert all(one.remedy for one in found.values())
     assert "66.3 % are lost" in found["mav0"].sentence
     assert "7 malformed, 2 refused" in found["mav1 did not use"].sentence
-    assert "on the bus, but tells nothing" in found["mav2"].sentence.lower()
+    assert "on the bus, but publishes nothing" in found["mav2"].sentence.lower()
 
 
 def test_this_computer_is_looked_at_in_one_line_each(

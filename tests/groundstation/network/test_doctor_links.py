@@ -113,5 +113,5 @@ def test_a_vehicle_with_the_keys_of_a_former_authority_is_told_from_one_that_is_
         agent.stop()
     said = _said(capsys)
     assert [said[name]["grade"] for name in fleet.vehicles] == ["FAIL"] * 3
-    assert "takes no link: its keys are others" in said["mav0"]["sentence"]
+    assert "accepts no link: its keys differ" in said["mav0"]["sentence"]
     assert "Nobody answers" in said["mav1"]["sentence"]
