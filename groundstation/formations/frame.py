@@ -34,7 +34,8 @@ class FramePoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
     position_enu_m: Xyz | None = None  # position of the formation; by default as before
     turn_deg: float = 0.0  # turn on the way to this point, counterclockwise
-    spacing_m: float | None = None  # spacing from here on; by default as before
+    # spacing from here on; by default as before, or with a name that formation's own
+    spacing_m: float | None = None
     name: str | None = None  # formation that it has become here; by default as before
     # duration of the way to this point; 0: as six tenths of the top speed need
     duration_s: float = 0.0
@@ -105,7 +106,7 @@ def frame_paths(
             if point.spacing_m:
                 spacing_m = point.spacing_m
             elif point.name:
-                spacing_m = None
+                spacing_m = None  # the new formation's own
             name = point.name or name
             slots = _slots(fleet, name, spacing_m, begin.leader)
             if set(slots) != set(names):

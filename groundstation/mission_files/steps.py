@@ -64,7 +64,7 @@ class FollowPathStep(_Step, frozen=True, kw_only=True):
 class FaultStep(_Step, frozen=True, kw_only=True):
     """Inject a fault into the emulator, in simulated flights (`covey sitl --faults` lists them)."""
 
-    vehicles: Names  # as above
+    vehicles: Names  # vehicles that get the fault
     name: str  # name of the fault: covey sitl --faults lists them
     parameters: dict[str, float | str] = {}  # parameters of the fault
     after_s: float = 0.0  # time until it begins

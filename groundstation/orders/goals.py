@@ -104,20 +104,21 @@ def _yaw(intent: Yaw, facts: GoalFacts) -> Goals:
     if facts.state is None:
         return Goals(intent)
 
-    spots = known_spots(facts.names, facts.state)
-    if len(spots) < len(facts.names):
-        return Goals(intent, {}, _no_position(facts.names, spots))
-    return Goals(intent, spots)
+    destinations = known_destinations(facts.names, facts.state)
+    if len(destinations) < len(facts.names):
+        return Goals(intent, {}, _no_position(facts.names, destinations))
+    return Goals(intent, destinations)
 
 
 def _home(intent: Home, facts: GoalFacts) -> Goals:
     """Return points above the take-off spots, at the ordered height or at each vehicle's own."""
     if facts.state is None:
-        spots = dict.fromkeys(facts.names, (0.0, 0.0, DEFAULT_HEIGHT_M))
+        # only their heights are used
+        destinations = dict.fromkeys(facts.names, (0.0, 0.0, DEFAULT_HEIGHT_M))
     else:
-        spots = known_spots(facts.names, facts.state)
-    if len(spots) < len(facts.names):
-        return Goals(intent, {}, _no_position(facts.names, spots))
+        destinations = known_destinations(facts.names, facts.state)
+    if len(destinations) < len(facts.names):
+        return Goals(intent, {}, _no_position(facts.names, destinations))
 
     goals = {}
     for name in facts.names:
@@ -128,7 +129,7 @@ def _home(intent: Home, facts: GoalFacts) -> Goals:
             # A vehicle on the ground gets a goal as well; its agent refuses the order with a better
             # reason.
             lowest_m = floor_m(facts.fleet) + least_height_m(vehicle)
-            height_m = max(spots[name][2], lowest_m)
+            height_m = max(destinations[name][2], lowest_m)
         goals[name] = (x, y, height_m)
     return Goals(intent, goals)
 
@@ -138,7 +139,7 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
 
     Each flies at its own height, or at the ordered one.
     """
-    spots = {}
+    positions = {}
     for name in facts.names:
         position_enu_m = facts.spot_enu_m(name)
         if facts.state is not None:
@@ -147,14 +148,14 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
             if telemetry is None or not telemetry.is_position_valid:
                 continue
             position_enu_m = telemetry.position_enu_m
-        spots[name] = position_enu_m
-    if len(spots) < len(facts.names):
-        return Goals(intent, {}, _no_position(facts.names, spots))
+        positions[name] = position_enu_m
+    if len(positions) < len(facts.names):
+        return Goals(intent, {}, _no_position(facts.names, positions))
 
     takes = intent.takes
     if takes is None:
         homes = {name: facts.spot_enu_m(name) for name in facts.names}
-        takes = spots_without_crossing(homes, spots)
+        takes = spots_without_crossing(homes, positions)
         intent = replace(intent, takes=takes)
 
     goals = {}
@@ -163,13 +164,13 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
         height_m = intent.height_m
         if height_m is None:
             lowest_m = floor_m(facts.fleet) + least_height_m(facts.fleet.vehicles[name])
-            height_m = max(spots[name][2], lowest_m)
+            height_m = max(positions[name][2], lowest_m)
         goals[name] = (x, y, height_m)
 
     if not intent.duration_s:
         # The assignment avoids conflicts only if all vehicles need the same time.
         longest_s = max(
-            _flight_s(spots[name], goal, facts.fleet.vehicles[name].max_speed_m_s)
+            _flight_s(positions[name], goal, facts.fleet.vehicles[name].max_speed_m_s)
             for name, goal in goals.items()
         )
         intent = replace(intent, duration_s=round(max(_LEAST_FLIGHT_S, longest_s), 1))
@@ -207,9 +208,9 @@ def _formation(intent: Formation, facts: GoalFacts) -> Goals:
     intent = replace(intent, position_enu_m=position_enu_m)
 
     if intent.assign == "nearest" and intent.takes is None:
-        spots = _spots_or_starts(facts)
+        destinations = _destinations_or_starts(facts)
         own_slots = {name: slots[name] for name in facts.names if name in slots}
-        takes = nearest_slots(own_slots, spots, position_enu_m)
+        takes = nearest_slots(own_slots, destinations, position_enu_m)
         intent = replace(intent, takes=takes)
         slots = {name: slots[slot_name] for name, slot_name in takes.items()}
 
@@ -273,30 +274,30 @@ def _no_formation_position(intent: Intent, facts: GoalFacts) -> Goals:
     return Goals(intent, {}, dict.fromkeys(facts.names, reason))
 
 
-# -- where vehicles are ----------------------------------------------------------------------------
+# -- where vehicles are or go to -------------------------------------------------------------------
 
 
-def known_spots(names: list[str], state: FleetState) -> dict[str, Xyz]:
+def known_destinations(names: list[str], state: FleetState) -> dict[str, Xyz]:
     """Return the goal of each vehicle that moves, and the position of each other one [m], ENU.
 
     Vehicles that do not report a position are left out.
     """
-    spots = {}
+    destinations = {}
     for name in names:
-        spot = _spot(state.vehicles.get(name))
-        if spot is not None:
-            spots[name] = spot
-    return spots
+        destination = _destination(state.vehicles.get(name))
+        if destination is not None:
+            destinations[name] = destination
+    return destinations
 
 
-def _spots_or_starts(facts: GoalFacts) -> dict[str, Xyz]:
-    """Return the known spots; without a state, the take-off spots of the fleet file."""
+def _destinations_or_starts(facts: GoalFacts) -> dict[str, Xyz]:
+    """Return the known destinations; without a state, the take-off spots of the fleet file."""
     if facts.state is not None:
-        return known_spots(facts.names, facts.state)
+        return known_destinations(facts.names, facts.state)
     return {name: facts.spot_enu_m(name) for name in facts.names}
 
 
-def _spot(view: VehicleView | None) -> Xyz | None:
+def _destination(view: VehicleView | None) -> Xyz | None:
     """Return a vehicle's goal, or its position if it has no goal; None if it reports neither."""
     telemetry = None if view is None else view.telemetry
     if telemetry is None or not telemetry.is_position_valid:
@@ -308,8 +309,8 @@ def _spot(view: VehicleView | None) -> Xyz | None:
     return telemetry.position_enu_m
 
 
-def _no_position(names: list[str], spots: Mapping[str, Xyz]) -> dict[str, str]:
-    return {name: f"{name} does not report where it is." for name in names if name not in spots}
+def _no_position(names: list[str], known: Mapping[str, Xyz]) -> dict[str, str]:
+    return {name: f"{name} does not report where it is." for name in names if name not in known}
 
 
 _GOALS_BY_KIND: dict[type[Intent], Callable[[Any, GoalFacts], Goals]] = {
