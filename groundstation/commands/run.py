@@ -74,7 +74,7 @@ def run(
         law: covey, paper, off or a law of your own, instead of the fleet file's (simulated flights)
         seed: seed of everything random in the emulator
         rehearse: fly it in simulated time first; nothing takes off when that fails
-        no_rehearse: do not, with a script of Crazyswarm that meets the agents that run
+        no_rehearse: not even a script of Crazyswarm that meets the agents that run
     """
     refuse_what_is_no_script(script)
     if lockstep and sitl:

@@ -338,8 +338,8 @@ def _colour_byte(share: float) -> int:
     return round(255 * min(max(float(share), 0.0), 1.0))
 
 
-class _Known(dict[Any, Crazyflie]):
-    """Vehicles by id or by name; an unknown one raises an error that names the known ones.
+class _VehiclesByKey(dict[Any, Crazyflie]):
+    """Vehicles by id or by name; another key raises an error that names those there are.
 
     Args:
         noun: word for the kind of key, for the sentence.
@@ -375,10 +375,10 @@ class CrazyflieServer:
             Crazyflie(orders, config.vehicles[name], longest_timescale)
             for name in config.enabled_names
         ]
-        self.crazyfliesById = _Known(
+        self.crazyfliesById = _VehiclesByKey(
             "id", "system_id of a vehicle", {vehicle.id: vehicle for vehicle in self.crazyflies}
         )
-        self.crazyfliesByName = _Known(
+        self.crazyfliesByName = _VehiclesByKey(
             "name", "[vehicles.NAME]", {vehicle.name: vehicle for vehicle in self.crazyflies}
         )
 

@@ -176,7 +176,7 @@ class Fleet(Group):
         return [logged.event for logged in self.state.events]
 
     def __getitem__(self, name: str) -> MissionVehicle:
-        (name,) = vehicles_at([name], self.state)
+        (name,) = vehicles_at([name], self.state)  # the spare, if one has taken this place
         if name not in self._names:
             raise ConfigError(
                 f"'{name}' is not a vehicle of fleet '{self.config.fleet.name}': "
@@ -214,7 +214,7 @@ class Fleet(Group):
 
         refusal = self.client.control.refusal("takeoff")
         if refusal is not None:
-            raise NotReady(refusal, True)
+            raise NotReady(refusal, heard=True)
 
     def leave_out(self, *names: str) -> None:
         """Go on without these vehicles.

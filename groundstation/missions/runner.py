@@ -87,7 +87,7 @@ class MissionRun:
         self._task: asyncio.Task[Any] | None = None  # flies the steps
         self._stays = stays
         self._at = at
-        self._staying: asyncio.Task[None] | None = None  # beside a fleet that was taken
+        self._staying: asyncio.Task[None] | None = None  # waits until a taken fleet is down
         self._abort_reason: str | None = None  # sentence of whoever called `abort`
         self._is_declared = False  # whether [on_failure] decides after that abort
         self._can_land = True  # whether vehicles can still be reached after that abort
@@ -95,7 +95,7 @@ class MissionRun:
         self._is_over = False
 
         now_ns = client.now_ns()
-        self._flown = FlightObservations(
+        self._observations = FlightObservations(
             mission=mission.name,
             fleet=mission.fleet,
             state=client.state,
@@ -114,7 +114,8 @@ class MissionRun:
             The verdict by the live state. With :meth:`flown`, the record can be judged as well.
         """
         task = self._task = asyncio.create_task(self._steps())
-        if self._flown.is_interrupted or self._abort_reason is not None:
+        # somebody may have stopped the mission before this call
+        if self._observations.is_interrupted or self._abort_reason is not None:
             task.cancel()
 
         try:
@@ -129,7 +130,7 @@ class MissionRun:
         # The replies to orders are never lost, but telemetry may be. The next telemetry shows the
         # result of the last step.
         await self.client.wait_for(self._is_at_rest, LAST_TELEMETRY_S)
-        self._flown.end_ns = self.client.now_ns()
+        self._observations.end_ns = self.client.now_ns()
         self._is_over = True
         return judge(self.flown(), self.mission.expect)
 
@@ -140,10 +141,10 @@ class MissionRun:
 
     def interrupt(self) -> None:
         """Stop the mission and land all vehicles; :meth:`run` returns when they are down."""
-        if self._flown.is_interrupted:
+        if self._observations.is_interrupted:
             return
 
-        self._flown.is_interrupted = True
+        self._observations.is_interrupted = True
         if self._task is not None:
             self._task.cancel()
         if self._staying is not None:
@@ -156,7 +157,7 @@ class MissionRun:
             reason: a sentence, which the caller has published as an event.
             can_land: whether vehicles can still be reached.
         """
-        if self._abort_reason is not None or self._flown.is_interrupted:
+        if self._abort_reason is not None or self._observations.is_interrupted:
             return
 
         self._abort_reason = reason
@@ -240,12 +241,12 @@ class MissionRun:
 
     def flown(self) -> FlightObservations:
         """Return the observations so far."""
-        self._flown.state = self.client.state
+        self._observations.state = self.client.state
         # The verdict does not count vehicles that were out of service from the beginning.
-        self._flown.left_out = self.fleet.ground.left_out - self.fleet.ground.disabled
-        self._flown.other_ends = self.fleet.ground.other_ends
-        self._flown.left_out_orders = self.fleet.ground.left_out_orders
-        return self._flown
+        self._observations.left_out = self.fleet.ground.left_out - self.fleet.ground.disabled
+        self._observations.other_ends = self.fleet.ground.other_ends
+        self._observations.left_out_orders = self.fleet.ground.left_out_orders
+        return self._observations
 
     async def _steps(self) -> None:
         """Wait for the vehicles, and fly the steps or the function of the mission."""
@@ -263,7 +264,7 @@ class MissionRun:
             await self.fleet.ready(_STILL_READY_S)
 
         self.client.forget_distances()
-        self._flown.begin_ns = self.client.now_ns()
+        self._observations.begin_ns = self.client.now_ns()
         self.fleet.ground.watch.begin()
         self._has_begun = True
         advised = advice_of(
@@ -281,7 +282,7 @@ class MissionRun:
         try:
             await steps.rehearse_faults()
         except FaultRefused:
-            self._flown.is_wrong_input = True
+            self._observations.is_wrong_input = True
             raise
         await steps.run()
 
@@ -313,7 +314,7 @@ class MissionRun:
             return
 
         taken = self.fleet.ground.watch.look() if self._has_begun else None
-        if taken is not None and not self._flown.is_interrupted:
+        if taken is not None and not self._observations.is_interrupted:
             await self._leave_to(taken)
             return
 
@@ -322,49 +323,50 @@ class MissionRun:
         else:
             await self._bring_down_after_a_failure(task)
 
+        # somebody may have taken the fleet meanwhile
         taken = self.fleet.ground.watch.look() if self._has_begun else None
-        if taken is not None and not self._flown.is_interrupted:
+        if taken is not None and not self._observations.is_interrupted:
             await self._leave_to(taken)
 
     async def _bring_down_after_a_failure(self, task: asyncio.Task[Any]) -> None:
         """Do what the mission declares for a failure, if it has begun at all."""
         error = task.exception()
         if isinstance(error, NotReady):
-            self._flown.failure = str(error)
-            self._flown.nobody = not error.heard
+            self._observations.failure = str(error)
+            self._observations.nobody = not error.heard
             self.fleet.say(str(error))
         elif isinstance(error, _NotBegun):
-            self._flown.failure = str(error)
-            self._flown.is_wrong_input = True
-            self._flown.is_left_flying = True
+            self._observations.failure = str(error)
+            self._observations.is_wrong_input = True
+            self._observations.is_left_flying = True
             self.fleet.say(str(error))
         elif error is not None:
-            self._flown.failure = self._failure_of(error)
-            self.fleet.say(f"The mission ends here: {self._flown.failure}")
+            self._observations.failure = self._failure_of(error)
+            self.fleet.say(f"The mission ends here: {self._observations.failure}")
             is_refusal = isinstance(error, OrderFailed | CountdownEnded)
             if is_refusal and not self.fleet.ground.has_begun:
                 # All vehicles have refused the first order, or it was not given. The fleet has not
                 # changed.
-                self._flown.is_left_flying = True
+                self._observations.is_left_flying = True
                 return
             await self._on_failure()
 
     def _note_later_pilots(self) -> None:
         """Add vehicles that pilots took just after the first one; telemetry shows them later."""
-        first_by_hand = list(self._flown.pilots)
+        first_by_hand = list(self._observations.pilots)
         if not first_by_hand:
             return
 
         by_hand = sorted({*first_by_hand, *flown_by_hand(self.client)})
-        if self._flown.failure == pilot_words(first_by_hand):
-            self._flown.failure = pilot_words(by_hand)
-        self._flown.pilots = tuple(by_hand)
+        if self._observations.failure == pilot_words(first_by_hand):
+            self._observations.failure = pilot_words(by_hand)
+        self._observations.pilots = tuple(by_hand)
 
     def _failure_of(self, error: BaseException) -> str:
         """Return what ended the steps, in words; for a mistake of the author, its trace."""
         by_hand = flown_by_hand(self.client)
         if isinstance(error, OrderFailed) and by_hand:
-            self._flown.pilots = tuple(by_hand)
+            self._observations.pilots = tuple(by_hand)
             return pilot_words(by_hand)
         if isinstance(error, _FAILURES):
             return str(error)
@@ -375,36 +377,36 @@ class MissionRun:
 
         If `stays` is set, wait until the fleet is down; an interruption lands all vehicles.
         """
-        self._flown.failure = taken.sentence
-        self._flown.is_left_flying = True
-        self._flown.is_taken = True
+        self._observations.failure = taken.sentence
+        self._observations.is_left_flying = True
+        self._observations.is_taken = True
         self.client.publish_event("warning", "fleet-taken", taken.sentence)
         self.fleet.say(f"The mission ends here: {taken.sentence}")
         if not self._stays:
             return
 
-        staying = stay(self.client, taken, self._flown.begin_ns, self.fleet.say)
+        staying = stay(self.client, taken, self._observations.begin_ns, self.fleet.say)
         self._staying = asyncio.create_task(staying)
         try:
             await asyncio.wait({self._staying})
         except asyncio.CancelledError:
             self.interrupt()
-        if self._flown.is_interrupted:
+        if self._observations.is_interrupted:
             self.fleet.say("Interrupted: all flying vehicles land.")
             await self.fleet.land_all(LAND_TIMEOUT_S, is_by_person=True)
 
     async def _bring_down_after_a_stop(self) -> None:
         """Land all after an interruption, or after a reason from outside."""
         if self._abort_reason is None:
-            self._flown.is_interrupted = True
+            self._observations.is_interrupted = True
             self.fleet.say("Interrupted: all flying vehicles land.")
             await self.fleet.land_all(LAND_TIMEOUT_S, is_by_person=True)
             return
 
-        self._flown.failure = self._abort_reason  # an event has said it
+        self._observations.failure = self._abort_reason  # an event has said it
         self.fleet.say("The mission ends here.")
         if self._is_declared:
-            self._flown.pilots = tuple(flown_by_hand(self.client))
+            self._observations.pilots = tuple(flown_by_hand(self.client))
             await self._on_failure()
         elif self._can_land:
             await self.fleet.land_all(LAND_TIMEOUT_S)

@@ -101,7 +101,7 @@ class _Child:
         self.process.stdin.write(_LENGTH.pack(len(request)) + request)
         async with asyncio.timeout(_LIMIT_S):
             answer = await self._message()
-        self.is_computing = False
+        self.is_computing = False  # it stays True without an answer, and the child is then ended
         return answer
 
     def kill(self) -> None:

@@ -130,6 +130,7 @@ class OrderResult:
         before = self.results[vehicle]
         if before.is_final and before.phase != "no answer":
             return
+        # PX4 has the order already: an agent that accepts it later changes nothing
         if phase == "accepted" and before.phase == "direct":
             return
 

@@ -1,7 +1,7 @@
 """Colours of vehicles along their paths.
 
-A file with the columns ``t,red,green,blue`` gives colours at some times; between two of them the
-colour changes evenly.
+A file with the columns ``t,red,green,blue`` gives colours at some times. Between two of them the
+colour changes evenly; at a time that stands twice it jumps.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def colour_at(lights: Sequence[TimedColour], time_s: float) -> Colour:
     after_s, *after = lights[min(next_index, len(lights) - 1)]
 
     share = 0.0
-    if before_s < time_s and after_s > before_s:
+    if after_s > before_s:
         share = (time_s - before_s) / (after_s - before_s)
 
     red, green, blue = (round(a + share * (b - a)) for a, b in zip(before, after, strict=True))

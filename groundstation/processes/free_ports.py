@@ -171,6 +171,7 @@ def _used_ports(fleet: FleetConfig) -> list[_UsedPort]:
 
 def _free_ports() -> Iterator[int]:
     """Yield ports that are free for TCP and UDP, and whose emulated PX4's port is free as well."""
+    # in blocks: the ports of their first halves have those of emulated PX4s in the second halves
     low, high = PORT_RANGE
     step = 2 * PX4_OFFSET
     starts = list(range(low, high - step, step))

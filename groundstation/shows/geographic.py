@@ -139,7 +139,7 @@ def _columns(first_line: str) -> dict[str, tuple[int, float]]:
         if match and match.start() > 0:
             stem = stem[: match.start()]
         stem = re.sub(r"[^a-z]", "", stem.lower())
-        whole = re.sub(r"[^a-z]", "", name.lower())
+        whole = re.sub(r"[^a-z]", "", name.lower())  # "seconds" only seems to end in a unit
 
         for kind, words in _KINDS.items():
             if kind not in columns and (stem in words or whole in words):

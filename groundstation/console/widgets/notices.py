@@ -31,6 +31,7 @@ def _killed(names: list[str]) -> Notice:
 
 
 def _control(control: Control) -> list[Notice]:
+    """Return a line about requests for control, and one if this ground may not order a move."""
     lines = []
     if control.requester is not None and control.is_operator:
         label = control.requester.label
