@@ -29,7 +29,7 @@ class Fact:
     """
 
     name: str  # topic, dot, detail
-    section: str  # section of the list of measured facts
+    section: str  # number of the section of measured facts, for the JSON report only
     says: str  # the fact in words
     # Bounds of a number, wide enough for the scatter of a real PX4, and its unit.
     low: float = math.nan
@@ -208,7 +208,7 @@ def matching(facts: Iterable[Fact], patterns: Sequence[str]) -> dict[str, Fact]:
 CHANGES: dict[str, dict[str, list[str] | list[float]]] = tomllib.loads(
     files(__package__).joinpath("versions.toml").read_text(encoding="utf-8")
 )
-VERSIONS: tuple[str, ...] = tuple(CHANGES)  # oldest first, to which facts.toml applies
+VERSIONS: tuple[str, ...] = tuple(CHANGES)  # oldest first; facts.toml describes the oldest
 
 
 def facts_of(version: str, facts: Sequence[Fact]) -> dict[str, Fact]:

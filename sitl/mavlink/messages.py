@@ -563,7 +563,7 @@ def open_drone_id_location(v: View) -> Values:
         altitude_barometric=altitude_m,
         altitude_geodetic=altitude_m,
         height=altitude_m - v.ground_altitude_m,
-        timestamp=65535.0,
+        timestamp=65535.0,  # unknown, as MAVLink defines
         direction=_heading_cdeg(v),
         speed_horizontal=_clip(100.0 * math.hypot(vx, vy), 0, 25425),
         speed_vertical=_clip(-100.0 * vz, -6200, 6200),

@@ -29,7 +29,7 @@ def forest(rows: int, seed: int) -> tuple[Capsule, ...]:
         rows: number of pillars in a column, along y.
         seed: the seed of the jitter.
     """
-    rng = np.random.default_rng([seed, 17])
+    rng = np.random.default_rng([seed, 17])  # 17: other numbers than the flights of this seed have
     # In spacings: columns begin at 0 or 0.5, so all pillars lie between 0 and rows - 0.5.
     middle_row = 0.5 * (rows - 0.5)
     pillars = []

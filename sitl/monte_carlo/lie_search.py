@@ -36,8 +36,8 @@ SCENARIO = "swap8"
 KINDS: tuple[LieKind, ...] = ("spoof", "lie")
 _RESTARTS = 2  # restarts for each kind of lie
 _FIRST_SHARE = 0.3  # share of the flights of a restart whose lies are random
-_GENERATION = 25
-_KEPT = 6
+_GENERATION = 25  # lies in a generation
+_KEPT = 6  # best lies, from which the next generation is drawn
 _LEAST_SPREAD = 0.03  # least standard deviation of a generation, as a share of the range
 _FIRST_SEED = 7000
 

@@ -61,8 +61,8 @@ class MemberLies:
         count = plans[0].count
         self._is_liar = np.zeros((len(plans), count), bool)
         self._is_spoof = np.zeros(len(plans), bool)
-        self._numbers = np.zeros((len(plans), 6))  # the last six fields of MemberLie
-        self._numbers[:, 4] = 1.0  # rise_s of flights without a lie: any positive time
+        # the last six fields of MemberLie; without a lie its size is 0
+        self._numbers = np.zeros((len(plans), 6))
         for f, plan in enumerate(plans):
             lie = plan.lie
             if lie is None:

@@ -368,7 +368,6 @@ def _activity(axes: Any, data: _TraceData) -> None:
     the status.
     """
     status = data.status[1:].T  # (N, T-1)
-    tick_edges_s = np.append(data.t_s[:-1], data.t_s[-1])
     row_edges = np.arange(data.count + 1) - 0.5
 
     if data.is_few:
@@ -390,7 +389,7 @@ def _activity(axes: Any, data: _TraceData) -> None:
 
     colour_edges = np.arange(len(palette) + 1) - 0.5
     axes.pcolormesh(
-        tick_edges_s,
+        data.t_s,  # the edges of the T - 1 ticks
         row_edges,
         values,
         cmap=ListedColormap(palette),

@@ -188,6 +188,7 @@ NAMES: dict[Mode, tuple[str, int]] = {
     Mode.LAND: ("Land", 11),
 }
 ARMED_BIT = 128
+# base_mode in OFFBOARD while no setpoints come, and while body rates are flown
 OFFBOARD_WITHOUT_SETPOINTS_BASE_MODE = 1
 OFFBOARD_RATES_BASE_MODE = 1
 

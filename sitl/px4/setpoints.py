@@ -199,7 +199,7 @@ def _setpoint(
     has_acceleration = bool(np.isfinite(acceleration).any())
     if not has_position and not has_velocity and not has_acceleration:
         return "empty setpoint"
-    if has_acceleration and mask & _IS_FORCE:
+    if has_acceleration and mask & _IS_FORCE:  # PX4 takes no forces
         return "empty setpoint"
 
     goal = PositionGoal(

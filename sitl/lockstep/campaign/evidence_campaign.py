@@ -173,8 +173,8 @@ def possible_victims(fleet: FleetConfig, injection: Injection) -> list[str]:
             return []
         return [name for name in names if fleet.takes_corrections(fleet.vehicles[name])]
 
-    has_poses = injection.needs == "poses"
-    fitting = [name for name in names if fleet.vehicles[name].mocap_required is has_poses]
+    needs_poses = injection.needs == "poses"  # or else satellites
+    fitting = [name for name in names if fleet.vehicles[name].mocap_required is needs_poses]
     # an injection that hits all vehicles needs a fleet in which all of them fit
     if "of all" in injection.name and len(fitting) < len(names):
         return []
@@ -257,7 +257,7 @@ def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
     victim = case.victim or mission.fleet.enabled_names[0]
     wrong: list[str] = []
     seen: dict[str, int] = {}
-    smallest_m = (math.inf, math.inf, math.inf)
+    smallest_m = (math.inf, math.inf, math.inf)  # of pairs with 0, 1 or 2 silenced vehicles
     try:
         flown = fly_broken(
             mission,

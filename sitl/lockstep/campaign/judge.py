@@ -32,7 +32,8 @@ _TILT_SLACK_DEG = 0.5
 # returns the action that conditions demand in a situation
 ActionOf = Callable[[Situation, Collection[Condition]], Action]
 
-# demanded action -> behaviours (words of _behaviour) that satisfy the demand
+# demanded action -> behaviours (words of _behaviour) that satisfy the demand: all that do as much
+# or more; an armed vehicle still stands on the ground
 _DOES: dict[Action, tuple[str, ...]] = {
     Action.HOLD: ("hold", "land", "px4", "failed", "armed"),
     Action.LEVEL: ("hold", "land", "px4", "failed", "armed"),
@@ -232,8 +233,8 @@ class Judge:
 
         behaviour = _behaviour(core)
         if strongest in _DOES and behaviour not in _DOES[strongest]:
-            held = ", ".join(condition.value for condition in conditions)
-            self.note(f"{name}: {WORDS[strongest]} is asked for ({held}) and {behaviour} is done")
+            listed = ", ".join(condition.value for condition in conditions)
+            self.note(f"{name}: {WORDS[strongest]} is asked for ({listed}), {behaviour} is done")
         if strongest <= Action.SLOW and behaviour in ("failed", "px4") and not flight.reason:
             self.note(f"{name}: {behaviour} is done without a reason")
 
