@@ -16,7 +16,10 @@ TICK_S = 0.02  # period of the control loop
 
 
 class LawStatus(IntEnum):
-    """Effect of the avoidance law on the thrust of one tick; every tick has a status."""
+    """Effect of the avoidance law on the thrust of one tick; every tick has a status.
+
+    Hard rows keep distances and the speed limit; the soft ones only demand turns.
+    """
 
     INACTIVE = 0  # the baseline thrust already satisfies every row
     SATURATED = 1  # changed, all hard rows satisfied

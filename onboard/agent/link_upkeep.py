@@ -75,7 +75,7 @@ class LinkUpkeep:
 
     def start_threads(self) -> None:
         """Start the thread now, before the process takes its realtime priority for all threads."""
-        self._blocking.submit(int)
+        self._blocking.submit(int)  # any call that returns at once
 
     def start(self) -> None:
         """Begin, in the running event loop."""
@@ -162,6 +162,7 @@ class LinkUpkeep:
                 read_for = version
                 problems = await self._read_params(has_origin)
 
+            # a missing origin is looked for every second, whatever other problems there are
             await asyncio.sleep(_REPEAT_S if problems and has_origin else _LOOK_S)
             is_full = await self._in_thread(realtime.is_disk_full)
             self._notify(agent_inputs.DiskChecked(is_full))
@@ -174,10 +175,10 @@ class LinkUpkeep:
     async def _read_params(self, has_origin: bool) -> tuple[str, ...]:
         px4 = self._link.snapshot()
         required = self._required()
-        read = _values(required)
+        wanted = _values(required)
         if px4.is_simulated:
-            read[BATTERY_FLOOR] = 0.0
-        actual = await self._in_thread(self._link.read_params, read)
+            wanted[BATTERY_FLOOR] = 0.0  # any float, as the parameter is one
+        actual = await self._in_thread(self._link.read_params, wanted)
 
         for demand in required:
             if demand.is_optional and actual.get(demand.name) is None:

@@ -167,11 +167,11 @@ class AgentProcess:
             self._bus.serve_orders(self._name, self._order_on_bus_thread)
             self._core.preflight.is_warm = True
 
-            realtime.settle()
+            realtime.settle()  # no garbage collection in flight
             if self._is_realtime:
                 self._upkeep.start_threads()
                 self._executor.start_threads()
-                if self._fleet.own_law is not None:
+                if self._fleet.own_law is not None:  # a user's law may never return
                     realtime.end_when_hung()
                 log.info("%s", realtime.take_precedence())
 
@@ -296,8 +296,8 @@ class AgentProcess:
 
         while inbox.notices:
             execute(core.handle(inbox.notices.popleft(), now_ns))
-        for node in inbox.nodes_changed():
-            execute(core.handle(node, now_ns))
+        for change in inbox.nodes_changed():
+            execute(core.handle(change, now_ns))
         self._bus.deliver()
 
         # commands of poses go to PX4 after the setpoint, which must not wait for them

@@ -92,7 +92,7 @@ class LawMemory(NamedTuple):
     """State of the law between two ticks."""
 
     commands: list[PastCommand]  # own past commands, newest first
-    relaxed_share: float  # low-passed share of ticks whose hard rows had to be relaxed
+    relaxed_share: float  # low-passed share of ticks in which rows had to be relaxed
     # Time for which the law has held the vehicle back. Negative while the vehicle calls for a
     # roundabout: minus the time that is left of the call.
     held_s: float
@@ -295,7 +295,7 @@ def nearest_thrust(
         own: this vehicle at t + L.
         pairs: pairs with the neighbours that count.
         rows: rows of these pairs in their order, then those of obstacles and walls.
-        soft: rows in order of importance; the last is dropped first.
+        soft: rows that demand a turn, in order of importance; the last is dropped first.
     """
     radius = own.radius_m_s2
     with_margins = [row for row in rows[: len(pairs)] if can_bind(row, radius)]

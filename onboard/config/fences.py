@@ -71,6 +71,7 @@ def area_of(fence: Fence, origin: Origin | None) -> Area:
         radius_m = float(fence.circle.radius_m)
     else:
         corners = _corners(fence, origin)
+        # the allowed side lies on the left of each edge
         is_counterclockwise = areas.area_m2(corners) > 0.0
         if is_counterclockwise != keeps_in:
             corners = corners[::-1]

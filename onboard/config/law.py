@@ -27,7 +27,8 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     # -- six policies, each chosen by name; real vehicles take off only with their defaults --
 
-    # share of a correction that each vehicle of a pair makes
+    # share of a correction that each vehicle of a pair makes; "shortfall": half, and shortfall_gain
+    # of what the other one visibly omits of its half; "full": all
     responsibility: Literal["shortfall", "half", "full"] = "shortfall"
     # "lag": rows hold at the time at which a command takes effect
     prediction: Literal["lag", "none"] = "lag"

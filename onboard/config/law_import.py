@@ -146,7 +146,8 @@ def _not_found(
 def _installed_source(module_name: str, folders: Sequence[str]) -> str | None:
     """Return the file of an installed module: empty if it has none, None if there is no module.
 
-    Unlike ``importlib.util.find_spec``, this does not import the packages around the module.
+    Unlike ``importlib.util.find_spec``, this does not import the packages around the module. A
+    package in the folders counts only if no installed one has its name, as when it is imported.
     """
     importlib.invalidate_caches()
     package, *inner = module_name.split(".")

@@ -16,7 +16,7 @@ from onboard.config.toml_reading import bound_problems
 _STATES_S = 0.02  # period of the states for the lateness; a lower states_hz does not change it
 _RARE_LOSS = 0.01  # a run of lost messages with a smaller probability is ignored
 _USUAL_AGE_S = 0.08  # age of a state with the defaults, for which neighbours are silent at 0.25 s
-_MOST_LATENESS_S = 0.45  # largest delay until a neighbour counts as silent
+_MOST_LATENESS_S = 0.45  # most that is added to the age from which a neighbour is silent
 
 BOUNDS: dict[str, tuple[float, float]] = {
     "rate_mbit_s": (6.0, 1000.0),

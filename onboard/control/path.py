@@ -111,7 +111,7 @@ def point_at(path: Path, time_s: float) -> PathPoint:
     if not time_s > 0.0:
         return _rest(path.pieces[0], 0.0)
 
-    index = min(bisect_right(path.ends_s, time_s), len(path.pieces) - 1)
+    index = bisect_right(path.ends_s, time_s)
     piece = path.pieces[index]
     since_s = time_s - (path.ends_s[index] - piece[0])
 
@@ -163,6 +163,7 @@ def sampled(path: Path, times_s: Array) -> Array:
     ends_s = np.array(path.ends_s)
     pieces = np.array(path.pieces)
 
+    # the end of the path belongs to its last piece
     clipped_s = np.clip(times_s, 0.0, path.duration_s)
     index = np.minimum(np.searchsorted(ends_s, clipped_s, side="right"), len(pieces) - 1)
     since_s = clipped_s - (ends_s[index] - pieces[index, 0])

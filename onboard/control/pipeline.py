@@ -90,7 +90,7 @@ class BeforeLaw(NamedTuple):
     """Results of the stages before the law."""
 
     observer: disturbance_observer.ObserverMemory
-    lift: hover_thrust.HoverThrustMemory
+    hover_thrust: hover_thrust.HoverThrustMemory
     clock_rate: float
     trajectory: trajectory.TrajectoryMemory
     setpoint: TrajectorySetpoint
@@ -180,13 +180,13 @@ def before_law(
         state.velocity_enu_m_s, LARGEST
     )
     usable = state if is_usable else _at_rest(state, memory)
-    observer, lift = _observed(memory, usable, mode, params, dt_s)
+    observer, hover = _observed(memory, usable, mode, params, dt_s)
 
     speed_share = 1.0  # a descent without poses does not slow down in a jam
     if mode != ControlMode.BLIND:
         speed_share = oist.speed_share(memory.law, params.law)
     predicted = oist.predict(memory.law, usable, params.law)
-    rate, leg, setpoint = _led(memory, predicted, goal, mode, params, dt_s)
+    rate, leg, setpoint = _advance_trajectory(memory, predicted, goal, mode, params, dt_s)
 
     # Line O: the compensation of drag and observed disturbance is added after the law. So the law's
     # thrust is that of a vehicle without drag and wind.
@@ -199,7 +199,7 @@ def before_law(
     thrust = _tracking(predicted, setpoint, speed_share, mode, params)
     return BeforeLaw(
         observer=observer,
-        lift=lift,
+        hover_thrust=hover,
         clock_rate=rate,
         trajectory=leg,
         setpoint=setpoint,
@@ -233,7 +233,7 @@ def after_law(
     """
     thrust = before.baseline.thrust
     compensation = before.baseline.compensation_enu_m_s2
-    hover_frac = before.lift.hover_thrust_frac
+    hover_frac = before.hover_thrust.hover_thrust_frac
 
     activity = _activity(memory.activity, law.intervention_m_s2, params, dt_s)
     yaw_rad = _turned(memory.yaw_rad, goal, params, dt_s)
@@ -246,7 +246,7 @@ def after_law(
         trajectory=before.trajectory,
         law=law_memory,
         observer=before.observer,
-        hover_thrust=before.lift,
+        hover_thrust=before.hover_thrust,
         sent_enu_m_s2=add(sent.thrust_enu_m_s2, _WEIGHT),
         clock_rate=before.clock_rate,
         activity=activity,
@@ -266,7 +266,7 @@ def after_law(
     return after, tick
 
 
-def _led(
+def _advance_trajectory(
     memory: PipelineMemory,
     predicted: Motion,
     goal: Goal,
@@ -301,7 +301,7 @@ def _observed(
         dt_s,
         mode == ControlMode.LIFTOFF or mode == ControlMode.BLIND,
     )
-    lift, _ = hover_thrust.step(
+    hover, _ = hover_thrust.step(
         memory.hover_thrust,
         memory.thrust_frac,
         memory.cos_tilt,
@@ -311,7 +311,7 @@ def _observed(
         dt_s,
         mode == ControlMode.FLYING,
     )
-    return observer, lift
+    return observer, hover
 
 
 def _tracking(

@@ -199,7 +199,7 @@ def _overrules_pilot(order: Order, flight: FlightContext) -> str | None:
     Against the pilot's sticks a vehicle is landed only if a person orders that vehicle by its name.
     """
     name = flight.vehicle.name
-    if order.kind == "land" and order.reason:
+    if order.kind == "land" and order.reason:  # by a mission, or to all vehicles
         return f"{name} is flown by hand: `land {name}` takes it."
     if order.kind in _FLYING_ORDERS and flight.step.situation is Situation.SILENT:
         return (

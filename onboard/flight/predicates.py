@@ -203,7 +203,7 @@ def left_behind_to_land(flight: FlightContext, view: FlightView) -> bool:
 
 
 def left_behind(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether it has been behind its path for too long, and has to leave the show."""
+    """Return whether it has been behind its path for too long; if it need not land, it leaves."""
     return flight.path.is_lost
 
 

@@ -101,7 +101,8 @@ class OwnState:
 
     _queue: list[_Sample] = field(default_factory=list)
     _newest_ns: int = 0  # stamp of the newest usable mocap sample
-    _rejected_enu_m: Xyz | None = None  # position of the newest sample that the filter rejected
+    # position of the newest sample that the filter rejected; it stays after a good one
+    _rejected_enu_m: Xyz | None = None
 
     _has_heading: bool = False  # whether the heading's offset is known
     _yaw_rad: float = 0.0  # heading of the newest sample
@@ -314,7 +315,7 @@ class OwnState:
 
     @property
     def jumped_to_enu_m(self) -> Xyz | None:
-        """Position of the newest impossible sample; None after a good one."""
+        """Position of the newest impossible sample, if :attr:`jumps` counts any."""
         return self.validator.jumped_to_enu_m or self._rejected_enu_m
 
     @property

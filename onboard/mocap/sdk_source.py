@@ -129,7 +129,7 @@ class SdkMocap:
         self._body = body
         self._on_pose = on_pose
         self._on_malformed = on_malformed
-        boot_id = int.from_bytes(os.urandom(4), "little") & 0x7FFFFFFF
+        boot_id = int.from_bytes(os.urandom(4), "little") & 0x7FFFFFFF  # 31 bits, as all boot ids
         self._converter = PoseConverter(mocap, boot_id=boot_id, source=node)
 
         options = dict(default_options or {})

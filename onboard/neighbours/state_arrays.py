@@ -112,7 +112,7 @@ class NeighbourRow(NamedTuple):
     name: str
     age_s: float
     stamp_ns: int
-    is_cooperative: bool  # whether its message says that it cooperates
+    is_cooperative: bool  # ANNOUNCED: whether its message says that it cooperates
     numbers: list[float]  # its row in the arrays
 
     def value(self, name: str) -> float:

@@ -118,7 +118,7 @@ def _pose_covariance(std_m: float) -> list[float]:
 
 
 def _silent(*_: Any) -> bool:
-    """Keep MAVSDK from logging to stdout, which the agent uses; True means: handled."""
+    """Keep MAVSDK from logging to stdout, which the agent uses; True: the line is dealt with."""
     return True
 
 
@@ -202,7 +202,7 @@ class Px4Link:
         with _ONE_AT_A_TIME:
             mavsdk_logging.log_subscribe(_silent)
             mavsdk = Mavsdk(configuration)
-            mavsdk.add_any_connection("raw://")
+            mavsdk.add_any_connection("raw://")  # its packets pass through this object
             mavsdk.subscribe_raw_bytes_to_be_sent(self._send_for_mavsdk)
         self._mavsdk = mavsdk
 
@@ -302,7 +302,7 @@ class Px4Link:
         """Return the snapshot with all messages that have come since the known one."""
         changes: dict[str, Any] = {}
         newest_ns = 0
-        while self._unread:
+        while self._unread:  # the relay's thread may add messages meanwhile
             name, (payload, arrived_ns) = self._unread.popitem()
             try:
                 changes |= PARSERS[name](fields_of(name, payload), arrived_ns)

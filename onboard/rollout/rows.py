@@ -18,14 +18,15 @@ from onboard.arrays import Array
 from onboard.vectors import Vec2, Vec3
 
 Rows = NDArray[np.void]  # structured: one row per vehicle
-_UNROLLED = 4  # tuples longer than this are written in a loop
+_UNROLLED = 4  # longer lists and tuples are written in a loop, which keeps the text short
 
 
 class Layout:
     """Layout of the rows that hold values of one NamedTuple type.
 
     Args:
-        example: a value of the type; the lengths of its lists and tuples are those of all values.
+        example: a value of the type; the lengths of its lists and tuples are those of all values,
+            and no list is inside another one.
 
     Attributes:
         dtype: names and shapes of the numbers; every number is a float.

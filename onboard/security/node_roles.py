@@ -94,6 +94,7 @@ GRANTS: dict[NodeRole, Grant] = {
         },
         answers={},
         asks={Topic.ORDER: _ANY, Topic.SIM: _ANY},
+        # the last three say who operates the fleet, see onboard/bus/control_token.py
         tokens=("ground$*", "watcher$*", "recorder$*", "operator.$*", "asks.$*", "keeps.$*"),
         reads=_SAMPLES,
     ),

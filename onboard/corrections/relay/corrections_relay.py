@@ -152,7 +152,7 @@ class CorrectionsRelay:
 
             self._cutter = self._fresh_cutter()
             await asyncio.sleep(pause_s)
-            if pause_s < _LONGEST_PAUSE_S:
+            if pause_s < _LONGEST_PAUSE_S:  # the pause after a refusal stays as it is
                 pause_s = min(2.0 * pause_s, _LONGEST_PAUSE_S)
 
     def _fresh_cutter(self) -> FrameCutter:
@@ -373,7 +373,7 @@ class FramePublisher:
 
 def _fix_words(telemetry: Telemetry) -> str:
     """Return a vehicle's fix and its corrections for the report."""
-    words = [plain_line(telemetry.fix) or "no fix is told"]
+    words = [plain_line(telemetry.fix) or "no fix reported"]
     if telemetry.satellites >= 0:
         words.append(f"{telemetry.satellites} satellites")
     if math.isfinite(telemetry.corrections_age_s):
