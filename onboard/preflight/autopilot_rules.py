@@ -96,9 +96,9 @@ def _version(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Jud
     actual_s = lag_s(version, vehicle.px4_params)
     words |= {"expected": expected_s, "actual": actual_s}
     if abs(actual_s - expected_s) > LAG_ERROR_S:
-        return "other", words
+        return "other lag", words
     if version != file_version:
-        return "alike", words
+        return "same lag", words
     return OK, words
 
 
@@ -123,7 +123,7 @@ def _link(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
 def _port(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if facts.has_autopilot and facts.newest_refused:
         refused = facts.refused
-        return "others", {
+        return "strangers", {
             "count": refused.count,
             "reason": _REASONS[refused.newest],
             # The sentence says "from {source}"; with an unknown source, "it" is the port.
@@ -132,7 +132,7 @@ def _port(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
 
     listens = vehicle.autopilot.startswith("udpin://")
     if listens and host_of(vehicle.autopilot) in _EVERY_NETWORK:
-        return "open", {}
+        return "open to networks", {}
     return PASSED
 
 
@@ -141,7 +141,7 @@ def _signing(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Jud
         return NO_PX4
     if vehicle.mavlink_signing:
         words = {"says": "PX4 and this agent sign their messages."}
-        return ("clock" if facts.has_signing_clock_behind else OK), words
+        return ("clock behind" if facts.has_signing_clock_behind else OK), words
     if facts.is_signed:
         return "keyless", {"name": vehicle.name}
 
@@ -149,7 +149,7 @@ def _signing(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Jud
     takes_keys = version is None or version >= SIGNING_SINCE
     links = [link for link in (vehicle.autopilot, vehicle.direct) if link and is_on_network(link)]
     if links and takes_keys:
-        return "open", {"links": " and ".join(links), "fleet": fleet.path}
+        return "takes any key", {"links": " and ".join(links), "fleet": fleet.path}
     return OK, {"says": "No network is known that could give PX4 a key."}
 
 
@@ -178,7 +178,7 @@ def _disarmed(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Ju
     if not facts.has_autopilot:
         return NO_PX4
     if not facts.is_landed_told:
-        return "untold", {}
+        return "not known", {}
     if facts.is_airborne:
         return "airborne", {}
     if facts.is_armed:
@@ -198,7 +198,7 @@ def _failsafe(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Ju
     if not names:
         return PASSED
     text = ", ".join(names)
-    return "holds", {"conditions": text[0].upper() + text[1:]}
+    return "condition holds", {"conditions": text[0].upper() + text[1:]}
 
 
 def _parameters(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:

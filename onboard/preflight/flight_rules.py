@@ -100,10 +100,10 @@ def _law(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgeme
     is_emulated = vehicle.emulated or (facts.has_emulator and not fleet.emulated_names)
     may_fly_own = is_emulated or fleet.law.allow_own_law_on_real_vehicles
     if fleet.law.is_own and not may_fly_own:
-        return "own", {"law": fleet.law.name, "name": vehicle.name}
+        return "own law", {"law": fleet.law.name, "name": vehicle.name}
     if fleet.law.changed_policies and not is_emulated:
         keys = ", ".join(f"law.{name}" for name in fleet.law.changed_policies)
-        return "variant", {"keys": keys, "name": vehicle.name}
+        return "changed policies", {"keys": keys, "name": vehicle.name}
 
     # the sentence names the source of a user's law, so that the record shows which one flew
     if not facts.law_refusals:
@@ -114,7 +114,7 @@ def _law(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgeme
     _, sentence, remedy = facts.law_refusals[0]
     words = {"law": facts.law, "finding": sentence, "change": remedy}
     if facts.law in ("paper", "off"):
-        return "baseline", words
+        return "comparison only", words
     return "refused", words
 
 
@@ -161,7 +161,7 @@ def _loop(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
 def _record(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if facts.has_recorder:
         return PASSED
-    return "none", {}
+    return "no recorder", {}
 
 
 def _kill_switch(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:

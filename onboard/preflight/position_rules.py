@@ -29,6 +29,7 @@ from onboard.safety.failsafe_table import Condition
 from onboard.safety.limits import POSITION_STALE_S
 from onboard.tuples import Xyz
 
+# largest values that no rule finds fault with; preflight.toml says what each rule demands
 WIDE_CLOCK_S = 0.02
 FAR_FROM_PX4_M = 0.3
 HEADING_MISS_DEG = 25.0
@@ -55,7 +56,7 @@ def _position(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Ju
     if not vehicle.mocap_required:
         return "silent", {}
     if facts.source_problem:
-        return "source", {"problem": facts.source_problem}
+        return "source faulty", {"problem": facts.source_problem}
     if vehicle.emulated:
         return "unemulated", {}
     return "untracked", {}
@@ -65,7 +66,7 @@ def _clock(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
     if facts.has_wrong_clock:
         assert facts.sample_delay_s is not None
         direction = "in the future" if facts.sample_delay_s < 0.0 else "in the past"
-        return "mocap", {"gap": f"{abs(facts.sample_delay_s):.3g} s {direction}"}
+        return "wrong stamps", {"gap": f"{abs(facts.sample_delay_s):.3g} s {direction}"}
 
     bounds_s = facts.clock_bounds_s
     unknown = [name for name, bound_s in bounds_s.items() if not math.isfinite(bound_s)]
@@ -74,7 +75,7 @@ def _clock(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
 
     widest = max(bounds_s, key=bounds_s.__getitem__, default="")
     if widest and bounds_s[widest] > WIDE_CLOCK_S:
-        return "wide", {"other": widest, "bound": 1e3 * bounds_s[widest]}
+        return "uncertain", {"other": widest, "bound": 1e3 * bounds_s[widest]}
     return PASSED
 
 
@@ -103,7 +104,7 @@ def _agreement(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> J
 
     if facts.fuses_position:
         if facts.px4_position_enu_m is None:
-            return "missing", words
+            return "no PX4 position", words
         apart_m = math.dist(facts.px4_position_enu_m, facts.position_enu_m)
         words["distance"] = apart_m
         words["px4"] = coordinates(facts.px4_position_enu_m)
@@ -191,11 +192,11 @@ def _fence(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
     space = flight_space_of(fleet)
     spot_enu_m = _spot_enu_m(facts, fleet, vehicle)
     if not space.contains(spot_enu_m):
-        return "spot", {"spot": coordinates(spot_enu_m)}
+        return "spot outside", {"spot": coordinates(spot_enu_m)}
     if not facts.has_position:
         return NO_POSITION
     if not space.contains(facts.position_enu_m):
-        return "outside", {"position": coordinates(facts.position_enu_m)}
+        return "position outside", {"position": coordinates(facts.position_enu_m)}
     return PASSED
 
 

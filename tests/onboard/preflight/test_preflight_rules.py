@@ -111,19 +111,19 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ),
     ("version", "unknown"): ({"px4_version": None}, "does not say its version"),
     ("version", "unmeasured"): ({"px4_version": (1, 19)}, "v1.19 was never measured"),
-    ("version", "other"): ({"px4_version": (1, 18)}, "lags by 0.29 s instead of 0.25 s"),
-    ("version", "alike"): (
+    ("version", "other lag"): ({"px4_version": (1, 18)}, "lags by 0.29 s instead of 0.25 s"),
+    ("version", "same lag"): (
         {"px4_version": (1, 16), "vehicle": STEADY},
         "PX4 is v1.16, the fleet file says v1.17",
     ),
     ("version", "nonsense"): ({"px4_version": (255, 255)}, "version 255.255, which no PX4 has"),
     ("link", "slow"): ({"attitude_hz": 9.0}, "only 9 Hz"),
     ("link", "low"): ({"attitude_hz": 30.0}, "30 Hz"),
-    ("port", "open"): (
+    ("port", "open to networks"): (
         {"vehicle": msgspec.structs.replace(VEHICLE, autopilot="udpin://0.0.0.0:14541")},
         "every network",
     ),
-    ("port", "others"): (
+    ("port", "strangers"): (
         {
             "refused": Refused(other_address=7, newest="other_address", source="10.0.0.9 port 5"),
             "refused_age_s": 1.0,
@@ -132,11 +132,11 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         "another address)",
     ),
     ("signing", "keyless"): ({"is_signed": True}, "ignores what is not signed"),
-    ("signing", "clock"): (
+    ("signing", "clock behind"): (
         {"is_signed": True, "has_signing_clock_behind": True, "vehicle": SIGNS},
         "a minute behind",
     ),
-    ("signing", "open"): (
+    ("signing", "takes any key"): (
         {"px4_version": (1, 18), "vehicle": REACHED},
         "udpout://192.168.1.11:18570, and while it is disarmed it takes a key",
     ),
@@ -147,10 +147,10 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         "sensors: gyroscope.",
     ),
     ("health", "not required"): ({"unhealthy": (("satellites", False),)}, "satellites"),
-    ("disarmed", "untold"): ({"is_landed_told": False}, "does not tell"),
+    ("disarmed", "not known"): ({"is_landed_told": False}, "does not tell"),
     ("disarmed", "airborne"): ({"is_airborne": True, "is_armed": True}, "in the air"),
     ("disarmed", "armed"): ({"is_armed": True}, "armed already"),
-    ("failsafe", "holds"): (
+    ("failsafe", "condition holds"): (
         {
             "conditions": frozenset(
                 {Condition.MOCAP_FROZEN, Condition.DISK_FULL, Condition.POSITION_STALE}
@@ -176,17 +176,20 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {"position_age_s": math.inf, "sample_age_s": math.inf},
         "mocap body 'mav1'",
     ),
-    ("position", "source"): (
+    ("position", "source faulty"): (
         {"position_age_s": math.inf, "source_problem": "OptiTrack at 127.0.0.9 does not answer."},
         "mocap body 'mav1': OptiTrack at 127.0.0.9 does not answer.",
     ),
     ("position", "silent"): ({"position_age_s": 0.3, "vehicle": BARE}, "no fresh local position"),
-    ("clock", "mocap"): ({"sample_delay_s": -3.0, "position_age_s": math.inf}, "3 s in the future"),
+    ("clock", "wrong stamps"): (
+        {"sample_delay_s": -3.0, "position_age_s": math.inf},
+        "3 s in the future",
+    ),
     ("clock", "unmeasured"): (
         {"clock_bounds_s": {"mav2": math.inf, "mocap": 0.001}},
         "clock of mav2 is not measured",
     ),
-    ("clock", "wide"): (
+    ("clock", "uncertain"): (
         {"clock_bounds_s": {"mav0": 0.002, "mav2": 0.045}},
         "clock of mav2 is known to 45 ms only",
     ),
@@ -199,7 +202,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {"heading_miss_rad": math.radians(-90.0)},
         "-90 degrees about the heading",
     ),
-    ("agreement", "missing"): ({"px4_position_enu_m": None}, "no local position"),
+    ("agreement", "no PX4 position"): ({"px4_position_enu_m": None}, "no local position"),
     ("agreement", "apart"): (
         {"px4_position_enu_m": (1.0, -1.5, 0.0)},
         "0.98 m from where the mocap",
@@ -217,7 +220,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {"position_enu_m": (1.5, 0.0, 0.0), "fuses_position": False},
         "2.12 m from its take-off spot",
     ),
-    ("fence", "spot"): (
+    ("fence", "spot outside"): (
         {
             "vehicle": OUTSIDE,
             "position_enu_m": (3.9, 0.0, 0.0),
@@ -226,7 +229,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         },
         "(9.00, 0.00, 0.00) m lies outside",
     ),
-    ("fence", "outside"): (
+    ("fence", "position outside"): (
         {"position_enu_m": (0.0, -4.2, 0.0), "has_flown": True, "fuses_position": False},
         "(0.00, -4.20, 0.00) m lies outside",
     ),
@@ -239,7 +242,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         "mav0 are 120 ms late or more; the fleet file expects 40",
     ),
     ("corrections", "several"): (corrected(has_several_sources=True), "Two sources of corrections"),
-    ("corrections", "base"): (
+    ("corrections", "base wrong"): (
         corrected(base=BaseJudgement(BaseFault.ELSEWHERE, 12.34)),
         "is not where it was surveyed, by 12.3 m: they are not given to PX4",
     ),
@@ -249,11 +252,11 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         "The newest corrections are 12 s old; 10 s are allowed",
     ),
     ("corrections", "unsteady"): (corrected(unsteady_s=3.6), "moved 4 s ago"),
-    ("corrections", "far"): (
+    ("corrections", "base far"): (
         corrected(base_distance_m=25_400.0),
         "The base is 25.4 km away; 20 km are allowed",
     ),
-    ("corrections", "fix"): (
+    ("corrections", "fix too poor"): (
         corrected(fix_type=5),
         "The fix is RTK float; this fleet demands RTK fixed",
     ),
@@ -261,12 +264,12 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {**corrected(), "conditions": frozenset({Condition.FIX_FELL_BACK})},
         "right for a moment only",
     ),
-    ("corrections", "none"): (
+    ("corrections", "silent, not demanded"): (
         corrected(ANY_FIX, fix_type=3, age_s=math.inf),
         "No corrections have come; the fix is 3D",
     ),
-    ("corrections", "aging"): (corrected(ANY_FIX, age_s=12.4), "are 12 s old"),
-    ("corrections", "long"): (corrected(too_long_bytes=906), "A message of 906 bytes"),
+    ("corrections", "old, not demanded"): (corrected(ANY_FIX, age_s=12.4), "are 12 s old"),
+    ("corrections", "message too long"): (corrected(too_long_bytes=906), "A message of 906 bytes"),
     ("neighbours", "lossy"): (
         {"radio": RadioMeasured(0.05, "mav0", 0.31, "mav2")},
         "mav2 31 % are lost or late; the fleet file expects 10",
@@ -286,15 +289,15 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ),
     ("certificates", "soon"): ({"certificate_left": ("mav1", 1e6)}, "ends in 12 days"),
     ("law", "refused"): ({"law_refusals": (FINDING,)}, "0.4 m apart"),
-    ("law", "own"): (
+    ("law", "own law"): (
         {"fleet": OWN_LAW},
         "Law 'mine:law' is none of Covey's, and mav1 is a real vehicle",
     ),
-    ("law", "variant"): (
+    ("law", "changed policies"): (
         {"fleet": VARIANT},
         "The fleet file sets law.rotation, and mav1 is a real vehicle",
     ),
-    ("law", "baseline"): ({"law_refusals": (FINDING,), "law": "paper"}, "0.4 m apart"),
+    ("law", "comparison only"): ({"law_refusals": (FINDING,), "law": "paper"}, "0.4 m apart"),
     ("hover thrust", "far off"): (
         {"hover_frac": 0.45},
         "0.45 of its throttle, the fleet file says 0.75",
@@ -305,7 +308,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ("battery", "low"): ({"battery_frac": 0.22}, "Battery at 22 %, take-off requires 30 %"),
     ("loop", "warming"): ({"is_law_warm": False}, "warming up"),
     ("loop", "late"): ({"loop_p99_ms": 55.0}, "55 ms"),
-    ("record", "none"): ({"has_recorder": False}, "Nobody records"),
+    ("record", "no recorder"): ({"has_recorder": False}, "Nobody records"),
     ("kill switch", "heard"): ({}, "hears a radio control"),
     ("kill switch", "unheard"): ({"has_rc": False}, "no radio control"),
     ("kill switch", "unknown"): ({"has_rc": None}, "not known"),
