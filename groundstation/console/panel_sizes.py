@@ -40,12 +40,12 @@ def panel_sizes(
     if height < LOW and not alone:
         alone = "fleet"
 
-    rows_with_frame = max(1, vehicles) + 3
+    rows_with_frame = max(1, vehicles) + 3  # its border, and the heading
     table_height = min(rows_with_frame, max(4, round(_TABLE_SHARE * height)))
 
-    plan_rows = max(4, height - table_height - LINES_AROUND - 2)
+    plan_rows = max(4, height - table_height - LINES_AROUND - 2)  # without its border
     proportion = min(4.0, (fence.x[1] - fence.x[0]) / (fence.y[1] - fence.y[0]))
-    fence_width = math.ceil(2 * plan_rows * proportion) + 6
+    fence_width = math.ceil(2 * plan_rows * proportion) + 6  # with numbers and border
     plan_width = max(10, round(_PLAN_LEAST * width), min(fence_width, round(_PLAN_SHARE * width)))
 
     if alone == "fleet":

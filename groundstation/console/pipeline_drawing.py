@@ -213,6 +213,7 @@ def _chart(
         rows: height in cells.
     """
     canvas = Canvas(width, rows)
+    # in dots, of which a cell is two wide and four high
     columns = 2 * width - _SCALE_DOTS - 1
     height = 4 * rows - 1
     if columns < _LEAST_COLUMNS:

@@ -191,7 +191,7 @@ def _draw_frame(ax: Any, step_s: float, *, vehicles: int) -> None:
     ax.legend(
         loc="upper center",
         bbox_to_anchor=(0.5, -0.07),
-        ncols=min(8, vehicles + 4),
+        ncols=min(8, vehicles + 4),  # the vehicles, and the four marks above
         fontsize=9,
     )
 
@@ -217,7 +217,7 @@ def _write_slot_labels(figure: Any, ax: Any, labels: list[_SlotLabel], marks_m: 
 
     for label in labels:
         own_point = ax.transData.transform(label.position_m) / per_point
-        size = np.array([5.0 * len(label.text) + 2.0, 9.0])
+        size = np.array([5.0 * len(label.text) + 2.0, 9.0])  # points, about that of its text
         # all but the slot itself
         others = [other for other in busy if np.hypot(*(other - own_point)) > 0.5]
 

@@ -189,7 +189,7 @@ def loop_growth_1_s(
     window_s = 0.0
     if is_predicted:
         window_s = response.lag_s
-    slots = math.ceil(max(window_s, delay_s) / TICK_S) + 2
+    slots = math.ceil(max(window_s, delay_s) / TICK_S) + 2  # past commands, two of them to spare
 
     # one row per unit state: distance, rate, acceleration, its rate, commands newest first
     state = np.eye(4 + slots)

@@ -329,9 +329,9 @@ class NeighbourTable:
         if not has_late and not self.judged.watched and not self.watched_bodies.reason_ns:
             return None
 
-        is_followed = self._is_settled.tolist()
-        silent = self._silent_bodies(now_ns, is_followed)
-        in_reach = [index for index in self.judged.watched if is_followed[index]]
+        is_settled = self._is_settled.tolist()
+        silent = self._silent_bodies(now_ns, is_settled)
+        in_reach = [index for index in self.judged.watched if is_settled[index]]
         indices = self.watched_bodies.update(silent, in_reach, now_ns, own_age_s)
         if indices is None:
             return None
@@ -340,7 +340,7 @@ class NeighbourTable:
             del self._trackers[index]
         return tuple(body for body, index in self._bodies.items() if index in indices)
 
-    def _silent_bodies(self, now_ns: int, is_followed: list[bool]) -> list[int]:
+    def _silent_bodies(self, now_ns: int, is_settled: list[bool]) -> list[int]:
         """Return the indices of the vehicles with a body that are silent."""
         ages_s = self.heard_ages_s(now_ns).tolist()
         is_airborne = self.arrays.flags[AIRBORNE].tolist()
@@ -352,7 +352,7 @@ class NeighbourTable:
             if self.watched_bodies.is_silent(
                 index,
                 age_s=ages_s[index],
-                is_followed=is_followed[index],
+                is_followed=is_settled[index],
                 is_expected=has_started_up and is_enabled,
                 is_airborne=is_airborne[index],
             ):

@@ -217,6 +217,7 @@ def run_sticks(client: VehicleClient, report: FactReport) -> None:
             continue
         hover = airborne(client, _STICKS_HEIGHT_M)
 
+        # the duty for vision poses sends the sticks, since no poses are sent here
         client.vision_duty.act = _sticks(client, client.now_s + 2.0, rate_1_s)
         client.vision_duty.period_s = 1.0 / _STICKS_HZ
         client.spend(3.2)

@@ -88,6 +88,7 @@ def _window_around(points_enu_m: Array, canvas: Canvas) -> Window:
     high_m = points_enu_m.max(axis=0) + _MARGIN_M
     middle_m = (low_m + high_m) / 2.0
 
+    # a cell is two dots wide and four high
     scale_x = 2 * canvas.width / (high_m[0] - low_m[0])
     scale_y = 4 * canvas.height / (high_m[1] - low_m[1])
     return Window(
