@@ -35,7 +35,6 @@ STALE_FOR_S = 0.4  # a position that is stale for longer is lost, even if poses 
 # again after 0.6 s does not land
 LOST_S = 0.60
 JUMPS = 3  # number of impossible samples in a row
-SWAP_JUMPS = 2  # the same, if another vehicle is near the samples
 UNUSABLE_M = 3.0  # if PX4's position is less accurate, PX4 flies level and ignores it
 INACCURATE_S = 0.5
 FIX_BELOW_S = 0.5  # a receiver that loses its fix for a moment has it again at the next report

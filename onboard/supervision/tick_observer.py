@@ -27,7 +27,6 @@ from onboard.safety.held import Held
 from onboard.safety.limits import POSITION_STALE_S
 from onboard.safety.report_confirmation import ReportConfirmation
 from onboard.safety.tracking_monitor import TrackingMonitor
-from onboard.supervision.condition_table import SWAP_JUMPS
 from onboard.supervision.neighbour_monitor import NeighbourMonitor
 from onboard.supervision.offboard_monitor import OffboardMonitor
 from onboard.supervision.tick_context import TickContext
@@ -36,7 +35,9 @@ from onboard.supervision.wind_monitor import WindMonitor
 from onboard.types import LawStatus
 
 _SLOW_TICKS = 5  # number of ticks between two collections of the slow facts
-_SWAP_RADIUS_M = 0.3  # a jump this near to another vehicle is a swap of two bodies
+# so many impossible samples in a row, this near to another vehicle, are a swap of two bodies
+_SWAP_JUMPS = 2
+_SWAP_RADIUS_M = 0.3
 
 # Below these heights the ground may carry the vehicle, so that it cannot follow its commanded
 # attitude.
@@ -112,7 +113,7 @@ class TickObserver:
         else:
             self._stale.checks = 0
         jumped_onto = ""  # name of the vehicle on whose position it has jumped
-        if own.jumps >= SWAP_JUMPS:
+        if own.jumps >= _SWAP_JUMPS:
             jumped_onto = self._jumped_onto(now_ns)
 
         # attitude and wind
