@@ -271,9 +271,140 @@ ACCEPTED = (
         (("_predicted_m_s: Xy = (0.0, 0.0)", "0.0 becomes larger"),),
     ),
     Accepted(
+        "the one condition that demands to be level is quiet",
+        "supervision/failsafe_supervisor.py",
+        (('severity="critical" if action >= Action.LEVEL else "warning",', "GtE becomes Gt"),),
+    ),
+    Accepted(
+        "before a neighbour is heard again, none is named",
+        "supervision/neighbour_monitor.py",
+        (
+            ("self._heard_again_ns = 0", "0 becomes larger"),
+            (
+                "is_recent = self._heard_again_ns != 0 and "
+                "now_ns - self._heard_again_ns < _BACK_NS",
+                "0 becomes larger",
+            ),
+        ),
+    ),
+    Accepted(
+        "before the first tick of a leg, nobody was avoided",
+        "supervision/neighbour_monitor.py",
+        (("self._leg_ticks = 0", "0 becomes larger"),),
+    ),
+    Accepted(_NONE, "supervision/neighbour_monitor.py", (("self._leg = -1", "1 becomes larger"),)),
+    Accepted(
+        "between neighbours at one height there is no separation of heights",
+        "supervision/neighbour_monitor.py",
+        (
+            (
+                "may_come_down_on_us = not row.is_cooperative and above_it_m < 0.0",
+                _SMALLER,
+            ),
+        ),
+    ),
+    Accepted(
+        _MEASURED,
+        "supervision/neighbour_monitor.py",
+        (
+            (
+                "if name not in self._confirmed_silent and ages_s[name] <= table.silent_s",
+                "LtE becomes Lt",
+            ),
+            ("if row.age_s >= self._table.silent_s:", "GtE becomes Gt"),
+            ("if apart_m < nearest_m:", _SMALLER),
+            (
+                "heard = [row.name for row in rows if row.age_s < self._table.silent_s]",
+                _SMALLER,
+            ),
+            (
+                "if row.is_cooperative and row.age_s < self._table.silent_s:",
+                _SMALLER,
+            ),
+            ("known = [row for row in rows if row.age_s < self._table.silent_s]", _SMALLER),
+            ("if max(map(abs, apart_m)) >= _NEAR_M:", "GtE becomes Gt"),
+            (
+                "if height_left_m >= self._vertical_m and not may_come_down_on_us:",
+                "GtE becomes Gt",
+            ),
+            (
+                "return left_m < limit_m - _PREDICTED_SLACK_M and math.hypot(*apart_m) > limit_m",
+                _SMALLER,
+            ),
+            (
+                "return left_m < limit_m - _PREDICTED_SLACK_M and math.hypot(*apart_m) > limit_m",
+                _LARGER,
+            ),
+        ),
+    ),
+    Accepted(
+        _MEASURED,
+        "supervision/condition_table.py",
+        (("if facts.nearest_m < AMONG_OTHERS_M:", _SMALLER),),
+    ),
+    Accepted(
+        _ONE_TICK,
+        "supervision/condition_table.py",
+        (("return facts.position_age_s > longest_s and not facts.is_in_contact", _LARGER),),
+    ),
+    Accepted(
+        "nothing arrives in the first nanosecond of a clock",
+        "supervision/offboard_monitor.py",
+        (("_not_needed_ns: int = 0", "0 becomes larger"),),
+    ),
+    Accepted(
+        "every fifth tick is one, whether ticks are counted by one or by two",
+        "supervision/model_mismatch_reporter.py",
+        (("self._tick_count += 1", "1 becomes larger"),),
+    ),
+    Accepted(
+        "every fifth tick is one, whether ticks are counted by one or by two",
+        "supervision/tick_observer.py",
+        (("self._tick_count += 1", "1 becomes larger"),),
+    ),
+    Accepted(
+        _MEASURED,
+        "supervision/tick_observer.py",
+        (
+            ("if is_tracked and height_m >= self._tracked_above_m(view):", "GtE becomes Gt"),
+            ("if context.is_airborne and context.nearest_m < self._touching_m:", _SMALLER),
+        ),
+    ),
+    Accepted(
+        "no heartbeat arrives in the very nanosecond in which an attitude is lost",
+        "supervision/tick_observer.py",
+        (("is_mode_known = heartbeat_ns >= began_ns", "GtE becomes Gt"),),
+    ),
+    Accepted(
+        "the agent gives it at each tick",
+        "supervision/tick_context.py",
+        (
+            ("battery_floor_frac: float = 0.0", "0.0 becomes larger"),
+            ("law_status: int = 0", "0 becomes larger"),
+            ("active_neighbour: int = -1", "1 becomes larger"),
+            ("commanded_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)", _LARGER_1),
+            ("commanded_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)", "0.0 becomes larger"),
+            ("thrust_frac: float = 0.0", "0.0 becomes larger"),
+            ("below_m: float = 0.0", "0.0 becomes larger"),
+            ("disturbance_enu_m_s2: Xyz = (0.0, 0.0, 0.0)", "0.0 becomes larger"),
+        ),
+    ),
+    Accepted(
+        "the observer gives it at each tick",
+        "supervision/tick_facts.py",
+        (
+            ("height_enu_m: float = 0.0", "0.0 becomes larger"),
+            ("height_m: float = 0.0", "0.0 becomes larger"),
+        ),
+    ),
+    Accepted(
         _MEASURED,
         "supervision/wind_monitor.py",
         (
+            (
+                "has_returned = self._return_s <= 0.0 or square_m2 <= self._mean_square_m2",
+                "LtE becomes Lt",
+            ),
             ("is_rising = self._soon_m_s(own.wind_enu_m_s) > self._too_much_m_s", _LARGER),
             (
                 "is_scattered = gust_m_s2 > COVERED_M_S2 and scatter_m > self._margin_m(gust_m_s2)",
