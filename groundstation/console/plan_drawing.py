@@ -78,7 +78,7 @@ class Window:
     @property
     def step_m(self) -> float:
         """Distance between two lines of the grid."""
-        least_dots = max(12.0, 2 * self.width / 9)
+        least_dots = max(12.0, 2 * self.width / 9)  # room for numbers; nine columns at most
         for step_m in _STEPS_M:
             if step_m * self.scale >= least_dots:
                 return step_m
@@ -157,7 +157,8 @@ def draw_background(window: Window, fleet: FleetConfig) -> Canvas:
         if 0 < row < canvas.height - 1:
             canvas.text(max(0, min(column, canvas.width) - len(label)), row, label, FAINT)
 
-    if canvas.is_free(canvas.width - 2, 0, 2) and canvas.width > 30:
+    is_wide = canvas.width > 30  # in a narrower picture the compass would be in the way
+    if is_wide and canvas.is_free(canvas.width - 2, 0, 2):
         canvas.text(canvas.width - 2, 0, "↑N", FAINT)
     return canvas
 
@@ -192,7 +193,7 @@ def _draw_obstacle(canvas: Canvas, window: Window, obstacle: Obstacle) -> None:
 
     inside = []
     for y in range(top, bottom):
-        for x in range(left + (y + left) % 4, right, 4):
+        for x in range(left + (y + left) % 4, right, 4):  # diagonal strokes
             x_m = window.x_m + (x - window.width) / window.scale
             y_m = window.y_m - (y - 2 * window.height) / window.scale
             if obstacle.distance_m((x_m, y_m)) < 0.0:

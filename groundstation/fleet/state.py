@@ -45,7 +45,7 @@ from onboard.tuples import Xyz
 MAX_EVENTS = 500
 MAX_TOUCHDOWNS = 500
 GROUND_STALLED = "ground_stalled"  # code of the event that the ground itself has stood still
-# code of the event that PX4 itself reports, on the direct path, that it is disarmed
+# code of the event that PX4 itself reports, on the ground's own link to it, that it is disarmed
 DIRECT_DISARMED = "direct_disarmed"
 TELEMETRY_STALE_NS = int(TOPICS[Topic.TELEMETRY].stale_after_s * 1e9)
 PREFLIGHT_STALE_NS = int(TOPICS[Topic.PREFLIGHT].stale_after_s * 1e9)
@@ -108,7 +108,7 @@ class VehicleView(Struct, frozen=True):
     preflight: PreflightReport | None = None
     preflight_received_ns: int = _NEVER
     light: tuple[int, int, int] | None = None  # colour in a show: red, green, blue up to 255
-    # last time at which PX4 itself reported, on the direct path, that it is disarmed
+    # last time at which PX4 itself reported, on the ground's own link, that it is disarmed
     direct_disarmed_ns: int = _NEVER
     blind_ns: int = _NEVER  # last time at which it reported a flight without a position
 

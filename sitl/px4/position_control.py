@@ -23,7 +23,7 @@ _VELOCITY_GAIN_1_S = (1.8, 1.8, 4.0)
 _INTEGRAL_GAIN_1_S2 = (0.4, 0.4, 2.0)
 _INTEGRAL_LIMIT_M_S2 = (2.0, 2.0, 8.0)
 
-_THRUST_MIN = 0.12
+_THRUST_MIN = 0.12  # MPC_THR_MIN
 _LEAST_LIFT = 0.2  # least lift in units of the weight, since the tilt is not defined without lift
 _MOST_ACCELERATION_M_S2 = 20.0  # largest acceleration that a setpoint adds, per axis
 

@@ -394,6 +394,7 @@ def lies(lie: Callable[[StateMessage, int], dict[str, Any]]) -> Inject:
 
 
 def _beside(message: StateMessage, _tick: int) -> dict[str, Any]:
+    """Lie that the vehicle is a metre east of its true position."""
     return _moved(message, 1.0)
 
 
@@ -406,6 +407,7 @@ def _moved(message: StateMessage, east_m: float) -> dict[str, Any]:
 
 
 def _stands(message: StateMessage, _tick: int) -> dict[str, Any]:
+    """Lie that the vehicle stands at one place on the ground."""
     zero = (0.0, 0.0, 0.0)
     position_enu_m = (0.0, -1.6, 0.0)
     return {
@@ -421,6 +423,7 @@ def _stands(message: StateMessage, _tick: int) -> dict[str, Any]:
 
 
 def _teleports(message: StateMessage, tick: int) -> dict[str, Any]:
+    """Lie that the vehicle jumps to another position every 20 ticks."""
     jumps_east_m = (0.0, 1.5, -1.0)
     return _moved(message, jumps_east_m[tick // 20 % 3])
 
