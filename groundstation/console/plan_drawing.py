@@ -367,7 +367,8 @@ def _draw_avoidance(canvas: Canvas, scene: PlanScene) -> None:
         if last is None or position is None or not last.is_airborne or scene.is_stale(view):
             continue
 
-        other = scene.positions_enu_m.get(last.avoids or last.nearest_vehicle)
+        # an obstacle, the fence or the tilt limit can hold it back, too: then nobody is named
+        other = scene.positions_enu_m.get(last.avoids)
         is_held_back = last.law_status.lower() not in ("", "inactive")
         if other is not None and is_held_back:
             if scene.is_emphasised(view.name):

@@ -49,7 +49,7 @@ class LiveScene:
             now_ns: time on the ground's clock.
             stamp_ns: timestamp of the messages.
         """
-        known: dict[str, PointEnu] = {}
+        known: dict[str, PointEnu] = {}  # positions of the vehicles that have one now
         for name in self._fleet.enabled_names:
             view = state.vehicles.get(name)
             position = None if view is None else view.position_enu_m(now_ns)
@@ -121,7 +121,10 @@ def _goal(view: VehicleView) -> PointEnu | None:
 
 
 def _avoided(view: VehicleView) -> str:
-    """Return the name of the vehicle that the law avoids; empty if it does not intervene."""
+    """Return the name of the vehicle that the law avoids; empty if it avoids none.
+
+    An obstacle, the fence or the tilt limit can be the reason of an intervention, too.
+    """
     if view.telemetry is None or view.telemetry.law_status.lower() in _NO_INTERVENTION:
         return ""
-    return view.telemetry.avoids or view.telemetry.nearest_vehicle
+    return view.telemetry.avoids

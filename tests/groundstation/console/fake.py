@@ -182,6 +182,7 @@ class FakeClient:
                 order_kind="move",
                 order_phase="under way",
                 law_status="saturated" if gap_m < 1.3 else "inactive",
+                avoids=names[(index + 1) % len(names)] if gap_m < 1.3 else "",
                 state="flying",
                 intervention_m_s2=max(0.0, 1.6 - gap_m) * 3,
                 battery_frac=0.9 - 0.3 * index,

@@ -97,6 +97,7 @@ def fly(client: FakeClient, time_s: float) -> None:
             order_kind="move",
             order_phase="under way",
             law_status="saturated" if gap_m < 1.0 else "inactive",
+            avoids=names[(index + 1) % len(names)] if gap_m < 1.0 else "",
             state="flying",
             intervention_m_s2=max(0.0, 1.3 - gap_m) * 3,
             battery_frac=0.95 - 0.007 * index - 0.0006 * time_s,

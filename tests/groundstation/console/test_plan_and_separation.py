@@ -162,6 +162,18 @@ async def test_the_plan_shows_silence_nearness_and_avoidance_by_signs(fleet: Fle
         await see(app, pilot)
         assert "↖" in "\n".join(lines(app, PlanView))
 
+        # held back by an obstacle or the tilt limit: there is no vehicle to point to
+        client.hear(
+            "mav0",
+            position_enu_m=(0.0, 0.0, 1.0),
+            law_status="saturated",
+            avoids="",
+            nearest_vehicle="mav1",
+        )
+        client.clock_ns += 200_000_000
+        await see(app, pilot)
+        assert "→" not in "\n".join(lines(app, PlanView))
+
 
 async def test_an_obstacle_stands_in_the_plan_with_its_name() -> None:
     client = SteadyClient(crowd(4, side_m=8.0))

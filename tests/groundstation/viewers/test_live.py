@@ -68,6 +68,26 @@ def test_a_trail_follows_and_a_vehicle_that_is_not_known_is_left_out() -> None:
     assert trails
 
 
+@pytest.mark.parametrize(("avoids", "lines"), [("mav1", 1), ("", 0)])
+def test_a_line_goes_to_the_vehicle_that_the_law_avoids_and_to_no_other_one(
+    avoids: str, lines: int
+) -> None:
+    client = flying()
+    client.hear("mav0", law_status="saturated", avoids=avoids, nearest_vehicle="mav2")
+    found = scene_of(client, LiveScene(client.fleet))
+
+    mav0 = next(one for one in found["/scene"].entities if one.id == "mav0")
+    assert len(mav0.lines) == lines_without_avoidance() + lines
+
+
+def lines_without_avoidance() -> int:
+    """Number of lines of a vehicle whose law does nothing."""
+    client = flying()
+    client.hear("mav0", law_status="inactive")
+    found = scene_of(client, LiveScene(client.fleet))
+    return len(next(one for one in found["/scene"].entities if one.id == "mav0").lines)
+
+
 async def served(server: LiveServer, port: int, topic: str) -> tuple[dict[str, Any], bytes]:
     """What a viewer gets of a topic: the channel as it is advertised, and a message."""
     url = f"ws://127.0.0.1:{port}"
