@@ -169,9 +169,9 @@ def _changed_demands(fleet: FleetConfig, old: Version, new: Version) -> list[str
     def sentences(vehicle: Vehicle) -> Iterator[str]:
         before = _demanded(fleet, vehicle, old)
         after = _demanded(fleet, vehicle, new)
-        for name in before.keys() - after.keys():
+        for name in sorted(before.keys() - after.keys()):
             yield f"{name} = {before[name].value:g} is demanded no more."
-        for name in after.keys() - before.keys():
+        for name in sorted(after.keys() - before.keys()):
             yield f"{name} = {after[name].value:g} is demanded from now on: {after[name].reason}."
 
     return _by_vehicle(_enabled(fleet), sentences)

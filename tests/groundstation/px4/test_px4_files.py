@@ -110,6 +110,16 @@ def test_what_a_version_changes_is_said_for_this_fleet(capsys: pytest.CaptureFix
     assert "MC_ROLL_P comes as 4 instead of 6.5." in said["parameters"]
 
 
+def test_changed_demands_are_said_in_the_order_of_their_names() -> None:
+    said = compared(load_fleet("sih"), "1.17", "1.18").parameters
+    ended = [row.split()[0] for row in said if "is demanded no more" in row]
+    new = [row.split()[0] for row in said if "is demanded from now on" in row]
+    assert len(ended) > 2
+    assert len(new) > 3
+    assert ended == sorted(ended)
+    assert new == sorted(new)
+
+
 def test_a_demand_concerns_nobody_and_a_parameter_that_is_gone_is_named() -> None:
     fleet = load_fleet("sih")
     own = {"COM_OBL_RC_ACT": 0, "EKF2_GPS_DELAY": 120.0}
