@@ -135,7 +135,9 @@ async def test_an_order_that_is_begun_keeps_all_marked_for_five_seconds_more() -
     app = ConsoleApp(client.fleet, client)
     async with app.run_test(size=(120, 40)) as pilot:
         table = table_of(app)
+        await see(app, pilot)
         await pilot.press("asterisk")
+        assert len(table.marked) == 8
         client.clock_ns += 4_000_000_000
         await see(app, pilot)
         await pilot.press("f4")  # move
