@@ -138,7 +138,7 @@ class Observed:
 
 
 def test_a_vehicle_that_hovers_well_has_no_complaint() -> None:
-    facts = Observed().run(1.0)
+    facts = Observed().run(0.1)
     fine = TickFacts(now_ns=facts.now_ns, limits=FLEET.fleet)
     differing = {
         name for name in TickFacts.__struct_fields__ if getattr(facts, name) != getattr(fine, name)
@@ -149,6 +149,7 @@ def test_a_vehicle_that_hovers_well_has_no_complaint() -> None:
         *("height_enu_m", "height_m", "px4_mode", "has_ground"),
     }
     assert facts.slow == SlowFacts(battery_frac=0.9, wind=facts.slow.wind)
+    assert facts.slow.wind.scatter_m == 0.0
 
 
 def test_the_slow_facts_come_at_each_fifth_tick_and_stay_between() -> None:
