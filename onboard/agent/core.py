@@ -226,6 +226,7 @@ class AgentCore:
         view = self._look(now_ns, own)
 
         # Where are the others?
+        self.neighbours.forget_carried_away(self.flight.place, now_ns)
         self.neighbours.place_contradicted(view.position_enu_m, now_ns)
         self._ages_s = self.neighbours.followed_ages_s(now_ns)
         self._distances_m = self.neighbours.distances_m(view.position_enu_m, now_ns)

@@ -104,6 +104,7 @@ class NeighbourTable:
                 self._bodies[body] = index
         self._trackers: dict[int, BodyTracker] = {}  # index -> tracker of a watched body
         self._telemetry: dict[str, Telemetry] = {}
+        self._replaced: frozenset[str] = frozenset()  # vehicles whose place another one has
         self._started_ns = 0  # time of the first tick; 0 before it
 
         self._reach_m = subscription.reach_m(fleet, own_name)
@@ -203,7 +204,11 @@ class NeighbourTable:
         if not is_plausible(message.position_enu_m, message.goal_position_enu_m):
             self.counts.malformed += 1
             return False
+        before = self._telemetry.get(message.vehicle)
         self._telemetry[message.vehicle] = message
+        if before is None or before.stands_in_for != message.stands_in_for:
+            heard = self._telemetry.values()
+            self._replaced = frozenset(one.stands_in_for for one in heard if one.stands_in_for)
         return True
 
     def _hear_state(self, index: int, message: StateMessage, received_ns: int) -> bool:
@@ -278,6 +283,29 @@ class NeighbourTable:
         is_frozen = before is not None and pose.position_enu_m == before.position_enu_m
         if pose.stamp_ns <= received_ns and not is_frozen:
             self.judged.seen[index] = Seen(pose.stamp_ns, pose.position_enu_m)
+
+    def forget_carried_away(self, own_place: str, now_ns: int) -> None:
+        """Forget where vehicles stood that another one has replaced, unless they still say it.
+
+        Who orders a swap has carried the replaced vehicle away, and the other one stands on its
+        spot. A vehicle that is silent, or does not know its position, would be avoided at the
+        place where it was last.
+
+        Args:
+            own_place: place of the own vehicle in the fleet; mostly its own name.
+            now_ns: present time.
+        """
+        if not self._replaced and own_place == self.own_name:
+            return
+
+        arrays = self.arrays
+        for name in (*self._replaced, own_place):
+            index = self.indices.get(name)
+            if index is None or arrays.flags[AIRBORNE, index]:
+                continue
+            if arrays.is_lost[index] or self.age_s(name, now_ns) > arrays.silent_after_s[index]:
+                arrays.flags[KNOWN, index] = False
+                self._forget_ages()
 
     # -- silent and contradicted neighbours --------------------------------------------------------
 

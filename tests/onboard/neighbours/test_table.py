@@ -10,6 +10,7 @@ import pytest
 from onboard.bus.schema import MocapPose, StateMessage
 from onboard.neighbours.table import SILENT_S, NeighbourTable
 from onboard.safety.limits import LARGEST_POSITION_STD_M, LARGEST_VELOCITY_STD_M_S
+from tests.groundstation.console.fake import telemetry
 from tests.onboard.agent.rig import fleet
 from tests.onboard.state_messages import state_message
 
@@ -45,6 +46,37 @@ def test_a_state_ages_until_the_next_one_comes() -> None:
     (newer,) = table.snapshot(6 * S)
     assert newer.position_enu_m == (3.0, 0.5, 1.2)
     assert newer.velocity_enu_m_s == moved.velocity_enu_m_s
+
+
+def _replaced_at(table: NeighbourTable, own_place: str, now_s: int) -> list[str]:
+    table.forget_carried_away(own_place, now_s * S)
+    return [table.names[one.table_index] for one in table.snapshot(now_s * S)]
+
+
+@pytest.mark.parametrize("by", ["mav0", "mav2"])
+def test_a_vehicle_that_another_one_replaces_is_avoided_only_where_it_says_it_is(by: str) -> None:
+    table = _table()
+    standing = {"is_airborne": False, "position_enu_m": (2.0, 0.0, 0.0)}
+    table.hear(_state(**standing), 5 * S)
+    assert _replaced_at(table, "mav0", 5) == ["mav1"]
+
+    own_place = "mav1" if by == "mav0" else "mav0"
+    if by == "mav2":
+        table.hear(telemetry("mav2", stands_in_for="mav1"), 5 * S)
+    assert _replaced_at(table, own_place, 5) == ["mav1"], "it says where it stands"
+
+    table.hear(_state(**standing, is_valid=False, stamp_ns=6 * S, sequence=11), 6 * S)
+    assert _replaced_at(table, own_place, 6) == []
+
+    table.hear(_state(**standing, stamp_ns=7 * S, sequence=12), 7 * S)
+    assert _replaced_at(table, own_place, 7) == ["mav1"]
+    assert _replaced_at(table, own_place, 7 + 60) == [], "it is silent"
+
+
+def test_a_vehicle_that_fell_silent_in_the_air_stays_known_although_it_is_replaced() -> None:
+    table = _table()
+    table.hear(_state(is_airborne=True), 5 * S)
+    assert _replaced_at(table, "mav1", 60) == ["mav1"]
 
 
 def test_no_accuracy_is_believed_that_no_vehicle_would_publish() -> None:
