@@ -52,7 +52,7 @@ def check(
         fleet: the fleet file.
         closest: smallest separation; None if none was measured.
         arrivals: distances from goals at the end of orders.
-        landed: whether each vehicle is landed and disarmed.
+        landed: whether each vehicle that takes part is landed and disarmed.
         collided: vehicles that touched another one.
 
     Returns:
@@ -64,7 +64,7 @@ def check(
     if expect.arrived_within_m is not None:
         results.append(_check_arrivals(expect.arrived_within_m, arrivals))
     if expect.all_landed is not None:
-        results.append(_check_landed(expect.all_landed, fleet, landed))
+        results.append(_check_landed(expect.all_landed, landed))
     return results
 
 
@@ -104,10 +104,8 @@ def _check_arrivals(limit_m: float, arrivals: Sequence[Arrival]) -> ExpectationR
     return ExpectationResult("arrived_within_m", is_met, sentence)
 
 
-def _check_landed(
-    is_expected: bool, fleet: FleetConfig, landed: Mapping[str, bool]
-) -> ExpectationResult:
-    flying = [name for name in fleet.enabled_names if not landed.get(name, False)]
+def _check_landed(is_expected: bool, landed: Mapping[str, bool]) -> ExpectationResult:
+    flying = [name for name, has_landed in landed.items() if not has_landed]
     are_landed = not flying
 
     outcome = "all"

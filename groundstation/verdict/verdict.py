@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
+from groundstation.fleet.places import out_of_service
 from groundstation.fleet.state import FleetState, Separation, unknown_until
 from groundstation.fleet.unknown_time import UnknownTime
 from groundstation.recording.flight_report import PERIOD_NOMINAL_MS, FlightReport, LoopTiming
@@ -118,7 +119,7 @@ def judge(
 
     closest = _smallest_of_all(state, report)
     collided = _collided(state, report)
-    landed = {name: state.is_landed(name) for name in fleet.enabled_names}
+    landed = _landed(fleet, state)
     checks = check(expect, fleet, closest, flown.arrivals, landed, collided)
 
     is_collision = bool(collided)
@@ -162,6 +163,18 @@ def judge(
         touchdowns=_landing_speeds(state, fleet, begin_ns),
         collided=collided,
     )
+
+
+def _landed(fleet: FleetConfig, state: FleetState) -> dict[str, bool]:
+    """Return whether each vehicle is landed and disarmed; a disabled one that rests is left out."""
+    out = out_of_service(state)
+
+    landed = {}
+    for name in fleet.enabled_names:
+        is_landed = state.is_landed(name)
+        if not (is_landed and name in out):
+            landed[name] = is_landed
+    return landed
 
 
 def describe(verdict: Verdict) -> list[str]:
