@@ -93,7 +93,6 @@ class LinkUpkeep:
         while True:
             await self._prepare()
             await self._watch_until_restart()
-            self._link.forget_global_origin()
             self._absent.clear()
             log.warning("PX4 has restarted")
 

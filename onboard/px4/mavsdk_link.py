@@ -51,6 +51,9 @@ _COMPONENT_ID = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 # two links that start at the same time in one process sometimes crash MAVSDK 4.1
 _ONE_AT_A_TIME = threading.Lock()
 
+# PX4 has restarted if its clock went back by more than this; it tells no origin in its first second
+_RESTARTED_MS = 500
+
 # Numbers of messages.
 _HEARTBEAT = 0
 _GPS_RAW_INT = 24
@@ -172,6 +175,7 @@ class Px4Link:
         self._sticks_before_ns = 0
         self._lock = threading.Lock()  # protects the newest snapshot
         self._newest = Snapshot()
+        self._clock_ms = 0  # PX4's clock in its newest messages; 0 before the first
 
         # last standard deviation of a pose, and the covariance that follows from it
         self._covariance: tuple[float, list[float]] = (math.nan, [])
@@ -302,19 +306,35 @@ class Px4Link:
         """Return the snapshot with all messages that have come since the known one."""
         changes: dict[str, Any] = {}
         newest_ns = 0
+        clocks_ms = []  # PX4's clock in the messages that carry it
         while self._unread:  # the relay's thread may add messages meanwhile
             name, (payload, arrived_ns) = self._unread.popitem()
             try:
-                changes |= PARSERS[name](fields_of(name, payload), arrived_ns)
+                fields = fields_of(name, payload)
+                changes |= PARSERS[name](fields, arrived_ns)
             except ValueError:
                 continue
             newest_ns = max(newest_ns, arrived_ns)
+            if "time_boot_ms" in fields:
+                clocks_ms.append(int(fields["time_boot_ms"]))
 
         if newest_ns == 0:
             return known
+        if clocks_ms and self._has_restarted(min(clocks_ms)):
+            changes.setdefault("global_origin", None)
         if "sticks_ns" in changes:
             changes["sticks_before_ns"] = self._sticks_before_ns
         return replace(known, last_packet_ns=newest_ns, system_id=self.system_id, **changes)
+
+    def _has_restarted(self, clock_ms: int) -> bool:
+        """Return whether PX4's clock has begun anew; then its origin is another one.
+
+        The first local positions come before the first attitude, and would be counted from the
+        origin of before: a vehicle that was carried meanwhile would report its old place.
+        """
+        before_ms = self._clock_ms
+        self._clock_ms = clock_ms
+        return clock_ms + _RESTARTED_MS < before_ms
 
     # -- out ---------------------------------------------------------------------------------------
 
@@ -462,11 +482,6 @@ class Px4Link:
         if self.withholds_poses and time.monotonic_ns() - self._poses_ns > _PAUSE_NS:
             self.set_global_origin()
         return is_settled
-
-    def forget_global_origin(self) -> None:
-        """Forget PX4's origin: after a restart PX4 has none."""
-        with self._lock:
-            self._newest = replace(self._newest, global_origin=None)
 
     def request_rates(self) -> None:
         """Request the rates of all messages that the agent reads, and PX4's version.
