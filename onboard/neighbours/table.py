@@ -305,6 +305,7 @@ class NeighbourTable:
                 continue
             if arrays.is_lost[index] or self.age_s(name, now_ns) > arrays.silent_after_s[index]:
                 arrays.flags[KNOWN, index] = False
+                self._telemetry.pop(name, None)
                 self._forget_ages()
 
     # -- silent and contradicted neighbours --------------------------------------------------------

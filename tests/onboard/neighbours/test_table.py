@@ -58,6 +58,7 @@ def test_a_vehicle_that_another_one_replaces_is_avoided_only_where_it_says_it_is
     table = _table()
     standing = {"is_airborne": False, "position_enu_m": (2.0, 0.0, 0.0)}
     table.hear(_state(**standing), 5 * S)
+    table.hear(telemetry("mav1"), 5 * S)
     assert _replaced_at(table, "mav0", 5) == ["mav1"]
 
     own_place = "mav1" if by == "mav0" else "mav0"
@@ -67,6 +68,7 @@ def test_a_vehicle_that_another_one_replaces_is_avoided_only_where_it_says_it_is
 
     table.hear(_state(**standing, is_valid=False, stamp_ns=6 * S, sequence=11), 6 * S)
     assert _replaced_at(table, own_place, 6) == []
+    assert "mav1" not in table.telemetries(), "it does not stand in the way of a take-off either"
 
     table.hear(_state(**standing, stamp_ns=7 * S, sequence=12), 7 * S)
     assert _replaced_at(table, own_place, 7) == ["mav1"]

@@ -14,6 +14,7 @@ import pytest
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.verdict.verdict import Verdict
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
+from sitl.faults.catalogue import Fault
 from sitl.lockstep.flight import Lockstep
 
 SPOTS = {"mav0": (-1.5, 0.0), "mav1": (0.0, 0.0), "mav2": (1.5, 0.0), "mav7": (1.5, -3.0)}
@@ -102,3 +103,26 @@ def test_a_spare_flies_the_part_of_the_vehicle_whose_place_it_has(
     assert verdict.passed, verdict.summary
     assert math.dist(spot_m(flight, "mav7"), SPOTS["mav2"]) < 0.3
     assert math.dist(spot_m(flight, "mav2"), left_at_m) < 0.05
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("dead", [("agent_dead", "mocap_lost"), ("autopilot_hang", "mocap_lost")])
+def test_a_spare_takes_off_where_a_vehicle_was_last_seen_that_nobody_sees_any_more(
+    lockstep: Callable[..., Lockstep], dead: tuple[str, ...]
+) -> None:
+    """The battery of mav2 was taken out on its spot, and then mav2 was carried away."""
+    flight = lockstep(fleet())
+    flight.order("disable mav7")
+    assert flown(flight, {"do": "home", "vehicles": "mav0,mav1,mav2"}).passed
+
+    for fault in dead:
+        flight.inject(Fault(fault, "mav2", at_s=flight.time_s))
+    flight.run(3.0)
+    carry(flight, "mav2", 4.0, -4.0)
+    carry(flight, "mav7", *SPOTS["mav2"])
+    assert flight.order("swap mav2 mav7")["mav7"].phase == "done"
+    flight.run(0.5)
+
+    verdict = flown(flight, {"do": "home", "vehicles": "mav0,mav1,mav2"})
+    assert verdict.passed, verdict.summary
+    assert math.dist(spot_m(flight, "mav7"), SPOTS["mav2"]) < 0.3
