@@ -56,7 +56,7 @@ from sitl.px4.versions import VERSIONS
 # of steps, and reads its sockets between them. The number is below PX4's shortest COM_OF_LOSS_T in
 # use. A longer delay is a pause of simulated time.
 _LARGEST_BACKLOG_STEPS = 70
-TRUTH_EVERY_STEPS = 5
+TRUTH_EVERY_STEPS = 5  # every tick of the agents, 20 ms
 _REALTIME_PRIORITY = 5  # below the priority that the loops of agents may request
 _HOVER_S = 300.0  # hover time of a battery without a value in the fleet file
 _LONGEST_WAIT_S = 1e6  # longest time until an ordered fault begins
@@ -308,7 +308,7 @@ class Server:
             self._vehicles,
             mocap,
             seed=seed,
-            boot_id=time.time_ns() & 0x7FFFFFFF,
+            boot_id=time.time_ns() & 0x7FFFFFFF,  # another one at each start
             # The clock of the event loop is the monotonic one, from which all nodes take stamps.
             stamp_ns=lambda time_s: round((self._epoch_s + time_s) * 1e9),
             source="" if bus is None else bus.node,
@@ -461,10 +461,11 @@ def simulator_bus(
             of the other part.
     """
     agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
+    relay_or_whole_fleet, part_of_fleet = fleet.pose_endpoints
     return BusSession(
         namespace=fleet.namespace,
         node=node,
-        listen=[fleet.pose_endpoints[is_partial]],
+        listen=[part_of_fleet if is_partial else relay_or_whole_fleet],
         connect=agents,
         credentials=credentials_of(fleet, NodeRole.EMULATOR),
         routers=fleet.fleet.routers,

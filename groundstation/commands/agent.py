@@ -82,6 +82,7 @@ def _parameters(parser: argparse.ArgumentParser) -> Iterator[inspect.Parameter]:
 
         shown = Parameter(help=action.help)
         if action.metavar:
+            # --law takes a user's own law as well as the names of its choices
             has_open_choices = action.dest == "law"
             shown = Parameter(
                 help=action.help,

@@ -72,7 +72,7 @@ def check(
 
     status = EXIT_OK
     rows: list[dict[str, Any]] = []
-    shown: list[Finding] = []
+    shown: list[Finding] = []  # already printed: a later page only counts those that it shares
     for path in files:
         try:
             examined = examine(path, fleet, errors, runs_law=run_law)

@@ -99,11 +99,11 @@ def nearest_m(slots: Array) -> float:
     return float(gaps[~np.eye(len(slots), dtype=bool)].min())
 
 
-def layered(make: Array, layers: int, height_m: float, *, is_stacked: bool, count: int) -> Array:
+def layered(shape: Array, layers: int, height_m: float, *, is_stacked: bool, count: int) -> Array:
     """Return slots in several layers.
 
     Args:
-        make: slots (N, 3) of the whole shape [m], or of one layer if it is stacked.
+        shape: slots (N, 3) of the whole shape [m], or of one layer if it is stacked.
         layers: number of layers.
         height_m: difference of height from one layer to the next [m].
         is_stacked: whether every layer is the whole shape; otherwise the slots of one shape are on
@@ -112,10 +112,10 @@ def layered(make: Array, layers: int, height_m: float, *, is_stacked: bool, coun
     """
     numbers = np.arange(count)
     if is_stacked:
-        slots = make[numbers % len(make)]
-        layer = numbers // len(make)
+        slots = shape[numbers % len(shape)]
+        layer = numbers // len(shape)
     else:
-        slots = make.copy()
+        slots = shape.copy()
         layer = numbers % layers
     slots[:, 2] += height_m * layer
     return slots

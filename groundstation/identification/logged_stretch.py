@@ -85,7 +85,9 @@ def jackknife(jacobian: Array, residual: Array, cluster: IntArray) -> tuple[Arra
     # change (clusters, p) of the result when a cluster is left out
     changes = (np.linalg.pinv(weights.sum(0) - weights) @ scores[..., None])[..., 0]
 
-    # sums (p,) of the squares, and of the products of neighbouring clusters
+    # Sums (p,) of the squares, and of the products of neighbouring clusters. Each product occurs
+    # twice in the square of a sum, and counts by half (Bartlett's weight). Together they may lower
+    # the variance only by chance, so that they never do.
     squares = np.einsum("ci,ci->i", changes, changes)
     is_next = np.diff(names) == 1
     products = np.einsum("ci,ci->i", changes[:-1][is_next], changes[1:][is_next])

@@ -132,7 +132,7 @@ class MissionGround:
         results = explained(ended, order.planned, client.fleet, client.state, client.now_ns())
 
         for name, message in order.planned.orders.items():
-            if not results[name].is_done:
+            if not results[name].is_done:  # of the others it was noted when they were done
                 self._add_arrival_at_goal(intent.verb, name, message)
             self.note_done(str(intent), name, message, results)
 
@@ -295,7 +295,10 @@ class MissionGround:
             self._waiting = None
 
     async def _wait_for_resume(self) -> None:
-        """Wait while followers are paused, so that their leader does not fly away from them."""
+        """Wait while followers are paused, so that their leader does not fly away from them.
+
+        Not called for orders that stop vehicles or bring them down: these never wait.
+        """
         while any(pause.is_paused for pause in self.follow_pauses):
             if self.watch.look() is not None:
                 return

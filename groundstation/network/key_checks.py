@@ -55,7 +55,7 @@ def key_checks(fleet: FleetConfig) -> list[Diagnosis]:
         graded(
             "keys",
             (expiry[first] - now).total_seconds() > SOON_S,
-            f"Of {', '.join(expiry)}; the first to expire is {first}'s, {words}.",
+            f"Here are those of {', '.join(expiry)}; the first to expire is {first}'s, {words}.",
             "covey keys renew FLEET, and copy them",
         )
     )

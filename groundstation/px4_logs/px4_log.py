@@ -131,7 +131,7 @@ def read_log(path: Path) -> Px4Log:
 
     topics: dict[str, Mapping[str, Any]] = {}
     for data in log.data_list:
-        if data.multi_id == 0:
+        if data.multi_id == 0:  # further instances are of second sensors and batteries
             topics.setdefault(data.name, data.data)
 
     quaternion = [f"q[{part}]" for part in range(4)]
@@ -173,7 +173,7 @@ def _parsed(path: Path) -> tuple[ULog, str]:
                 _check_formats(ULog(file, parse_header_only=True), path)
             with opened(path, ULOG) as file:
                 log = ULog(file, message_name_filter_list=_TOPICS)
-    except ConfigError:
+    except ConfigError:  # a refusal of our own, which is a ValueError, too
         raise
     except _BROKEN as error:
         raise ConfigError(

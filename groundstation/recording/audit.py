@@ -59,6 +59,7 @@ class _Trail:
         elif event.code == _NOT_BELIEVED:
             self.traces.append(OrderTrace(at_s, vehicle, event.sentence, "not believed"))
         elif event.code == _ANSWERED:
+            # the sentence begins with the order's id (order_intake.py)
             order_id, _, sentence = event.sentence.partition(" ")
             if (vehicle, order_id) not in self._own:
                 answer = f"as {vehicle} tells; id {order_id}"

@@ -79,6 +79,7 @@ class CommandExecutor:
 
     def start_threads(self) -> None:
         """Start the threads now, before the process takes its realtime priority for all threads."""
+        # int: any call that returns at once
         self.reliable.submit(int)
         self._subscriptions.submit(int)
 

@@ -62,7 +62,8 @@ class NeighbourPair(NamedTuple):
     d_m: float  # distance to keep
     distance_2_m2: float  # square of the distance
     crowd_count: float  # as the neighbour publishes it; 0 if unknown
-    is_near: bool  # whether it counts for this vehicle's crowd
+    # whether it counts for this vehicle's crowd: nearer than 2 d, and it intends to move
+    is_near: bool
     is_cooperative: bool
     table_index: int  # of the neighbour, for the record
 

@@ -185,6 +185,7 @@ class VehicleLimits(NamedTuple):
     fence_enu_m: tuple[float, float, float, float] = OPEN_FENCE  # x low, x high, y low, y high
 
 
+# stands for any vehicle where only the values of ``[law]`` matter
 QUICK_VEHICLE = VehicleLimits()
 
 
@@ -324,6 +325,7 @@ def params_of(config: LawConfig, limits: VehicleLimits = QUICK_VEHICLE) -> LawPa
         config: values and policies of ``[law]``.
         limits: properties of the vehicle and its room.
     """
+    # the paper's own law has no prediction
     lead_time_s = 0.0
     if config.prediction == "lag" and config.built_in != "paper":
         lead_time_s = float(limits.lag_s)

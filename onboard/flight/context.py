@@ -72,7 +72,8 @@ class FlightContext:
     has_fallen: bool = False  # whether PX4 disarmed or restarted in this flight
     was_killed: bool = False  # whether an order to kill stops, or has stopped, the motors
     contact: ContactSigns = field(default_factory=ContactSigns)
-    seen_height_m: float = 0.0  # height of the goal before the poses stopped
+    # height of the goal when the poses stopped, to which the vehicle goes once they come again
+    seen_height_m: float = 0.0
 
     commands: list[Command] = field(default_factory=list)  # commands that the core has to take
 
@@ -100,7 +101,10 @@ class FlightContext:
 
     @property
     def lands_for_a_person(self) -> bool:
-        """Whether a person has ordered this vehicle to land, without another vehicle's reason."""
+        """Whether a person has ordered this vehicle by name to land.
+
+        An order with a ``reason`` comes from a mission, or from a person to all vehicles.
+        """
         order = self.order
         return order is not None and order.kind == "land" and not order.reason
 

@@ -177,7 +177,7 @@ def _health(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judg
 def _disarmed(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if not facts.has_autopilot:
         return NO_PX4
-    if not facts.is_landed_told:
+    if not facts.has_landed_report:
         return "not known", {}
     if facts.is_airborne:
         return "airborne", {}

@@ -63,7 +63,7 @@ class PreflightFacts:
     # whether this computer's clock is behind that of another sender of signed packets
     has_signing_clock_behind: bool = False
     is_armed: bool = False
-    is_landed_told: bool = True  # whether PX4's last report of its landed state is recent
+    has_landed_report: bool = True  # whether PX4's last report of its landed state is recent
     is_failsafe: bool = False
     # sensors that PX4 reports as unhealthy, and whether this flight requires them
     unhealthy: tuple[tuple[str, bool], ...] = ()

@@ -110,6 +110,7 @@ class PreflightReporter:
         """
         self._observe(view, dt_s)
         now_ns = view.now_ns
+        # a negative time since the last check comes from a clock that was set back
         if 0 <= now_ns - self._judged_ns < _JUDGE_EVERY_NS:
             return self.not_ready
 
@@ -199,7 +200,7 @@ class PreflightReporter:
             is_signed=snapshot.is_signed,
             has_signing_clock_behind=snapshot.has_wrong_clock,
             attitude_hz=self._attitude.rate_hz,
-            is_landed_told=view.has_landed_report,
+            has_landed_report=view.has_landed_report,
             is_armed=snapshot.is_armed,
             is_failsafe=snapshot.is_failsafe,
             unhealthy=unhealthy(snapshot, self._vehicle.mocap_required),
@@ -228,7 +229,7 @@ class PreflightReporter:
             # the flight
             is_airborne=is_airborne,
             has_flown=self._has_flown,
-            hover_frac=hover_frac if self._has_flown else math.nan,
+            hover_frac=hover_frac if self._has_flown else math.nan,  # it is learned in flight
             # bus and other vehicles
             has_duplicate=inputs.has_duplicate(now_ns),
             missing_neighbours=self._missing(now_ns),
@@ -266,11 +267,12 @@ class PreflightReporter:
 
     def _missing(self, now_ns: int) -> tuple[str, ...]:
         """Return required vehicles that are not heard, except those that others stand in for."""
-        swapped = {self._place}
+        stood_in_for = {self._place}
         for telemetry in self._neighbours.telemetries().values():
             if not telemetry.disabled_by:
-                swapped.add(telemetry.stands_in_for)
-        return tuple(name for name in self._neighbours.missing(now_ns) if name not in swapped)
+                stood_in_for.add(telemetry.stands_in_for)
+        missing = self._neighbours.missing(now_ns)
+        return tuple(name for name in missing if name not in stood_in_for)
 
 
 def _fix_type(snapshot: Snapshot, now_ns: int) -> int | None:

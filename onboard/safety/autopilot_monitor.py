@@ -85,7 +85,7 @@ class AutopilotMonitor:
         """Compare both clocks, to detect a PX4 that has lost time.
 
         A delay of the link shifts the offset for a moment; time that PX4 has lost shifts it for
-        good.
+        good. Delays only ever add to an offset, so the smallest one is nearest to the truth.
         """
         if not self._offset_ns:
             self._offset_ns = offset_ns

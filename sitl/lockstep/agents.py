@@ -261,6 +261,7 @@ class AgentShell:
             message = self._with_path_fault(message)
             self._replies[message.order_id] = reply
             now_ns = self._bus.now_ns()
+            # the order is judged by what PX4 reports now, not by the snapshot of the last tick
             self.core.handle(agent_inputs.SnapshotReceived(self.link.snapshot()), now_ns)
             self._execute(self.core.handle(agent_inputs.OrderReceived(message), now_ns))
 

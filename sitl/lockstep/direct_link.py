@@ -1,9 +1,10 @@
 """The agents' links to the emulated PX4s: the values of MAVLink messages, without their bytes.
 
 Telemetry comes at the rates that the agent asks for: attitude at 50 Hz; local position at 50 Hz, or
-at 10 Hz for a vehicle with motion capture; landed state at 10 Hz; accuracy and satellites at 5 Hz;
-battery at 2 Hz; armed and mode once a second, with the heartbeat. Every message takes ``delay_s``,
-in both directions. Commands return nothing: only later reports of PX4 show their effect.
+at 10 Hz for a vehicle with motion capture; landed state at 10 Hz; accuracy, satellites and sticks
+at 5 Hz; battery at 2 Hz; armed and mode once a second, with the heartbeat. Every message takes
+``delay_s``, in both directions. Commands return nothing: only later reports of PX4 show their
+effect.
 
 To pack and unpack bytes would take longer than all the rest of the flight. The tests of the
 emulator and of the real link cover that.
@@ -48,7 +49,7 @@ _BATTERY_EVERY_STEPS = 125
 _ACCURACY_EVERY_STEPS = 50
 _HEARTBEAT_EVERY_STEPS = 250
 _STICKS_EVERY_STEPS = 50
-_HEARTBEAT_EVERY_FRAMES = _HEARTBEAT_EVERY_STEPS // _ATTITUDE_EVERY_STEPS
+_ATTITUDES_PER_HEARTBEAT = _HEARTBEAT_EVERY_STEPS // _ATTITUDE_EVERY_STEPS
 
 _TYPE_MASK_ATTITUDE_AND_THRUST = 7
 _NO_RATES = [0.0, 0.0, 0.0]
@@ -74,7 +75,11 @@ _TIMES = {
 
 
 class _Ends(NamedTuple):
-    """A link and its two channels, which the emulator's faults can disturb."""
+    """A link and its two channels, which the emulator's faults can disturb.
+
+    The channels are made for bytes. Here they carry calls and fields instead, into which they do
+    not look.
+    """
 
     link: EmulatedLink
     up: LossyChannel[bytes]  # to PX4
@@ -113,7 +118,7 @@ class LinkBank:
 
         # PX4s are not switched on at the same moment: each sends at moments of its own
         phase_rng = np.random.default_rng([seed, 13])
-        phases = phase_rng.integers(_HEARTBEAT_EVERY_FRAMES, size=len(vehicles))
+        phases = phase_rng.integers(_ATTITUDES_PER_HEARTBEAT, size=len(vehicles))
         self._phase_steps: list[int] = (_ATTITUDE_EVERY_STEPS * phases).tolist()
 
         # the emulator's faults make these channels delay or lose messages
@@ -183,7 +188,7 @@ class LinkBank:
 
     def _sample(self, steps: int) -> None:
         """Send the reports of all PX4s that are due; a PX4 that hangs sends nothing."""
-        frame = steps - _ATTITUDE_PHASE_STEPS
+        since_first_steps = steps - _ATTITUDE_PHASE_STEPS  # since the first attitudes
 
         rows: list[Fields | None] = []
         for index, quaternion in enumerate(self._measured_attitudes()):
@@ -197,7 +202,7 @@ class LinkBank:
                     }
                 )
 
-        self._add_positions(rows, of_all=frame % _MOCAP_POSITION_EVERY_STEPS == 0)
+        self._add_positions(rows, of_all=since_first_steps % _MOCAP_POSITION_EVERY_STEPS == 0)
         for every_steps, sample in (
             (_LANDED_EVERY_STEPS, self._landed),
             (_ACCURACY_EVERY_STEPS, self._accuracy),
@@ -206,9 +211,9 @@ class LinkBank:
             (_HEARTBEAT_EVERY_STEPS, self.heartbeat),
         ):
             for index, row in enumerate(rows):
-                is_first_frame = frame == 0  # in which every PX4 sends everything
-                is_due = (frame + self._phase_steps[index]) % every_steps == 0
-                if row is not None and (is_first_frame or is_due):
+                is_first = since_first_steps == 0  # then every PX4 sends everything
+                is_due = (since_first_steps + self._phase_steps[index]) % every_steps == 0
+                if row is not None and (is_first or is_due):
                     row.update(sample(index))
 
         self._rows.append((steps + self._delay_steps, rows))

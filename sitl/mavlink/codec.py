@@ -76,12 +76,13 @@ _ZEROS: dict[str, tuple[tuple[str, int, Any], ...]] = {
     layout.name: tuple((name, count, _zero(layout, name, count)) for name, count in layout.fields)
     for layout in LAYOUTS.values()
 }
-# Data of each message for the encoder: struct, id as two numbers, checksum seed.
+# Data of each message for the encoder: struct, lower 16 and upper 8 bits of the id, checksum seed.
 _ENCODER_DATA: dict[int, tuple[struct.Struct, int, int, bytes]] = {
     number: (layout.packer, number & 0xFFFF, number >> 16, bytes((layout.crc_extra,)))
     for number, layout in LAYOUTS.items()
 }
-_HEAD = struct.Struct("<BHBBBHB")  # length, both flag bytes, sequence, system, component, id
+# length, both flag bytes, sequence, system, component, lower and upper bits of the id
+_HEAD = struct.Struct("<BHBBBHB")
 _CHECKSUM = struct.Struct("<H")
 ID_BY_NAME: dict[str, int] = {layout.name: number for number, layout in LAYOUTS.items()}
 

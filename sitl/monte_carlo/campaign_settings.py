@@ -200,6 +200,7 @@ class Setup:
 
         radio = {
             "expected_delay_s": self.perturbation.delay_s,
+            # 0.9 is the most that a fleet file may expect
             "expected_loss_frac": min(self.perturbation.loss_share, 0.9),
         }
         types = {name: dict(table) for name, table in self.type_tables.items()}

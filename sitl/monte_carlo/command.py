@@ -180,7 +180,7 @@ def _print_table(
     for row in results.summary(records):
         table.add_row(*row)
 
-    width = None if sys.stdout.isatty() else 140
+    width = None if sys.stdout.isatty() else 140  # a file or a pipe has no width of its own
     console = Console(file=drawing(sys.stdout), width=width)
     console.print(table)
 

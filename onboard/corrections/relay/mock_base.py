@@ -70,7 +70,9 @@ class MockBase:
 
     def _position(self) -> bytes:
         """Return a frame with message 1005, the base's position."""
-        x, y, z = (round(value * 1e4) for value in self.ecef_m)
+        x, y, z = (round(value * 1e4) for value in self.ecef_m)  # in units of 0.1 mm
+        # (0, 6): realisation of the Earth's frame not given. Then: it has GPS and GLONASS, no
+        # Galileo, and is a real station. The two bits before y and z tell of receiver and phases.
         head: list[_Field] = [(1005, 12), (STATION, 12), (0, 6), (1, 1), (1, 1), (0, 1), (0, 1)]
         return _frame([*head, (x, 38), (0, 2), (y, 38), (0, 2), (z, 38)])
 
@@ -101,6 +103,7 @@ def _observations(number: int, satellites: int, second: int, *, has_more: bool) 
     cells = satellites * _SIGNALS
     time_ms = 1000 * second % _DAY_MS
 
+    # (0, 18): issue of the data, state of the receiver's clock, and smoothing, all not given
     head: list[_Field] = [(number, 12), (STATION, 12), (time_ms, 30), (has_more, 1), (0, 18)]
     masks: list[_Field] = [(satellite_mask, 64), (signal_mask, 32), ((1 << cells) - 1, cells)]
     zeros = satellites * _SATELLITE_BITS + cells * _CELL_BITS

@@ -215,6 +215,7 @@ def setup(cell: Cell, scenario: str) -> campaign_settings.Setup:
     fleet = unscaled.fleet(cell.vehicles)
 
     if scenario.startswith("swap"):
+        # the circle of "swap", whose vehicles fly across it (scenarios.py)
         circumference_m = max(5.0 * math.pi, _CIRCLE_SPACING_M * cell.vehicles)
         longest_m = circumference_m / math.pi
         spacing_m = circumference_m / cell.vehicles

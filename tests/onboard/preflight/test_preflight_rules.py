@@ -147,7 +147,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         "sensors: gyroscope.",
     ),
     ("health", "not required"): ({"unhealthy": (("satellites", False),)}, "satellites"),
-    ("disarmed", "not known"): ({"is_landed_told": False}, "does not tell"),
+    ("disarmed", "not known"): ({"has_landed_report": False}, "does not tell"),
     ("disarmed", "airborne"): ({"is_airborne": True, "is_armed": True}, "in the air"),
     ("disarmed", "armed"): ({"is_armed": True}, "armed already"),
     ("failsafe", "condition holds"): (
