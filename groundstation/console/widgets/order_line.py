@@ -5,6 +5,7 @@ A pasted text becomes one line and is not sent before Enter.
 
 from __future__ import annotations
 
+import contextlib
 import os
 from pathlib import Path
 from typing import ClassVar
@@ -92,24 +93,32 @@ def _vehicles(text: str, fleet: FleetConfig) -> list[str]:
     ]
 
 
-def history_file() -> Path:
-    """Return the file that keeps orders between runs: ``$XDG_STATE_HOME/covey/orders``."""
-    state_home = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
-    return Path(state_home) / "covey" / "orders"
+def history_file() -> Path | None:
+    """Return the file that keeps orders between runs: ``$XDG_STATE_HOME/covey/orders``.
+
+    None for a user without a home folder, for instance in a container.
+    """
+    state_home = os.environ.get("XDG_STATE_HOME")
+    if state_home:
+        return Path(state_home) / "covey" / "orders"
+    try:
+        return Path.home() / ".local" / "state" / "covey" / "orders"
+    except RuntimeError:
+        return None
 
 
 class OrderHistory:
     """Earlier orders, oldest first, without immediate repetitions.
 
-    They are kept in a file, if it can be written.
+    They are kept in a file, if there is one and it can be written.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path | None) -> None:
         self._path = path
-        try:
-            text = read_bytes(path, _HISTORY_FILE).decode("utf-8", "replace")
-        except (ConfigError, RuntimeError):
-            text = ""
+        text = ""
+        if path is not None:
+            with contextlib.suppress(ConfigError):
+                text = read_bytes(path, _HISTORY_FILE).decode("utf-8", "replace")
 
         # Other lines were not written by this class, so they are left out.
         lines = [
@@ -125,11 +134,10 @@ class OrderHistory:
             return
 
         self.lines = [*self.lines[1 - _KEPT :], line]
-        try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            self._path.write_text("\n".join(self.lines) + "\n", encoding="utf-8")
-        except OSError:
-            return
+        if self._path is not None:
+            with contextlib.suppress(OSError):
+                self._path.parent.mkdir(parents=True, exist_ok=True)
+                self._path.write_text("\n".join(self.lines) + "\n", encoding="utf-8")
 
 
 class _OrderSuggester(Suggester):

@@ -168,6 +168,20 @@ async def test_a_state_folder_that_cannot_be_written_costs_the_memory_only(
         assert rig.app.panels.order_line.value == "land mav1"
 
 
+async def test_a_user_without_a_home_folder_can_write_orders(
+    fleet: FleetConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_home() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_STATE_HOME")
+    monkeypatch.setattr(Path, "home", no_home)
+    rig = Rig(fleet)
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("colon", *"land mav1", "enter", "colon", "up")
+        assert rig.app.panels.order_line.value == "land mav1"
+
+
 async def test_tab_completes_what_is_certain_and_lists_the_rest(rig: Rig) -> None:
     async with rig.app.run_test(size=(100, 24)) as pilot:
         await pilot.press("colon", *"la", "tab", "space", "m", "tab")
