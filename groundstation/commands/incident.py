@@ -41,11 +41,11 @@ def incident(
     before: Seconds = 5.0,
     quick: bool = False,
 ) -> int:
-    """Explain a flight: the seconds before its smallest distance, and what would have kept it.
+    """Explain a flight: the seconds before it went wrong, and what would have kept the distance.
 
     Args:
         flight: flight folder
-        before: so many seconds before the moment are told
+        before: so many seconds before that moment are told
         quick: only what the record says; nothing is flown again
     """
     if not 0.0 < before <= _LONGEST_S:

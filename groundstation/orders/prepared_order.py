@@ -174,7 +174,7 @@ class PreparedOrder:
         lines += self._battery_lines()
         if isinstance(self.intent, Takeoff) and len(self.intent.waves) > 1:
             lines.append(
-                f"in {len(self.intent.waves)} waves of {self.intent.by}, each so long, "
+                f"in {len(self.intent.waves)} waves of {self.intent.by}, each takes that long, "
                 f"{self.intent.every_s:g} s between: one that fails stops the later ones"
             )
         if 0 < forecast.flight_count < len(SEEDS):
@@ -195,7 +195,7 @@ class PreparedOrder:
             now_ns=self.client.now_ns(),
         )
         if reserve is None:
-            return ["weakest battery: not told"]
+            return ["weakest battery: not reported"]
         return [
             f"weakest battery: {reserve.name}, {reserve.has_pct:.0f} %",
             f"leaves for home at {reserve.needs_pct:.0f} % at the latest",

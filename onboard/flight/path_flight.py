@@ -115,6 +115,7 @@ class PathFlight:
         if len(self.parts) == order.parts:
             self.path = paths.from_bytes(_joined(self.parts))
         elif len(self.parts) == 1:
+            # the first part of another path, which replaces the loaded one
             self.path = None
 
     def begin(self, order: PathOrder) -> None:

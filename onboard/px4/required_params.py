@@ -183,7 +183,7 @@ def all_params(
     version = plausible_version(version)
     hover_throttle = RequiredParam(
         "MPC_THR_HOVER",
-        min(max(vehicle.hover_thrust_frac, 0.1), 0.8),
+        min(max(vehicle.hover_thrust_frac, 0.1), 0.8),  # PX4's own bounds of it
         "PX4's own hold and land begin with this throttle",
         is_advice=True,
         tolerance=0.1,

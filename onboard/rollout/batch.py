@@ -354,6 +354,7 @@ def received(inbox: Rows, age_s: Array, senders: IntArray, is_cooperative: BoolA
     neighbours: Rows = floats(inbox)[index].view(NEIGHBOUR.dtype)[..., 0]
     neighbours["age_s"] = age_s[index]
     neighbours["is_cooperative"] = is_cooperative[index]
+    # by the paper's own law each vehicle avoids one other: the next one, in a ring
     neighbours["is_paper_obstacle"] = sender == (receiver + 1) % vehicle_count
     neighbours["table_index"] = np.arange(senders.shape[-1])
     return neighbours

@@ -85,7 +85,8 @@ class Noise:
         self.generators = [np.random.default_rng(seed) for seed in seeds]
         self.count = count
 
-        # eight properties of each vehicle; `VehicleModels` uses the first six of them
+        # Eight properties of each vehicle, of which `VehicleModels` uses the first six. To draw
+        # fewer would change all further numbers of a seed.
         constants = [rng.uniform(-1.0, 1.0, (8, count)) for rng in self.generators]
         self.constants = np.stack(constants, axis=1)
         self.starts = np.stack([rng.normal(size=(count, 2)) for rng in self.generators])

@@ -229,6 +229,7 @@ class PlanView(Lines, can_focus=True):
             span_x = self.fleet.fleet.geofence_m.x
             span_y = self.fleet.fleet.geofence_m.y
 
+        # a cell is two dots wide and four high; a dot is left free at each side
         scale_x = (2 * width - 3) / (span_x[1] - span_x[0])
         scale_y = (4 * height - 3) / (span_y[1] - span_y[0])
         scale = max(_LEAST_SCALE, min(scale_x, scale_y))

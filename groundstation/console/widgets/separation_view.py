@@ -72,6 +72,7 @@ class SeparationView(Lines, can_focus=True):
         if height >= 2 + _LEAST_CHART + 3:
             timing = self._timing(width)
 
+        # A chart with its axis takes five rows. Of further rows every other one is for a pair.
         left_rows = height - 2 - len(timing)
         further_pairs = self.history.pairs[1 : 1 + max(0, (left_rows - 5) // 2)]
         lines = [
