@@ -8,8 +8,9 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.autopilot import Snapshot
-from onboard.bus.schema import MocapPose
+from onboard.bus.schema import MocapPose, Order
 from onboard.config.fleet import FleetConfig
+from onboard.flight import effects
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightStep, FlightView
 from onboard.neighbours.table import NeighbourTable
@@ -28,6 +29,15 @@ STILL = (0.0, 0.0, 0.0)
 FLEET = fleet(("mav0", "mav1", "mav2"))
 LAYERED = replace(FLEET, fleet=replace(FLEET.fleet, vertical_separation_m=0.6))
 
+MOVE = Order(
+    order_id="1",
+    author="ada",
+    kind="move",
+    stamp_ns=BEGIN_NS,
+    deadline_ns=0,
+    position_enu_m=(0.0, 2.0, 1.0),
+)
+
 
 class Watching:
     """mav0, which hovers 1 m above the origin, and what it hears of the others."""
@@ -35,7 +45,7 @@ class Watching:
     def __init__(self, config: FleetConfig = FLEET, step: FlightStep = FlightStep.HOLDING) -> None:
         vehicle = config.vehicles["mav0"]
         self.table = NeighbourTable(config, "mav0")
-        self.flight = FlightContext(config, vehicle, step=step)
+        self.flight = FlightContext(config, vehicle, step=step, order=MOVE)
         self.monitor = NeighbourMonitor(config, vehicle, self.table, self.flight)
 
     def hear(self, now_ns: int, vehicle: str = "mav1", **changes: Any) -> None:
@@ -142,7 +152,7 @@ def kept_off(
     watching = Watching(config, FlightStep.LEG)
     for index in before or []:
         watching.monitor.count_avoided(index)
-    watching.flight.leg_count += 1
+    effects.fly_leg(watching.flight, view())
     for index in avoided:
         watching.monitor.count_avoided(index)
     return watching.monitor.kept_off_by((0.0, 2.0, 1.0), view())

@@ -30,7 +30,12 @@ class Flown:
         self.monitor = OffboardMonitor()
         self.flight = FlightContext(FLEET, FLEET.vehicles["mav0"], step=FlightStep.ARM_OFFBOARD)
         assert self.tick(BEGIN_NS - S) is ModeLoss.NONE
-        self.flight.step = step
+        self.flies(step=step)
+
+    def flies(self, **facts: Any) -> None:
+        """Give the flight other facts, as its own room does."""
+        for name, value in facts.items():
+            setattr(self.flight, name, value)
 
     def tick(
         self, now_ns: int = BEGIN_NS, *, is_on_ground: bool = False, **changes: Any
@@ -89,7 +94,7 @@ def test_where_offboard_is_not_needed_only_a_silent_flight_sees_who_flies_by_han
     assert flown.tick(mode="POSCTL") is ModeLoss.NONE
 
     # the step after it begins with a heartbeat of its own
-    flown.flight.step = FlightStep.LEG
+    flown.flies(step=FlightStep.LEG)
     assert flown.tick(mode="POSCTL") is ModeLoss.NONE
     assert flown.tick(BEGIN_NS + 1, mode="POSCTL") is ModeLoss.LEFT
 
@@ -100,7 +105,7 @@ def test_where_offboard_is_not_needed_only_a_silent_flight_sees_who_flies_by_han
 def landing(reason: str = "") -> Flown:
     """Return a flight whose PX4 has confirmed that it lands."""
     flown = Flown(FlightStep.PX4_LANDING)
-    flown.flight.order = Order(
+    order = Order(
         order_id="1",
         author="ada",
         kind="land",
@@ -108,6 +113,7 @@ def landing(reason: str = "") -> Flown:
         deadline_ns=0,
         reason=reason,
     )
+    flown.flies(order=order)
     assert flown.tick(mode="LAND") is ModeLoss.NONE
     return flown
 
@@ -152,14 +158,14 @@ def test_a_pilot_takes_over_a_landing_that_no_person_has_ordered(
 @pytest.mark.parametrize("between", [FlightStep.LANDED, FlightStep.FAILED, FlightStep.HOLDING])
 def test_the_next_landing_is_confirmed_anew(between: FlightStep) -> None:
     flown = landing()
-    flown.flight.step = between
+    flown.flies(step=between)
     flown.tick()
-    flown.flight.step = FlightStep.PX4_LANDING
+    flown.flies(step=FlightStep.PX4_LANDING)
     assert flown.tick() is ModeLoss.NONE
 
 
 def test_after_px4s_landing_a_flight_needs_a_new_heartbeat() -> None:
     flown = landing()
-    flown.flight.step = FlightStep.HOLDING
+    flown.flies(step=FlightStep.HOLDING)
     assert flown.tick(mode="LAND") is ModeLoss.NONE
     assert flown.tick(BEGIN_NS + 1, mode="LAND") is ModeLoss.LEFT

@@ -94,6 +94,11 @@ class Observed:
         self.sends_heartbeats = True
         self.heartbeat_ns = BEGIN_NS
 
+    def flies(self, **facts: Any) -> None:
+        """Give the flight other facts, as its own room does."""
+        for name, value in facts.items():
+            setattr(self.flight, name, value)
+
     def tick(self) -> TickFacts:
         """Return the facts of the next tick."""
         now_ns = self.now_ns = self.now_ns + TICK_NS
@@ -111,7 +116,7 @@ class Observed:
         }
         snapshot = Snapshot(**{**reported, **self.snapshot})
         view = FlightView(**{"now_ns": now_ns, "snapshot": snapshot, **self.view})
-        self.flight.contact = contact.observe(self.flight.contact, view, has_mocap=True)
+        self.flies(contact=contact.observe(self.flight.contact, view, has_mocap=True))
         own = OwnEstimate(
             state=None,
             attitude_wxyz=(1.0, 0.0, 0.0, 0.0),
@@ -186,7 +191,7 @@ def test_a_position_is_stale_from_two_tenths_of_a_second_on_and_for_as_long_as_i
 
 def test_heights_are_those_above_the_fleets_origin_and_above_the_own_ground() -> None:
     observed = Observed()
-    observed.flight.ground_z_m = 0.3
+    observed.flies(ground_z_m=0.3)
     facts = observed.tick()
     assert facts.height_enu_m == 1.0
     assert facts.height_m == pytest.approx(0.7)
@@ -270,7 +275,7 @@ def test_an_attitude_that_was_lost_is_forgotten_on_the_ground() -> None:
     observed = Observed()
     observed.view["attitude_wxyz"] = ON_ITS_SIDE
     assert observed.run(0.5).is_attitude_lost
-    observed.flight.step = FlightStep.LANDED
+    observed.flies(step=FlightStep.LANDED)
     assert not observed.tick().is_attitude_lost
 
 
@@ -367,7 +372,7 @@ def test_scatter_is_measured_while_the_vehicle_hovers(step: FlightStep, is_hover
     observed = Observed()
     observed.context["setpoint_miss_m"] = 0.3
     observed.run(5.0)
-    observed.flight.step = step
+    observed.flies(step=step)
     scatter_m = observed.run(0.1).slow.wind.scatter_m
     assert (scatter_m > 0.25) is is_hover
 
@@ -419,11 +424,9 @@ def test_a_px4_without_packets_is_silent() -> None:
 
 def test_an_order_that_is_late_says_how_far_and_who_kept_it_off() -> None:
     observed = Observed(FlightStep.LEG)
-    observed.flight.order = Order(
-        order_id="1", author="ada", kind="move", stamp_ns=BEGIN_NS, deadline_ns=0
-    )
-    observed.flight.goal = Goal(Vec3(0.0, 2.0, 1.0), 0.0, 1)
-    observed.flight.deadline_ns = BEGIN_NS + S
+    order = Order(order_id="1", author="ada", kind="move", stamp_ns=BEGIN_NS, deadline_ns=0)
+    goal = Goal(Vec3(0.0, 2.0, 1.0), 0.0, 1)
+    observed.flies(order=order, goal=goal, deadline_ns=BEGIN_NS + S)
     observed.context["active_neighbour"] = observed.table.indices["mav2"]
     assert observed.run(1.0).overdue is None
     assert observed.tick().overdue == "still 2.00 m to go, kept off by mav2"
@@ -434,15 +437,13 @@ def test_neighbours_that_are_avoided_while_it_hovers_keep_it_off_nothing() -> No
     observed.context["active_neighbour"] = observed.table.indices["mav2"]
     observed.run(2.0)
     observed.context["active_neighbour"] = -1
-    observed.flight.step = FlightStep.LEG
-    observed.flight.goal = Goal(Vec3(0.0, 2.0, 1.0), 0.0, 1)
+    observed.flies(step=FlightStep.LEG, goal=Goal(Vec3(0.0, 2.0, 1.0), 0.0, 1))
     assert observed.tick().overdue == "still 2.00 m to go"
 
 
 def test_a_landing_that_rises_says_so_and_nothing_of_a_way() -> None:
     observed = Observed(FlightStep.DESCENT)
-    observed.flight.lowest_m = 0.2
-    observed.flight.deadline_ns = BEGIN_NS + 9 * S
+    observed.flies(lowest_m=0.2, deadline_ns=BEGIN_NS + 9 * S)
     assert observed.tick().overdue == "it has risen by 0.80 m"
 
 
@@ -586,9 +587,9 @@ def test_a_battery_that_fell_in_one_flight_is_judged_anew_for_the_next() -> None
     for tick in range(300):
         observed.snapshot["battery_frac"] = 0.9 - 0.002 * tick
         observed.tick()
-    observed.flight.step = FlightStep.LANDED
+    observed.flies(step=FlightStep.LANDED)
     assert not observed.run(0.1).slow.is_battery_falling
-    observed.flight.step = FlightStep.HOLDING
+    observed.flies(step=FlightStep.HOLDING)
     assert not observed.run(2.0).slow.is_battery_falling
 
 
