@@ -479,6 +479,26 @@ ACCEPTED = (
         ),
     ),
     Accepted(
+        "a vehicle that is on no path has no show any more",
+        "flight/state_machine.py",
+        (
+            (
+                "if flight.step is FlightStep.PATH and step is not FlightStep.PATH:",
+                "and becomes or",
+            ),
+        ),
+    ),
+    Accepted(
+        "nothing is sent in the first nanosecond of a clock",
+        "flight/state_machine.py",
+        (("flight.request_ns = 0", "0 becomes larger"),),
+    ),
+    Accepted(
+        "of that goal the position alone is used",
+        "flight/effects.py",
+        (("end = flight.path.goal(0, 0.0)", "0 becomes larger"),),
+    ),
+    Accepted(
         "a path that touches its limit, and goes no further, may be refused or not",
         "flight/path_flight.py",
         (

@@ -264,10 +264,12 @@ def test_without_poses_it_sinks_to_the_ground_and_holds_later_where_it_was() -> 
     flight = _flight(ground_z_m=0.2, lowest_m=0.0)
     effects.sink(flight, _view(0.5, 0.5, 1.4))
     assert flight.goal.position_enu_m == pytest.approx((0.5, 0.5, 0.2))
+    assert flight.goal.duration_s == 0.0
     assert (flight.seen_height_m, flight.contact_z_m, flight.lowest_m) == (1.0, 1.4, math.inf)
 
     effects.hold_again(flight, _view(0.6, 0.5, 0.8))
     assert flight.goal.position_enu_m == pytest.approx((0.6, 0.5, 1.0))
+    assert flight.goal.duration_s == 0.0
 
 
 @pytest.mark.parametrize(("is_slow", "ordered_s"), [(False, 7.0), (False, -1.0), (True, 7.0)])

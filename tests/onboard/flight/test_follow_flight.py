@@ -7,6 +7,7 @@ from typing import Any
 from onboard.agent.core import AgentCore
 from onboard.bus.control_token import ControlToken, ControlTokens
 from onboard.bus.schema import Order
+from onboard.flight.follow_flight import FollowFlight
 from tests.onboard.agent.rig import Rig, fleet
 
 
@@ -69,6 +70,13 @@ def test_another_order_ends_the_pause_and_a_vehicle_that_follows_nobody_is_not_p
     assert rig.telemetry is not None
     assert not rig.telemetry.is_path_paused
     assert "follows no path" in rig.order("pause").reason
+
+
+def test_who_has_no_leader_or_has_skipped_the_rest_follows_nobody() -> None:
+    assert FollowFlight(leader="mav1").is_under_way
+    assert FollowFlight(leader="mav1", is_paused=True).is_under_way
+    assert not FollowFlight(leader="mav1", is_skipped=True).is_under_way
+    assert not FollowFlight().is_under_way
 
 
 def of_another_ground(kind: str, author: str, **changes: Any) -> Order:

@@ -9,6 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.bus.schema import PathOrder, Telemetry
+from onboard.config.fences import Fence
 from onboard.control import path as paths
 from onboard.control.path import path_of
 from onboard.flight import path_flight
@@ -302,6 +303,16 @@ def test_a_path_is_refused_for_its_height_its_speed_its_ends_and_the_fence() -> 
     slower = _refused_path(_piece(0.1, [0.0, 1.09 * top_m_s]))
     assert slower is not None
     assert "max_speed_m_s" not in slower
+
+
+@pytest.mark.parametrize(("beside_m", "is_taken"), [(0.05, True), (-0.05, False)])
+def test_a_path_may_pass_hardly_beside_a_house(beside_m: float, is_taken: bool) -> None:
+    corners = ((beside_m, -1.0), (1.0, -1.0), (1.0, 1.0), (beside_m, 1.0))
+    house = Fence(name="house", keep="out", polygon_enu_m=corners)
+    order = _part(0, 1)  # of a path that stays at the origin
+    fenced = replace(_FLEET, fences=(house,))
+    refused = path_flight.part_refusal(PathFlight(), order, _VEHICLE, fenced)
+    assert (refused is None) is is_taken
 
 
 @pytest.mark.parametrize(
