@@ -57,7 +57,6 @@ def copy_of(fleet: FleetConfig, folder: Path, *, is_locked: bool) -> FleetConfig
     data["fleet"] = {
         key: value for key, value in data["fleet"].items() if key not in ("simulator", "routers")
     }
-    data.pop("shapes", None)
 
     resolved = fleet_from_mapping(data, path=fleet.path)
     data = with_free_ports(in_another_folder(data, fleet), resolved)

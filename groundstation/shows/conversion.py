@@ -36,9 +36,11 @@ from onboard.tuples import Xyz
 
 _TAKEOFF_M = 1.0
 _LOWEST_TAKEOFF_M = 0.5
+_TAKEOFF_SHARE = 0.8  # share of the lowest path's greatest height that a take-off reaches at most
 # A path that begins or ends in motion gets a piece from or to rest. It replaces this time of the
 # show, and takes twice this time.
 _JOIN_S = 1.0
+_SHORTEST_S = 2.5 * _JOIN_S  # both pieces, and something of the show between them
 _GRID_S = 0.05
 _STILL_M_S = 0.02  # a path whose end is slower than this counts as at rest there
 _EXTRA_SLOWING = 1.005  # factor by which a show is slowed more than needed
@@ -150,9 +152,10 @@ def _takeoff_height_m(show: Show) -> float:
         drone.name: float(sampled(drone.path, _grid(drone.path))[0][:, 2].max())
         for drone in show.drones
     }
-    takeoff_m = min(_TAKEOFF_M, round(0.8 * min(highest_m.values()), 2))
+    takeoff_m = min(_TAKEOFF_M, round(_TAKEOFF_SHARE * min(highest_m.values()), 2))
     if takeoff_m < _LOWEST_TAKEOFF_M:
-        low = [name for name, height_m in highest_m.items() if 0.8 * height_m < _LOWEST_TAKEOFF_M]
+        least_m = _LOWEST_TAKEOFF_M / _TAKEOFF_SHARE
+        low = [name for name, height_m in highest_m.items() if height_m < least_m]
         raise ConfigError(
             f"{', '.join(low)}: the path stays on the ground. Take these drones out of the show."
         )
@@ -176,9 +179,9 @@ def _flown(drone: Drone, takeoff_m: float) -> tuple[float, Array]:
     high = np.flatnonzero(heights_m >= takeoff_m - 1e-3)
     begin_s = float(times_s[high[0]])
     end_s = float(times_s[high[-1]])
-    if end_s - begin_s < 2.5 * _JOIN_S:
+    if end_s - begin_s < _SHORTEST_S:
         raise ConfigError(
-            f"'{drone.name}' is above {takeoff_m:g} m for less than {2.5 * _JOIN_S:g} s: no path."
+            f"'{drone.name}' is above {takeoff_m:g} m for less than {_SHORTEST_S:g} s: no path."
         )
 
     # motions (3, 4): value, first and second derivative of x, y, z and yaw

@@ -83,7 +83,7 @@ class OdometryForwarder:
         gap_ns = pose.stamp_ns - self._stamp_ns
         if not 0 <= gap_ns <= _GAP_NS:
             return False
-        reach_m = _STEP_M + _STEP_M_S * max(0, gap_ns) * 1e-9
+        reach_m = _STEP_M + _STEP_M_S * gap_ns * 1e-9
         return math.dist(pose.position_enu_m, last_enu_m) <= reach_m
 
 
