@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from onboard.avoidance.half_planes import into_disc
-from onboard.avoidance.interface import NOBODY, Baseline, horizontal_limit, own_at
+from onboard.avoidance.interface import NOBODY, Baseline, own_at
 from onboard.avoidance.oist import LawMemory
 from onboard.avoidance.pairs import nearest_pairs
 from onboard.avoidance.params import Capsule, LawParams, Walls
@@ -187,8 +187,11 @@ def _exceeded_limit(thrust: Vec3, inputs: LawInputs) -> str:
             f"{max_tilt_deg:.0f}"
         )
 
+    by_motors_m_s2 = math.sqrt(
+        limits.max_thrust_m_s2 * limits.max_thrust_m_s2 - thrust.z * thrust.z
+    )
     slack_m_s2 = math.tan(_TILT_SLACK_RAD) * thrust.z
-    if across > horizontal_limit(thrust.z, limits) + slack_m_s2:
+    if across > by_motors_m_s2 + slack_m_s2:
         total_m_s2 = math.hypot(across, thrust.z)
         return f"asked for {total_m_s2:.3g} m/s^2, and the motors give {limits.max_thrust_m_s2:.1f}"
     return ""
