@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from onboard.avoidance.constraints import constraints_around
-from onboard.avoidance.fence_edges import edge_constraints
+from onboard.avoidance.fence_edges import edge_constraint, edge_constraints, edge_of, pivot_of
 from onboard.avoidance.half_planes import HalfPlane
-from onboard.avoidance.interface import Baseline, own_at
+from onboard.avoidance.interface import NOT_A_VEHICLE, Baseline, own_at
 from onboard.avoidance.pairs import Own
-from onboard.avoidance.params import LawParams, law_params, obstacles, still
+from onboard.avoidance.params import Capsule, LawParams, law_params, obstacles, still
 from onboard.avoidance.prediction import Motion
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
 from onboard.config.flight_space import flight_space_of
@@ -25,7 +25,8 @@ from onboard.rollout import closed_loop
 from onboard.rollout.vehicle_model import Perturbation
 from onboard.safety.area_room import rooms_m
 from onboard.types import State, Thrust
-from onboard.vectors import ZERO_3, Vec3
+from onboard.vectors import ZERO_3, Vec2, Vec3
+from tests.onboard.avoidance.law_cases import law_of, run
 
 CALM = Perturbation(
     lag_share=0.05, gain_share=0.02, drag_share=0.05, hover_share=0.0, gust_m_s2=0.0, start_m=0.0
@@ -158,6 +159,130 @@ def test_edges_out_of_reach_cost_no_row_and_a_fleet_without_areas_has_none() -> 
     data = tomllib.loads(Path("configs/fleets/paper.toml").read_text())
     data["obstacles"] = [pillar]
     assert still(fleet_from_mapping(data)) == obstacles(fleet_from_mapping(data))
+
+
+# -- one edge, in numbers --------------------------------------------------------------------------
+
+_EAST = Capsule(Vec2(0.0, 0.0), Vec2(4.0, 0.0), 0.0, area=1, keep_m=0.2)  # allowed: north of it
+_POND = Capsule(Vec2(0.0, 0.0), Vec2(0.0, 0.0), 2.0, area=1, keep_m=0.2, is_turned_about=True)
+
+
+def at(x: float, y: float, velocity: tuple[float, float] = (0.0, 0.0)) -> Own:
+    return own_of(law_of(), (x, y), velocity)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "e", "is_allowed", "is_flat"),
+    [
+        (1.0, 0.02, (0.0, 0.02), True, True),
+        (1.0, -0.02, (0.0, -0.02), False, True),
+        (0.02, 0.5, (0.0, 0.5), True, True),
+        (3.98, 0.5, (0.0, 0.5), True, True),
+        (-0.02, 0.5, (-0.02, 0.5), False, False),  # nearest to a corner that points away from it
+        (4.02, 0.5, (0.02, 0.5), False, False),
+    ],
+)
+def test_the_side_of_an_edge_counts_along_it_and_its_corner_beyond_it(
+    x: float, y: float, e: tuple[float, float], is_allowed: bool, is_flat: bool
+) -> None:
+    edge = edge_of(_EAST, at(x, y))
+    assert edge.e == pytest.approx(e)
+    assert edge.distance_m == pytest.approx(math.hypot(*e))
+    assert (edge.is_allowed, edge.is_flat) == (is_allowed, is_flat)
+
+    # a corner that points inwards has the vehicle on its allowed side
+    pointing = _EAST._replace(is_begin_inwards=True, is_end_inwards=True)
+    assert edge_of(pointing, at(x, y)).is_allowed is (is_allowed or not is_flat)
+
+
+def test_an_edge_of_a_decimetre_is_no_circle() -> None:
+    short = _EAST._replace(end_enu_m=Vec2(0.1, 0.0))
+    edge = edge_of(short, at(0.05, 0.3))
+    assert edge.e == pytest.approx((0.0, 0.3))
+    assert edge.is_allowed
+
+
+def test_on_an_edge_its_own_side_is_the_allowed_one() -> None:
+    edge = edge_of(_EAST, at(1.0, 0.0))
+    assert edge.e == pytest.approx((0.0, 1e-6))
+    assert (edge.distance_m, edge.is_allowed) == (1e-6, True)
+    assert edge_of(_EAST, at(1.0, -2e-6)).distance_m == pytest.approx(2e-6)
+
+
+@pytest.mark.parametrize(
+    ("away_m", "e_m", "is_outside"), [(2.05, 0.05, True), (1.95, -0.05, False)]
+)
+def test_a_circle_knows_inside_from_outside_and_bends_only_for_who_is_to_stay_inside(
+    away_m: float, e_m: float, is_outside: bool
+) -> None:
+    pond = edge_of(_POND, at(away_m, 0.0))
+    assert pond.e == pytest.approx((e_m, 0.0))
+    assert (pond.is_allowed, pond.curvature_1_m, pond.is_flat) == (is_outside, 0.0, False)
+
+    field = edge_of(_POND._replace(is_turned_about=False), at(away_m, 0.0))
+    assert field.e == pytest.approx((e_m, 0.0))
+    assert field.is_allowed is not is_outside
+    assert field.curvature_1_m == pytest.approx(1.0 / away_m)
+
+
+@pytest.mark.parametrize(("keep_m", "behind_m"), [(0.2, 0.3), (0.5, 0.0), (0.7, 0.0)])
+def test_a_vehicle_turns_about_a_point_half_a_metre_behind_where_it_keeps(
+    keep_m: float, behind_m: float
+) -> None:
+    own = at(1.0, 0.9, (0.4, -0.3))
+    pivot = pivot_of(own, edge_of(_EAST._replace(keep_m=keep_m), own))
+    assert pivot.e == pytest.approx((0.0, 0.9 + behind_m))
+    assert pivot.w == pytest.approx((0.0, -0.3))  # it moves along with the vehicle
+    assert (pivot.d_m, pivot.gap_m) == pytest.approx((keep_m + behind_m, 0.9))
+
+    beside = at(-1.0, 0.5, (0.4, -0.3))
+    assert pivot_of(beside, edge_of(_EAST, beside)).w == pytest.approx((0.4, -0.3))
+
+
+@pytest.mark.parametrize(
+    ("is_turned_about", "north_m_s", "is_allowed", "rotation", "turns"),
+    [
+        (True, -1.5, True, "ahead", True),
+        (True, -1.5, True, "violated", True),
+        (True, -1.5, True, "never", False),
+        (True, -1.5, False, "ahead", False),
+        (True, 1.5, True, "ahead", False),  # it flies away
+        (False, -1.5, True, "ahead", False),
+    ],
+)
+def test_an_edge_is_turned_about_while_it_is_in_the_way_of_who_is_on_the_allowed_side(
+    is_turned_about: bool, north_m_s: float, is_allowed: bool, rotation: str, turns: bool
+) -> None:
+    own = at(1.0, 0.4, (0.0, north_m_s))
+    edge = edge_of(_EAST._replace(is_turned_about=is_turned_about), own)
+    constraint = edge_constraint(own, edge, is_allowed, law_of(rotation=rotation))
+    assert constraint.is_turning is turns
+    assert constraint.table_index == NOT_A_VEHICLE
+
+
+def test_obstacles_are_no_edges_and_only_eight_edges_count() -> None:
+    params = law_of()
+    own = at(1.0, 0.3)
+    pillar = Capsule(Vec2(1.0, 0.0), Vec2(1.0, 0.0), 0.1)
+    assert edge_constraints(own, [pillar], params) == []
+
+    def count(edges: int) -> int:
+        areas = [_EAST._replace(area=1 + k, west_m=0.0, east_m=4.0) for k in range(edges)]
+        return len(edge_constraints(own, areas, params))
+
+    assert [count(edges) for edges in (1, 8, 9)] == [1, 8, 8]
+
+
+def test_a_field_of_one_circle_holds_a_vehicle_back() -> None:
+    field = {"name": "a", "keep": "in", "circle": {"center_enu_m": [0, 0], "radius_m": 3.0}}
+    edges = still(fenced(field))
+    assert len(edges) == 1
+    output = run((2.7, 0.0, 1.0), (0.5, 0.0, 0.0), (2.0, 0.0, 0.0), [], law_of(), obstacles=edges)
+    assert output.active_neighbour == NOT_A_VEHICLE
+    assert output.thrust.thrust_enu_m_s2.x < 0.0
+
+
+# -- flights ---------------------------------------------------------------------------------------
 
 
 def fly(
