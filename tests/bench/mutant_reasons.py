@@ -622,6 +622,72 @@ ACCEPTED = (
         ),
     ),
     Accepted(
+        "an edge whose box is just touched is as far away as its row reaches, or farther",
+        "avoidance/fence_edges.py",
+        (
+            ("if capsule.west_m <= east", "LtE becomes Lt"),
+            ("and capsule.east_m >= west", "GtE becomes Gt"),
+            ("and capsule.south_m <= north", "LtE becomes Lt"),
+            ("and capsule.north_m >= south", "GtE becomes Gt"),
+        ),
+    ),
+    Accepted(
+        _MEASURED,
+        "avoidance/fence_edges.py",
+        (
+            ("and capsule.low_m <= highest_m", "LtE becomes Lt"),
+            ("and capsule.high_m >= lowest_m", "GtE becomes Gt"),
+            (
+                "near = [edge for edge in edges if edge.distance_m - edge.keep_m <= reach]",
+                "LtE becomes Lt",
+            ),
+            ("if along < 0.0:", _SMALLER),
+            ("elif along > 1.0:", _LARGER),
+            ("if distance_m < _ON_EDGE_M:", _SMALLER),
+            ("is_outside = beyond_m > 0.0", _LARGER),
+            ("is_violated = hard.violation_m_s2 > VIOLATED_M_S2", _LARGER),
+        ),
+    ),
+    Accepted(
+        "on the line of an edge a vehicle is on the edge, or beyond a corner that decides",
+        "avoidance/fence_edges.py",
+        (("is_allowed = cross_2(segment, offset) >= 0.0", "GtE becomes Gt"),),
+    ),
+    Accepted(
+        "any negative number but that of nobody says that it is no vehicle",
+        "avoidance/interface.py",
+        (("NOT_A_VEHICLE = -2", "2 becomes larger"),),
+    ),
+    Accepted(
+        "obstacles have no distance of this kind, and each edge is given its own",
+        "avoidance/params.py",
+        (("keep_m: float = 0.0", "0.0 becomes larger"),),
+    ),
+    Accepted(
+        _MEASURED,
+        "avoidance/own_law.py",
+        (
+            ("if tilt_rad > limits.max_tilt_rad + _TILT_SLACK_RAD:", _LARGER),
+            ("if across > by_motors_m_s2 + slack_m_s2:", _LARGER),
+            ("if change_m_s2 > _CHANGED_M_S2:", _LARGER),
+        ),
+    ),
+    Accepted(
+        _MEASURED,
+        "avoidance/own_law_runner.py",
+        (("if duration_s > SLOW_S:", _LARGER), ("if duration_s > STOPPED_S:", _LARGER)),
+    ),
+    Accepted(
+        _MEASURED,
+        "avoidance/oist_paper.py",
+        (
+            (
+                "if not (d_o2 > _COINCIDENT_2_M2 and math.isfinite(h_1) and math.isfinite(h_2)):",
+                _LARGER,
+            ),
+        ),
+    ),
+    Accepted(
         "a row without strength asks for no more than the thrust gives",
         "avoidance/constraints.py",
         (("if strength <= 0.0:", "LtE becomes Lt"),),
