@@ -136,6 +136,21 @@ def test_only_from_who_does_not_cooperate_and_matters_any_speed_will_do(
     assert oist.is_fleeing(_own(), [_pair(is_cooperative=is_cooperative)], rows) is flees
 
 
+@pytest.mark.parametrize("speed_m_s", [0.05, 0.5])
+def test_the_top_speed_limits_who_is_slow_as_well(speed_m_s: float) -> None:
+    own = _own(velocity_m_s=Vec2(speed_m_s, 0.0), thrust_m_s2=Vec2(3.9, 0.0))
+    limit_m_s2 = 4.0 * (1.0 - speed_m_s)
+    limited = oist.nearest_thrust(own, [], [], [], _PARAMS._replace(top_speed_m_s=1.0))
+    assert limited.point == pytest.approx((limit_m_s2, 0.0))
+
+
+def test_who_does_not_know_its_motion_flies_level() -> None:
+    nowhere = prediction.Motion(Vec3(_NAN, _NAN, _NAN), ZERO_3)
+    baseline = interface.Baseline(thrust_of((1.0, 2.0, 3.0)), ZERO_3, ZERO_3)
+    own = interface.own_at(baseline, nowhere, state_of(ZERO_3, ZERO_3), _PARAMS)
+    assert (own.thrust_m_s2, own.thrust_z_m_s2) == (ZERO_2, GRAVITY_M_S2)
+
+
 # -- rows ------------------------------------------------------------------------------------------
 
 

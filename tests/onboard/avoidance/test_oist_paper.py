@@ -3,14 +3,16 @@
 import math
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from onboard.avoidance.half_planes import HalfPlane
 from onboard.avoidance.oist_paper import PlanarState, saturate_thrust
 from onboard.avoidance.params import PaperParams
+from onboard.types import LawStatus
 from onboard.vectors import ZERO_2, Vec2
-from tests.onboard.avoidance.law_cases import nearest_thrust
+from tests.onboard.avoidance.law_cases import law_of, nearest_thrust, neighbour_of, run, thrust_of
 from tests.oracles.paper_law import saturated_thrust
 
 PARAMS = PaperParams(
@@ -105,6 +107,32 @@ def test_direction_8_turns_counter_clockwise_and_9_clockwise():
             [0.8, 0.0], zero, zero, zero, zero, zero, PARAMS._replace(turn_sign=sign)
         )
         assert math.copysign(1.0, result.thrust_m_s2.y) == sign
+
+
+@pytest.mark.parametrize("misses", [(0.05, -1.0), (-1.0, 0.05), (-1.0, -1.0)])
+def test_a_thrust_that_misses_a_bound_by_little_is_raised_to_it(misses):
+    miss_1, miss_2 = misses
+    # at rest a metre east of the obstacle the bounds (20), (21) are -1.224 and -0.494
+    thrust = [0.5 * (-1.224 - miss_1), -0.494 - miss_2]
+    zero = np.zeros(2)
+    result = saturated([1.0, 0.0], zero, thrust, zero, zero, zero)
+    raised = [0.5 * max(miss_1, 0.0), max(miss_2, 0.0)]
+    np.testing.assert_allclose(result.thrust_m_s2, np.add(thrust, raised), atol=1e-12)
+    assert result.is_changed is (max(misses) > 0.0)
+
+
+@pytest.mark.parametrize("field", ["position_enu_m", "velocity_enu_m_s", "acceleration_enu_m_s2"])
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_an_obstacle_of_which_one_number_is_missing_is_not_avoided(field, axis):
+    near = neighbour_of([0.9, 0.0, 1.0])
+    paper = law_of(name="paper")
+    avoiding = run([0, 0, 1], [0.5, 0, 0], [0, 0, 0], [near], paper)
+    assert avoiding.status == LawStatus.SATURATED
+
+    unknown = near._replace(**{field: getattr(near, field)._replace(**{axis: math.nan})})
+    output = run([0, 0, 1], [0.5, 0, 0], [0, 0, 0], [unknown], paper)
+    assert output.status == LawStatus.INFEASIBLE
+    assert output.thrust == thrust_of((0.0, 0.0, 0.0))
 
 
 @settings(max_examples=100, deadline=None)
