@@ -678,6 +678,16 @@ ACCEPTED = (
         (("if duration_s > SLOW_S:", _LARGER), ("if duration_s > STOPPED_S:", _LARGER)),
     ),
     Accepted(
+        "without a clock no duration is measured",
+        "avoidance/own_law_runner.py",
+        (
+            (
+                "began_s = 0.0 if self._clock is None else self._clock()",
+                "0.0 becomes larger",
+            ),
+        ),
+    ),
+    Accepted(
         _MEASURED,
         "avoidance/oist_paper.py",
         (
