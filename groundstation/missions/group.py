@@ -196,7 +196,8 @@ class Group:
         results = await self.order(intent, timeout_s)
 
         def is_reported(state: FleetState) -> bool:
-            return intent.swapped in out_of_service(state)
+            out = out_of_service(state)
+            return intent.swapped in out and intent.spare not in out
 
         await self.client.wait_for(is_reported, timeout_s)
         self.ground.disabled.add(intent.swapped)

@@ -210,8 +210,11 @@ async def test_scripts_swap_and_go_on_by_the_name_of_the_place(bus: Any, standin
     swap = asyncio.create_task(flown.swap("mav1", "mav2"))
     await asyncio.sleep(0.1)
     await tell(standing, bus, "mav1", disabled_by="tester")
+    await asyncio.sleep(0.1)
+    assert not swap.done()  # else whoever takes off now leaves out the spare, which is not told yet
     await tell(standing, bus, "mav2", disabled_by="", stands_in_for="mav1")
     await swap
+    flown.ground.leave_out_disabled()
     assert flown.names == ("mav0", "mav2")
     assert flown.select("mav1") == ("mav2",)
     assert flown["mav1"].name == "mav2"
