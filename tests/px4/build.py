@@ -6,15 +6,17 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import math
 import os
 import re
 import signal
 import socket
 import subprocess
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import TracebackType
 
 # PX4 derives its ports and its MAVLink id from the number of the instance: above 9 all share one
 # onboard port.
@@ -120,36 +122,61 @@ def free_instances(count: int) -> list[int]:
     )
 
 
-@contextlib.contextmanager
-def running(
-    build: Px4Build,
-    instances: Mapping[int, Mapping[str, float | int]],
-    folder: Path,
-    places_deg: Mapping[int, tuple[float, float]] | None = None,
-) -> Iterator[dict[int, subprocess.Popen[bytes]]]:
-    """PX4s in directories of their own, ended with the block.
+class Px4s:
+    """PX4s of one build, each in a directory of its own; all end with the block.
 
     Args:
         build: of all of them.
-        instances: number -> parameters that it starts with.
         folder: for their directories.
-        places_deg: number -> latitude and longitude where it starts; None: all at one place.
+
+    Attributes:
+        processes: number of the instance -> its process, as long as it was not stopped here.
     """
-    started: dict[int, subprocess.Popen[bytes]] = {}
-    try:
-        for number, params in instances.items():
-            if started:
-                time.sleep(_BETWEEN_STARTS_S)
-            home = _HOME
-            if places_deg is not None:
-                latitude_deg, longitude_deg = places_deg[number]
-                home = _home(latitude_deg, longitude_deg)
-            started[number] = _start(build, number, params, home, folder / f"px4-{number}")
-        yield started
-    finally:
-        for process in started.values():
+
+    def __init__(self, build: Px4Build, folder: Path) -> None:
+        self.processes: dict[int, subprocess.Popen[bytes]] = {}
+        self._build = build
+        self._folder = folder
+        self._started_s = -math.inf  # monotonic time of the last start
+
+    def __enter__(self) -> Px4s:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop(*self.processes)
+
+    def start(
+        self,
+        number: int,
+        params: Mapping[str, float | int],
+        place_deg: tuple[float, float] | None = None,
+    ) -> None:
+        """Start one, some seconds after the one before.
+
+        Args:
+            number: of the instance. One that was stopped keeps its directory and its parameters.
+            params: parameters that it starts with.
+            place_deg: latitude and longitude where it starts; None: one place for all.
+        """
+        wait_s = self._started_s + _BETWEEN_STARTS_S - time.monotonic()
+        time.sleep(max(0.0, wait_s))
+
+        home = _HOME if place_deg is None else _home(*place_deg)
+        folder = self._folder / f"px4-{number}"
+        self.processes[number] = _start(self._build, number, params, home, folder)
+        self._started_s = time.monotonic()
+
+    def stop(self, *numbers: int) -> None:
+        """Stop some, and wait until they have ended."""
+        stopped = [self.processes.pop(number) for number in numbers]
+        for process in stopped:
             process.terminate()
-        for process in started.values():
+        for process in stopped:
             try:
                 process.wait(_STOP_S)
             except subprocess.TimeoutExpired:
@@ -164,9 +191,9 @@ def _start(
     home: Mapping[str, str],
     folder: Path,
 ) -> subprocess.Popen[bytes]:
-    folder.mkdir(parents=True)
+    folder.mkdir(parents=True, exist_ok=True)
     own = {f"PX4_PARAM_{name}": f"{value}" for name, value in params.items()}
-    with (folder / "px4.log").open("wb") as log:
+    with (folder / "px4.log").open("ab") as log:
         process = subprocess.Popen(
             [str(build.folder / "bin/px4"), "-d", "-i", str(number), str(build.folder / "etc")],
             cwd=folder,

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ from onboard.config.earth import latitude_longitude_deg
 from onboard.config.fleet import FleetConfig, Vehicle, fleet_from_mapping
 from onboard.px4.required_params import FAILSAFES, all_params
 from sitl.px4.parameters import DEFAULTS
-from tests.px4.build import Px4Build, die_with_parent, free_instances, running
+from tests.px4.build import Px4Build, Px4s, die_with_parent, free_instances
 
 _ROOT = Path(__file__).parents[2]
 _READY_S = 60.0
@@ -100,8 +100,10 @@ class Flight:
 
     fleet: FleetConfig
     folder: Path
-    px4s: Mapping[str, subprocess.Popen[bytes]]
+    version: Version | None  # of the PX4s
+    px4s: Px4s
     agents: Mapping[str, subprocess.Popen[bytes]]
+    wind: Mapping[str, float] = field(default_factory=dict)  # parameters of PX4's simulator
     ground: subprocess.Popen[bytes] | None = None
     lost: set[str] = field(default_factory=set)  # vehicles whose PX4 is gone: they cannot come down
     fault_s: float = math.nan  # monotonic time of the fault
@@ -110,6 +112,36 @@ class Flight:
     def log(self) -> str:
         """All that the ground has printed."""
         return (self.folder / "fly.log").read_text(encoding="utf-8", errors="replace")
+
+    def px4(self, name: str) -> subprocess.Popen[bytes]:
+        """The process of a vehicle's PX4."""
+        return self.px4s.processes[self._number(name)]
+
+    def start_px4(self, name: str, place_enu_m: tuple[float, float] | None = None) -> None:
+        """Start the PX4 of a vehicle, with what the fleet needs.
+
+        Args:
+            name: of the vehicle.
+            place_enu_m: where it starts, in a fleet with an origin on Earth; None: on its spot.
+        """
+        vehicle = self.fleet.vehicles[name]
+        params = _params_to_set(self.fleet, vehicle, self.version)
+        params.update(_BATTERY)
+        params.update(self.wind)
+
+        place_deg = None
+        origin = self.fleet.fleet.global_origin
+        if origin is not None:
+            east, north = place_enu_m or vehicle.start_enu_m[:2]
+            place_deg = latitude_longitude_deg(origin, east_m=east, north_m=north)
+        self.px4s.start(self._number(name), params, place_deg)
+
+    def stop_px4(self, name: str) -> None:
+        """Stop the PX4 of a vehicle, as one who takes its battery out."""
+        self.px4s.stop(self._number(name))
+
+    def _number(self, name: str) -> int:
+        return self.fleet.vehicles[name].system_id - 1
 
     def cut_poses(self, seconds: float = math.inf) -> None:
         """Withhold the poses of all vehicles, for a while or for good."""
@@ -169,13 +201,57 @@ class Flight:
             time.sleep(_WATCH_S)
 
 
+FleetFile = Callable[[int, Path, list[int], Version | None], FleetConfig]
+
+
+@contextlib.contextmanager
+def standing(
+    build: Px4Build,
+    count: int,
+    folder: Path,
+    fleet_file: FleetFile = fleet_of,
+    *,
+    wind: Mapping[str, float] | None = None,
+    switched_off: Sequence[str] = (),
+) -> Iterator[Flight]:
+    """PX4s, poses and agents that are ready, without a ground; all ended with the block.
+
+    Args:
+        build: of the PX4s.
+        count: of vehicles.
+        folder: for the files of the flight.
+        fleet_file: writes the fleet file. PX4s start on its spots where it has an origin on Earth.
+        wind: parameters of PX4's simulator that make wind.
+        switched_off: vehicles whose PX4 is not started; their agents run.
+    """
+    fleet = fleet_file(count, folder, free_instances(count), build.version)
+    agents: dict[str, subprocess.Popen[bytes]] = {}
+    with contextlib.ExitStack() as stack:
+        px4s = stack.enter_context(Px4s(build, folder))
+        flight = Flight(fleet, folder, build.version, px4s, agents, wind or {})
+        begun = [name for name in fleet.enabled_names if name not in switched_off]
+        for name in begun:
+            flight.start_px4(name)
+
+        stack.enter_context(_python(folder, "poses", "tests.px4.poses", fleet.path, str(folder)))
+        words = ("--fleet", fleet.path, "--realtime", "--vehicle")
+        for name in fleet.enabled_names:
+            agents[name] = stack.enter_context(_python(folder, name, "onboard", *words, name))
+        _wait(
+            lambda: all(f"agent {name}: ready" in _log(folder, name) for name in begun),
+            _READY_S,
+            lambda: _logs(folder),
+        )
+        yield flight
+
+
 @contextlib.contextmanager
 def flying(
     build: Px4Build,
     count: int,
     folder: Path,
     mission: str,
-    fleet_file: Callable[[int, Path, list[int], Version | None], FleetConfig] = fleet_of,
+    fleet_file: FleetFile = fleet_of,
     wind: Mapping[str, float] | None = None,
 ) -> Iterator[Flight]:
     """PX4s, poses, agents that are ready, and a ground that has begun a mission; all ended with the
@@ -189,43 +265,12 @@ def flying(
         fleet_file: writes the fleet file. PX4s start on its spots where it has an origin on Earth.
         wind: parameters of PX4's simulator that make wind.
     """
-    instances = free_instances(count)
-    fleet = fleet_file(count, folder, instances, build.version)
     (folder / "mission.toml").write_text(mission, encoding="utf-8")
-    names = dict(zip(instances, fleet.enabled_names, strict=True))
-    params = {
-        number: {
-            **_params_to_set(fleet, fleet.vehicles[name], build.version),
-            **_BATTERY,
-            **(wind or {}),
-        }
-        for number, name in names.items()
-    }
-    places_deg = None
-    origin = fleet.fleet.global_origin
-    if origin is not None:
-        starts = {number: fleet.vehicles[name].start_enu_m for number, name in names.items()}
-        places_deg = {
-            number: latitude_longitude_deg(origin, east_m=east, north_m=north)
-            for number, (east, north, _) in starts.items()
-        }
-    with contextlib.ExitStack() as stack:
-        px4s = stack.enter_context(running(build, params, folder, places_deg))
-        stack.enter_context(_python(folder, "poses", "tests.px4.poses", fleet.path, str(folder)))
-        words = ("--fleet", fleet.path, "--realtime", "--vehicle")
-        agents = {
-            n: stack.enter_context(_python(folder, n, "onboard", *words, n)) for n in names.values()
-        }
-        flight = Flight(fleet, folder, {names[number]: px4 for number, px4 in px4s.items()}, agents)
-        _wait(
-            lambda: all(f"agent {n}: ready" in _log(folder, n) for n in agents),
-            _READY_S,
-            lambda: _logs(folder),
-        )
-        fly = ("fly", str(folder / "mission.toml"), "--fleet", fleet.path, "--headless")
+    with standing(build, count, folder, fleet_file, wind=wind) as flight:
+        fly = ("fly", str(folder / "mission.toml"), "--fleet", flight.fleet.path, "--headless")
         record = ("--record", str(folder / "record"))
-        flight.ground = stack.enter_context(_python(folder, "fly", "groundstation", *fly, *record))
-        yield flight
+        with _python(folder, "fly", "groundstation", *fly, *record) as flight.ground:
+            yield flight
 
 
 def _params_to_set(

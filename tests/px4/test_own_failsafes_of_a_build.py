@@ -11,7 +11,7 @@ import pytest
 from groundstation.client.autopilot_link import AutopilotLink
 from onboard.px4.own_failsafes import OWN_FAILSAFES
 from sitl.px4.parameters import DEFAULTS
-from tests.px4.build import Px4Build, free_instances, running
+from tests.px4.build import Px4Build, Px4s, free_instances
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(120)]
 
@@ -31,7 +31,8 @@ def test_no_failsafe_parameter_of_this_build_is_unknown(build: Px4Build, tmp_pat
         pytest.skip(f"nobody has read the source of v{version}")
 
     (number,) = free_instances(1)
-    with running(build, {number: {}}, tmp_path):
+    with Px4s(build, tmp_path) as px4s:
+        px4s.start(number, {})
         time.sleep(_BOOT_S)
         link = AutopilotLink(f"udpin://127.0.0.1:{14540 + number}", number + 1, is_own=True)
         try:

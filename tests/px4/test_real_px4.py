@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.px4.build import Px4Build, free_instances, is_taken, running
+from tests.px4.build import Px4Build, Px4s, free_instances, is_taken
 from tests.px4.flight import Flight, break_in, end, flying, order, told, verdict
 from tests.px4.pilot import Pilot
 from tests.px4.table import Table
@@ -72,7 +72,8 @@ def test_px4_is_as_its_version_was_measured(build: Px4Build, table: Table, tmp_p
     )
     try:
         time.sleep(2.5)  # boot facts: PX4 starts while the check waits
-        with running(build, {number: {}}, tmp_path):
+        with Px4s(build, tmp_path) as px4s:
+            px4s.start(number, {})
             output, _ = check.communicate(timeout=800)
     finally:
         check.kill()
@@ -125,7 +126,7 @@ def _hang_agent(flight: Flight) -> None:
 
 
 def _kill_px4(flight: Flight) -> None:
-    flight.px4s["mav0"].kill()
+    flight.px4("mav0").kill()
     flight.lost.add("mav0")
 
 
