@@ -35,6 +35,7 @@ from onboard.bus.codec import Malformed
 from onboard.bus.schema import Event, Order, OrderReply
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.safety.failsafe_table import Condition
 
 REPLY_TIMEOUT_S = 1.5
 # If a vehicle that followed an order is heard without it for this time, the order has ended.
@@ -192,7 +193,10 @@ class OpenOrders:
         telemetry = self._views()[vehicle].telemetry
         if telemetry is None or order.kind not in _DIRECT:
             return False
-        return telemetry.is_armed and telemetry.autopilot_age_s > _LINK_SILENT_S
+        if not telemetry.is_armed:
+            return False
+        is_silent = Condition.AUTOPILOT_SILENT.value in telemetry.conditions
+        return is_silent or telemetry.autopilot_age_s > _LINK_SILENT_S
 
     async def stop(self) -> None:
         """Stop waiting for replies."""
@@ -536,9 +540,8 @@ class OpenOrders:
             view = self._views()[vehicle]
             telemetry = view.telemetry if view.received_ns > accepted_ns else None
             if telemetry is not None and telemetry.is_armed:
-                px4_age_s = telemetry.autopilot_age_s
-                if px4_age_s > _LINK_SILENT_S:
-                    return f"{accepted}, but it has not heard PX4 for {px4_age_s:.1f} s"
+                if telemetry.autopilot_age_s > _LINK_SILENT_S:
+                    return f"{accepted}, but it does not hear PX4"
 
             if kind == "kill" and loop.time() - accepted_s > _KILL_EFFECT_S:
                 return f"{accepted}, but the vehicle did not show it within {_KILL_EFFECT_S:g} s"
