@@ -99,6 +99,8 @@ class OpenOrders:
         # vehicle -> times from an order to its reply [s], the newest last
         self._round_trips_s: dict[str, tuple[float, ...]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
+        # vehicle -> what was said of its landings by missions straight to PX4, until it is down
+        self._said_of_direct: dict[str, set[str]] = {}
         self._unable: dict[str, str] = {}  # id of a land or kill -> why its agent cannot do it
         self.ids_of_missions: set[str] = set()  # ids of all orders of this ground's missions
         self.newest_of_missions: dict[str, str] = {}  # vehicle -> id of the newest of these orders
@@ -539,9 +541,11 @@ class OpenOrders:
 
             view = self._views()[vehicle]
             telemetry = view.telemetry if view.received_ns > accepted_ns else None
+            px4_age_s = 0.0
             if telemetry is not None and telemetry.is_armed:
-                if telemetry.autopilot_age_s > _LINK_SILENT_S:
-                    return f"{accepted}, but it does not hear PX4"
+                px4_age_s = telemetry.autopilot_age_s
+            if px4_age_s > _LINK_SILENT_S:
+                return f"{accepted}, but it does not hear PX4"
 
             if kind == "kill" and loop.time() - accepted_s > _KILL_EFFECT_S:
                 return f"{accepted}, but the vehicle did not show it within {_KILL_EFFECT_S:g} s"
@@ -570,7 +574,7 @@ class OpenOrders:
 
         sentence = f"{problem}; {kind} goes straight to PX4 at {vehicle.direct}."
         result.update(name, "direct", sentence)
-        self._publish_event("warning", "direct_command", sentence, name)
+        self._say_of_direct(result, "warning", "direct_command", sentence, name)
 
         watch_s = _WATCH_KILL_S
         if kind == "land":
@@ -603,10 +607,22 @@ class OpenOrders:
         elif answer.is_disarmed:
             phase = "done"
             self._publish_event("warning", DIRECT_DISARMED, sentence, name)
+            self._said_of_direct.pop(name, None)
         else:
             phase = "failed"
-            self._publish_event("critical", "direct_result", sentence, name)
+            self._say_of_direct(result, "critical", "direct_result", sentence, name)
         result.update(name, phase, sentence, is_silent=is_silent and not answer.has_answered)
+
+    def _say_of_direct(
+        self, result: OrderResult, severity: str, code: str, sentence: str, vehicle: str
+    ) -> None:
+        """Publish an event, unless a mission that lands a vehicle again has said the same."""
+        if result.is_by_mission:
+            said = self._said_of_direct.setdefault(vehicle, set())
+            if sentence in said:
+                return
+            said.add(sentence)
+        self._publish_event(severity, code, sentence, vehicle)
 
 
 async def _wait_for(event: asyncio.Event, limit_s: float) -> None:

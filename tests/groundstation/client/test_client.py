@@ -362,6 +362,23 @@ async def test_an_order_that_an_agent_ends_because_its_px4_is_gone_goes_straight
     assert "straight to PX4" in results["mav1"].sentence
 
 
+@pytest.mark.parametrize(("is_by_mission", "said"), [(True, 2), (False, 6)])
+async def test_a_mission_that_lands_again_past_an_agent_says_the_same_once(
+    fleet: FleetConfig, bus: Any, is_by_mission: bool, said: int
+) -> None:
+    bus.misbehave["mav1"] = "fail"
+    no_answer = DirectResult(False, False, "PX4 did not answer")
+    client = FleetClient(fleet, bus=bus, send=lambda *_, **__: no_answer)
+    await client.start()
+    bus.tell("mav1", is_armed=True, is_airborne=True, autopilot_age_s=2.5)
+    for _ in range(3):
+        handle = client.send(client.plan("land mav1"), is_by_mission=is_by_mission)
+        await handle.wait(5.0)
+    events = [logged.event for logged in client.state.events]
+    await client.stop()
+    assert len([event for event in events if "straight to PX4" in event.sentence]) == said
+
+
 async def test_a_landing_that_fails_although_px4_is_heard_has_failed(
     fleet: FleetConfig, bus: Any
 ) -> None:
