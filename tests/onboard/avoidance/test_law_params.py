@@ -168,6 +168,15 @@ def test_only_a_corner_that_points_inwards_and_an_area_to_stay_out_of_are_turned
     assert all(edge.is_turned_about for edge in house)
 
 
+def test_a_corner_points_inwards_by_the_two_edges_beside_it() -> None:
+    # a ridge that rises into the field, with a flat top of three corners
+    ridge = ((-1.0, -3.0), (-1.0, 0.0), (0.0, 0.0), (1.0, 0.2), (1.2, -3.0))
+    field = (*ridge, (4.0, -3.0), (4.0, 4.0), (-4.0, 4.0), (-4.0, -3.0))
+    edges = still(_with(_fence("in", field)))
+    inwards = [tuple(edge.begin_enu_m) for edge in edges if edge.is_begin_inwards]
+    assert inwards == [(-1.0, 0.0), (1.0, 0.2)]
+
+
 def test_a_corner_on_a_straight_side_points_nowhere() -> None:
     with_middle = ((0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0))
     edges = still(_with(_fence("in", with_middle)))

@@ -101,6 +101,33 @@ def test_a_new_order_ends_the_one_before_it_and_goes_at_full_speed() -> None:
     assert flight.follow == FollowFlight()
 
 
+@pytest.mark.parametrize("kind", ["hold", "land"])
+@pytest.mark.parametrize(
+    "step",
+    [
+        FlightStep.ARM_OFFBOARD,
+        FlightStep.ARM_ARMING,
+        FlightStep.TAKEOFF_OFFBOARD,
+        FlightStep.TAKEOFF_ARMING,
+    ],
+)
+@pytest.mark.parametrize(
+    ("is_armed", "after"), [(True, FlightStep.DISARMING), (False, FlightStep.DISARMED)]
+)
+def test_a_start_is_stopped_by_hold_and_by_land(
+    kind: OrderKind, step: FlightStep, is_armed: bool, after: FlightStep
+) -> None:
+    flight = _flight(step)
+    state_machine.begin_order(flight, _view(is_armed=is_armed), _order(kind))
+    assert flight.step is after
+    assert _taken(flight)[1] == [Disarm()]
+
+
+def test_a_vehicle_that_stands_armed_is_stopped_by_land_and_has_nothing_to_hold() -> None:
+    assert state_machine.accepts(FlightStep.ARMED, "land")
+    assert not state_machine.accepts(FlightStep.ARMED, "hold")
+
+
 def test_an_order_that_no_row_of_the_step_knows_changes_nothing() -> None:
     flight = _flight(FlightStep.LEG, order=_MOVES)
     assert not state_machine.accepts(FlightStep.LEG, "takeoff")
@@ -360,6 +387,7 @@ def test_a_hold_is_done_at_rest_and_its_step_goes_on() -> None:
 def test_a_landing_that_nobody_ordered_is_told_without_an_order() -> None:
     flight = _flight(FlightStep.CONTACT, reason="Too windy.")
     down = _view(1.0, landed=Landed.ON_GROUND, heartbeat_ns=_NOW_NS + 1)
+    assert not flight.is_avoiding(down)  # it stands, and nobody may count on it to move aside
     state_machine.advance(flight, down)
     (said,), _ = _taken(flight)
     assert (said.code, said.severity, said.sentence) == ("landed", "info", sentences.LANDED)
