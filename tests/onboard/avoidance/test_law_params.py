@@ -65,8 +65,12 @@ def test_each_policy_of_the_file_is_the_one_that_the_law_means(
     ("law", "number"), [("off", p.OFF), ("paper", p.PAPER), ("covey", p.COVEY)]
 )
 def test_each_law_of_the_file_is_the_one_that_is_flown(law: str, number: int) -> None:
-    assert law_params(_FLEET, "mav0", law).law == law_of(name=law).law == number
+    assert law_of(name=law).law == number
+
+
+def test_a_fleet_flies_its_own_law_unless_another_one_is_named() -> None:
     assert law_params(_FLEET, "mav0").law == p.COVEY
+    assert law_params(_FLEET, "mav0", "paper").law == p.PAPER
 
 
 @pytest.mark.parametrize(
