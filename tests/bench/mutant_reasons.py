@@ -499,6 +499,24 @@ ACCEPTED = (
         (("end = flight.path.goal(0, 0.0)", "0 becomes larger"),),
     ),
     Accepted(
+        "the agent gives it at each tick",
+        "flight/types.py",
+        (
+            ("attitude_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)", _LARGER_1),
+            ("attitude_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)", "0.0 becomes larger"),
+        ),
+    ),
+    Accepted(
+        "the agent gives it while it has a position; without one, any share but a little one does",
+        "flight/types.py",
+        (("thrust_share: float = 1.0", _LARGER_1),),
+    ),
+    Accepted(
+        "up to 0.1 m/s^2 the air is calm",
+        "flight/types.py",
+        (("gust_m_s2: float = 0.0", "0.0 becomes larger"),),
+    ),
+    Accepted(
         "a path that touches its limit, and goes no further, may be refused or not",
         "flight/path_flight.py",
         (
