@@ -677,6 +677,16 @@ ACCEPTED = (
         (("NOT_A_VEHICLE = -2", "2 becomes larger"),),
     ),
     Accepted(
+        "each fleet gives it; the gust margin gives the lag alone, and reads no more",
+        "avoidance/params.py",
+        (
+            ("vertical_lag_s: float = 0.09", "0.09 becomes larger"),
+            ("body_radius_m: float = 0.25", "0.25 becomes larger"),
+            ("max_speed_m_s: float = 1.0", _LARGER_1),
+            ("max_thrust_m_s2: float = 2.0 * GRAVITY_M_S2", "2.0 becomes larger"),
+        ),
+    ),
+    Accepted(
         "obstacles have no distance of this kind, and each edge is given its own",
         "avoidance/params.py",
         (("keep_m: float = 0.0", "0.0 becomes larger"),),
