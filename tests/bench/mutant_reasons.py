@@ -499,6 +499,50 @@ ACCEPTED = (
         (("end = flight.path.goal(0, 0.0)", "0 becomes larger"),),
     ),
     Accepted(
+        "nothing is sent or observed in the first nanosecond of a clock",
+        "flight/contact.py",
+        (
+            ("still_ns: int = 0", "0 becomes larger"),
+            ("light_ns: int = 0", "0 becomes larger"),
+            ("reported_ns: int = 0", "0 becomes larger"),
+            ("slow_ns: int = 0", "0 becomes larger"),
+        ),
+    ),
+    Accepted(
+        "a vehicle moves before it lands, and that replaces it",
+        "flight/contact.py",
+        (("height_m: float = 0.0", "0.0 becomes larger"),),
+    ),
+    Accepted(
+        "it is set before it is read",
+        "flight/context.py",
+        (
+            ("_NO_GOAL = Goal(ZERO_3, 0.0, 0)", "0.0 becomes larger"),
+            ("step_ns: int = 0", "0 becomes larger"),
+            ("steady_ns: int = 0", "0 becomes larger"),
+            ("deadline_ns: int = 0", "0 becomes larger"),
+            ("seen_height_m: float = 0.0", "0.0 becomes larger"),
+        ),
+    ),
+    Accepted(
+        "of a goal's number only the change counts",
+        "flight/context.py",
+        (("_NO_GOAL = Goal(ZERO_3, 0.0, 0)", "0 becomes larger"),),
+    ),
+    Accepted(
+        "nothing is sent or observed in the first nanosecond of a clock",
+        "flight/context.py",
+        (("request_ns: int = 0", "0 becomes larger"),),
+    ),
+    Accepted(
+        "it is set before it is read",
+        "flight/path_flight.py",
+        (
+            ("start_ns: int = 0", "0 becomes larger"),
+            ("time_s: float = 0.0", "0.0 becomes larger"),
+        ),
+    ),
+    Accepted(
         "the agent gives it at each tick",
         "flight/types.py",
         (
