@@ -1,4 +1,4 @@
-"""The preflight page: go or no-go of every vehicle, for ``covey preflight`` and the consoles.
+"""The preflight page: go or no-go of every vehicle, for ``covey check vehicles`` and the consoles.
 
 Most checks are the agents' own; their reports come over the bus. The ground adds what no agent can
 know: whether the vehicle and this ground have the same fleet file, whether there is a direct path

@@ -1,6 +1,6 @@
 """Collects the reported positions of standing vehicles for some time.
 
-``covey spots`` makes take-off spots of them.
+``covey import spots`` makes take-off spots of them.
 """
 
 from __future__ import annotations
@@ -68,6 +68,7 @@ async def standing_positions(
                 "--vehicles."
             )
         client.add_listener(look)
+        # this lasts the whole time, unless a position cannot be used
         await client.wait_for(lambda _: bool(refusals), duration_s)
     finally:
         await client.stop()
