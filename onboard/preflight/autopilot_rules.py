@@ -114,9 +114,9 @@ def _link(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
 
     words = {"rate": facts.attitude_hz}
     if facts.attitude_hz < LEAST_ATTITUDE_HZ:
-        return "slow", words
+        return "too slow", words
     if facts.attitude_hz < USUAL_ATTITUDE_HZ:
-        return "low", words
+        return "slower than usual", words
     return OK, words
 
 

@@ -1,7 +1,8 @@
 """The rule of preflight about RTK corrections: their source, their base, the fix. Pure.
 
-Each rule returns a key and values for a sentence. The key names a sentence in ``preflight.toml``,
-under ``[RULE.refuses]`` if the fault refuses a take-off, under ``[RULE.advises]`` if it is advice.
+It returns a key and values for a sentence. The key names a sentence in ``preflight.toml``, under
+``[corrections.refuses]`` if the fault refuses a take-off, under ``[corrections.advises]`` if it is
+advice.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ def _corrections(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) ->
     }
 
     if status.has_several_sources:
-        return "several", words
+        return "several sources", words
     if status.base.fault is not None:
         return "base wrong", {**words, "fault": status.base.words}
     if not math.isfinite(status.age_s):

@@ -44,7 +44,7 @@ _REJECTED = frozenset({Condition.MOCAP_FROZEN, Condition.MOCAP_SWAPPED, Conditio
 
 def _position(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if facts.pose_sources > 1:
-        return "several", {"count": facts.pose_sources}
+        return "several sources", {"count": facts.pose_sources}
     if facts.has_position:
         age_ms = 1e3 * facts.position_age_s
         return OK, {"position": coordinates(facts.position_enu_m), "age": age_ms}

@@ -117,8 +117,8 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         "PX4 is v1.16, the fleet file says v1.17",
     ),
     ("version", "nonsense"): ({"px4_version": (255, 255)}, "version 255.255, which no PX4 has"),
-    ("link", "slow"): ({"attitude_hz": 9.0}, "only 9 Hz"),
-    ("link", "low"): ({"attitude_hz": 30.0}, "30 Hz"),
+    ("link", "too slow"): ({"attitude_hz": 9.0}, "only 9 Hz"),
+    ("link", "slower than usual"): ({"attitude_hz": 30.0}, "30 Hz"),
     ("port", "open to networks"): (
         {"vehicle": msgspec.structs.replace(VEHICLE, autopilot="udpin://0.0.0.0:14541")},
         "every network",
@@ -167,7 +167,10 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {"param_problems": ("PX4 parameter COM_OF_LOSS_T is 1, this fleet needs 0.3.",)},
         "0.3",
     ),
-    ("position", "several"): ({"pose_sources": 2}, "2 programs send poses of mocap body 'mav1'"),
+    ("position", "several sources"): (
+        {"pose_sources": 2},
+        "2 programs send poses of mocap body 'mav1'",
+    ),
     ("position", "unemulated"): (
         {"position_age_s": math.inf, "sample_age_s": math.inf, "vehicle": EMULATED},
         "which covey sitl is to send",
@@ -241,7 +244,10 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {"radio": RadioMeasured(0.12, "mav0", 0.0, "mav2")},
         "mav0 are 120 ms late or more; the fleet file expects 40",
     ),
-    ("corrections", "several"): (corrected(has_several_sources=True), "Two sources of corrections"),
+    ("corrections", "several sources"): (
+        corrected(has_several_sources=True),
+        "Two sources of corrections",
+    ),
     ("corrections", "base wrong"): (
         corrected(base=BaseJudgement(BaseFault.ELSEWHERE, 12.34)),
         "is not where it was surveyed, by 12.3 m: they are not given to PX4",
