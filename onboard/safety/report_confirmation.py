@@ -65,8 +65,8 @@ def _heartbeat_surprises(believed: Snapshot, new: Snapshot, expected: Expected) 
     return has_left_mode and not has_landed
 
 
-def _heartbeat_agrees(first: Snapshot, new: Snapshot) -> bool:
-    return first.is_armed == new.is_armed and first.mode == new.mode
+def _heartbeat_agrees(known: Snapshot, new: Snapshot) -> bool:
+    return known.is_armed == new.is_armed and known.mode == new.mode
 
 
 def _attitude_surprises(believed: Snapshot, new: Snapshot, _: Expected) -> bool:
@@ -111,7 +111,7 @@ def _battery_agrees(known: Snapshot, new: Snapshot) -> bool:
 
 
 def _is_near(a: float, b: float, limit: float) -> bool:
-    """Return whether two numbers differ by at most the limit, or one of them is not known."""
+    """Return whether two numbers differ by at most the limit, or are both not known."""
     return abs(a - b) <= limit or (math.isnan(a) and math.isnan(b))
 
 
@@ -247,24 +247,24 @@ class ReportConfirmation:
         stamp_ns = getattr(new, kind.stamp)
         is_new = stamp_ns != waiting.seen_ns
         waiting.seen_ns = stamp_ns
-        first = waiting.report
-        if not is_new and first is None:
+        unconfirmed = waiting.report
+        if not is_new and unconfirmed is None:
             return False
 
         is_first_ever = not getattr(self._believed, kind.stamp)
         if is_first_ever or not kind.surprises(self._believed, new, expected):
             # the new report repeats what is believed, so nothing confirms the one that waited
-            if is_new and first is not None and not kind.agrees(first, new):
+            if is_new and unconfirmed is not None and not kind.agrees(unconfirmed, new):
                 self._contradict(kind.name, stamp_ns)
             waiting.report = None
             return False
 
         if not is_new:
             return True
-        if first is None:
+        if unconfirmed is None:
             waiting.first_ns = stamp_ns
             waiting.count = 0
-        elif not kind.agrees(first, new):
+        elif not kind.agrees(unconfirmed, new):
             self._contradict(kind.name, stamp_ns)
             waiting.first_ns = stamp_ns
             waiting.count = 0
