@@ -93,7 +93,7 @@ if TYPE_CHECKING:
 _SHORTEST_S = 0.005
 _LONGEST_S = 0.1
 
-_STILL_M_S = (0.0, 0.0, 0.0)
+_ZERO = (0.0, 0.0, 0.0)
 _IN_AIR = (Landed.IN_AIR, Landed.TAKING_OFF, Landed.LANDING)
 _MAY_END = (Situation.GROUND, Situation.SILENT)  # situations in which the process may end
 
@@ -194,8 +194,8 @@ class AgentCore:
         self._distances_m: dict[str, float] = {}  # separation from each neighbour
         self._view = FlightView(
             now_ns=0,
-            position_enu_m=_STILL_M_S,
-            velocity_enu_m_s=_STILL_M_S,
+            position_enu_m=_ZERO,
+            velocity_enu_m_s=_ZERO,
             has_position=False,
             snapshot=self._snapshot,
         )
@@ -292,7 +292,7 @@ class AgentCore:
             self._view = FlightView(
                 now_ns=now_ns,
                 position_enu_m=self._view.position_enu_m,
-                velocity_enu_m_s=_STILL_M_S,
+                velocity_enu_m_s=_ZERO,
                 has_position=False,
                 snapshot=self._snapshot,
                 position_age_s=own.age_s,

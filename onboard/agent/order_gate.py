@@ -60,7 +60,7 @@ class OrderGate:
             sentence = f"Order {order.text} was given {age_s:.1f} s ago: send it again."
             return UntrustedOrder("late", sentence, order.order_id)
 
-        if order.kind != "kill":
+        if order.kind != "kill":  # a kill is obeyed after its deadline, too
             late = late_sentence(order, now_ns)
             if late is not None:
                 return UntrustedOrder("late", late, order.order_id)

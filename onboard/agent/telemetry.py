@@ -43,7 +43,8 @@ class TelemetryPublisher:
 
         self._identity = identity
         self._sources = sources
-        self._state_ticks = state_ticks  # number of ticks between two states for the followers
+        # number of ticks between two states for the vehicles that receive this one at full rate
+        self._state_ticks = state_ticks
         self._decimation = TelemetryDecimation()
         self._samples: list[TickSample] = []
         self._sequence = 0
@@ -58,7 +59,7 @@ class TelemetryPublisher:
         others: list[Command] = []
         if self._sequence % self._state_ticks == 0:
             others.append(Publish(Topic.STATE, state))
-        if is_slow(self._sequence):
+        if is_slow(self._sequence):  # for all other vehicles
             others.append(Publish(Topic.FAR, state))
         if len(self._samples) >= _BATCH_TICKS:
             others.append(Publish(Topic.TICK, self._batch()))

@@ -172,7 +172,7 @@ def _refusal(area: Area, position_enu_m: Xyz) -> str:
             return _too_near(area, room_m)
         return ""
 
-    if not areas.counts_at(area, z, z):
+    if not areas.counts_at(area, z, z):  # above it or below it by more than its buffer
         return ""
     if room_m < 0.0:
         if area.low_m <= z <= area.high_m:
@@ -196,7 +196,7 @@ def _moved_inside(area: Area, position_enu_m: Xyz, inside_m: float) -> Xyz:
     x, y, z = position_enu_m
     if area.keeps_in and area.high_m - inside_m > area.low_m:
         z = min(max(z, area.low_m), area.high_m - inside_m)
-    elif not areas.counts_at(area, z, z):
+    elif not areas.counts_at(area, z, z):  # above it or below it by more than its buffer
         return position_enu_m
 
     nearest = areas.nearest(area, x, y)

@@ -43,6 +43,7 @@ _BASE_BYTES = 19  # length of message 1005
 _GLONASS = (range(1009, 1013),)
 _MORE_BIT = 54
 _MORE_BIT_GLONASS = 51
+_OBSERVATION_BYTES = 8  # least length of a message with such a bit
 
 # The ellipsoid of WGS 84.
 _SEMI_MAJOR_M = 6_378_137.0
@@ -170,7 +171,8 @@ def ends_epoch(frame: bytes) -> bool:
         frame: whole frame.
     """
     number = number_of(frame)
-    if not is_observation(number) or len(frame) < HEADER_BYTES + CHECKSUM_BYTES + 8:
+    is_long_enough = len(frame) >= HEADER_BYTES + _OBSERVATION_BYTES + CHECKSUM_BYTES
+    if not is_observation(number) or not is_long_enough:
         return False
     more_bit = _MORE_BIT_GLONASS if _is_in(number, _GLONASS) else _MORE_BIT
     return _bits(frame, more_bit, 1) == 0

@@ -200,7 +200,7 @@ def loop_growth_1_s(
     past = state[:, 4:]
 
     # the prediction: each past command acts for the part of its tick that lies in the window
-    left_s = TICK_S * np.arange(slots)
+    left_s = TICK_S * np.arange(slots)  # time from the end of that tick to the end of the window
     inside_s = np.clip(window_s - left_s, 0.0, TICK_S)
     ahead_v = v + past @ inside_s
     ahead_y = y + window_s * v + past @ (inside_s * (left_s + 0.5 * inside_s))

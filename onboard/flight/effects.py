@@ -210,7 +210,7 @@ def feel_for_ground(flight: FlightContext, view: FlightView) -> None:
     """Sink on at a low constant speed, also below the expected ground."""
     goal = flight.goal
     sequence = goal.sequence
-    if not goal.is_on_path:
+    if not goal.is_on_path:  # the goal of the planned part: the slow part begins with a new one
         sequence += 1
 
     speed_m_s = min(_FEEL_M_S, -goal.velocity_enu_m_s.z + _FEEL_M_S2 * view.period_s)

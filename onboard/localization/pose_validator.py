@@ -130,6 +130,7 @@ class PoseValidator:
         agreeing = self._follow_agreement(position_enu_m, stamp_ns)
         if self._stamp_ns and gap_s > self.bounds.outage_s:
             needed = _CONFIRMED_AGAINST_PX4_BY if is_contradicted else _CONFIRMED_BY
+            # after jumps there was no outage: samples came, and were rejected
             if agreeing < needed and self.jumps == 0:
                 return PoseVerdict.UNCONFIRMED
 

@@ -87,7 +87,8 @@ class BodyTracker:
         if gap_s < _GAP_S and math.dist(position_enu_m, self._expected(gap_s)) < _JUMP_M:
             self._correct(position_enu_m, gap_s)
         else:
-            # the first sample, or one after a gap or a jump: the filter begins anew there
+            # The first sample, or one after a gap or a jump: the filter begins anew there. The last
+            # velocity is still the best guess.
             self.position_enu_m = position_enu_m
             self.acceleration_enu_m_s2 = (0.0, 0.0, 0.0)
         return True

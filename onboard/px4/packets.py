@@ -83,7 +83,7 @@ READ = {
         "current_consumed energy_consumed temperature voltages*10 current_battery id "
         "battery_function type battery_remaining",
     ),
-    # the layout of PX4: axes x, y, z, r, buttons, target
+    # further fields on the wire, which are not read: buttons, target
     "MANUAL_CONTROL": _message(69, 243, "4h", "x y z r"),
     "AUTOPILOT_VERSION": _message(148, 178, "QQI", "capabilities uid flight_sw_version"),
     "ESTIMATOR_STATUS": _message(

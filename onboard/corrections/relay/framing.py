@@ -16,6 +16,8 @@ from pyrtcm import calc_crc24q
 from onboard.corrections import rtcm
 
 _CHECKS_PER_BYTE = 4  # bytes that may go into checksums for each byte that arrives
+_FIRST_BUDGET_BYTES = 4 * rtcm.MOST_FRAME_BYTES  # so many of them at the begin of a stream
+_LARGEST_BUDGET_BYTES = 8 * rtcm.MOST_FRAME_BYTES  # good frames save up no more than this
 _PREAMBLE = bytes((rtcm.PREAMBLE,))
 
 
@@ -35,7 +37,7 @@ class FrameCutter:
         self.bad_checksums = 0
         self.skipped_bytes = 0  # bytes that were part of no frame
         self._buffer = bytearray()
-        self._budget_bytes = 4 * rtcm.MOST_FRAME_BYTES  # bytes that may still go into checksums
+        self._budget_bytes = _FIRST_BUDGET_BYTES  # bytes that may still go into checksums
 
     def feed(self, data: bytes) -> list[bytes]:
         """Return the frames that these bytes complete.
@@ -74,7 +76,7 @@ class FrameCutter:
             self.bad_checksums += 1
             self._skip(1 if self._budget_bytes > 0 else size)
 
-        self._budget_bytes = min(self._budget_bytes, 8 * rtcm.MOST_FRAME_BYTES)
+        self._budget_bytes = min(self._budget_bytes, _LARGEST_BUDGET_BYTES)
         return frames
 
     def _skip(self, count: int) -> None:
