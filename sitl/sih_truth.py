@@ -39,7 +39,7 @@ _PERIOD_US = 10_000.0  # requested period of the states; PX4 then sends 99 Hz
 _REQUEST_AGAIN_S = 2.0  # time between two requests for the states
 _SHOW_S = 2.0  # time between two checks for silent vehicles
 
-_MOCAP_PERIOD_S = 0.019
+_MOCAP_PERIOD_S = 0.019  # least time between two poses: every second state becomes one, 50 a second
 _MOCAP_NOISE_M = 0.002
 
 # A vehicle that is lower and slower than this counts as being on the ground.
@@ -217,7 +217,7 @@ class Listener(asyncio.DatagramProtocol):
             return
         self._requested_s = now_ns * 1e-9
         self._set_interval(addr, ID_BY_NAME[_STATE], _PERIOD_US)
-        self._set_interval(addr, ID_BY_NAME[_ACTUATORS], -1.0)
+        self._set_interval(addr, ID_BY_NAME[_ACTUATORS], -1.0)  # PX4 then stops sending it
 
     def _has_home(self, addr: tuple[str | Any, int], now_ns: int) -> bool:
         """Whether states are passed on: home is known, or was not received within the time."""

@@ -61,7 +61,7 @@ def _request_disarm_in_air(client: VehicleClient, report: FactReport) -> None:
 
 
 def _start(client: VehicleClient, report: FactReport) -> Hover:
-    """Take off in OFFBOARD by attitude setpoints, wait for rest in the air, and return the hold."""
+    """Take off in OFFBOARD by attitude setpoints; return the controller that then hovers."""
     fast_streams(client)
     hover = Hover(client)
     level = quaternion(0.0, 0.0, hover.yaw_rad)
@@ -78,7 +78,7 @@ def _start(client: VehicleClient, report: FactReport) -> Hover:
     client.send_command(ARM, 1.0)
     client.spend(0.7)
     answers = client.received.of("COMMAND_ACK", armed_s)
-    if not answers or answers[0].message.result:
+    if not answers or answers[0].message.result:  # 0: accepted
         client.interval("SERVO_OUTPUT_RAW", 0.0)
         raise Stuck("it did not arm in OFFBOARD")
     acked_s = answers[0].at_s

@@ -147,7 +147,9 @@ class VehicleClient:
 
     Attributes:
         is_ground_station: whether the client is a ground station; otherwise it is a companion.
-        moves_first_sender: whether the first sender may be another port than the port that listens.
+        moves_first_sender: whether the first datagrams go out from another port than the one that
+            listens. A vehicle that answers its first sender only is then locked to a port that is
+            gone.
         signature: signature of sent messages; None: messages are not signed.
         heartbeat_duty: duty that sends heartbeats.
         setpoint_duty: duty that sends setpoints.
@@ -359,7 +361,8 @@ class VehicleClient:
     def identity(self) -> ClientIdentity:
         """Identity of a ground station, or of a companion, which has the system of the vehicle."""
         if self.is_ground_station:
-            return ClientIdentity(system_id=245, component_id=190, mav_type=6)
+            return ClientIdentity(system_id=245, component_id=190, mav_type=6)  # MAV_TYPE_GCS
+        # MAV_TYPE_ONBOARD_CONTROLLER
         return ClientIdentity(system_id=self.system_id, component_id=195, mav_type=18)
 
     def pack(self, name: str, **fields: Any) -> bytes:
@@ -393,8 +396,8 @@ class VehicleClient:
         return self.pack(
             "HEARTBEAT",
             type=self.identity.mav_type,
-            autopilot=8,
-            system_status=4,
+            autopilot=8,  # MAV_AUTOPILOT_INVALID: the sender is none
+            system_status=4,  # MAV_STATE_ACTIVE
             mavlink_version=3,
         )
 

@@ -46,6 +46,7 @@ class FaultyEmulator(Protocol):
     autopilots: list[EmulatedPx4]
     receivers: list[SatelliteReceiver]
     disturbances: Disturbances
+    # begins (True) and ends faults outside the emulator, of bus and agents; None: there is neither
     outside: Callable[[Fault, bool], None] | None
 
     @property
@@ -185,7 +186,7 @@ def _disturb_wires(
         values = {"delay_s": fault.number("delay_s"), "jitter_s": fault.number("jitter_s")}
     elif kind == "reorder":
         values = {"reorder": fault.number("share"), "reorder_s": fault.number("by_s")}
-    else:
+    else:  # "loss" and "duplicate", which are also the names of the fields
         values = {kind: fault.number("share")}
     if not is_on:
         values = {name: getattr(NO_FAULTS, name) for name in values}
@@ -205,6 +206,7 @@ def _motor(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> N
 
 
 def _battery_cell(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
+    """Take away charge at once; the fault has no end."""
     battery = emulator.autopilots[index].battery
     battery.remaining_frac = max(0.0, battery.remaining_frac - 0.01 * fault.number("drop_pct"))
 
@@ -247,6 +249,7 @@ def _hang(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> No
 
 
 def _reboot(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
+    """Start the autopilot anew at once; the fault has no end."""
     emulator.reboot(index)
 
 

@@ -99,7 +99,7 @@ class Mocap:
         position_noise_m = settings.noise_m * self._rng.standard_normal((count, 3))
         measured[:, :3] = position_enu_m + position_noise_m
 
-        turns = np.ones((count, 4))
+        turns = np.ones((count, 4))  # quaternions wxyz of small turns
         turns[:, 1:] = 0.5 * _ATTITUDE_NOISE_RAD * self._rng.standard_normal((count, 3))
         turns /= np.sqrt((turns * turns).sum(axis=1, keepdims=True))
         measured[:, 3:] = frames.multiply(attitude_enu_flu, turns)

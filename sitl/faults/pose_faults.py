@@ -30,7 +30,7 @@ class PoseFaults:
 
     def __init__(self, count: int) -> None:
         self._faults: list[PoseFault | None] = [None] * count
-        self._frozen: dict[int, Array] = {}
+        self._frozen: dict[int, Array] = {}  # index of a body -> the pose at which it froze
 
     @property
     def is_clear(self) -> bool:

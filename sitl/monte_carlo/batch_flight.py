@@ -186,6 +186,7 @@ def _fly(
         if plan.intruder_m_s is not None:
             scripted[f, -1] = plan.intruder_m_s
 
+    # only a fleet that flies above each other by its file feels the rotors' wash
     wash_m = 0.0
     if fleet.fleet.vertical_separation_m is not None:
         wash_m = fleet.fleet.body_diameter_m
@@ -236,6 +237,7 @@ def _fly(
         if has_lies:
             offset_m, velocity_m_s = lies.offsets(metrics.time_s)
             published_states = shifted(states, offset_m, velocity_m_s, _OF_STATE)
+            # a liar that believes its false position flies by it, too
             states = np.where(lies.is_believed()[:, None], published_states, states)
 
         if radio is None and not is_alone:
@@ -262,7 +264,7 @@ def _fly(
         truth = world.truth()
 
         active = ticks["law"]["active_neighbour"].astype(np.int64)
-        if radio is not None:
+        if radio is not None:  # from the index among the received neighbours to the vehicle's
             active = radio.vehicle(active)
         going_on = metrics.update(truth, ticks, active)
         orders.advance(metrics)

@@ -52,7 +52,7 @@ def campaign(
     with ProcessPoolExecutor(min(jobs, len(chunks)), mp_context=spawn) as pool:
         try:
             yield from pool.map(_fly_chunk, chunks)
-        except BaseException:
+        except BaseException:  # an interrupt, too: chunks that have not begun are not flown
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 

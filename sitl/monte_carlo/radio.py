@@ -102,7 +102,7 @@ class Radio:
         if burst_s <= 0.0:
             return is_mute
 
-        own_draws = np.einsum("fnn->fn", link_draws)
+        own_draws = np.einsum("fnn->fn", link_draws)  # of the link to itself, which has no messages
         begins = own_draws < TICK_S / self._perturbation.burst_every_s
         begins_anew = begins & (self._silence_s <= 0.0)
         self._silence_s = np.where(begins_anew, burst_s, self._silence_s - TICK_S)

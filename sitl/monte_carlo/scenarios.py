@@ -510,7 +510,7 @@ def _lost(name: str, seed: int, number: str | None, kind: str | None) -> FlightP
     count = _number(name, number, 8)
     swap = _swap(name, seed, str(count), "")
 
-    rng = np.random.default_rng([seed, 9])
+    rng = np.random.default_rng([seed, 9])  # other numbers than those of the swap's jitter
     index = int(rng.integers(count))
     time_s = float(rng.uniform(1.0, 5.0))
     if kind is None:

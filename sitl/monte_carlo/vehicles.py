@@ -80,6 +80,7 @@ class Physics:
 
         headings = np.full(flights * count, _EAST_RAD)
         start_ned_m = frames.swap_enu_ned(start_enu_m).reshape(-1, 3)
+        # this seed has no effect: the profiles have no noise and no bias, which are drawn here
         self._vehicles = Vehicles(profiles, start_ned_m, headings, seed=0)
         states = self._vehicles.states
 
@@ -123,7 +124,7 @@ class Physics:
         Args:
             quaternion_wxyz: attitudes (F, N, 4) of the attitude setpoints.
             thrust_frac: thrusts (F, N) of the attitude setpoints.
-            normals: standard normal numbers (F, N, 9).
+            normals: standard normal numbers (F, N, 9), of which the first six are for the sensors.
         """
         self._blow()
         gust_std = self._perturbation.gust_m_s2
@@ -199,7 +200,8 @@ class Physics:
 
 def wind_of_flight(count: int, perturbation: SimulatedErrors, seed: int) -> Wind:
     """Return the wind of one flight; the seed decides its direction."""
-    bearing_rad = float(np.random.default_rng([seed, 6]).uniform(-math.pi, math.pi))
+    rng = np.random.default_rng([seed, 6])  # other numbers than those of the scenario
+    bearing_rad = float(rng.uniform(-math.pi, math.pi))
     speed_m_s = perturbation.wind_m_s
     settings = WindSettings(
         gust_std_m_s=perturbation.gust_m_s,

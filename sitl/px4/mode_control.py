@@ -79,7 +79,8 @@ class ModeControl:
     _control: PositionControl = field(default_factory=PositionControl)
     _armed_time_s: float = 0.0
     _entry: AutopilotInputs | None = None  # inputs at the begin of the mode
-    _hold_ned_m: Array | None = None  # position for Hold; None: position at its begin
+    # position for Hold, None: position at its begin; or where POSCTL holds, None: sticks are moved
+    _hold_ned_m: Array | None = None
     _yaw_setpoint_rad: float | None = None  # None before the first heading of the mode
     _hover_thrust_frac: float = 0.5  # estimated in flight
     _sticks: Axes | None = None  # sticks of a pilot at this tick; None while none are received

@@ -102,6 +102,7 @@ def _mean_ratio(flown: list[MapRow]) -> float:
 
 def toml_summary(cells: Iterable[Cell], rows: MapRows, version: str) -> str:
     """Return the summary as TOML; cells without flights are left out."""
+    # any number of vehicles: only what does not depend on it is written
     fleets = {name: setup_for(errors=name).fleet(3) for name in ERRORS}
     first_fleet = next(iter(fleets.values()))
     lag_s = max(vehicle.lag_s for vehicle in first_fleet.vehicles.values())

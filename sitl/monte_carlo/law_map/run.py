@@ -20,7 +20,7 @@ def has_failed(cell: Cell, file: ResultsFile) -> bool:
     """Return whether vehicles have come too near to each other in any stage of a cell."""
     for stage in range(len(STAGES)):
         row = file.rows.get((cell.key, stage))
-        if row is not None and row["below"]:
+        if row is not None and row["below"]:  # number of flights below the safety distance
             return True
     return False
 
@@ -55,7 +55,7 @@ def run(
     scheduler: str | None = None,
     tell: Say = say,
 ) -> None:
-    """Fly the missing units of the map, and keep each of them when it is done.
+    """Fly the missing units of the map, and write the result of each when it is done.
 
     Args:
         cells: cells of the map.
