@@ -69,7 +69,7 @@ def import_(
     for note in (*read.notes, *made.notes):
         print(f"  {note}")
     for name, lines in made.own_notes.items():
-        for line in lines[1:]:
+        for line in lines[1:]:  # the first one only says which drone of the show it is
             print(f"  {name} {line}")
     if drones > 1:
         nearest_pair = closest_pairs(sample(made.paths), 0.0)[0]

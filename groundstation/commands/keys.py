@@ -164,8 +164,8 @@ def list_(fleet: FleetArgument, /, *, running: bool = False) -> int:
 
     Args:
         fleet: the fleet file
-        running: ask those that run with which authority they do: who was forgotten when it was
-            replaced?
+        running: also ask each running node whether its keys are of the present authority, or of a
+            former one, because it was forgotten when the authority was replaced
     """
     config = load_fleet(fleet)
     if not config.has_keys:

@@ -97,7 +97,7 @@ def simulate(
         map: fly the map of the law in place of scenarios, or go on with it
         map_file: file that keeps the map
         cells: only these cells of the map; repeatable
-        flights: in a cell of the map that does not fail
+        flights: number in each cell of the map that does not fail
         suite: judge a law over all scenes of the open benchmark; the name is open
         keep: file that keeps the flights of the suite, from which the same command goes on
         scheduler: fly the map or the suite on a Dask cluster (extra 'cluster')

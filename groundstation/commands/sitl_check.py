@@ -103,7 +103,7 @@ def sitl_check(
 
         own_key = None
         if key is not None:
-            own_key = read_key(str(key), "FLEET")
+            own_key = read_key(str(key), "FLEET")  # there is no fleet file to name in a refusal
         terms = Terms(i_have_removed_the_propellers, wait, from_elsewhere, own_key)
         report = FactReport(facts, is_version_known=px4 != "auto")
         return _check(endpoint, report, (port, ground, simulator), terms, is_json=json)

@@ -184,11 +184,11 @@ def _knowledge(vehicle: _Seen, tick: TickSample, other: _Seen) -> Iterator[str]:
     if vehicle.truth is not None and other.truth is not None:
         true_m = math.dist(vehicle.truth.position_enu_m, other.truth.position_enu_m)
         text += f" ({true_m:.2f} m in truth)"
-    yield f"{text}, by a word {1e3 * age_s:.0f} ms old."
+    yield f"{text}, by a state {1e3 * age_s:.0f} ms old."
 
     largest_s = vehicle.largest_ages_s.get(other.name, 0.0)
     if largest_s > _OLD_S:
-        yield f"{name}: its newest word of {other.name} was up to {largest_s:.2f} s old before."
+        yield f"{name}: its newest state of {other.name} was up to {largest_s:.2f} s old before."
 
     if tick.law_status == _INACTIVE:
         yield f"{name}: its law let the thrust of the trajectory pass unchanged."

@@ -246,6 +246,7 @@ class _Ages:
     def add(self, first_tick: int, ages_of_ticks_s: list[dict[str, _Number]]) -> None:
         """Add the ages at consecutive ticks."""
         tick = first_tick
+        # the tuple of a tick's ages is that of its keys: the neighbours' names
         for names, group in itertools.groupby(ages_of_ticks_s, key=tuple):
             if not self._blocks or self._blocks[-1][0] != names:
                 self._blocks.append((names, tick, []))
@@ -610,7 +611,7 @@ def _fleet(folder: Path, path: str | None, notes: list[str]) -> FleetConfig | No
         return load_fleet(path, finds_law=False)
     beside = folder / "fleet.toml"
     if not beside.is_file():
-        notes.append("There is no fleet.toml beside the record: distances have no promised line.")
+        notes.append("There is no fleet.toml beside the record: no promised distance is drawn.")
         return None
     try:
         # A record may come from anybody, so code that its fleet file names (a law) is not run.
