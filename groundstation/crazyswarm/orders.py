@@ -286,6 +286,7 @@ class ScriptOrders:
         """Disarm vehicles on the ground, if one of them is armed."""
         on_ground = [name for name in names if not self.fleet[name].is_flying]
         if any(self.fleet[name].view.is_armed for name in on_ground):
+            # a sleep waits for it as for a landing
             self._begin("land", dict.fromkeys(on_ground, 0.0), self.fleet.disarm(on_ground))
 
     async def _follow(self, paths: dict[str, Path]) -> None:

@@ -86,8 +86,8 @@ def unknown_time(
             # Both are still unseen. Each has moved since it was seen.
             approach_ns = (now_ns - before.seen_ns) + (now_ns - other.seen_ns)
         else:
-            # This one is seen again, the other is not. The bound is computed from this one's new
-            # position, backwards in time to the moment when one of both was last seen.
+            # This one is seen again, the other is not. Backwards in time, this one moves from its
+            # new position and the other from its last one, to the moment when both were last seen.
             position_enu_m = after.position_enu_m
             begin_ns = min(before.seen_ns, other.seen_ns)
             approach_ns = (now_ns - begin_ns) + (other.seen_ns - begin_ns)

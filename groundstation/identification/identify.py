@@ -108,7 +108,9 @@ def identify(log: Log) -> Identified:
     hover = GRAVITY_M_S2 / scale
     hover_std = math.hypot(hover * scale_std / scale, _FLOOR["hover"] * hover)
 
-    # take the age of the attitude off the dead time; motion.theta[1] is minus that age
+    # attitude.theta: dead time, wn, zeta, static gain, constant error of the attitude x, y
+    # motion.theta: drag, minus the age of the attitude, acceleration x, y by the thrust's tilt
+    # The age is taken off the dead time.
     delay_s, wn, zeta = attitude.theta[:3]
     delay_s += motion.theta[1]
     lag_std = math.hypot(motion.std[1], _FLOOR["lag"])

@@ -51,6 +51,7 @@ def manoeuvre(
 
     others = [fleet.vehicles[other].start_enu_m for other in fleet.enabled_names if other != name]
     apart_m = min((math.dist((x, y), other[:2]) for other in others), default=math.inf)
+    # the others stand on their spots, and do not give way
     apart_m -= parking_distance_m(fleet) + fleet.law.uncooperative_margin_m
 
     room_m = min(x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y) - _FENCE_M

@@ -61,6 +61,7 @@ def world_time(written: str, now: datetime.datetime) -> WorldTime:
     if date is not None:
         instant = _instant(date, time, now)
     else:
+        # in another time zone it may be the day before, or the day after
         days = [now.date() + datetime.timedelta(days=shift) for shift in (-1, 0, 1)]
         instants = [_instant(day, time, now) for day in days]
         instant = _nearest(instants, now)

@@ -39,7 +39,7 @@ async def follow(
     """Have vehicles follow another one for a time; then they hold, also when this is cancelled.
 
     Args:
-        ground: the mission's ground in this flight.
+        ground: gives the mission's orders and keeps their results.
         leader: the vehicle that is followed.
         offsets: offsets of the followers from the leader [m], ENU.
         duration_s: duration [s].
@@ -72,6 +72,7 @@ async def follow(
                 accepted_ns = client.now_ns()
 
             skipped = pause.skipped()
+            # an operator who has taken the fleet decides what the followers do next
             if skipped and ground.watch.look() is None:
                 ground.say(f"  {', '.join(skipped)} skips the rest of following {leader}")
                 offsets = {name: offsets[name] for name in offsets if name not in skipped}

@@ -80,7 +80,7 @@ class Group:
     longest wait [s], in vehicle time.
 
     Args:
-        ground: the mission's ground in this flight.
+        ground: gives the mission's orders and keeps their results.
         names: names of the vehicles.
     """
 

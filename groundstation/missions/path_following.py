@@ -82,7 +82,7 @@ async def follow_paths(
     """Let each vehicle follow its path; all start at the same instant.
 
     Args:
-        ground: the mission's ground in this flight.
+        ground: gives the mission's orders and keeps their results.
         paths: paths of the vehicles.
         lights: colours of the vehicles, which are shown and recorded.
         on_lag: reaction of a vehicle that falls behind for too long; the others go on.

@@ -32,7 +32,8 @@ class AttemptResult:
     """The result of one attempt."""
 
     name: str
-    # whether it got in on the copy with keys, and on the one without; None if it was not made
+    # Whether it got in on the copy with keys, and on the one without. None: it was not made there,
+    # or it proves nothing.
     with_keys: bool | None
     without_keys: bool | None
     is_right: bool  # whether the keys stopped it, and nothing else
@@ -161,7 +162,8 @@ async def _attempt_all(
     outcomes: dict[str, Outcome] = {}
 
     # Attempts block, so each runs in a thread: the event loop is free for the flight's client.
-    spare = await asyncio.to_thread(spare_vehicle, context)
+    # The node of the spare vehicle, which never flies, notes what reaches it from the attempts.
+    spare_node = await asyncio.to_thread(spare_vehicle, context)
     try:
         for attempt in attempts(flight.names):
             if only not in attempt.name:
@@ -177,7 +179,7 @@ async def _attempt_all(
                 outcomes[attempt.name] = got_in
                 say(f"  {_WORDS[got_in]}  {attempt.name}")
     finally:
-        await asyncio.to_thread(spare.stop)
+        await asyncio.to_thread(spare_node.stop)
     return outcomes
 
 

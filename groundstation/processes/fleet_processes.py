@@ -56,6 +56,7 @@ def start_fleet(
         processes.start(CORRECTIONS, words)
 
     names = fleet.enabled_names
+    # with more agents, real-time priority would leave the other processes no time
     is_realtime = leaves_room(len(names))
     for name in names:
         processes.start(name, agent_command(path, name, is_realtime=is_realtime))

@@ -136,10 +136,10 @@ def _compared(
         return VehicleReport(name, False, headline, answers=is_heard)
 
     found = differences(values, other)
-    own = ""
+    more = ""
     if found.left_out:
-        own = f"; {found.left_out} more that are each vehicle's own ({', '.join(OWN[:3])}, ...)"
-    headline = f"{len(found.rows)} of {len(values)} differ from {reference}{own}."
+        more = f"; {found.left_out} more that are each vehicle's own ({', '.join(OWN[:3])}, ...)"
+    headline = f"{len(found.rows)} of {len(values)} differ from {reference}{more}."
     return VehicleReport(name, not found.rows, headline, tuple(found.rows))
 
 
@@ -204,8 +204,9 @@ def restore(links: Sequence[VehicleLink], path: Path, backup: Path) -> list[Vehi
             " Select others with --vehicles, or give their own file."
         )
 
-    concerned = [link for link in links if link.vehicle.system_id in sets and not link.is_armed]
-    troubles, _ = save(concerned, backup)
+    # one that is not heard is among them: `save` then says why its PX4 does not answer
+    to_restore = [link for link in links if link.vehicle.system_id in sets and not link.is_armed]
+    troubles, _ = save(to_restore, backup)
 
     def restore_one(link: VehicleLink) -> VehicleReport:
         name = link.vehicle.name

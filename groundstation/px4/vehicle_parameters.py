@@ -122,20 +122,20 @@ def set_all(
     state_of = {state.name: state for state in states}
     required = {state.name: _to_be_set(state) for state in states}
 
-    concerned = []
+    to_set = []
     for link, state in zip(links, states, strict=True):
         if required[state.name] and not state.trouble and not state.is_armed:
-            concerned.append(link)
-    saved, _ = save(concerned, backup)
+            to_set.append(link)
+    troubles, _ = save(to_set, backup)
 
     def set_one(link: VehicleLink) -> VehicleParams:
         state = state_of[link.vehicle.name]
         if state.is_armed and required[state.name]:
             return replace(state, trouble=ARMED)
-        if link not in concerned:
+        if link not in to_set:
             return state
-        if saved[state.name]:
-            trouble = f"Nothing was changed, since it could not be saved: {saved[state.name]}"
+        if troubles[state.name]:
+            trouble = f"Nothing was changed, since it could not be saved: {troubles[state.name]}"
             return replace(state, trouble=trouble)
         return _set(link, state, required[state.name])
 
@@ -174,7 +174,8 @@ def save(links: Sequence[VehicleLink], path: Path) -> tuple[dict[str, str], dict
         path: path of the file.
 
     Returns:
-        Vehicle -> why it is not in the file, empty if it is; vehicle -> number of its parameters.
+        Vehicle -> why it is not in the file, empty if it is; vehicle in the file -> number of its
+        parameters.
 
     Raises:
         ConfigError: the file cannot be written.
@@ -184,11 +185,11 @@ def save(links: Sequence[VehicleLink], path: Path) -> tuple[dict[str, str], dict
     contents = {}
     for link, values in zip(links, for_each(read_whole, links), strict=True):
         name = link.vehicle.name
-        counts[name] = len(values)
         if isinstance(values, str):
             troubles[name] = values
         else:
             troubles[name] = ""
+            counts[name] = len(values)
             contents[link.vehicle.system_id] = (f"{name}, {link.version_text}", values)
 
     if contents:

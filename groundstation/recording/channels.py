@@ -75,7 +75,8 @@ KINDS: dict[str, type[Message]] = {
 }
 # Fields of each kind, filled when they are first used.
 _FIELDS: dict[type[Message], tuple[_Field, ...]] = {}
-# Kind -> a class of the same fields that is encoded with the names of its fields.
+# Kind -> a class of the same fields that is encoded as an object with the names of its fields. The
+# messages themselves are encoded as arrays, as they travel on the bus.
 _NAMED: dict[type[Message], type[msgspec.Struct]] = {}
 
 
@@ -94,8 +95,9 @@ def from_json(kind: type[Message], data: bytes) -> Message | None:
     """
     try:
         values = _decode(data)
-        own_values = [_value(values, field) for field in _fields(kind)]
-        return msgspec.convert(own_values, kind)
+        # a message is converted from the array of its values, as on the bus
+        values_in_order = [_value(values, field) for field in _fields(kind)]
+        return msgspec.convert(values_in_order, kind)
     except (
         msgspec.DecodeError,
         msgspec.ValidationError,

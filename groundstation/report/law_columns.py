@@ -14,6 +14,7 @@ from onboard.arrays import Array, IntArray
 
 LEAST_M_S2 = 0.15  # weaker interventions are not drawn
 MOST_ROWS = 8_000  # most half-planes of all vehicles; with more, one stands for several samples
+# steps to which the report rounds
 _ANGLE_RAD = 0.001
 _ACCELERATION_M_S2 = 0.005
 
@@ -55,6 +56,7 @@ def _samples(vehicle: VehicleFlight, grid_s: Array, max_gap_s: float) -> tuple[I
 
     before = np.searchsorted(ticks.time_s, grid_s, side="right") - 1  # tick; -1 if there is none
     is_known = (before >= 0) & (grid_s - ticks.time_s[before] <= max_gap_s)
-    intervenes = (ticks.intervention_m_s2[before] >= LEAST_M_S2) & (ticks.avoided[before] >= 0.0)
+    avoids_somebody = ticks.avoided[before] >= 0.0  # the neighbour's number; -1: nobody
+    intervenes = (ticks.intervention_m_s2[before] >= LEAST_M_S2) & avoids_somebody
     samples = np.flatnonzero(is_known & intervenes)
     return samples, before[samples]

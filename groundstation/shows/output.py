@@ -255,7 +255,7 @@ def _top_speed_m_s(made: Converted | None) -> float:
     """Return the top speed of a fleet made for the show: that of the show, within bounds."""
     if made is None:
         return _FASTEST_TOP_SPEED_M_S
-    velocity = sample(made.paths).values[1, :, :, :3]
+    velocity = sample(made.paths).values[1, :, :, :3]  # first derivative of x, y, z
     top_m_s = float(np.sqrt((velocity**2).sum(-1)).max())
     rounded_m_s = math.ceil(100.0 * top_m_s) / 100.0
     return min(max(_SLOWEST_TOP_SPEED_M_S, rounded_m_s), _FASTEST_TOP_SPEED_M_S)

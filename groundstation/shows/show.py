@@ -126,4 +126,5 @@ def bezier_piece(duration_s: float, points: list[list[float]]) -> list[float]:
         per_time = powers / duration_s ** np.arange(len(p))[:, None]
     coefficients = np.zeros((4, 8))
     coefficients[:3, : len(p)] = per_time.T
+    # of the NUMBERS of a piece, the first is its duration
     return [duration_s, *coefficients.reshape(NUMBERS - 1).tolist()]

@@ -39,6 +39,8 @@ def refuse_many_members(name: str, stream: BinaryIO) -> None:
     begin = tail.rfind(_ZIP_END_SIGNATURE)
     if begin < 0 or len(tail) < begin + _ZIP_END.size:
         return  # no zip; zipfile will refuse it
+    # The stated number may be false, so the length of the list is limited, too. A name and further
+    # fields make a member up to four times as long as the least.
     *_, count, list_bytes, _, _ = _ZIP_END.unpack_from(tail, begin)
     if count > _MOST_MEMBERS or list_bytes > 4 * _MEMBER_BYTES * _MOST_MEMBERS:
         raise ConfigError(

@@ -202,7 +202,8 @@ def _log(flight: Flight) -> Iterator[_Message]:
 
 
 def _motion(flight: Flight, step_s: float) -> FleetMotion:
-    # The times count from flight.begin_ns. The first vehicle is known earlier or later than that.
+    # The times count from flight.begin_ns. The first message of a vehicle is at flight.begin_s,
+    # which may be negative.
     times_s = np.arange(flight.begin_s, flight.length_s + step_s / 2.0, step_s)
     return FleetMotion(flight, times_s)
 

@@ -198,7 +198,7 @@ class LiveFeed:
         state = self._client.state
         self._alarms.update(state, now_ns)
         control = self._client.control if self._can_order else None
-        mission = ("", False)
+        mission = ("", False)  # its line in words, and whether it counts down
         if self.cards is not None:
             mission = (self.cards.missions.live_line, self.cards.missions.counts_down)
         return _text(

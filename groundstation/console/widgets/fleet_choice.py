@@ -13,9 +13,9 @@ _LAST_CHARACTER = 0x10FFFF
 def is_match(row: VehicleRow | None, name: str, index: int, filter_text: str) -> bool:
     """Whether every word of a filter matches a vehicle.
 
-    A word of a filter is a part of the vehicle's name, a range of indices, a state, a mode, or a
-    condition: ``silent``, ``waiting``, ``armed``, ``airborne``, ``unready`` or ``low``. ``!``
-    negates a word.
+    A word of a filter is a part of the vehicle's name, a range of indices such as ``0-3``, a state,
+    a mode, or a condition: ``silent``, ``waiting``, ``armed``, ``airborne``, ``unready`` or
+    ``low``. A ``!`` before a word negates it.
     """
     words = [name.lower()]
     if row is None:

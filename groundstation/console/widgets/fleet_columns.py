@@ -49,7 +49,7 @@ class Column:
     width: int
     rank: int  # a narrow terminal shows the columns with the lowest ranks; 0 is always shown
     cell: Callable[[VehicleRow], Cell]
-    right: bool = False
+    right: bool = False  # whether the cells are aligned to the right
     sort: Callable[[VehicleRow], float] | None = None  # sort key; smaller first, NaN last
     of_corrections: bool = False  # whether it is shown only if the fleet uses RTK corrections
     # Whether a reason not to fly may cover the column on the ground: 0 never, 1 if the reason has
@@ -148,7 +148,7 @@ def _base(row: VehicleRow) -> Cell:
 
 def _battery(row: VehicleRow) -> Cell:
     charge_pct = row.telemetry.battery_frac * 100.0
-    text = number(charge_pct, 0, limit=999)
+    text = number(charge_pct, 0, limit=999)  # a dash for a charge that is not known
     if text == "-" or charge_pct < 0.0:
         return "  -", FAINT
     if charge_pct <= row.fleet.fleet.battery_land_pct:

@@ -53,6 +53,7 @@ class RowLayout:
         most = _LONG_NAME if width >= _WIDE else _SHORT_NAME
         name_width = max(4, min(most, max(name_widths, default=4)))
 
+        # in front of the columns: the cursor, the mark, the index, a blank, the name, a blank
         room = width - digits - name_width - 4
         columns, left = fit_columns(room, has_corrections=has_corrections)
         return cls(digits, name_width, columns, left)
