@@ -175,7 +175,13 @@ def _spread(pixels: Array, count: int, title: str) -> Array:
             break
         centres = means
 
-    drawn = pixels[((pixels[None] - centres[:, None]) ** 2).sum(-1).argmin(-1)]
+    # each slot is the pixel nearest to its centre that is no slot yet
+    chosen: list[int] = []
+    for centre in centres:
+        distances = ((pixels - centre) ** 2).sum(-1)
+        distances[chosen] = np.inf
+        chosen.append(int(distances.argmin()))
+    drawn = pixels[chosen]
     from_the_west = np.lexsort((-drawn[:, 1], drawn[:, 0]))
     return np.column_stack([drawn[from_the_west], np.zeros(count)])
 

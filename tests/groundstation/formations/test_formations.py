@@ -101,6 +101,20 @@ def test_a_text_in_which_nothing_is_drawn_is_refused(text: str) -> None:
         slot_drawing.text_slots(text, None, 3)
 
 
+def test_two_slots_of_an_image_take_two_pixels_though_one_is_nearest_to_both(
+    tmp_path: Path,
+) -> None:
+    from matplotlib.image import imsave
+
+    picture = np.ones((6, 4, 3))
+    for row, column in ((1, 0), (1, 3), (2, 2), (4, 2)):
+        picture[row, column] = 0.0
+    imsave(tmp_path / "dots.png", picture)
+
+    first, second = slot_drawing.image_slots(str(tmp_path / "dots.png"), 2)
+    assert math.dist(first, second) >= 1.0
+
+
 def test_a_text_and_an_image_are_drawn_by_their_slots(tmp_path: Path) -> None:
     from matplotlib.image import imsave
 
