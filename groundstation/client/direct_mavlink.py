@@ -41,8 +41,8 @@ _RESULTS = {
     5: "in progress",
 }
 _ACCEPTED = (0, 5)  # values of MAV_RESULT for "accepted" and "in progress"
-# PX4's main modes in which a pilot's sticks fly: MANUAL, ALTCTL, POSCTL, ACRO, STABILIZED, RATTITUDE
-# and ALTITUDE_CRUISE
+# PX4's main modes in which a pilot's sticks fly: MANUAL, ALTCTL, POSCTL, ACRO, STABILIZED,
+# RATTITUDE and ALTITUDE_CRUISE
 _PILOT_MODES = (1, 2, 3, 5, 7, 8, 11)
 _REQUEST_MESSAGE = 512
 _SET_MESSAGE_INTERVAL = 511
