@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -44,8 +45,9 @@ _SHOWN = 3  # names in a shared line
 _MOST_UNKNOWN = 3  # texts of one vehicle that are not in the table and are shown nevertheless
 _AND = " – "  # separates the names of a pair
 
-# Alarms with a number in their sentence; a shared line shows the lowest number.
-_NUMBERED = frozenset(
+# Alarms whose sentence ends in a number or a mode; a shared line shows the lowest number, or the
+# first mode in the order of the alphabet.
+_WITH_VALUE = frozenset(
     (
         GroundCondition.CLOSE,
         Condition.BATTERY_LOW,
@@ -266,12 +268,18 @@ def _together(lines: list[AlarmLine]) -> AlarmLine:
     vehicles = f"{len(lines)} of them: {first_names} and {len(names) - _SHOWN} more"
 
     what = "each for its own reason"
-    if kind in _NUMBERED:
-        what = min(line.alarm.what for line in lines)
+    if kind in _WITH_VALUE:
+        what = min((line.alarm.what for line in lines), key=_by_number)
 
     sentence = TABLE[kind].sentence.format(who=vehicles, what=what)
     alarm = dataclasses.replace(oldest.alarm, subject=_AND.join(names), sentence=sentence)
     return dataclasses.replace(oldest, alarm=alarm, count=len(lines))
+
+
+def _by_number(what: str) -> tuple[float, str]:
+    """Return what orders values in sentences: by their first number, those without one last."""
+    number = re.search(r"\d+(\.\d+)?", what)
+    return (float(number[0]) if number else math.inf), what
 
 
 # -- alarms of this moment -------------------------------------------------------------------------

@@ -297,6 +297,24 @@ def test_the_same_alarm_of_many_vehicles_is_one_line_and_acknowledged_together(
     assert [line.alarm.kind for line in ground.alarms.of("mav7")] == [Condition.BATTERY_WARNING]
 
 
+def test_a_line_of_many_vehicles_says_the_lowest_battery_also_below_ten_percent(
+    ground: Ground3,
+) -> None:
+    charges_pct = {"mav0": 12.0, "mav1": 9.0, "mav2": 13.0, "mav3": 14.0}
+    state = fleet_state.FleetState({name: fleet_state.VehicleView(name) for name in charges_pct})
+    for index, (name, charge_pct) in enumerate(charges_pct.items()):
+        heard = telemetry(
+            name,
+            position_enu_m=(0.2 * index, 0.0, 0.0),
+            is_airborne=False,
+            battery_frac=charge_pct / 100.0,
+        )
+        state = fleet_state.fold(state, heard, ground.now_ns)
+    ground.alarms.update(state, ground.now_ns)
+    (line,) = ground.alarms.lines
+    assert line.alarm.sentence == "4 of them: mav0, mav1, mav2 and 1 more: battery low, 9 %"
+
+
 def test_an_event_that_ends_the_record_stays_until_it_is_acknowledged(ground: Ground3) -> None:
     ground.all_hear()
     event = Event(
