@@ -59,7 +59,8 @@ def _drive(
     horizontal = tilt * np.sinc(angle / np.pi)[:, None]
     direction = np.concatenate([horizontal, np.cos(angle)[:, None]], axis=-1)
 
-    # throttle after the motors' first-order lag
+    # Throttle after the motors' first-order lag. It remembers 0.4 s, so the commands are taken from
+    # a little earlier than that before the window.
     early_s = np.arange(begin_s - 0.5, end_s, _GRID_S)
     index = np.searchsorted(log.command_time_s, early_s, side="right") - 1
     held = log.thrust_frac[np.maximum(index, 0)]

@@ -223,6 +223,7 @@ def _png(path: Path) -> bytes:
     if len(data) < _HEADER_BYTES or not data.startswith(_PNG_BEGIN):
         raise ConfigError(f"{path} is no PNG. Export the tiles as PNG.")
 
+    # after the signature and the begin of the first chunk
     width_px, height_px = struct.unpack(">II", data[16:_HEADER_BYTES])
     if not 1 <= width_px <= _MOST_SIDE_PX or not 1 <= height_px <= _MOST_SIDE_PX:
         raise ConfigError(

@@ -75,7 +75,7 @@ def height_at_tilt(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     return at_least(
         name="height at full tilt",
         value=lift,
-        bound=1.05,
+        bound=1.05,  # 5 % in reserve
         unit="",
         sentence=(
             f"{vehicle.name} at its max_tilt_deg = {vehicle.max_tilt_deg:g} and full throttle "
@@ -237,7 +237,7 @@ def own_failsafes(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         the finding.
     """
     sentences = weakened(fleet, vehicle)
-    sentence = f"px4_params leave every demand about PX4's own failsafes to {vehicle.name}"
+    sentence = f"{vehicle.name}'s px4_params weaken no demand about PX4's own failsafes"
     if sentences:
         sentence = " ".join(sentences).removesuffix(".")
 

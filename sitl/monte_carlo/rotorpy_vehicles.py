@@ -32,7 +32,7 @@ from sitl.physics import frames
 from sitl.physics.wind import GUST_TIME_S, wandered
 
 _KP_ATTITUDE_1_S2 = 200.0
-_KD_ATTITUDE_1_S = 25.0  # with the gain above the attitude follows by 0.125 s
+_KD_ATTITUDE_1_S = 25.0  # divided by the gain above: the lag of the attitude, 0.125 s
 _FACING_EAST = (0.0, 0.0, 0.0, 1.0)  # quaternion of RotorPy: x, y, z, w
 # the order of RotorPy's quaternions, and the order of ours in those
 _XYZW = (1, 2, 3, 0)

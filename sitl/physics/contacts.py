@@ -106,6 +106,7 @@ class World:
             self.vehicles.air_ned_m_s[:] = self.wind.step()
         self.vehicles.step(self.commands)
         if self.wind.has_own_gusts:
+            # _interact writes the push only if vehicles can meet; the gusts below would add up
             self.vehicles.push_ned_m_s2[:] = 0.0
 
         collisions = self._interact()

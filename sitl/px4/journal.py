@@ -16,7 +16,7 @@ from typing import Generic, NamedTuple, TypeVar
 from sitl.px4.signals import StatusText
 
 _INFO = 6  # MAV_SEVERITY
-_AUTOPILOT_NAMESPACE = 1 << 24
+_AUTOPILOT_NAMESPACE = 1 << 24  # the upper 8 bits of an event's number say who defines the event
 _STORED = 100  # smallest number of newest entries of each kind that are stored
 # Constants of the 32-bit FNV-1a hash.
 _FNV_OFFSET = 0x811C9DC5

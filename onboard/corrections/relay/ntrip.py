@@ -221,7 +221,7 @@ class _Body:
             if size == 0:
                 return
 
-            while len(self._buffer) < size + 2:
+            while len(self._buffer) < size + 2:  # a chunk and its line end
                 before = len(self._buffer)
                 await self._fill()
                 if len(self._buffer) == before:

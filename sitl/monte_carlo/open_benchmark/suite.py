@@ -121,6 +121,7 @@ def fly(unit: Unit) -> SuiteRow:
         "first_seed": unit.seeds[0],
         "flights": [_kept(flight, judged) for flight in flown],
         "busy_s": judged.busy_s if is_timed else 0.0,
+        # below 0 where the flights were over before the first timed call
         "calls": max(0, judged.calls) if is_timed else 0,
     }
 
