@@ -139,6 +139,8 @@ class MissionOrders:
             mission = replace(mission, arguments=arguments)
             if mission.is_python:
                 load_function(mission)
+            # Only the checks know who takes part now: when the mission flies, it leaves out whoever
+            # is out of service then.
             flown_now = without_empty_places(mission, client.state)
             refuse_unflyable(flown_now, client.state.is_simulated)
             refusal = begin_refusal(mission, client.state)
