@@ -461,11 +461,12 @@ def simulator_bus(
             of the other part.
     """
     agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
-    relay_or_whole_fleet, part_of_fleet = fleet.pose_endpoints
+    # While only a part is emulated, the relay of the other part has the main endpoint.
+    main_endpoint, second_endpoint = fleet.pose_endpoints
     return BusSession(
         namespace=fleet.namespace,
         node=node,
-        listen=[part_of_fleet if is_partial else relay_or_whole_fleet],
+        listen=[second_endpoint if is_partial else main_endpoint],
         connect=agents,
         credentials=credentials_of(fleet, NodeRole.EMULATOR),
         routers=fleet.fleet.routers,

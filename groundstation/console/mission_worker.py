@@ -35,7 +35,7 @@ class MissionWorker:
         app: app whose workers are used.
         panels: panels that show the mission.
         mission: function that flies a mission and returns its verdict. The verdict may have
-            ``sentences``, ``exit_status`` and ``is_passed``.
+            ``sentences``, ``summary`` (one of the sentences), ``exit_status`` and ``passed``.
         connect: function that opens the bus.
         progress: function that returns one line about the mission; called at each refresh.
     """
@@ -196,8 +196,7 @@ def _exit_status(verdict: object) -> int:
     status = getattr(verdict, "exit_status", None)
     if isinstance(status, int):
         return status
-    is_passed = getattr(verdict, "is_passed", getattr(verdict, "passed", True))
-    if is_passed:
+    if getattr(verdict, "passed", True):
         return 0
     return 1
 

@@ -52,7 +52,7 @@ class Baseline(NamedTuple):
 class Answer(NamedTuple):
     """Result for the horizontal thrust."""
 
-    thrust_m_s2: Vec2  # safe thrust with its compensation
+    thrust_m_s2: Vec2  # safe thrust, the compensation included
     status: int  # a LawStatus
     slack_m_s2: float  # amount by which all rows had to be relaxed; 0 if they allow some thrust
     crowd_count: float  # number of neighbours near this vehicle, which decides how it turns
@@ -114,6 +114,8 @@ def output_of(
         own: this vehicle at this tick.
         baseline, predicted: input of this tick, not yet made finite.
     """
+    # The law bounds thrust plus compensation. The output is without it: line O of the pipeline adds
+    # it again.
     u = answer.thrust_m_s2
     s = own.compensation_m_s2
     command = Vec3(u.x - s.x, u.y - s.y, own.thrust_z_m_s2 - GRAVITY_M_S2)

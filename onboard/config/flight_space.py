@@ -151,7 +151,8 @@ def _room_m(area: Area, position_enu_m: Xyz) -> float:
     x, y, z = position_enu_m
     room_m = areas.nearest(area, x, y).room_m - area.buffer_m
     if area.keeps_in:
-        return min(room_m, area.high_m - z)  # the floor does not count: the ground is there
+        # The ceiling has no buffer, and the floor does not count: the ground is there.
+        return min(room_m, area.high_m - z)
 
     above_m = z - area.high_m - area.buffer_m
     below_m = area.low_m - area.buffer_m - z
@@ -194,8 +195,10 @@ def _too_near(area: Area, room_m: float) -> str:
 def _moved_inside(area: Area, position_enu_m: Xyz, inside_m: float) -> Xyz:
     """Return a position after it is moved to a distance inside one area and its buffer."""
     x, y, z = position_enu_m
-    if area.keeps_in and area.high_m - inside_m > area.low_m:
-        z = min(max(z, area.low_m), area.high_m - inside_m)
+    if area.keeps_in:
+        highest_m = area.high_m - inside_m
+        if highest_m > area.low_m:  # else it is too low to keep the distance from its ceiling
+            z = min(max(z, area.low_m), highest_m)
     elif not areas.counts_at(area, z, z):  # above it or below it by more than its buffer
         return position_enu_m
 

@@ -1,8 +1,8 @@
 """Settings of the process that keep delays out of the control loop.
 
-Python's garbage collector runs on the ground only. A separate thread writes the log lines, because
-the program that reads them may hang. Threads get Python's lock quickly. On a drone's companion
-computer the loop's thread may have precedence over everything else.
+Garbage is collected only while the vehicle stands on the ground. A separate thread writes the log
+lines, because the program that reads them may hang. Threads get Python's lock quickly. On a drone's
+companion computer the loop's thread may have precedence over everything else.
 """
 
 from __future__ import annotations
@@ -22,12 +22,11 @@ import threading
 
 from onboard.plain_text import PlainStream
 
-_MAX_LINES = 2000  # of the log that wait for the thread that writes them
+_MAX_LINES = 2000  # lines of the log that may wait for the thread that writes them
 
-# A thread that waits for Python's lock gets it after this time at the latest. It is longer than the
-# calculation of a tick, which thus need not give up the lock halfway to a callback, on a thread
-# without precedence, and wait for that. It is short compared with the period of the ticks, so that
-# the loop does not wait long for another thread.
+# Time after which a thread must hand over Python's lock (GIL) to one that waits for it. It is
+# longer than a tick computes, so that no thread of lower priority interrupts a tick. It is short
+# compared with the period of the ticks, so that the loop soon gets the lock back from another one.
 _SWITCH_S = 0.002
 
 _REALTIME_PRIORITY = 10  # of the control loop's thread

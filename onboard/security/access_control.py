@@ -1,8 +1,8 @@
 """The table of roles in the form of zenoh's access control. Pure.
 
-It consists of rules, and of policies that say which rules the holder of which certificate has. A
-rule allows some kinds of messages on some keys of the bus. Each link checks the messages that come
-in, and drops those that no rule allows. All messages may go out, since the receiver checks them.
+It consists of rules, and of policies that give rules to the holder of a certificate. A rule allows
+some kinds of messages on some keys of the bus. Each link checks the messages that come in, and
+drops those that no rule allows. All messages may go out, since the receiver checks them.
 """
 
 from __future__ import annotations
@@ -75,7 +75,8 @@ def _rules_of(namespace: str, name: str, grant: Grant) -> list[_Rule]:
             for pattern in patterns
         ]
 
-    tokens = [key(namespace, Topic.ALIVE, f"{first.format(own=name)}/*") for first in grant.tokens]
+    # the key of a liveliness token: its name, and a number of the node
+    tokens = [key(namespace, Topic.ALIVE, f"{token.format(own=name)}/*") for token in grant.tokens]
     reads = [key(namespace, topic, "**") for topic in sorted(grant.reads)]
 
     accesses: list[tuple[tuple[str, ...], list[str]]] = [

@@ -46,7 +46,7 @@ class SeparationView(Lines, can_focus=True):
         self.history = history
         self._state: FleetState | None = None
         self._now_s = 0.0
-        # The drawn chart behind its key: width, height and half seconds of the present time.
+        # Key and chart as last drawn; the key is width, height, and the time in half seconds.
         self._chart: tuple[tuple[int, int, int], list[Strip]] | None = None
 
         self.border_title = "separation"
@@ -204,9 +204,9 @@ class SeparationView(Lines, can_focus=True):
         for distance_m in {0.0, limit_m, top_m}:
             row = int(dot_row(distance_m) // 4)
             if distance_m == limit_m:
-                canvas.text(0, row, f"{f'{limit_m:.2f}':>4}", BAD)
+                canvas.text(0, row, f"{limit_m:4.2f}", BAD)
             else:
-                canvas.text(0, row, f"{f'{distance_m:.1f}':>4}", FAINT)
+                canvas.text(0, row, f"{distance_m:4.1f}", FAINT)
 
         if has_axis:
             canvas.text(_MARGIN, height - 1, f"{WINDOW_S / 60:g} min ago", FAINT)

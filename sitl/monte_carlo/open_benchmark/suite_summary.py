@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sitl.monte_carlo.open_benchmark.suite import SuiteRow, flights_of
-from sitl.monte_carlo.results import interval
+from sitl.monte_carlo.results import FlightRecord, interval
 
 COLUMNS = (
     "flights",
@@ -28,6 +28,7 @@ COLUMNS = (
 def table_row(rows: Sequence[SuiteRow]) -> list[str]:
     """Return the texts of :data:`COLUMNS` for the flights of some rows, at least one.
 
+    Each row holds several flights of a law in a scene, and the time that the law took in them.
     Flawless: all arrived, nobody came too near and nothing was touched. Ratio and energy are means
     over the flights in which all arrived.
     """
@@ -62,7 +63,7 @@ def table_row(rows: Sequence[SuiteRow]) -> list[str]:
     ]
 
 
-def is_flawless(flight: SuiteRow) -> bool:
+def is_flawless(flight: FlightRecord) -> bool:
     """Return whether all arrived, nobody came too near, and nothing was touched."""
     is_clear = flight["violation_s"] == 0.0 and not flight["collision"]
     return bool(flight["success"]) and is_clear
