@@ -770,6 +770,46 @@ ACCEPTED = (
         ),
     ),
     Accepted(
+        "a command that is older than any lag is kept, and not read",
+        "avoidance/prediction.py",
+        (("SLOTS = 40", "40 becomes larger"),),
+    ),
+    Accepted(
+        "it only keeps an endless number out",
+        "avoidance/prediction.py",
+        (("LARGEST = 1e5", "100000.0 becomes larger"),),
+    ),
+    Accepted(
+        "a lead of a millisecond is none",
+        "avoidance/prediction.py",
+        (("_LEAST_LEAD_S = 1e-3", "0.001 becomes larger"),),
+    ),
+    Accepted(
+        "a command of nothing changes nothing, however long it lasts",
+        "avoidance/prediction.py",
+        (("return [PastCommand(ZERO_3, 0.0)] * SLOTS", "0.0 becomes larger"),),
+    ),
+    Accepted(
+        _ROUNDING,
+        "avoidance/projection.py",
+        (
+            ("_ONE_POINT = 1e-4", "0.0001 becomes larger"),
+            ("_WIDENINGS = (1e-12, 1e-10, 1e-8, 1e-6)", "1e-10 becomes larger"),
+            ("_WIDENINGS = (1e-12, 1e-10, 1e-8, 1e-6)", "1e-08 becomes larger"),
+            ("_WIDENINGS = (1e-12, 1e-10, 1e-8, 1e-6)", "1e-06 becomes larger"),
+        ),
+    ),
+    Accepted(
+        "it only keeps an endless number out: no height is uncertain by a kilometre",
+        "avoidance/heights.py",
+        (("_LARGEST_STD_M = 1e3", "1000.0 becomes larger"),),
+    ),
+    Accepted(
+        "it only keeps zero out of a division: no fleet keeps a distance of a centimetre",
+        "avoidance/pairs.py",
+        (("_LEAST_DISTANCE_M = 0.01", "0.01 becomes larger"),),
+    ),
+    Accepted(
         "a row without strength asks for no more than the thrust gives",
         "avoidance/constraints.py",
         (("if strength <= 0.0:", "LtE becomes Lt"),),

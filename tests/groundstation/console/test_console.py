@@ -160,7 +160,7 @@ async def test_ctrl_c_lands_and_a_second_one_leaves_at_once(fleet: FleetConfig) 
 
 class Verdict:
     def __init__(self, is_passed: bool) -> None:
-        self.is_passed = is_passed
+        self.passed = is_passed
         self.sentences = (
             ["All slots reached within 0.09 m."] if is_passed else ["mav1 never arrived."]
         )

@@ -113,7 +113,7 @@ def test_ascii_without_colour(snap_compare: Compare, monkeypatch: pytest.MonkeyP
 
 def test_a_verdict_leaves_the_plan_its_room(snap_compare: Compare, fleet: FleetConfig) -> None:
     class Verdict:
-        is_passed = True
+        passed = True
         sentences = (
             "Takeoff reached 1.00 m.",
             "All slots reached within 0.09 m.",

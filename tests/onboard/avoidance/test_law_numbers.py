@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 
 from onboard.avoidance import constraints, half_planes, heights, interface, oist, pairs, prediction
@@ -17,7 +18,7 @@ from onboard.avoidance.constraints import Constraint
 from onboard.avoidance.half_planes import HalfPlane
 from onboard.avoidance.heights import Climb
 from onboard.avoidance.interface import NOT_A_VEHICLE
-from onboard.avoidance.pairs import NeighbourPair, Own
+from onboard.avoidance.pairs import NeighbourPair, Own, nearest_surfaces
 from onboard.avoidance.params import Capsule
 from onboard.avoidance.projection import INACTIVE, RELAXED, SATURATED, project
 from onboard.avoidance.relaxation import least_slack
@@ -802,3 +803,10 @@ def test_any_neighbour_that_holds_a_vehicle_back_is_counted(index: int, held_s: 
     after, output = oist.step(memory, baseline, predicted, state, [ahead], (), _PARAMS, 0.02)
     assert output.active_neighbour == index
     assert after.held_s == pytest.approx(held_s)
+
+
+def test_of_nine_obstacles_the_six_nearest_count():
+    obstacles = [Capsule(Vec2(east, 0.0), Vec2(east, 0.0), 0.1) for east in range(9, 0, -1)]
+    gaps_m = [surface.gap_m for surface in nearest_surfaces(_own(), obstacles, 0.3)]
+    assert np.diff(gaps_m) == pytest.approx([1.0] * 5)
+    assert gaps_m[0] == pytest.approx(nearest_surfaces(_own(), obstacles[-1:], 0.3)[0].gap_m)
