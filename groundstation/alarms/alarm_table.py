@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from importlib.resources import files
@@ -88,6 +88,10 @@ def without_implied(texts: Sequence[str]) -> list[str]:
     if len(texts) < 2:
         return list(texts)
 
-    kinds = {BY_TEXT[text] for text in texts if text in BY_TEXT}
-    implied = {covered for covered, by in COVERED.items() if by in kinds}
+    implied = implied_by({BY_TEXT[text] for text in texts if text in BY_TEXT})
     return [text for text in texts if BY_TEXT.get(text) not in implied]
+
+
+def implied_by(kinds: Set[Kind]) -> set[Kind]:
+    """Return the alarms that a worse one among ``kinds`` of the same vehicle implies."""
+    return {covered for covered, by in COVERED.items() if by in kinds}

@@ -22,12 +22,12 @@ import numpy as np
 
 from groundstation.alarms.alarm_table import (
     BY_TEXT,
-    COVERED,
     RANKS,
     TABLE,
     AlarmSeverity,
     GroundCondition,
     Kind,
+    implied_by,
 )
 from groundstation.fleet.places import out_of_service
 from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
@@ -296,9 +296,9 @@ def conditions(state: FleetState, fleet: FleetConfig, now_ns: int) -> list[Alarm
     Returns:
         Alarms of the fleet, of pairs and of each vehicle, the worst first.
     """
-    alarms = list(_of_fleet(state, fleet, now_ns))
-    is_after_stall = state.is_after_stall(now_ns)
     replaced_or_disabled = out_of_service(state)
+    alarms = list(_of_fleet(state, fleet, now_ns, replaced_or_disabled))
+    is_after_stall = state.is_after_stall(now_ns)
     for view in state.vehicles.values():
         is_at_rest = not (view.is_armed or view.is_airborne)
         if is_at_rest and view.name in replaced_or_disabled:
@@ -323,7 +323,9 @@ def _alarm(kind: Kind, subject: str, *, is_flying: bool, what: str = "", names: 
     )
 
 
-def _of_fleet(state: FleetState, fleet: FleetConfig, now_ns: int) -> Iterator[Alarm]:
+def _of_fleet(
+    state: FleetState, fleet: FleetConfig, now_ns: int, replaced_or_disabled: set[str]
+) -> Iterator[Alarm]:
     yield from _close_pairs(state, fleet.fleet.safety_distance_m, now_ns)
 
     for name in state.disabled:
@@ -331,11 +333,10 @@ def _of_fleet(state: FleetState, fleet: FleetConfig, now_ns: int) -> Iterator[Al
         if view is not None and view.is_armed and view.is_fresh(now_ns):
             yield _alarm(GroundCondition.DISABLED_FLIES, view.name, is_flying=view.is_airborne)
 
-    replaced = out_of_service(state)
     never_heard = [
         name
         for name, view in state.vehicles.items()
-        if view.telemetry is None and name not in replaced
+        if view.telemetry is None and name not in replaced_or_disabled
     ]
     if never_heard:
         names = listed(never_heard, _GROUPED)
@@ -400,7 +401,7 @@ def _of_vehicle(
     reported, unknown = _reported(telemetry)
     kinds = reported | _measured(telemetry, fleet)
     if len(kinds) > 1:
-        kinds -= {covered for covered, by in COVERED.items() if by in kinds}
+        kinds -= implied_by(kinds)
     for kind in kinds:
         yield _alarm(kind, name, is_flying=is_flying, what=_what(kind, telemetry))
     for text in unknown:
