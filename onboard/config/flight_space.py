@@ -195,10 +195,10 @@ def _too_near(area: Area, room_m: float) -> str:
 def _moved_inside(area: Area, position_enu_m: Xyz, inside_m: float) -> Xyz:
     """Return a position after it is moved to a distance inside one area and its buffer."""
     x, y, z = position_enu_m
-    if area.keeps_in:
-        highest_m = area.high_m - inside_m
-        if highest_m > area.low_m:  # else it is too low to keep the distance from its ceiling
-            z = min(max(z, area.low_m), highest_m)
+    highest_m = area.high_m - inside_m
+    has_height = highest_m > area.low_m  # else its ceiling is too low to keep the distance from it
+    if area.keeps_in and has_height:
+        z = min(max(z, area.low_m), highest_m)
     elif not areas.counts_at(area, z, z):  # above it or below it by more than its buffer
         return position_enu_m
 
