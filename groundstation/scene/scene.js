@@ -26,10 +26,13 @@ globalThis.Covey ??= {};
   const LEAST_RING_CORNERS = 8;
   const LEAST_BODY_PX = 17;
   const FAR_BODY_PX = 40; // a smaller body is drawn in its simple shape
+  const RECTANGLE = [0, 1, 2, 2, 1, 3]; // the corners of its two triangles
   const SHAPES = ["near", "far"];
   const MOST_PIXELS_PER_POINT = 2;
   const PICTURE_OPACITY = 0.75;
   const CREDIT_MARGIN_PX = 6;
+  const HALO_PX = 4;
+  const MOST_WRITINGS = 1000;
 
   const LINE_VERTEX = `#version 300 es
     // A line is a rectangle of two triangles, turned towards the picture. Its numbers come from a
@@ -42,13 +45,9 @@ globalThis.Covey ??= {};
     out float across_px;
     out float half_px;
 
-    // along 0..1, across -1..1
-    const vec2 CORNERS[6] = vec2[6](
-      vec2(0, -1), vec2(0, 1), vec2(1, -1), vec2(1, -1), vec2(0, 1), vec2(1, 1));
-
     void main() {
-      int line = gl_VertexID / 6;
-      vec2 corner = CORNERS[gl_VertexID % 6];
+      int line = gl_VertexID / 4;
+      vec2 corner = vec2(gl_VertexID / 2 % 2, gl_VertexID % 2 * 2 - 1); // along 0..1, across -1..1
       ivec2 texel = ivec2(line % ${LINES_A_ROW} * ${LINE_TEXELS}, line / ${LINES_A_ROW});
       vec4 first = texelFetch(lines, texel, 0);
       vec4 second = texelFetch(lines, texel + ivec2(1, 0), 0);
@@ -276,16 +275,23 @@ globalThis.Covey ??= {};
       this.camera = new Covey.Camera();
       this._canvas = canvas;
       this._overlay = overlay;
-      this._context = overlay.getContext("2d");
       this._lines = new Numbers();
       this._solid = bodies();
       this._ghosts = bodies(); // one can see through them
       this._labels = [];
+      this._writings = new Writings();
       this._pictures = [];
       this._credit = "";
 
       // Opaque: nothing shines through it, so a browser that draws in software has half of the work.
-      this._gl = canvas.getContext("webgl2", { alpha: false, antialias: hasGraphicsCard() });
+      // Desynchronized: there it copies each canvas once less.
+      const isSoftware = !hasGraphicsCard();
+      this._context = overlay.getContext("2d", { desynchronized: isSoftware });
+      this._gl = canvas.getContext("webgl2", {
+        alpha: false,
+        antialias: !isSoftware,
+        desynchronized: isSoftware,
+      });
       this._gpu = this._gl ? new Drawer(this._gl) : null;
       canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
       canvas.addEventListener("webglcontextrestored", () => {
@@ -582,15 +588,7 @@ globalThis.Covey ??= {};
     // -- labels --------------------------------------------------------------------------------------
 
     _drawLabels() {
-      const context = this._context;
-      const [halo, text, soft] = [Covey.colour("scene"), Covey.colour("text"), Covey.colour("soft")];
       const taken = []; // boxes of labels that are drawn
-
-      context.textAlign = "center";
-      context.textBaseline = "middle";
-      context.lineJoin = "round";
-      context.strokeStyle = halo;
-
       const inOrder = [...this._labels].sort(
         (a, b) => a.isQuiet - b.isQuiet || b.isStrong - a.isStrong,
       );
@@ -598,24 +596,76 @@ globalThis.Covey ??= {};
         const point = this.project(label.position);
         if (!point) continue;
 
-        const size_px = label.isQuiet ? 11 : 13;
-        context.font = `${label.isStrong ? 700 : 500} ${size_px}px system-ui, sans-serif`;
-        const width_px = context.measureText(label.text).width + 4;
+        const writing = this._writings.of(label, this._ratio);
         const middle = [point[0] + label.shift[0], point[1] + label.shift[1]];
-        const height_px = size_px + 3;
+        const { width_px, height_px } = writing;
         const sidesteps = label.isQuiet ? [0] : SIDESTEPS;
         let box = freeBox(middle, width_px, height_px, taken, sidesteps);
         if (!box && label.isStrong) box = boxAround(middle, width_px, height_px);
         if (!box) continue;
         taken.push(box);
-
-        const [x, y] = [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2];
-        context.lineWidth = 4;
-        context.strokeText(label.text, x, y);
-        context.fillStyle = label.colour ?? (label.isQuiet ? soft : text);
-        context.fillText(label.text, x, y);
+        this._drawWriting(writing, (box[0] + box[2]) / 2, (box[1] + box[3]) / 2);
       }
     }
+
+    /* Draws a label's text with its middle here, on whole pixels of the screen: it stays sharp. */
+    _drawWriting({ image }, x, y) {
+      const left = Math.round(x * this._ratio - image.width / 2);
+      const top = Math.round(y * this._ratio - image.height / 2);
+      this._context.setTransform(1, 0, 0, 1, 0, 0);
+      this._context.drawImage(image, left, top);
+    }
+  }
+
+  /*
+   * Texts of labels as pictures, kept from one picture of the scene to the next: where no graphics
+   * card draws, a hundred texts with their halos would be a quarter of a picture's work.
+   */
+  class Writings {
+    constructor() {
+      this._kept = new Map(); // what distinguishes a text -> its picture and its size
+    }
+
+    /* Returns the picture of a label's text, and the size of the text in CSS pixels. */
+    of(label, ratio) {
+      const halo = Covey.colour("scene");
+      const ordinary = Covey.colour(label.isQuiet ? "soft" : "text");
+      const size_px = label.isQuiet ? 11 : 13;
+      const style = {
+        font: `${label.isStrong ? 700 : 500} ${size_px}px system-ui, sans-serif`,
+        colour: label.colour ?? ordinary,
+        halo,
+        ratio,
+      };
+      const key = [label.text, ...Object.values(style)].join("\n");
+      if (!this._kept.has(key)) {
+        if (this._kept.size >= MOST_WRITINGS) this._kept.clear();
+        this._kept.set(key, writing(label.text, size_px, style));
+      }
+      return this._kept.get(key);
+    }
+  }
+
+  function writing(text, size_px, { font, colour, halo, ratio }) {
+    const image = document.createElement("canvas");
+    const context = image.getContext("2d");
+    context.font = font;
+    const width_px = context.measureText(text).width + 4;
+    const height_px = size_px + 3;
+
+    image.width = Math.ceil((width_px + HALO_PX) * ratio);
+    image.height = Math.ceil((height_px + HALO_PX) * ratio);
+    context.setTransform(ratio, 0, 0, ratio, image.width / 2, image.height / 2);
+    context.font = font;
+    context.textAlign = "center";
+    context.textBaseline = "middle";
+    context.lineJoin = "round";
+    context.lineWidth = HALO_PX;
+    context.strokeStyle = halo;
+    context.strokeText(text, 0, 0);
+    context.fillStyle = colour;
+    context.fillText(text, 0, 0);
+    return { image, width_px, height_px };
   }
 
   const SIDESTEPS = [0, -1, 1]; // up and down, in heights of a label
@@ -675,6 +725,8 @@ globalThis.Covey ??= {};
 
       this._lineProgram = program(gl, LINE_VERTEX, LINE_FRAGMENT);
       this._lineArray = gl.createVertexArray(); // without attributes
+      this._rectangles = gl.createBuffer(); // the corners of each rectangle's triangles
+      this._mostRectangles = 0; // that the buffer holds
       this._lineTexture = gl.createTexture();
       gl.bindTexture(gl.TEXTURE_2D, this._lineTexture);
       for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) {
@@ -795,10 +847,25 @@ globalThis.Covey ??= {};
       const [columns, rows] = [LINES_A_ROW * LINE_TEXELS, numbers.length / (LINES_A_ROW * LINE_NUMBERS)];
       gl.texImage2D(
         gl.TEXTURE_2D, 0, gl.RGBA32F, columns, rows, 0, gl.RGBA, gl.FLOAT, numbers);
-      gl.drawArrays(gl.TRIANGLES, 0, 6 * (lines.length / LINE_NUMBERS));
+      this._drawRectangles(lines.length / LINE_NUMBERS);
 
       this._drawBodies(matrix, ghosts);
       gl.depthMask(true);
+    }
+
+    /* Draws so many rectangles, each of two triangles that share two of its four corners. */
+    _drawRectangles(count) {
+      const gl = this._gl;
+      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this._rectangles);
+      if (count > this._mostRectangles) {
+        this._mostRectangles = 2 * count;
+        const corners = Uint32Array.from(
+          { length: 6 * this._mostRectangles },
+          (_, index) => 4 * Math.floor(index / 6) + RECTANGLE[index % 6],
+        );
+        gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.STATIC_DRAW);
+      }
+      gl.drawElements(gl.TRIANGLES, 6 * count, gl.UNSIGNED_INT, 0);
     }
 
     _drawBodies(matrix, bodies) {
