@@ -14,6 +14,7 @@ from groundstation.orders.intents import Home, Intent, Land
 from groundstation.paths.checks import path_findings
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.config.flight_space import flight_space_of
+from onboard.control.reachability import no_way
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
@@ -117,6 +118,7 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
             for name, alone_s in course_step.alone_s.items()
         )
 
+        yield from _unreachable_findings(fleet, course_step, where)
         if fleet.fences:
             yield from _way_findings(fleet, course_step, where)
         flying = _flying_after(course_step)
@@ -137,6 +139,29 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
         )
 
 
+def _unreachable_findings(
+    fleet: FleetConfig, course_step: CourseStep, where: str
+) -> Iterator[Finding]:
+    """Yield the finding about goals to which there is no way around obstacles and fences."""
+    unreachable = {}
+    for name, goal in course_step.goals.items():
+        words = no_way(fleet, name, course_step.positions[name], goal)
+        if words:
+            unreachable[name] = words
+    if not unreachable:
+        return
+
+    name, words = next(iter(unreachable.items()))
+    yield at_most(
+        f"reach, {where}",
+        float(len(unreachable)),
+        0.0,
+        "",
+        f"{where[0].upper()}{where[1:]}: the goal of {name} {words}",
+        "Choose another goal, or move what stands in the way.",
+    )
+
+
 def _way_findings(fleet: FleetConfig, course_step: CourseStep, where: str) -> Iterator[Finding]:
     """Yield the finding about the straight way of which most lies beyond the edge of a fence."""
     areas = flight_space_of(fleet).areas
@@ -154,7 +179,7 @@ def _way_findings(fleet: FleetConfig, course_step: CourseStep, where: str) -> It
         0.0,
         "m",
         f"{where[0].upper()}{where[1:]}: {{value}} of the straight way of {farthest} lie beyond a "
-        "fence or in its buffer; the law leads it along the edge, which takes longer",
+        "fence or in its buffer; it is led around, which takes longer",
         "Put a goal between, from which both ways are free.",
         refuse_above=math.inf,
     )

@@ -35,6 +35,7 @@ from onboard.config.fleet import (
 from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import floor_m, least_height_m
 from onboard.config.pair_separation import separation_m
+from onboard.control.reachability import no_way
 from onboard.tuples import Xyz
 
 ORDER_LIFE_S = 2.0  # time from an order to its deadline
@@ -394,10 +395,10 @@ def _numbers(intent: Intent) -> Iterator[float]:
 def _goal_refusals(
     goals_enu_m: Mapping[str, Xyz], fleet: FleetConfig, state: FleetState | None, now_ns: int
 ) -> dict[str, str]:
-    """Return a refusal for each goal outside the fence, or too near to another vehicle's."""
+    """Return a refusal for each goal out of the fence or of reach, or too near to another's."""
     refusals: dict[str, str] = {}
     for name, goal in goals_enu_m.items():
-        refusal = _space_refusal(name, goal, fleet)
+        refusal = _space_refusal(name, goal, fleet) or _way_refusal(name, goal, fleet, state)
         if refusal is not None:
             refusals[name] = refusal
 
@@ -433,6 +434,20 @@ def _space_refusal(name: str, goal: Xyz, fleet: FleetConfig) -> str | None:
             f"{ground_m:g} m. Choose a higher goal, or order land."
         )
     return None
+
+
+def _way_refusal(name: str, goal: Xyz, fleet: FleetConfig, state: FleetState | None) -> str | None:
+    """Return why a vehicle finds no way to a goal from where it is; None if it finds one."""
+    view = None if state is None else state.vehicles.get(name)
+    telemetry = None if view is None else view.telemetry
+    if telemetry is None or not telemetry.is_position_valid:
+        return None
+
+    unreachable = no_way(fleet, name, telemetry.position_enu_m, goal)
+    if not unreachable:
+        return None
+    goal_text = f"({goal[0]:.2f}, {goal[1]:.2f}, {goal[2]:.2f})"
+    return f"{name}: the goal {goal_text} {unreachable}. Choose another one."
 
 
 def _too_near(name: str, goal: Xyz, other: str, position: Xyz, fleet: FleetConfig) -> str:

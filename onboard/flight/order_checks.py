@@ -19,6 +19,7 @@ from onboard.config.ground import floor_m, least_height_m
 from onboard.config.pair_separation import separation_m
 from onboard.config.stand_in import stand_in_refusal
 from onboard.control.control_mode import ControlMode
+from onboard.control.reachability import no_way
 from onboard.flight import follow_flight, path_flight, sentences, takeover
 from onboard.flight.context import FlightContext
 from onboard.flight.effects import takeoff_height_m
@@ -379,6 +380,11 @@ def _move(order: Order, vehicle: Vehicle, facts: OrderFacts) -> str | None:
             f"Goal {goal_text} is less than {least_m:g} m above the ground at {ground_m:g} m"
             f"{why}: choose a higher goal, or order land."
         )
+
+    if facts.view.has_position:
+        unreachable = no_way(facts.fleet, vehicle.name, facts.view.position_enu_m, goal)
+        if unreachable:
+            return f"Goal {goal_text} {unreachable}."
 
     for name, other in facts.others.items():
         # A flying neighbour may just have been ordered elsewhere; one on the ground, or landing,

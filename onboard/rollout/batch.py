@@ -39,6 +39,7 @@ from onboard.constants import GRAVITY_M_S2
 from onboard.control import allocation, backstepping, pipeline, sinking, trajectory
 from onboard.control.control_mode import ControlMode
 from onboard.estimation import disturbance_observer, hover_thrust, kalman, wind
+from onboard.rollout.fleet_routes import FleetRoutes
 from onboard.rollout.rows import Layout, Rows, floats, zero
 from onboard.types import Goal, Neighbour, State, Tick
 from onboard.vectors import ZERO_3, Vec3
@@ -188,15 +189,17 @@ class FleetPipeline:
             for own_params, position in zip(params, positions_enu_m, strict=True):
                 memories.append(pipeline.initial(own_params, Vec3(*position)))
         self._memories = MEMORY.packed(memories).reshape(start_enu_m.shape[:2])
+        self._routes = FleetRoutes(len(start_enu_m), params, obstacles)
 
     def step(
         self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float
     ) -> Rows:
         """Return the ticks of all vehicles in flight, see :class:`Controller`."""
+        legs = self._routes.goals(states, goals, neighbours, is_present, dt_s)
         modes = np.full(states.shape, int(ControlMode.FLYING))
         inputs = PassRows(
             states=states,
-            goals=goals,
+            goals=legs,
             neighbours=neighbours,
             is_present=is_present,
             modes=modes,
@@ -206,6 +209,7 @@ class FleetPipeline:
     def keep(self, flights: IntArray) -> None:
         """Keep only these flights of the batch, by index."""
         self._memories = self._memories[flights]
+        self._routes.keep(flights)
 
 
 class FleetEstimator:

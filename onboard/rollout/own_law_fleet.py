@@ -13,6 +13,7 @@ from onboard.config.fleet import OwnLaw
 from onboard.control import pipeline
 from onboard.control.control_mode import ControlMode
 from onboard.rollout import batch
+from onboard.rollout.fleet_routes import FleetRoutes
 from onboard.rollout.rows import Rows
 from onboard.vectors import Vec3
 
@@ -36,6 +37,7 @@ class OwnLawFleet:
     ) -> None:
         self._params = params
         self._obstacles = tuple(obstacles)
+        self._routes = FleetRoutes(len(start_enu_m), params, obstacles)
 
         # law and memory of each vehicle of each flight, and the number of each flight
         self._flights = []
@@ -55,7 +57,8 @@ class OwnLawFleet:
     ) -> Rows:
         """Return the ticks of all vehicles, see :class:`onboard.rollout.batch.Controller`."""
         own_states = batch.STATE.values(states.ravel())
-        own_goals = batch.GOAL.values(goals.ravel())
+        legs = self._routes.goals(states, goals, neighbours, is_present, dt_s)
+        own_goals = batch.GOAL.values(legs.ravel())
         all_neighbours = neighbours.reshape(states.size, -1)
         all_present = is_present.reshape(states.size, -1)
 
@@ -88,3 +91,4 @@ class OwnLawFleet:
         chosen = np.asarray(flights).tolist()
         self._flights = [self._flights[flight] for flight in chosen]
         self._numbers = [self._numbers[flight] for flight in chosen]
+        self._routes.keep(flights)

@@ -1,0 +1,183 @@
+"""Who gives way where two vehicles meet and cannot pass each other, and where it waits. Pure.
+
+In a passage that is wide enough for one vehicle, two that meet stand still: neither can turn about
+the other, and neither flies away from its goal. One of them has to go back to a place beside the
+other's way. Both know the same, two positions and two intents, and so both decide the same: the one
+further west goes. If it has not gone after a while, because it finds no place or flies by another
+law, the other one goes.
+
+Only static things make such passages. In the open the law's turning rows are enough.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+from onboard.avoidance.pairs import design_distance, margin_2
+from onboard.avoidance.params import Capsule, Spacing
+from onboard.control.route_map import RouteMap, length_m
+from onboard.types import Neighbour, State
+from onboard.vectors import Vec2, dot_2, length_2
+
+MEETING_S = 4.0  # two have met when they have stood face to face for this time
+REFUSED_S = 12.0  # after this time the other one goes
+
+_SLOW_M_S = 0.2  # whoever is slower stands
+_NEAR_M = 0.4  # two that stand face to face are at most so much farther apart than they must be
+_FACING = 0.3  # cosine of the angle between an intent and the direction to the other
+_AHEAD_M = 6.0  # of the other's way, that is kept free
+_BESIDE_M = 0.15  # by which a place to wait is farther from it than necessary
+_ASIDE_M = (0.0, 0.5, 1.0)  # from a corner to the places beside it that are tried
+
+_REJOIN_M = 2.5  # of the own way, on which nobody may be when the vehicle goes on
+_REJOIN_SPARE_M = 0.3
+
+# "Further west": along a direction in which few passages lie crosswise.
+_WEST = Vec2(-math.cos(math.radians(20.0)), -math.sin(math.radians(20.0)))
+
+
+class Opponent(NamedTuple):
+    """A neighbour that stands face to face with this vehicle."""
+
+    position_m: Vec2
+    direction: Vec2  # in which it intends to fly, of length 1
+    distance_m: float  # that the two keep
+
+
+def opponent_of(
+    state: State, direction: Vec2, neighbours: Sequence[Neighbour], spacing: Spacing
+) -> Opponent | None:
+    """Return the nearest vehicle that stands face to face with this one, if there is one.
+
+    Args:
+        state: own estimate.
+        direction: direction of the own way, of length 1.
+        neighbours: the known neighbours.
+        spacing: distances to keep.
+    """
+    if length_2(_level(state.velocity_enu_m_s)) > _SLOW_M_S:
+        return None
+
+    own_margin_2_m2 = margin_2(state.position_std_m, state.velocity_std_m_s, spacing)
+    here = _level(state.position_enu_m)
+    nearest: Opponent | None = None
+    nearest_m = math.inf
+    for neighbour in neighbours:
+        there = _level(neighbour.position_enu_m)
+        towards = Vec2(there.x - here.x, there.y - here.y)
+        away_m = length_2(towards)
+        keep_m = design_distance(own_margin_2_m2, neighbour, spacing)
+        intent = _level(neighbour.intent_enu_m_s)
+        intent_m_s = length_2(intent)
+
+        is_waiting = length_2(_level(neighbour.velocity_enu_m_s)) <= _SLOW_M_S < intent_m_s
+        is_ahead = dot_2(direction, towards) > _FACING * away_m
+        is_coming = -dot_2(intent, towards) > _FACING * away_m * intent_m_s
+        is_facing = neighbour.is_cooperative and is_waiting and is_ahead and is_coming
+        if is_facing and away_m < min(nearest_m, keep_m + _NEAR_M):
+            nearest_m = away_m
+            unit = Vec2(intent.x / intent_m_s, intent.y / intent_m_s)
+            nearest = Opponent(there, unit, keep_m)
+    return nearest
+
+
+def is_to_yield(here: Vec2, opponent: Opponent, met_s: float) -> bool:
+    """Return whether this vehicle goes back, as the one further west or as the other one.
+
+    Args:
+        here: own position.
+        opponent: who stands face to face with it.
+        met_s: time for which they have stood so.
+    """
+    towards = Vec2(here.x - opponent.position_m.x, here.y - opponent.position_m.y)
+    is_west = dot_2(towards, _WEST) > 0.0
+    return met_s >= (MEETING_S if is_west else REFUSED_S)
+
+
+def place_to_wait(
+    here: Vec2, opponent: Opponent, route_map: RouteMap, still: Sequence[Capsule], spacing: Spacing
+) -> Vec2 | None:
+    """Return the nearest place beside the opponent's way that can be reached, if there is one.
+
+    Args:
+        here: own position.
+        opponent: who stands face to face with this vehicle, and blocks its ways.
+        route_map: map of the static things.
+        still: these static things.
+        spacing: distances to keep.
+    """
+    body_m = opponent.distance_m - spacing.clearance_m
+    blocked = Capsule(opponent.position_m, opponent.position_m, body_m)
+    ways = RouteMap((*still, blocked), spacing.clearance_m, route_map.walls)
+    needed_m = opponent.distance_m + _BESIDE_M
+
+    best: Vec2 | None = None
+    best_m = math.inf
+    for corner in route_map.corners:
+        for place in _places_beside(corner, opponent):
+            if _from_way_m(place, opponent) < needed_m or not route_map.is_free(corner, place):
+                continue
+            way_m = length_m([here, *ways.route(here, place)])
+            if 0.0 < way_m < best_m:
+                best = place
+                best_m = way_m
+    return best
+
+
+def is_way_free(way: Sequence[Vec2], neighbours: Sequence[Neighbour], spacing: Spacing) -> bool:
+    """Return whether nobody who flies is on the first metres of a way.
+
+    Args:
+        way: points of the way, from the vehicle on.
+        neighbours: the known neighbours.
+        spacing: distances to keep.
+    """
+    least_m = spacing.safety_distance_m + spacing.margin_m + _REJOIN_SPARE_M
+    left_m = _REJOIN_M
+    for begin, end in pairwise(way):
+        piece = Vec2(end.x - begin.x, end.y - begin.y)
+        piece_m = length_2(piece)
+        share = min(1.0, left_m / max(piece_m, 1e-6))
+        until = Vec2(begin.x + share * piece.x, begin.y + share * piece.y)
+        for neighbour in neighbours:
+            is_going = length_2(_level(neighbour.intent_enu_m_s)) > _SLOW_M_S
+            if is_going and _from_piece_m(_level(neighbour.position_enu_m), begin, until) < least_m:
+                return False
+        left_m -= piece_m
+        if left_m <= 0.0:
+            break
+    return True
+
+
+def _level(vector: Sequence[float]) -> Vec2:
+    return Vec2(vector[0], vector[1])
+
+
+def _places_beside(corner: Vec2, opponent: Opponent) -> list[Vec2]:
+    """Return a corner, and places beside it that are farther from the opponent's way."""
+    left = Vec2(-opponent.direction.y, opponent.direction.x)
+    offset = Vec2(corner.x - opponent.position_m.x, corner.y - opponent.position_m.y)
+    side = 1.0 if dot_2(offset, left) >= 0.0 else -1.0
+    return [
+        Vec2(corner.x + side * aside_m * left.x, corner.y + side * aside_m * left.y)
+        for aside_m in _ASIDE_M
+    ]
+
+
+def _from_way_m(place: Vec2, opponent: Opponent) -> float:
+    """Return the distance of a place from the opponent's way, as far as that is kept free."""
+    begin = opponent.position_m
+    direction = opponent.direction
+    end = Vec2(begin.x + _AHEAD_M * direction.x, begin.y + _AHEAD_M * direction.y)
+    return _from_piece_m(place, begin, end)
+
+
+def _from_piece_m(place: Vec2, begin: Vec2, end: Vec2) -> float:
+    """Return the distance of a place from a straight piece."""
+    along = Vec2(end.x - begin.x, end.y - begin.y)
+    offset = Vec2(place.x - begin.x, place.y - begin.y)
+    share = min(max(dot_2(offset, along) / max(dot_2(along, along), 1e-12), 0.0), 1.0)
+    return length_2(Vec2(offset.x - share * along.x, offset.y - share * along.y))

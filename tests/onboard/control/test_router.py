@@ -1,0 +1,255 @@
+"""A vehicle is led around what stands in its way, and gives way in a passage for one."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from onboard.avoidance.params import Capsule, LawParams, params_of
+from onboard.config.law import LawConfig
+from onboard.control.router import PERIOD_S, Router
+from onboard.rollout.fleet_routes import FleetRoutes
+from onboard.types import Goal, Neighbour, State
+from onboard.vectors import ZERO_3, Vec2, Vec3
+from sitl.monte_carlo.batch_flight import Flown, fly
+from sitl.monte_carlo.open_benchmark import scene_file, scene_plans
+
+WALL = Capsule(Vec2(0.0, -1.0), Vec2(0.0, 1.0), 0.1)
+TICK_S = 0.02
+
+
+def law() -> LawParams:
+    return params_of(LawConfig())
+
+
+def at(x: float, y: float, speed_m_s: float = 0.0) -> State:
+    return State(
+        position_enu_m=Vec3(x, y, 1.0),
+        velocity_enu_m_s=Vec3(speed_m_s, 0.0, 0.0),
+        acceleration_enu_m_s2=ZERO_3,
+        yaw_rad=0.0,
+        age_s=0.0,
+        position_std_m=0.0,
+        velocity_std_m_s=0.0,
+    )
+
+
+def to(x: float, y: float, sequence: int = 7, duration_s: float = 0.0) -> Goal:
+    return Goal(Vec3(x, y, 1.0), duration_s, sequence)
+
+
+def test_a_goal_in_sight_passes_unchanged() -> None:
+    router = Router([WALL], law())
+    goal = to(3.0, 4.0, duration_s=9.0)
+    assert router.toward(at(-3.0, 4.0), goal, [], TICK_S) is goal
+
+
+def test_without_static_things_every_goal_passes_unchanged() -> None:
+    goal = to(3.0, 0.0)
+    assert Router([], law()).toward(at(-3.0, 0.0), goal, [], TICK_S) is goal
+
+
+def test_behind_a_wall_the_first_leg_leads_past_its_end_and_the_last_to_the_goal() -> None:
+    router = Router([WALL], law())
+    goal = to(3.0, 0.1, duration_s=60.0)
+
+    leg = router.toward(at(-3.0, 0.1), goal, [], TICK_S)
+    assert leg.position_enu_m.y > 1.0
+    assert leg.sequence < 0  # no order has such a number
+    assert leg.duration_s == 0.0
+
+    again = router.toward(at(-2.9, 0.15), goal, [], PERIOD_S)
+    assert again == leg  # the same corner is no new leg
+
+    last = router.toward(at(0.5, 1.6), goal, [], PERIOD_S)
+    assert last.position_enu_m == goal.position_enu_m
+    assert last.sequence == goal.sequence
+    assert last.duration_s == 0.0  # the ordered duration was that of the whole way
+
+
+def test_a_new_order_is_followed_at_once() -> None:
+    router = Router([WALL], law())
+    router.toward(at(-3.0, 0.1), to(3.0, 0.1), [], TICK_S)
+    back = to(-5.0, 0.0, sequence=8, duration_s=5.0)
+    assert router.toward(at(-3.0, 0.1), back, [], TICK_S) == back
+
+
+@pytest.mark.parametrize("position", [(math.nan, 0.0), (math.inf, 0.0)])
+def test_a_position_that_is_not_finite_changes_no_goal(position: tuple[float, float]) -> None:
+    router = Router([WALL], law())
+    goal = to(3.0, 0.0)
+    assert router.toward(at(*position), goal, [], TICK_S) is goal
+
+
+def test_a_path_is_flown_as_it_was_loaded() -> None:
+    router = Router([WALL], law())
+    goal = to(3.0, 0.0)._replace(is_on_path=True)
+    assert router.toward(at(-3.0, 0.0), goal, [], TICK_S) is goal
+
+
+def test_a_fence_above_or_below_the_flight_is_in_nobodys_way() -> None:
+    middle = Vec2(0.0, 0.0)
+    tree = Capsule(middle, middle, 0.5, area=1, keep_m=0.4, is_turned_about=True, high_m=0.8)
+    goal = to(3.0, 0.0)
+    assert Router([tree], law()).toward(at(-3.0, 0.0), goal, [], TICK_S) is goal
+    low = goal._replace(position_enu_m=Vec3(3.0, 0.0, 0.5))  # it comes down into its heights
+    assert Router([tree], law()).toward(at(-3.0, 0.0), low, [], TICK_S) != low
+
+
+# -- two that meet in a passage for one --------------------------------------------------------
+
+LANE = [Capsule(Vec2(-2.0, side * 0.7), Vec2(2.0, side * 0.7), 0.05) for side in (-1.0, 1.0)] + [
+    Capsule(Vec2(x, side * 0.7), Vec2(x, side * 4.2), 0.05)
+    for x in (-2.0, 2.0)
+    for side in (-1.0, 1.0)
+]
+
+
+def facing(x: float, intent_m_s: float, *, is_cooperative: bool = True) -> Neighbour:
+    place = Vec3(x, 0.0, 1.0)
+    return Neighbour(
+        position_enu_m=place,
+        velocity_enu_m_s=ZERO_3,
+        acceleration_enu_m_s2=ZERO_3,
+        predicted_position_enu_m=place,
+        predicted_velocity_enu_m_s=ZERO_3,
+        commanded_acceleration_enu_m_s2=ZERO_3,
+        intent_enu_m_s=Vec3(intent_m_s, 0.0, 0.0),
+        age_s=0.0,
+        lead_time_s=0.15,
+        position_std_m=0.0,
+        velocity_std_m_s=0.0,
+        crowd_count=0.0,
+        is_cooperative=is_cooperative,
+        is_paper_obstacle=False,
+        table_index=0,
+    )
+
+
+def leg_after(
+    seconds: float, here: State, goal: Goal, neighbour: Neighbour, router: Router | None = None
+) -> Goal:
+    router = router or Router(LANE, law())
+    for _ in range(round(seconds / PERIOD_S)):
+        leg = router.toward(here, goal, [neighbour], PERIOD_S)
+    return leg
+
+
+def test_of_two_that_meet_only_the_one_further_west_goes_back() -> None:
+    west = leg_after(5.0, at(-0.45, 0.0), to(4.0, 0.0), facing(0.45, -1.0))
+    east = leg_after(5.0, at(0.45, 0.0), to(-4.0, 0.0), facing(-0.45, 1.0))
+    assert west.position_enu_m.x < -2.0
+    assert east == to(-4.0, 0.0)
+
+
+def test_nobody_goes_back_before_they_have_stood_for_a_while() -> None:
+    assert leg_after(3.0, at(-0.45, 0.0), to(4.0, 0.0), facing(0.45, -1.0)) == to(4.0, 0.0)
+
+
+def test_if_the_other_one_does_not_go_this_one_does() -> None:
+    east = leg_after(13.0, at(0.45, 0.0), to(-4.0, 0.0), facing(-0.45, 1.0))
+    assert east.position_enu_m.x > 2.0
+
+
+def test_whoever_waits_goes_on_when_the_way_is_free_again() -> None:
+    router = Router(LANE, law())
+    goal = to(4.0, 0.0)
+    leg_after(5.0, at(-0.45, 0.0), goal, facing(0.45, -1.0), router)
+    waiting = router.toward(at(-2.5, 0.0), goal, [facing(-1.5, -1.0)], PERIOD_S)
+    assert waiting.position_enu_m.x < -2.0
+
+    on = router.toward(at(-2.5, 0.0), goal, [facing(-6.0, -1.0)], PERIOD_S)
+    assert on.position_enu_m == goal.position_enu_m
+
+
+def test_a_vehicle_that_waits_for_nobody_goes_on_in_the_end() -> None:
+    router = Router(LANE, law())
+    goal = to(4.0, 0.0)
+    leg_after(5.0, at(-0.45, 0.0), goal, facing(0.45, -1.0), router)
+    for _ in range(round(16.0 / PERIOD_S)):
+        leg = router.toward(at(-2.5, 0.0), goal, [facing(-1.5, -1.0)], PERIOD_S)
+    assert leg.position_enu_m == goal.position_enu_m
+
+
+@pytest.mark.parametrize(
+    ("neighbour", "why"),
+    [
+        (facing(0.45, 1.0), "it flies the same way"),
+        (facing(0.45, 0.0), "it stands at its goal"),
+        (facing(0.45, -1.0, is_cooperative=False), "it gives way to nobody"),
+        (facing(2.5, -1.0), "it is far away"),
+        (facing(-1.3, 1.0), "it is behind"),
+    ],
+)
+def test_nobody_goes_back_for_a_vehicle(neighbour: Neighbour, why: str) -> None:
+    assert leg_after(8.0, at(-0.45, 0.0), to(4.0, 0.0), neighbour) == to(4.0, 0.0), why
+
+
+def test_a_vehicle_in_motion_has_met_nobody() -> None:
+    leg = leg_after(8.0, at(-0.45, 0.0, 0.5), to(4.0, 0.0), facing(0.45, -1.0))
+    assert leg == to(4.0, 0.0)
+
+
+# -- flown -------------------------------------------------------------------------------------
+
+
+def flown_scene(path: str | Path, seeds: int) -> list[Flown]:
+    scene = scene_file.load(path)
+    plans = [scene_plans.plan(scene, seed) for seed in range(1000, 1000 + seeds)]
+    return fly(plans, scene_plans.setup(scene))
+
+
+def lane_scene(path: Path, starts: list[list[float]], turn_deg: float) -> Path:
+    angle = math.radians(turn_deg)
+
+    def turned(x: float, y: float) -> list[float]:
+        return [
+            x * math.cos(angle) - y * math.sin(angle),
+            x * math.sin(angle) + y * math.cos(angle),
+        ]
+
+    obstacles = []
+    for capsule in LANE:
+        obstacles.append(
+            {
+                "begin_enu_m": turned(*capsule.begin_enu_m),
+                "end_enu_m": turned(*capsule.end_enu_m),
+                "radius_m": capsule.radius_m,
+            }
+        )
+    scene = {
+        "schema": 1,
+        "name": "lane",
+        "about": "They meet in a passage for one.",
+        "placing": {
+            "type": "listed",
+            "start_enu_m": [turned(*start) for start in starts],
+            "goal_enu_m": [turned(-x, y) for x, y in starts],
+        },
+        "obstacles": obstacles,
+        "within_s": 120.0,
+    }
+    path.write_text(json.dumps(scene))
+    return path
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 70.0])
+@pytest.mark.parametrize(
+    "starts", [[[-4.0, 0.0], [4.0, 0.0]], [[-4.0, 0.0], [-5.2, 0.0], [4.0, 0.0], [5.2, 0.0]]]
+)
+def test_all_get_through_a_passage_for_one(
+    tmp_path: Path, starts: list[list[float]], turn_deg: float
+) -> None:
+    for flown in flown_scene(lane_scene(tmp_path / "lane.json", starts, turn_deg), seeds=3):
+        assert flown.outcome.is_success
+        assert flown.outcome.min_separation_m > 0.8
+
+
+def test_the_maze_needs_the_routes(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert all(flown.outcome.is_success for flown in flown_scene("maze.json", seeds=2))
+
+    monkeypatch.setattr(FleetRoutes, "goals", lambda _, __, goals, *rest: goals)
+    assert not any(flown.outcome.is_success for flown in flown_scene("maze.json", seeds=2))
