@@ -11,10 +11,9 @@ from collections.abc import Callable, Sequence
 from onboard.avoidance.own_law_runner import OwnLawRunner
 from onboard.avoidance.params import still
 from onboard.config.fleet import FleetConfig
-from onboard.control import pipeline
+from onboard.control import pipeline, router
 from onboard.control.control_mode import ControlMode
 from onboard.control.pipeline import PipelineMemory
-from onboard.control.router import Router
 from onboard.estimation.disturbance_observer import ObserverMemory
 from onboard.safety.setpoint_check import is_sendable
 from onboard.types import AttitudeSetpoint, Goal, Neighbour, State, Tick
@@ -57,7 +56,8 @@ class ControlStep:
         self._max_tilt_deg = vehicle.max_tilt_deg
         self._start_enu_m = Vec3(*vehicle.start_enu_m)
         self._pipeline_step = pipeline_step
-        self._router = Router(self.obstacles, self.params.law)
+        self._surroundings = router.Surroundings(self.obstacles, self.params.law)
+        self._route = router.RouteMemory()
         self._memory = pipeline.initial(self.params, self._start_enu_m)
         self._own_law: OwnLawRunner | None = None
         if fleet.own_law is not None:
@@ -98,7 +98,9 @@ class ControlStep:
             mode = ControlMode.GROUND
 
         if mode in (ControlMode.FLYING, ControlMode.LANDING):
-            goal = self._router.toward(state, goal, neighbours, dt_s)
+            self._route, goal = router.step(
+                self._route, state, goal, neighbours, self._surroundings, dt_s
+            )
         memory, tick = self._pass(state, goal, mode, neighbours, dt_s)
 
         self._memory = memory

@@ -12,8 +12,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
-from onboard.avoidance.params import Capsule, LawParams, Walls
+from onboard.avoidance.params import Capsule, LawParams, Spacing, Walls
 from onboard.control import yielding
 from onboard.control.route_map import RouteMap
 from onboard.types import Goal, Neighbour, State
@@ -26,149 +27,176 @@ PERIOD_S = 0.2  # from one search to the next
 _BEYOND_M = (1.0, 0.5, 0.25)
 
 _MOST_WAIT_S = 15.0  # a vehicle that gave way goes on after this time at the latest
-
-# maps by what is in the way, how far the vehicle stays from it, and the walls of the box
-Maps = dict[tuple[tuple[Capsule, ...], float, Walls], RouteMap]
+_NO_SEQUENCE = -(1 << 53)  # no goal has this sequence
 
 
-class Router:
-    """Finds the way of one vehicle.
+class RouteMemory(NamedTuple):
+    """Where a vehicle is on its way, between two ticks."""
+
+    sequence: int = _NO_SEQUENCE  # of the goal that is flown to
+    left_s: float = 0.0  # time until the next search
+
+    corner: Vec2 | None = None  # that is flown to; None: straight to the goal
+    aim: Vec2 | None = None  # of the trajectory: the corner, or a point behind it
+    leg_count: int = 0  # corners that were flown to, which number their legs
+    is_around: bool = False  # whether the way to this goal has led around something
+
+    met_s: float = 0.0  # time for which it has stood face to face with another vehicle
+    refuge: Vec2 | None = None  # place at which it waits until the other one has passed
+    waited_s: float = 0.0  # time since it left for that place
+
+
+class Surroundings:
+    """The static things around a fleet, with a map of the ways between them.
 
     Args:
-        still: static things of the fleet: obstacles, and edges of areas.
-        law: numbers of the vehicle's law, which say how far it stays from them.
-        maps: maps that were computed before, which several routers may share.
+        still: obstacles, and edges of areas, in fleet ENU.
+        law: numbers of a vehicle's law, which say how far it stays from them.
     """
 
-    def __init__(self, still: Sequence[Capsule], law: LawParams, maps: Maps | None = None) -> None:
-        self._still = tuple(still)
-        self._law = law
-        self._maps = {} if maps is None else maps
-        if self._still:
-            self._map(self._still).prepare()
+    def __init__(self, still: Sequence[Capsule], law: LawParams) -> None:
+        self.still = tuple(still)
+        self.spacing: Spacing = law.spacing
+        self._walls: Walls = law.fence
+        self._maps: dict[tuple[Capsule, ...], RouteMap] = {}
+        if self.still:
+            self.map_of(self.still).prepare()
 
-        self._sequence: int | None = None  # of the goal that is flown to
-        self._is_around = False  # whether the way to this goal has led around something
-        self._wait_s = 0.0  # time until the next search
+    def map_of(self, still: tuple[Capsule, ...]) -> RouteMap:
+        """Return the map of some of the things; each is computed once."""
+        if still not in self._maps:
+            self._maps[still] = RouteMap(still, self.spacing.clearance_m, self._walls)
+        return self._maps[still]
 
-        self._corner: Vec2 | None = None  # that is flown to; None: straight to the goal
-        self._aim: Vec2 | None = None  # of the trajectory: the corner, or a point behind it
-        self._count = 0  # corners that were flown to, which number their legs
 
-        self._met_s = 0.0  # time for which it has stood face to face with another vehicle
-        self._refuge: Vec2 | None = None  # place at which it waits until the other has passed
-        self._waited_s = 0.0  # time since it left for that place
+def is_due(memory: RouteMemory, goal: Goal, dt_s: float) -> bool:
+    """Return whether the next step looks for a way, and so uses the neighbours."""
+    return goal.sequence != memory.sequence or memory.left_s <= dt_s
 
-    def toward(
-        self, state: State, goal: Goal, neighbours: Sequence[Neighbour], dt_s: float
-    ) -> Goal:
-        """Return the goal of the trajectory for this tick: the vehicle's goal, or a corner.
 
-        Where there is no way, it is the vehicle's goal.
+def step(
+    memory: RouteMemory,
+    state: State,
+    goal: Goal,
+    neighbours: Sequence[Neighbour],
+    around: Surroundings,
+    dt_s: float,
+) -> tuple[RouteMemory, Goal]:
+    """Return the memory, and the goal of the trajectory for this tick: the vehicle's or a corner.
 
-        Args:
-            state: own estimate.
-            goal: where the vehicle shall go.
-            neighbours: the known neighbours.
-            dt_s: time since the last call.
-        """
-        is_usable = is_finite(state.position_enu_m) and is_finite(goal.position_enu_m)
-        if not self._still or goal.is_on_path or not is_usable:
-            return goal
+    Where there is no way, it is the vehicle's goal.
 
-        is_due = self.is_due(goal, dt_s)
-        self._wait_s -= dt_s
-        if goal.sequence != self._sequence:
-            self._sequence = goal.sequence
-            self._is_around = False
-            self._met_s = 0.0
-            self._refuge = None
-        if is_due:
-            self._wait_s = PERIOD_S
-            self._search(state, goal.position_enu_m, neighbours)
-        return self._leg(goal)
+    Args:
+        memory: memory of the last tick.
+        state: own estimate.
+        goal: where the vehicle shall go.
+        neighbours: the known neighbours.
+        around: static things of the fleet.
+        dt_s: time since the last tick.
+    """
+    is_usable = is_finite(state.position_enu_m) and is_finite(goal.position_enu_m)
+    if not around.still or goal.is_on_path or not is_usable:
+        return memory, goal
 
-    def is_due(self, goal: Goal, dt_s: float) -> bool:
-        """Return whether the next call of :meth:`toward` looks for a way, and uses neighbours."""
-        return goal.sequence != self._sequence or self._wait_s <= dt_s
+    if not is_due(memory, goal, dt_s):
+        memory = memory._replace(left_s=memory.left_s - dt_s)
+        return memory, _leg(memory, goal)
 
-    def _search(self, state: State, goal: Vec3, neighbours: Sequence[Neighbour]) -> None:
-        """Find the way anew."""
-        here = Vec2(state.position_enu_m.x, state.position_enu_m.y)
-        goal_m = Vec2(goal.x, goal.y)
-        still = in_the_way(self._still, state.position_enu_m.z, goal.z)
-        route_map = self._map(still)
+    if goal.sequence != memory.sequence:
+        memory = RouteMemory(sequence=goal.sequence, leg_count=memory.leg_count)
+    memory = _searched(memory, state, goal.position_enu_m, neighbours, around)
+    return memory._replace(left_s=PERIOD_S), _leg(memory, goal)
 
-        way = route_map.route(here, goal_m)
-        if self._refuge is None:
-            self._refuge = self._refuge_from(state, [here, *(way or [goal_m])], neighbours, still)
-        else:
-            self._waited_s += PERIOD_S
-            is_free = yielding.is_way_free([here, *way], neighbours, self._law.spacing)
-            if is_free or self._waited_s >= _MOST_WAIT_S:
-                self._refuge = None
 
-        if self._refuge is not None:
-            way = route_map.route(here, self._refuge)
-        self._follow(here, way, route_map)
+def _searched(
+    memory: RouteMemory,
+    state: State,
+    goal: Vec3,
+    neighbours: Sequence[Neighbour],
+    around: Surroundings,
+) -> RouteMemory:
+    """Return the memory after the way was found anew."""
+    here = Vec2(state.position_enu_m.x, state.position_enu_m.y)
+    still = in_the_way(around.still, state.position_enu_m.z, goal.z)
+    route_map = around.map_of(still)
 
-    def _refuge_from(
-        self,
-        state: State,
-        way: Sequence[Vec2],
-        neighbours: Sequence[Neighbour],
-        still: tuple[Capsule, ...],
-    ) -> Vec2 | None:
-        """Return the place at which this vehicle waits for another one, if it has to give way."""
-        here = way[0]
-        ahead_m = math.dist(here, way[1])
-        if ahead_m < 1e-6:
-            return None
-        direction = Vec2((way[1].x - here.x) / ahead_m, (way[1].y - here.y) / ahead_m)
+    goal_m = Vec2(goal.x, goal.y)
+    way = route_map.route(here, goal_m)
+    if memory.refuge is None:
+        whole_way = [here, *(way or [goal_m])]
+        memory = _giving_way(memory, state, whole_way, neighbours, still, around)
+    else:
+        memory = _waiting(memory, [here, *way], neighbours, around.spacing)
 
-        spacing = self._law.spacing
-        opponent = yielding.opponent_of(state, direction, neighbours, spacing)
-        if opponent is None:
-            self._met_s = 0.0
-            return None
+    if memory.refuge is not None:
+        way = route_map.route(here, memory.refuge)
+    return _following(memory, here, way, route_map)
 
-        self._met_s += PERIOD_S
-        if not yielding.is_to_yield(here, opponent, self._met_s):
-            return None
-        self._met_s = 0.0
-        self._waited_s = 0.0
-        return yielding.place_to_wait(here, opponent, self._map(still), still, spacing)
 
-    def _follow(self, here: Vec2, way: Sequence[Vec2], route_map: RouteMap) -> None:
-        """Choose the corner and the aim of the trajectory."""
-        is_last = len(way) <= 1
-        if is_last and self._refuge is None:
-            self._corner = None
-            self._aim = None
-            return
+def _giving_way(
+    memory: RouteMemory,
+    state: State,
+    way: Sequence[Vec2],
+    neighbours: Sequence[Neighbour],
+    still: tuple[Capsule, ...],
+    around: Surroundings,
+) -> RouteMemory:
+    """Return the memory with a place to wait at, if the vehicle has to give way."""
+    here = way[0]
+    ahead_m = math.dist(here, way[1])
+    if ahead_m < 1e-6:
+        return memory
 
-        corner = self._refuge if is_last else way[0]
-        if corner is not None and corner != self._corner:
-            self._corner = corner
-            self._aim = corner if is_last else _behind(here, corner, route_map)
-            self._is_around = True
-            self._count += 1
+    direction = Vec2((way[1].x - here.x) / ahead_m, (way[1].y - here.y) / ahead_m)
+    opponent = yielding.opponent_of(state, direction, neighbours, around.spacing)
+    if opponent is None:
+        return memory._replace(met_s=0.0)
 
-    def _map(self, still: tuple[Capsule, ...]) -> RouteMap:
-        """Return the map of these things, which is computed once."""
-        key = (still, self._law.spacing.clearance_m, self._law.fence)
-        if key not in self._maps:
-            self._maps[key] = RouteMap(*key)
-        return self._maps[key]
+    met_s = memory.met_s + PERIOD_S
+    if not yielding.is_to_yield(here, opponent, met_s):
+        return memory._replace(met_s=met_s)
 
-    def _leg(self, goal: Goal) -> Goal:
-        """Return the goal of the present leg. After a corner an ordered duration does not count."""
-        if self._aim is not None:
-            position = Vec3(self._aim.x, self._aim.y, goal.position_enu_m.z)
-            return goal._replace(position_enu_m=position, duration_s=0.0, sequence=-self._count)
-        if self._is_around:
-            return goal._replace(duration_s=0.0)
-        return goal
+    refuge = yielding.place_to_wait(here, opponent, around.map_of(still), still, around.spacing)
+    return memory._replace(met_s=0.0, refuge=refuge, waited_s=0.0)
+
+
+def _waiting(
+    memory: RouteMemory, way: Sequence[Vec2], neighbours: Sequence[Neighbour], spacing: Spacing
+) -> RouteMemory:
+    """Return the memory without the place to wait at, once the way is free."""
+    waited_s = memory.waited_s + PERIOD_S
+    is_free = yielding.is_way_free(way, neighbours, spacing)
+    if is_free or waited_s >= _MOST_WAIT_S:
+        return memory._replace(refuge=None)
+    return memory._replace(waited_s=waited_s)
+
+
+def _following(
+    memory: RouteMemory, here: Vec2, way: Sequence[Vec2], route_map: RouteMap
+) -> RouteMemory:
+    """Return the memory with the corner and the aim of the trajectory."""
+    corner = memory.refuge
+    if len(way) > 1:
+        corner = way[0]
+    if corner is None:
+        return memory._replace(corner=None, aim=None)
+    if corner == memory.corner:
+        return memory
+
+    aim = corner
+    if corner != memory.refuge:
+        aim = _behind(here, corner, route_map)
+    return memory._replace(corner=corner, aim=aim, leg_count=memory.leg_count + 1, is_around=True)
+
+
+def _leg(memory: RouteMemory, goal: Goal) -> Goal:
+    """Return the goal of the present leg. After a corner an ordered duration does not count."""
+    if memory.aim is not None:
+        position = Vec3(memory.aim.x, memory.aim.y, goal.position_enu_m.z)
+        return goal._replace(position_enu_m=position, duration_s=0.0, sequence=-memory.leg_count)
+    if memory.is_around:
+        return goal._replace(duration_s=0.0)
+    return goal
 
 
 def in_the_way(

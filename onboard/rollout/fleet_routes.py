@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from onboard.arrays import BoolArray, IntArray
-from onboard.avoidance.params import Capsule
+from onboard.avoidance.params import Capsule, LawParams
+from onboard.control import router
 from onboard.control.pipeline import PipelineParams
-from onboard.control.router import Maps, Router
+from onboard.control.router import RouteMemory, Surroundings
 from onboard.rollout.rows import Layout, Rows, zero
 from onboard.types import Goal, Neighbour, State
 
@@ -19,7 +20,7 @@ _NEIGHBOUR = Layout(zero(Neighbour))
 
 
 class FleetRoutes:
-    """The routers of all vehicles of F flights.
+    """The ways of all vehicles of F flights.
 
     Args:
         flight_count: number of flights.
@@ -30,11 +31,11 @@ class FleetRoutes:
     def __init__(
         self, flight_count: int, params: Sequence[PipelineParams], still: Sequence[Capsule]
     ) -> None:
-        self._routers: list[list[Router]] = []
+        self._memories: list[list[RouteMemory]] = []
+        self._around: list[Surroundings] = []
         if still:
-            maps: Maps = {}
-            for _ in range(flight_count):
-                self._routers.append([Router(still, own.law, maps) for own in params])
+            self._memories = [[RouteMemory()] * len(params) for _ in range(flight_count)]
+            self._around = _surroundings(params, still)
 
     def goals(
         self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float
@@ -46,22 +47,39 @@ class FleetRoutes:
             neighbours, is_present: neighbours, and whether each exists (F, N, K).
             dt_s: length of the tick.
         """
-        if not self._routers:
+        if not self._memories:
             return goals
 
         legs = []
-        for flight, routers in enumerate(self._routers):
+        for flight, memories in enumerate(self._memories):
             own_states = _STATE.values(states[flight])
             own_goals = _GOAL.values(goals[flight])
-            for vehicle, router in enumerate(routers):
+            for vehicle, memory in enumerate(memories):
                 near: list[Neighbour] = []
-                if router.is_due(own_goals[vehicle], dt_s):
+                if router.is_due(memory, own_goals[vehicle], dt_s):
                     rows = neighbours[flight, vehicle]
                     near = _NEIGHBOUR.values(rows[is_present[flight, vehicle]])
-                legs.append(router.toward(own_states[vehicle], own_goals[vehicle], near, dt_s))
+                memories[vehicle], leg = router.step(
+                    memory,
+                    own_states[vehicle],
+                    own_goals[vehicle],
+                    near,
+                    self._around[vehicle],
+                    dt_s,
+                )
+                legs.append(leg)
         return _GOAL.packed(legs).reshape(goals.shape)
 
     def keep(self, flights: IntArray) -> None:
         """Keep only these flights of the batch, by index."""
-        if self._routers:
-            self._routers = [self._routers[flight] for flight in np.asarray(flights).tolist()]
+        if self._memories:
+            self._memories = [self._memories[flight] for flight in np.asarray(flights).tolist()]
+
+
+def _surroundings(params: Sequence[PipelineParams], still: Sequence[Capsule]) -> list[Surroundings]:
+    """Return the surroundings of each vehicle; vehicles with the same law share theirs."""
+    by_law: dict[LawParams, Surroundings] = {}
+    for own in params:
+        if own.law not in by_law:
+            by_law[own.law] = Surroundings(still, own.law)
+    return [by_law[own.law] for own in params]

@@ -31,6 +31,7 @@ from groundstation.orders.intents import (
 from groundstation.orders.plan import PlannedOrder, check_again, plan_order
 from onboard.config.fences import Fence, FenceCircle
 from onboard.config.fleet import FleetConfig
+from onboard.config.obstacles import Obstacle
 from tests.groundstation.conftest import telemetry
 
 ALL = ("mav0", "mav1", "mav2")
@@ -265,6 +266,25 @@ def test_goals_and_heights_that_a_fence_does_not_allow_are_refused(fleet: FleetC
         refusals = planned(parse(text, fenced), fenced).refusals
         assert words in refusals["mav0"], text
     assert not planned(parse("move mav0 0 1 1", fenced), fenced).refusals
+
+
+def test_a_goal_without_a_way_is_refused_and_one_with_a_way_around_is_not(
+    fleet: FleetConfig,
+) -> None:
+    def walled(north_m: float) -> FleetConfig:
+        corners = ((2.0, -5.0), (2.2, -5.0), (2.2, north_m), (2.0, north_m))
+        return msgspec.structs.replace(fleet, obstacles=(Obstacle("wall", polygon_enu_m=corners),))
+
+    state = flying_at(fleet, {"mav0": (0.0, 0.0, 1.0)})
+    closed = planned(parse("move mav0 3 0 1", fleet), walled(5.0), state)
+    assert closed.refusals["mav0"] == (
+        "mav0: the goal (3.00, 0.00, 1.00) cannot be reached from (0.00, 0.00): no way around the "
+        "obstacles and fences leaves 0.45 m on both sides of mav0. Choose another one."
+    )
+    open_north = planned(parse("move mav0 3 0 1", fleet), walled(2.0), state)
+    assert not open_north.refusals
+    unheard = planned(parse("move mav0 3 0 1", fleet), walled(5.0))
+    assert not unheard.refusals  # the vehicle itself refuses
 
 
 def test_a_goal_below_ground_and_a_height_above_the_fence_are_refused(fleet: FleetConfig) -> None:

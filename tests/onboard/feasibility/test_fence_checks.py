@@ -75,3 +75,24 @@ def test_a_straight_way_across_the_bay_of_a_field_draws_a_warning() -> None:
     del steps[1]
     mission = mission_from_mapping({"schema": 1, "step": steps}, path="m.toml", fleet=fleet())
     assert named(mission_findings(mission), "ways").status == "ok"
+
+
+def test_a_goal_behind_a_wall_without_a_door_is_refused_before_the_flight() -> None:
+    corners = [[2.0, -9.0], [2.2, -9.0], [2.2, 9.0], [2.0, 9.0]]
+    data = tomllib.loads(Path("configs/fleets/paper.toml").read_text())
+    data["obstacles"] = [{"name": "wall", "polygon_enu_m": corners}]
+    steps = [
+        {"do": "takeoff", "height_m": 1.0},
+        {"do": "move", "vehicles": "mav0", "position_enu_m": [3.2, 0.0, 1.0]},
+        {"do": "land"},
+    ]
+    walled = fleet_from_mapping(data)
+    mission = mission_from_mapping({"schema": 1, "step": steps}, path="m.toml", fleet=walled)
+    finding = named(mission_findings(mission), "reach")
+    assert finding.status == "refused"
+    assert "the goal of mav0 cannot be reached" in finding.sentence
+
+    data["obstacles"][0]["polygon_enu_m"] = [[x, min(y, 2.0)] for x, y in corners]
+    with_way = fleet_from_mapping(data)
+    mission = mission_from_mapping({"schema": 1, "step": steps}, path="m.toml", fleet=with_way)
+    assert not [one for one in mission_findings(mission) if one.name.startswith("reach")]

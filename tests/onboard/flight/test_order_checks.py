@@ -13,6 +13,7 @@ from onboard import agent_commands, agent_inputs
 from onboard.agent.core import AgentCore
 from onboard.bus.schema import Order, Telemetry
 from onboard.config.fences import Fence
+from onboard.config.obstacles import Obstacle
 from onboard.estimation import wind
 from onboard.flight.context import FlightContext
 from onboard.flight.order_checks import refusal
@@ -74,6 +75,19 @@ def test_goals_outside_a_field_or_in_a_house_are_refused_by_the_vehicle() -> Non
         assert not reply.is_accepted
         assert words in reply.reason
     assert rig.order("move", position_enu_m=(1.0, 2.0, 1.0)).is_accepted
+
+
+def test_a_goal_behind_a_wall_without_a_door_is_refused_by_the_vehicle() -> None:
+    wall = {"name": "wall", "polygon_enu_m": [[2.0, -5.0], [2.2, -5.0], [2.2, 5.0], [2.0, 5.0]]}
+    walled = msgspec.structs.replace(
+        fleet(), obstacles=msgspec.convert([wall], tuple[Obstacle, ...])
+    )
+    rig = Rig(AgentCore(walled, "mav0", boot_id=7))
+    rig.fly()
+    reply = rig.order("move", position_enu_m=(3.0, 0.0, 1.0))
+    assert not reply.is_accepted
+    assert "cannot be reached from (0.00, 0.00): no way around the obstacles" in reply.reason
+    assert rig.order("move", position_enu_m=(1.0, 0.0, 1.0)).is_accepted
 
 
 def test_outside_a_field_a_vehicle_holds_inside_of_it_and_then_lands(
