@@ -56,7 +56,7 @@ class ControlStep:
         self._max_tilt_deg = vehicle.max_tilt_deg
         self._start_enu_m = Vec3(*vehicle.start_enu_m)
         self._pipeline_step = pipeline_step
-        self._surroundings = router.Surroundings(self.obstacles, self.params.law)
+        self._surroundings = router.surroundings(self.obstacles, self.params.law)
         self._route = router.RouteMemory()
         self._memory = pipeline.initial(self.params, self._start_enu_m)
         self._own_law: OwnLawRunner | None = None

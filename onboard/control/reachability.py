@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 from onboard.avoidance.params import law_params, still
 from onboard.config.fleet import FleetConfig
-from onboard.control.route_map import RouteMap
+from onboard.control.route_map import route_map_of
 from onboard.control.router import in_the_way
 from onboard.tuples import Xyz
 from onboard.vectors import Vec2
-
-# Who passes somewhere with less room than this is not refused: the law decides there.
-_DOUBT_M = 0.10
 
 
 def no_way(fleet: FleetConfig, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m: Xyz) -> str:
@@ -29,16 +24,13 @@ def no_way(fleet: FleetConfig, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m: 
 
     law = law_params(fleet, vehicle_name)
     clearance_m = law.spacing.clearance_m
-    route_map = _map(things, max(clearance_m - _DOUBT_M, 0.0), law.fence)
+    route_map = route_map_of(things, clearance_m, law.fence)
     begin = Vec2(float(begin_enu_m[0]), float(begin_enu_m[1]))
     goal = Vec2(float(goal_enu_m[0]), float(goal_enu_m[1]))
-    if not route_map.is_complete or route_map.route(begin, goal):
+    if route_map.route(begin, goal) or not route_map.is_complete:
         return ""
 
     return (
         f"cannot be reached from ({begin.x:.2f}, {begin.y:.2f}): no way around the obstacles and "
         f"fences leaves {clearance_m:.2f} m on both sides of {vehicle_name}"
     )
-
-
-_map = lru_cache(maxsize=16)(RouteMap)

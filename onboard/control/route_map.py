@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -31,7 +31,10 @@ _PIECE_SPARE_M = 0.05
 
 _NARROW_M = 0.3  # a passage that is wider by less has a corner in its middle
 _CORNERS_PER_END = 8  # a regular octagon around each end of an obstacle
-MOST_CORNERS = 200  # more take too long to compute; then every way is straight
+
+# The corners, squared, times the things: with more, the map takes too long to compute (a second of
+# a small computer), and every way is straight.
+MOST_PIECES = 1_000_000
 
 
 class _Things(NamedTuple):
@@ -48,7 +51,7 @@ class _Ways(NamedTuple):
     corners_m: Array  # (C, 2)
     length_m: Array  # (C, C), infinite where there is no way
     following: IntArray  # (C, C) the next corner on the way from one to another
-    is_complete: bool  # False: there were more than MOST_CORNERS, and all are left out
+    is_complete: bool  # False: there were too many corners, and all are left out
 
 
 class RouteMap:
@@ -69,16 +72,18 @@ class RouteMap:
     def _ways(self) -> _Ways:
         """The ways between all corners, computed when they are needed first."""
         corners = _corners(self._blocking, self._things, self.walls)
-        is_complete = len(corners) <= MOST_CORNERS
+        is_complete = len(corners) ** 2 * len(self._blocking) <= MOST_PIECES
         if not is_complete:
             corners = corners[:0]
 
-        is_free = self._are_free(corners[:, None], corners[None])
-        length_m = np.where(is_free, _lengths(corners[:, None] - corners[None]), np.inf)
-        return _shortest(corners, length_m, is_complete)
+        between_m = np.full((len(corners), len(corners)), np.inf)
+        for row, corner in zip(between_m, corners, strict=True):
+            is_free = self._are_free(corner, corners)
+            row[is_free] = _lengths(corners - corner)[is_free]
+        return _shortest(corners, between_m, is_complete)
 
     def prepare(self) -> None:
-        """Compute all ways now: with a hundred corners it takes some ten milliseconds."""
+        """Compute all ways now: with a hundred corners it takes some tens of milliseconds."""
         _ = self._ways
 
     @property
@@ -138,6 +143,12 @@ class RouteMap:
         allowed_m = np.minimum(things.keep_m - _PIECE_SPARE_M, from_begin_m)
         allowed_m = np.minimum(allowed_m, from_end_m)
         return np.asarray((distance_m >= allowed_m - 1e-9).all(-1))
+
+
+@lru_cache(maxsize=64)
+def route_map_of(still: tuple[Capsule, ...], clearance_m: float, walls: Walls) -> RouteMap:
+    """Return the map of these things; each is computed once in a process."""
+    return RouteMap(still, clearance_m, walls)
 
 
 def length_m(way: Sequence[Vec2]) -> float:

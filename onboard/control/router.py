@@ -12,11 +12,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import combinations_with_replacement, pairwise
 from typing import NamedTuple
 
 from onboard.avoidance.params import Capsule, LawParams, Spacing, Walls
 from onboard.control import yielding
-from onboard.control.route_map import RouteMap
+from onboard.control.route_map import RouteMap, route_map_of
 from onboard.types import Goal, Neighbour, State
 from onboard.vectors import Vec2, Vec3, is_finite
 
@@ -46,27 +47,30 @@ class RouteMemory(NamedTuple):
     waited_s: float = 0.0  # time since it left for that place
 
 
-class Surroundings:
-    """The static things around a fleet, with a map of the ways between them.
+class Surroundings(NamedTuple):
+    """The static things around a vehicle, and how far it stays from them."""
+
+    still: tuple[Capsule, ...]  # obstacles, and edges of areas, in fleet ENU
+    spacing: Spacing
+    walls: Walls
+
+
+def surroundings(still: Sequence[Capsule], law: LawParams) -> Surroundings:
+    """Return the surroundings of a vehicle, and compute their maps: in flight that takes too long.
 
     Args:
-        still: obstacles, and edges of areas, in fleet ENU.
-        law: numbers of a vehicle's law, which say how far it stays from them.
+        still: static things of the fleet.
+        law: numbers of the vehicle's law.
     """
+    around = Surroundings(tuple(still), law.spacing, law.fence)
+    for things in _by_height(around.still):
+        map_of(things, around).prepare()
+    return around
 
-    def __init__(self, still: Sequence[Capsule], law: LawParams) -> None:
-        self.still = tuple(still)
-        self.spacing: Spacing = law.spacing
-        self._walls: Walls = law.fence
-        self._maps: dict[tuple[Capsule, ...], RouteMap] = {}
-        if self.still:
-            self.map_of(self.still).prepare()
 
-    def map_of(self, still: tuple[Capsule, ...]) -> RouteMap:
-        """Return the map of some of the things; each is computed once."""
-        if still not in self._maps:
-            self._maps[still] = RouteMap(still, self.spacing.clearance_m, self._walls)
-        return self._maps[still]
+def map_of(still: tuple[Capsule, ...], around: Surroundings) -> RouteMap:
+    """Return the map of some of the surrounding things."""
+    return route_map_of(still, around.spacing.clearance_m, around.walls)
 
 
 def is_due(memory: RouteMemory, goal: Goal, dt_s: float) -> bool:
@@ -118,7 +122,7 @@ def _searched(
     """Return the memory after the way was found anew."""
     here = Vec2(state.position_enu_m.x, state.position_enu_m.y)
     still = in_the_way(around.still, state.position_enu_m.z, goal.z)
-    route_map = around.map_of(still)
+    route_map = map_of(still, around)
 
     goal_m = Vec2(goal.x, goal.y)
     way = route_map.route(here, goal_m)
@@ -156,7 +160,8 @@ def _giving_way(
     if not yielding.is_to_yield(here, opponent, met_s):
         return memory._replace(met_s=met_s)
 
-    refuge = yielding.place_to_wait(here, opponent, around.map_of(still), still, around.spacing)
+    route_map = map_of(still, around)
+    refuge = yielding.place_to_wait(here, opponent, route_map, still, around.spacing)
     return memory._replace(met_s=0.0, refuge=refuge, waited_s=0.0)
 
 
@@ -208,6 +213,17 @@ def in_the_way(
     return tuple(
         capsule for capsule in still if capsule.low_m <= high_m and capsule.high_m >= low_m
     )
+
+
+def _by_height(still: tuple[Capsule, ...]) -> set[tuple[Capsule, ...]]:
+    """Return the sets of things that are in the way of flights at or between any heights."""
+    limits = {limit for capsule in still for limit in (capsule.low_m, capsule.high_m)}
+    heights = sorted(limit for limit in limits if math.isfinite(limit))
+    middles = [0.5 * (low + high) for low, high in pairwise(heights)]
+    bands = [0.0]
+    if heights:
+        bands = [heights[0] - 1.0, *middles, heights[-1] + 1.0]
+    return {in_the_way(still, low, high) for low, high in combinations_with_replacement(bands, 2)}
 
 
 def _behind(here: Vec2, corner: Vec2, route_map: RouteMap) -> Vec2:

@@ -27,7 +27,7 @@ class Way:
     """One vehicle's way among static things, tick by tick."""
 
     def __init__(self, still: Sequence[Capsule]) -> None:
-        self._around = router.Surroundings(still, params_of(LawConfig()))
+        self._around = router.surroundings(still, params_of(LawConfig()))
         self._memory = router.RouteMemory()
 
     def toward(
