@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +48,7 @@ class _Ways(NamedTuple):
     """The shortest ways between all corners."""
 
     corners_m: Array  # (C, 2)
+    pieces_m: Array  # (C, C) lengths of the straight pieces, infinite where one is not free
     length_m: Array  # (C, C), infinite where there is no way
     following: IntArray  # (C, C) the next corner on the way from one to another
     is_complete: bool  # False: there were too many corners, and all are left out
@@ -110,7 +110,9 @@ class RouteMap:
         if self._are_free(begin, goal):
             return [goal_m]
 
-        corners, between_m, following, _ = self._ways
+        corners = self._ways.corners_m
+        between_m = self._ways.length_m
+        following = self._ways.following
         first_m = np.where(self._are_free(begin, corners), _lengths(corners - begin), np.inf)
         last_m = np.where(self._are_free(goal, corners), _lengths(corners - goal), np.inf)
         total_m = first_m[:, None] + between_m + last_m[None]
@@ -124,9 +126,38 @@ class RouteMap:
             points.append(Vec2(*corners[corner].tolist()))
         return [*points, goal_m]
 
+    def lengths_past(self, begin_m: Vec2, other_m: Vec2, keep_m: float) -> list[float]:
+        """Return the length [m] of the shortest way to each corner that keeps off a point.
+
+        Args:
+            begin_m: begin of the ways, which may be nearer to the point.
+            other_m: the point.
+            keep_m: distance to keep from it.
+        Returns:
+            The lengths, in the order of the corners; infinite where there is no way.
+        """
+        begin = np.array(begin_m)
+        other = np.array(other_m)
+        corners = self._ways.corners_m
+
+        kept_m = min(keep_m, math.dist(begin_m, other_m)) - 1e-9
+        is_open = _point_distances(other, begin, corners) >= kept_m
+        is_open &= self._are_free(begin, corners)
+        lengths_m = np.where(is_open, _lengths(corners - begin), np.inf)
+
+        is_clear = _point_distances(other, corners[:, None], corners[None]) >= keep_m
+        pieces_m = np.where(is_clear, self._ways.pieces_m, np.inf)
+        for _ in range(len(corners)):  # Bellman and Ford
+            through_m = (lengths_m[:, None] + pieces_m).min(0, initial=np.inf)
+            if (through_m >= lengths_m).all():
+                break
+            lengths_m = np.minimum(lengths_m, through_m)
+        return [float(length) for length in lengths_m]
+
     def is_free(self, begin_m: Vec2, end_m: Vec2) -> bool:
-        """Whether a straight piece keeps its distance from all static things."""
-        return bool(self._are_free(np.array(begin_m), np.array(end_m)))
+        """Whether a straight piece keeps its distance from all things, and ends inside the box."""
+        end = np.array(end_m)
+        return bool(_is_inside(end, self.walls) and self._are_free(np.array(begin_m), end))
 
     def _are_free(self, begins_m: Array, ends_m: Array) -> BoolArray:
         """Return whether each straight piece, (..., 2) to (..., 2), keeps its distances.
@@ -149,14 +180,6 @@ class RouteMap:
 def route_map_of(still: tuple[Capsule, ...], clearance_m: float, walls: Walls) -> RouteMap:
     """Return the map of these things; each is computed once in a process."""
     return RouteMap(still, clearance_m, walls)
-
-
-def length_m(way: Sequence[Vec2]) -> float:
-    """Return the length [m] of a way through these points."""
-    total_m = 0.0
-    for begin, end in pairwise(way):
-        total_m += math.dist(begin, end)
-    return total_m
 
 
 def _is_round_field(capsule: Capsule) -> bool:
@@ -201,11 +224,16 @@ def _corners(still: Sequence[Capsule], things: _Things, walls: Walls) -> Array:
     middles = middles[_is_clear(middles, things, -_PIECE_SPARE_M)]
     corners = np.concatenate([around, middles])
 
-    x = corners[:, 0]
-    y = corners[:, 1]
+    return np.asarray(corners[_is_inside(corners, walls)])
+
+
+def _is_inside(points_m: Array, walls: Walls) -> BoolArray:
+    """Return whether each point (..., 2) is inside the box."""
+    x = points_m[..., 0]
+    y = points_m[..., 1]
     is_inside_x = (x >= walls.low_x_m) & (x <= walls.high_x_m)
     is_inside_y = (y >= walls.low_y_m) & (y <= walls.high_y_m)
-    return np.asarray(corners[is_inside_x & is_inside_y])
+    return np.asarray(is_inside_x & is_inside_y)
 
 
 def _around(ends_m: Array, keep_m: Array) -> Array:
@@ -256,7 +284,11 @@ def _shortest(corners_m: Array, between_m: Array, is_complete: bool) -> _Ways:
         length_m = np.where(is_shorter, through_m, length_m)
         following = np.where(is_shorter, following[:, middle, None], following)
     return _Ways(
-        corners_m=corners_m, length_m=length_m, following=following, is_complete=is_complete
+        corners_m=corners_m,
+        pieces_m=between_m,
+        length_m=length_m,
+        following=following,
+        is_complete=is_complete,
     )
 
 

@@ -128,7 +128,7 @@ def _searched(
     way = route_map.route(here, goal_m)
     if memory.refuge is None:
         whole_way = [here, *(way or [goal_m])]
-        memory = _giving_way(memory, state, whole_way, neighbours, still, around)
+        memory = _giving_way(memory, state, whole_way, neighbours, route_map, around.spacing)
     else:
         memory = _waiting(memory, [here, *way], neighbours, around.spacing)
 
@@ -142,8 +142,8 @@ def _giving_way(
     state: State,
     way: Sequence[Vec2],
     neighbours: Sequence[Neighbour],
-    still: tuple[Capsule, ...],
-    around: Surroundings,
+    route_map: RouteMap,
+    spacing: Spacing,
 ) -> RouteMemory:
     """Return the memory with a place to wait at, if the vehicle has to give way."""
     here = way[0]
@@ -152,7 +152,7 @@ def _giving_way(
         return memory
 
     direction = Vec2((way[1].x - here.x) / ahead_m, (way[1].y - here.y) / ahead_m)
-    opponent = yielding.opponent_of(state, direction, neighbours, around.spacing)
+    opponent = yielding.opponent_of(state, direction, neighbours, spacing)
     if opponent is None:
         return memory._replace(met_s=0.0)
 
@@ -160,8 +160,7 @@ def _giving_way(
     if not yielding.is_to_yield(here, opponent, met_s):
         return memory._replace(met_s=met_s)
 
-    route_map = map_of(still, around)
-    refuge = yielding.place_to_wait(here, opponent, route_map, still, around.spacing)
+    refuge = yielding.place_to_wait(here, opponent, route_map)
     return memory._replace(met_s=0.0, refuge=refuge, waited_s=0.0)
 
 

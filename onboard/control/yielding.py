@@ -17,8 +17,8 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from onboard.avoidance.pairs import design_distance, margin_2
-from onboard.avoidance.params import Capsule, Spacing
-from onboard.control.route_map import RouteMap, length_m
+from onboard.avoidance.params import Spacing
+from onboard.control.route_map import RouteMap
 from onboard.types import Neighbour, State
 from onboard.vectors import Vec2, dot_2, length_2
 
@@ -97,33 +97,29 @@ def is_to_yield(here: Vec2, opponent: Opponent, met_s: float) -> bool:
     return met_s >= (MEETING_S if is_west else REFUSED_S)
 
 
-def place_to_wait(
-    here: Vec2, opponent: Opponent, route_map: RouteMap, still: Sequence[Capsule], spacing: Spacing
-) -> Vec2 | None:
+def place_to_wait(here: Vec2, opponent: Opponent, route_map: RouteMap) -> Vec2 | None:
     """Return the nearest place beside the opponent's way that can be reached, if there is one.
 
     Args:
         here: own position.
         opponent: who stands face to face with this vehicle, and blocks its ways.
         route_map: map of the static things.
-        still: these static things.
-        spacing: distances to keep.
     """
-    body_m = opponent.distance_m - spacing.clearance_m
-    blocked = Capsule(opponent.position_m, opponent.position_m, body_m)
-    ways = RouteMap((*still, blocked), spacing.clearance_m, route_map.walls)
-    needed_m = opponent.distance_m + _BESIDE_M
+    corners = route_map.corners
+    lengths_m = route_map.lengths_past(here, opponent.position_m, opponent.distance_m)
 
     best: Vec2 | None = None
     best_m = math.inf
-    for corner in route_map.corners:
-        for place in _places_beside(corner, opponent):
-            if _from_way_m(place, opponent) < needed_m or not route_map.is_free(corner, place):
-                continue
-            way_m = length_m([here, *ways.route(here, place)])
-            if 0.0 < way_m < best_m:
-                best = place
-                best_m = way_m
+    for to_corner_m, corner in sorted(zip(lengths_m, corners, strict=True)):
+        if to_corner_m >= best_m:
+            break
+        place = _place_beside(corner, opponent, route_map)
+        if place is None:
+            continue
+        way_m = to_corner_m + math.dist(corner, place)
+        if way_m < best_m:
+            best = place
+            best_m = way_m
     return best
 
 
@@ -156,15 +152,18 @@ def _level(vector: Sequence[float]) -> Vec2:
     return Vec2(vector[0], vector[1])
 
 
-def _places_beside(corner: Vec2, opponent: Opponent) -> list[Vec2]:
-    """Return a corner, and places beside it that are farther from the opponent's way."""
+def _place_beside(corner: Vec2, opponent: Opponent, route_map: RouteMap) -> Vec2 | None:
+    """Return the place nearest to a corner that is far enough from the opponent's way."""
     left = Vec2(-opponent.direction.y, opponent.direction.x)
     offset = Vec2(corner.x - opponent.position_m.x, corner.y - opponent.position_m.y)
     side = 1.0 if dot_2(offset, left) >= 0.0 else -1.0
-    return [
-        Vec2(corner.x + side * aside_m * left.x, corner.y + side * aside_m * left.y)
-        for aside_m in _ASIDE_M
-    ]
+    needed_m = opponent.distance_m + _BESIDE_M
+
+    for aside_m in _ASIDE_M:
+        place = Vec2(corner.x + side * aside_m * left.x, corner.y + side * aside_m * left.y)
+        if _from_way_m(place, opponent) >= needed_m and route_map.is_free(corner, place):
+            return place
+    return None
 
 
 def _from_way_m(place: Vec2, opponent: Opponent) -> float:

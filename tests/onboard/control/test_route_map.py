@@ -12,7 +12,7 @@ import pytest
 
 from onboard.avoidance.params import Capsule, Walls, still
 from onboard.config.fleet import fleet_from_mapping
-from onboard.control.route_map import MOST_PIECES, RouteMap, length_m
+from onboard.control.route_map import MOST_PIECES, RouteMap
 from onboard.vectors import Vec2
 from sitl.monte_carlo.clutter import Outlines, forest
 
@@ -27,6 +27,14 @@ def wall(begin: tuple[float, float], end: tuple[float, float], radius_m: float =
 
 def route_map(*walls: Capsule, box: Walls = OPEN) -> RouteMap:
     return RouteMap(walls, CLEARANCE_M, box)
+
+
+def length_m(way: list[Vec2]) -> float:
+    """Return the length [m] of a way through these points."""
+    total_m = 0.0
+    for begin, end in pairwise(way):
+        total_m += math.dist(begin, end)
+    return total_m
 
 
 def least_gap_m(way: list[Vec2], walls: tuple[Capsule, ...]) -> float:
@@ -147,3 +155,21 @@ def test_a_map_of_too_many_corners_knows_no_ways_and_says_so() -> None:
     assert not crowded.is_complete
     assert crowded.route(Vec2(0.0, -2.0), Vec2(0.0, 2.0)) == []
     assert route_map(*pillars[:2]).is_complete
+
+
+def test_lengths_of_ways_past_a_vehicle_lead_around_it() -> None:
+    ways = route_map(*U)
+    begin = Vec2(0.8, 0.0)
+    far = Vec2(0.0, 9.0)
+    free_m = ways.lengths_past(begin, far, 0.9)
+    for corner, free in zip(ways.corners, free_m, strict=True):
+        assert free == pytest.approx(length_m([begin, *ways.route(begin, corner)]))
+
+    in_the_mouth = Vec2(-0.4, 0.0)  # 1.0 m from the walls: nobody gets past
+    assert all(math.isinf(length) for length in ways.lengths_past(begin, in_the_mouth, 0.9))
+
+
+def test_no_piece_ends_outside_the_box() -> None:
+    box = Walls(-3.0, 3.0, -3.0, 3.0)
+    assert route_map(*U, box=box).is_free(Vec2(-2.0, 0.0), Vec2(-2.9, 0.0))
+    assert not route_map(*U, box=box).is_free(Vec2(-2.0, 0.0), Vec2(-3.1, 0.0))
