@@ -143,11 +143,19 @@ def _nan_for_null(value: Any) -> Any:
 
 
 def json_schema(kind: type[Message]) -> bytes:
-    """Return the JSON schema of a kind, as an object with named fields."""
+    """Return the JSON schema of a kind, as an object with named fields.
+
+    It has only the words that viewers know: each field has one type, and the items of an array
+    have one as well. Viewers refuse a whole channel for one other word. A field that these words
+    cannot describe is left out, which JSON schema allows; its values are in the messages all the
+    same. That a value may be null is not said either.
+    """
     hints = get_type_hints(kind)
     properties: dict[str, Any] = {}
     for field in kind.__struct_fields__:
-        properties[field] = _flat(msgspec.json.schema(hints[field]))
+        described = _in_plain_words(msgspec.json.schema(hints[field]))
+        if described is not None:
+            properties[field] = described
     schema = {"title": f"covey.{kind.__name__}", "type": "object", "properties": properties}
     return msgspec.json.encode(schema)
 
@@ -164,8 +172,29 @@ def _row(channel: str, message: Message, received_ns: int) -> ChannelRow:
     return ChannelRow(channel, kind, stamp_ns, _encode(named))
 
 
-def _flat(schema: dict[str, Any]) -> dict[str, Any]:
-    # Viewers expect `items`; a fixed-length tuple of one type is an array of that type to them.
-    if "prefixItems" in schema:
-        return {"type": "array", "items": schema["prefixItems"][0]}
-    return schema
+def _in_plain_words(schema: dict[str, Any]) -> dict[str, Any] | None:
+    """Return the schema of a value in the words that viewers know; None if they do not do."""
+    if "anyOf" in schema:
+        return _common(schema["anyOf"])
+    if "enum" in schema:
+        return {"type": "string", "enum": schema["enum"]}
+    if schema.get("type") == "array":
+        parts = schema.get("prefixItems") or [schema["items"]]
+        items = _common(parts)
+        if items is None or items["type"] == "array":
+            return None
+        return {"type": "array", "items": items}
+    if "type" in schema:
+        return schema
+    return None  # a reference
+
+
+def _common(schemas: list[dict[str, Any]]) -> dict[str, Any] | None:
+    """Return one schema in the words that viewers know for all of these, null aside."""
+    found = [_in_plain_words(one) for one in schemas if one.get("type") != "null"]
+    first = found[0]
+    if first is None or any(one is None or one["type"] != first["type"] for one in found):
+        return None
+    if all(one == first for one in found):
+        return first
+    return {"type": first["type"]}
