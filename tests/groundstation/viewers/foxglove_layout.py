@@ -10,7 +10,7 @@ import foxglove.layouts as fl
 import groundstation.viewers
 
 PATH = Path(groundstation.viewers.__file__).parent / "layouts" / "foxglove.json"
-NAMES = ("mav0", "mav1", "mav2")
+COLOURS = {"mav0": "#0073b2", "mav1": "#d65e00", "mav2": "#009e73"}  # as in the scene
 
 
 def layout() -> str:
@@ -20,6 +20,10 @@ def layout() -> str:
         config=fl.ThreeDeeConfig(
             follow_tf="fleet",
             follow_mode="follow-none",
+            # the scene names each vehicle itself
+            scene=fl.BaseRendererSceneSettings(
+                transforms=fl.BaseRendererTransforms(show_label=False, line_width=0.0)
+            ),
             layers={"grid": fl.BaseRendererGridLayerSettings()},
             topics={
                 "/scene": fl.BaseRendererSceneUpdateTopicSettings(visible=True),
@@ -51,7 +55,8 @@ def layout() -> str:
 
 def _plot(title: str, topic: str, field: str) -> fl.PlotPanel:
     paths = [
-        fl.PlotSeries(value=f'"{topic}/{name}".{field}', label=name, enabled=True) for name in NAMES
+        fl.PlotSeries(value=f'"{topic}/{name}".{field}', label=name, color=colour, enabled=True)
+        for name, colour in COLOURS.items()
     ]
     return fl.PlotPanel(title=title, config=fl.PlotConfig(paths=paths, show_legend=True))
 

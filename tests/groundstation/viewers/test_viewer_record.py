@@ -175,6 +175,43 @@ def test_the_layout_shows_topics_that_are_there(folder: Path) -> None:
     assert layout["configById"]["RosOut!covey"]["topicToRender"] in found
 
 
+def test_the_layout_plots_fields_that_the_file_describes_in_the_colours_of_the_scene(
+    path: Path, found: dict[str, list[Message]]
+) -> None:
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    fields = {
+        channel.topic: json.loads(summary.schemas[channel.schema_id].data)["properties"]
+        for channel in summary.channels.values()
+        if channel.message_encoding == "json"
+    }
+    _, _, scene = found["/scene"][0]
+    colours = {one.id: _hex(one.texts[0].color) for one in scene.entities}
+    text = files("groundstation.viewers").joinpath("layouts/flight.json").read_text("utf-8")
+    panels = json.loads(text)["configById"]
+
+    for panel in ("Plot!distance", "Plot!law"):
+        assert panels[panel]["lichtblickPanelTitle"]
+        mav0, mav1, _mav2 = panels[panel]["paths"]
+        for name, series in (("mav0", mav0), ("mav1", mav1)):
+            topic, field = series["value"].split(".")
+            assert fields[topic][field]["type"] == "number"
+            assert topic.endswith(f"/{name}")
+            assert series["color"] == colours[name]
+
+
+def _hex(colour: Any) -> str:
+    return "#" + "".join(f"{round(255 * part):02x}" for part in (colour.r, colour.g, colour.b))
+
+
+def test_the_layout_names_each_vehicle_once() -> None:
+    # the scene has its name already
+    text = files("groundstation.viewers").joinpath("layouts/flight.json").read_text("utf-8")
+    scene = json.loads(text)["configById"]["3D!covey"]["scene"]
+    assert scene["transforms"]["showLabel"] is False
+
+
 def test_the_layout_of_foxglove_is_what_its_own_library_writes(folder: Path) -> None:
     pytest.importorskip("foxglove")
     from tests.groundstation.viewers.foxglove_layout import PATH, layout
