@@ -38,11 +38,9 @@ def layout() -> str:
         direction="column",
         items=[
             fl.SplitItem(
-                content=_plot(
-                    "Distance to the nearest vehicle [m]", "telemetry", "nearest_distance_m"
-                )
+                content=_plot("Distance to the nearest vehicle [m]", "nearest_distance_m")
             ),
-            fl.SplitItem(content=_plot("What the law changes [m/s²]", "tick", "intervention_m_s2")),
+            fl.SplitItem(content=_plot("What the law changes [m/s²]", "intervention_m_s2")),
             fl.SplitItem(content=log),
         ],
     )
@@ -53,9 +51,9 @@ def layout() -> str:
     return json.dumps(json.loads(fl.Layout(content=content).to_json()), indent=2) + "\n"
 
 
-def _plot(title: str, topic: str, field: str) -> fl.PlotPanel:
+def _plot(title: str, field: str) -> fl.PlotPanel:
     paths = [
-        fl.PlotSeries(value=f'"{topic}/{name}".{field}', label=name, color=colour, enabled=True)
+        fl.PlotSeries(value=f'"telemetry/{name}".{field}', label=name, color=colour, enabled=True)
         for name, colour in COLOURS.items()
     ]
     return fl.PlotPanel(title=title, config=fl.PlotConfig(paths=paths, show_legend=True))
