@@ -1,4 +1,4 @@
-"""``covey web foxglove``: a flying fleet for Foxglove, Lichtblick and PlotJuggler, live.
+"""``covey web foxglove``: a flying fleet for Foxglove and Lichtblick, live.
 
 Examples:
   covey web foxglove --fleet fleet.toml

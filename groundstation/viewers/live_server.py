@@ -1,4 +1,4 @@
-"""Serves messages to Foxglove, Lichtblick and PlotJuggler by foxglove-sdk.
+"""Serves messages to Foxglove and Lichtblick by foxglove-sdk.
 
 This is the only file that imports foxglove-sdk. The server accepts nothing from its clients: no
 parameters, no calls, no messages. A slow client loses the oldest messages, and delays no other.
