@@ -78,7 +78,7 @@ class FlightData:
     # time 0 of the figures, in seconds of the record, which replay and verdict count
     take_off_s: float
     height_share: float = 0.0  # factor of height differences in separations
-    outlines: tuple[Outline, ...] = ()  # outlines of the fleet's fences
+    outlines: tuple[Outline, ...] = ()  # of the fleet's fences and obstacles
 
     @property
     def source(self) -> str:
@@ -115,7 +115,7 @@ def from_samples(
         title: title of the flight.
         safety_distance_m: limit of the distance between two vehicles [m].
         height_share: factor of height differences in separations.
-        outlines: outlines of the fleet's fences.
+        outlines: outlines of the fleet's fences and obstacles.
         record_begin_ns: stamp from which verdict and replay count the seconds of the record; None:
             the stamp of the first sample.
 

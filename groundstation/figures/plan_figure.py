@@ -52,7 +52,7 @@ def draw(flight: FlightData) -> Any:
             ax.plot(slot_m[0], slot_m[1], "+", color=tint, markersize=15, markeredgewidth=2.2)
             labels.append(_SlotLabel(slot_m[:2], orders, tint))
 
-    _draw_fences(ax, flight)
+    draw_outlines(ax, flight)
     _draw_closest(ax, flight)
     _draw_frame(ax, step_s, vehicles=len(flight.tracks))
     _write_slot_labels(figure, ax, labels, np.concatenate([np.zeros((0, 2)), *marks_m]))
@@ -117,8 +117,13 @@ def _slots(slots_enu_m: Array) -> list[tuple[Array, str]]:
     return slots
 
 
-def _draw_fences(ax: Any, flight: FlightData) -> None:
-    """Draw the areas to stay in as outlines, and those to stay out of as surfaces."""
+def draw_outlines(ax: Any, flight: FlightData) -> None:
+    """Draw areas to stay in as outlines, and what to stay out of as surfaces.
+
+    Args:
+        ax: axes of matplotlib, in metres.
+        flight: holds the outlines of fences and obstacles.
+    """
     for outline in flight.outlines:
         edge = SOFT if outline.keeps_in else LIMIT
         patch = Polygon(

@@ -13,7 +13,7 @@ from groundstation.recording.reader import read, record_path
 from groundstation.recording.timeline import Timeline
 from onboard.config.file_reading import RECORD, opened
 from onboard.config.fleet import ConfigError, load_fleet, read_toml
-from onboard.config.flight_space import flight_space_of
+from onboard.config.flight_space import outlines_of
 
 _MCAP_MAGIC = b"\x89MCAP0\r\n"  # at the begin and at the end of a complete file
 _DEFAULT_SAFETY_DISTANCE_M = 0.80  # that of the paper
@@ -94,6 +94,6 @@ def _limits(flight_folder: Path) -> dict[str, Any]:
         return {
             "safety_distance_m": config.fleet.safety_distance_m,
             "height_share": config.fleet.height_share,
-            "outlines": flight_space_of(config).outlines(),
+            "outlines": outlines_of(config),
         }
     return {"safety_distance_m": _DEFAULT_SAFETY_DISTANCE_M}

@@ -11,10 +11,10 @@ from collections.abc import Iterator
 from groundstation.mission_files.expected_course import CourseStep
 from groundstation.mission_files.mission import Mission
 from groundstation.orders.intents import Home, Intent, Land
+from groundstation.orders.reachable_goals import unreachable
 from groundstation.paths.checks import path_findings
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.config.flight_space import flight_space_of
-from onboard.control.reachability import no_way
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
@@ -143,18 +143,18 @@ def _unreachable_findings(
     fleet: FleetConfig, course_step: CourseStep, where: str
 ) -> Iterator[Finding]:
     """Yield the finding about goals to which there is no way around obstacles and fences."""
-    unreachable = {}
+    without_way = {}
     for name, goal in course_step.goals.items():
-        words = no_way(fleet, name, course_step.positions[name], goal)
+        words = unreachable(fleet, name, course_step.positions[name], goal)
         if words:
-            unreachable[name] = words
-    if not unreachable:
+            without_way[name] = words
+    if not without_way:
         return
 
-    name, words = next(iter(unreachable.items()))
+    name, words = next(iter(without_way.items()))
     yield at_most(
         f"reach, {where}",
-        float(len(unreachable)),
+        float(len(without_way)),
         0.0,
         "",
         f"{where[0].upper()}{where[1:]}: the goal of {name} {words}",

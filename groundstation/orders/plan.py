@@ -23,6 +23,7 @@ from groundstation.fleet.stoppable import stoppable
 from groundstation.orders.goals import GoalFacts, goals_of
 from groundstation.orders.held_formation import HeldFormation, held_after, held_slots
 from groundstation.orders.intents import Formation, Goto, Intent, Move, Rotate, Swap, Takeoff
+from groundstation.orders.reachable_goals import unreachable
 from groundstation.orders.swap import names_that_hear, swap_refusals, with_place
 from onboard.bus.schema import BY_MISSION, ON_PATHS, Order
 from onboard.config.fleet import (
@@ -35,7 +36,6 @@ from onboard.config.fleet import (
 from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import floor_m, least_height_m
 from onboard.config.pair_separation import separation_m
-from onboard.control.reachability import no_way
 from onboard.tuples import Xyz
 
 ORDER_LIFE_S = 2.0  # time from an order to its deadline
@@ -443,11 +443,11 @@ def _way_refusal(name: str, goal: Xyz, fleet: FleetConfig, state: FleetState | N
     if telemetry is None or not telemetry.is_position_valid:
         return None
 
-    unreachable = no_way(fleet, name, telemetry.position_enu_m, goal)
-    if not unreachable:
+    words = unreachable(fleet, name, telemetry.position_enu_m, goal)
+    if not words:
         return None
     goal_text = f"({goal[0]:.2f}, {goal[1]:.2f}, {goal[2]:.2f})"
-    return f"{name}: the goal {goal_text} {unreachable}. Choose another one."
+    return f"{name}: the goal {goal_text} {words}. Choose another one."
 
 
 def _too_near(name: str, goal: Xyz, other: str, position: Xyz, fleet: FleetConfig) -> str:

@@ -26,6 +26,7 @@ GALLERY = (
     "circle",
     "search",
     "escort",
+    "rooms",
     "evacuation",
     "intruder",
     "mocap-lost",

@@ -18,7 +18,7 @@ from groundstation.fleet.state import FleetState, LoggedEvent, Separation, Vehic
 from groundstation.scene.ground_tiles import GroundTiles, ground_message
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
-from onboard.config.flight_space import flight_space_of
+from onboard.config.flight_space import outlines_of
 from onboard.plain_text import plain_line
 
 AHEAD_S = 10.0  # time for which the way of a vehicle is predicted
@@ -58,8 +58,7 @@ def fleet_message(
             [fence.x[1], fence.y[1], fence.z[1]],
         ],
         "areas": [
-            {**area._asdict(), "name": area.name[:_MOST_TEXT]}
-            for area in flight_space_of(fleet).outlines()
+            {**area._asdict(), "name": area.name[:_MOST_TEXT]} for area in outlines_of(fleet)
         ],
         "ground": ground_message(ground, is_inside_page=False),
         "formations": sorted({*fleet.formations, *fleet.shapes}),

@@ -56,7 +56,7 @@ class ControlStep:
         self._max_tilt_deg = vehicle.max_tilt_deg
         self._start_enu_m = Vec3(*vehicle.start_enu_m)
         self._pipeline_step = pipeline_step
-        self._surroundings = router.surroundings(self.obstacles, self.params.law)
+        self.surroundings = router.surroundings(self.obstacles, self.params.law)
         self._route = router.RouteMemory()
         self._memory = pipeline.initial(self.params, self._start_enu_m)
         self._own_law: OwnLawRunner | None = None
@@ -99,7 +99,7 @@ class ControlStep:
 
         if mode in (ControlMode.FLYING, ControlMode.LANDING):
             self._route, goal = router.step(
-                self._route, state, goal, neighbours, self._surroundings, dt_s
+                self._route, state, goal, neighbours, self.surroundings, dt_s
             )
         memory, tick = self._pass(state, goal, mode, neighbours, dt_s)
 

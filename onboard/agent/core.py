@@ -522,6 +522,7 @@ class AgentCore:
         facts = OrderFacts(
             view=view,
             fleet=self.fleet,
+            surroundings=self.control.surroundings,
             others=self.neighbours.telemetries(),
             distances_m=self._distances_m,
             not_ready=self.preflight.not_ready,

@@ -23,7 +23,7 @@ _ROUND_CORNERS = 48  # number of corners of a circle in a picture
 
 
 class Outline(NamedTuple):
-    """An area as pictures show it."""
+    """An area or an obstacle as pictures show it."""
 
     name: str
     keeps_in: bool
@@ -93,7 +93,7 @@ class FlightSpace(NamedTuple):
             Outline(
                 name=area.name,
                 keeps_in=area.keeps_in,
-                corners_enu_m=area.corners_enu_m or _around(area),
+                corners_enu_m=area.corners_enu_m or _on_circle(area.center_enu_m, area.radius_m),
                 low_m=min(max(area.low_m, floor_m), top_m),
                 high_m=max(min(area.high_m, top_m), floor_m),
             )
@@ -118,6 +118,29 @@ class FlightSpace(NamedTuple):
         return least_m, name
 
 
+def outlines_of(fleet: FleetConfig) -> tuple[Outline, ...]:
+    """Return the areas and the obstacles of a fleet for a picture.
+
+    Args:
+        fleet: the fleet file.
+    """
+    floor_m, top_m = fleet.fleet.geofence_m.z
+    obstacles = []
+    for obstacle in fleet.obstacles:
+        corners = obstacle.polygon_enu_m
+        if corners is None and obstacle.circle is not None:
+            corners = _on_circle(obstacle.circle.center_enu_m, obstacle.circle.radius_m)
+        outline = Outline(
+            name=obstacle.name,
+            keeps_in=False,
+            corners_enu_m=corners or (),
+            low_m=floor_m,
+            high_m=top_m,
+        )
+        obstacles.append(outline)
+    return (*flight_space_of(fleet).outlines(), *obstacles)
+
+
 def flight_space_of(fleet: FleetConfig) -> FlightSpace:
     """Return the space that a fleet may fly in.
 
@@ -136,13 +159,12 @@ def _flight_space_of(
     return FlightSpace(box, tuple(fences.area_of(fence, origin) for fence in written))
 
 
-def _around(area: Area) -> tuple[Point, ...]:
-    """Return points on the outline of a circle."""
-    x, y = area.center_enu_m
+def _on_circle(center_enu_m: Point, radius_m: float) -> tuple[Point, ...]:
+    """Return points on a circle, in order."""
+    x, y = center_enu_m
     angles = [2.0 * math.pi * corner / _ROUND_CORNERS for corner in range(_ROUND_CORNERS)]
     return tuple(
-        (x + area.radius_m * math.cos(angle), y + area.radius_m * math.sin(angle))
-        for angle in angles
+        (x + radius_m * math.cos(angle), y + radius_m * math.sin(angle)) for angle in angles
     )
 
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -55,7 +54,7 @@ class _Ways(NamedTuple):
 
 
 class RouteMap:
-    """Corners around static things, and the shortest ways between them.
+    """Corners around static things, and the shortest ways between them, computed when it is made.
 
     Args:
         still: obstacles and edges of areas, in fleet ENU.
@@ -64,15 +63,12 @@ class RouteMap:
     """
 
     def __init__(self, still: Sequence[Capsule], clearance_m: float, walls: Walls) -> None:
-        self.walls = walls
-        self._blocking = [capsule for capsule in still if not _is_round_field(capsule)]
-        self._things = _things(self._blocking, clearance_m)
+        blocking = [capsule for capsule in still if not _is_round_field(capsule)]
+        self._walls = walls
+        self._things = _things(blocking, clearance_m)
 
-    @cached_property
-    def _ways(self) -> _Ways:
-        """The ways between all corners, computed when they are needed first."""
-        corners = _corners(self._blocking, self._things, self.walls)
-        is_complete = len(corners) ** 2 * len(self._blocking) <= MOST_PIECES
+        corners = _corners(blocking, self._things, walls)
+        is_complete = len(corners) ** 2 * len(blocking) <= MOST_PIECES
         if not is_complete:
             corners = corners[:0]
 
@@ -80,11 +76,7 @@ class RouteMap:
         for row, corner in zip(between_m, corners, strict=True):
             is_free = self._are_free(corner, corners)
             row[is_free] = _lengths(corners - corner)[is_free]
-        return _shortest(corners, between_m, is_complete)
-
-    def prepare(self) -> None:
-        """Compute all ways now: with a hundred corners it takes some tens of milliseconds."""
-        _ = self._ways
+        self._ways = _shortest(corners, between_m, is_complete)
 
     @property
     def is_complete(self) -> bool:
@@ -157,7 +149,7 @@ class RouteMap:
     def is_free(self, begin_m: Vec2, end_m: Vec2) -> bool:
         """Whether a straight piece keeps its distance from all things, and ends inside the box."""
         end = np.array(end_m)
-        return bool(_is_inside(end, self.walls) and self._are_free(np.array(begin_m), end))
+        return bool(_is_inside(end, self._walls) and self._are_free(np.array(begin_m), end))
 
     def _are_free(self, begins_m: Array, ends_m: Array) -> BoolArray:
         """Return whether each straight piece, (..., 2) to (..., 2), keeps its distances.
@@ -174,12 +166,6 @@ class RouteMap:
         allowed_m = np.minimum(things.keep_m - _PIECE_SPARE_M, from_begin_m)
         allowed_m = np.minimum(allowed_m, from_end_m)
         return np.asarray((distance_m >= allowed_m - 1e-9).all(-1))
-
-
-@lru_cache(maxsize=64)
-def route_map_of(still: tuple[Capsule, ...], clearance_m: float, walls: Walls) -> RouteMap:
-    """Return the map of these things; each is computed once in a process."""
-    return RouteMap(still, clearance_m, walls)
 
 
 def _is_round_field(capsule: Capsule) -> bool:

@@ -11,13 +11,13 @@ the other one has passed (:mod:`onboard.control.yielding`).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations_with_replacement, pairwise
 from typing import NamedTuple
 
 from onboard.avoidance.params import Capsule, LawParams, Spacing, Walls
 from onboard.control import yielding
-from onboard.control.route_map import RouteMap, route_map_of
+from onboard.control.route_map import RouteMap
 from onboard.types import Goal, Neighbour, State
 from onboard.vectors import Vec2, Vec3, is_finite
 
@@ -53,6 +53,7 @@ class Surroundings(NamedTuple):
     still: tuple[Capsule, ...]  # obstacles, and edges of areas, in fleet ENU
     spacing: Spacing
     walls: Walls
+    maps: Mapping[tuple[Capsule, ...], RouteMap]  # by what is in the way
 
 
 def surroundings(still: Sequence[Capsule], law: LawParams) -> Surroundings:
@@ -62,15 +63,19 @@ def surroundings(still: Sequence[Capsule], law: LawParams) -> Surroundings:
         still: static things of the fleet.
         law: numbers of the vehicle's law.
     """
-    around = Surroundings(tuple(still), law.spacing, law.fence)
-    for things in _by_height(around.still):
-        map_of(things, around).prepare()
-    return around
+    all_still = tuple(still)
+    maps = {}
+    for things in _by_height(all_still):
+        maps[things] = RouteMap(things, law.spacing.clearance_m, law.fence)
+    return Surroundings(still=all_still, spacing=law.spacing, walls=law.fence, maps=maps)
 
 
 def map_of(still: tuple[Capsule, ...], around: Surroundings) -> RouteMap:
     """Return the map of some of the surrounding things."""
-    return route_map_of(still, around.spacing.clearance_m, around.walls)
+    known = around.maps.get(still)
+    if known is not None:
+        return known
+    return RouteMap(still, around.spacing.clearance_m, around.walls)
 
 
 def is_due(memory: RouteMemory, goal: Goal, dt_s: float) -> bool:

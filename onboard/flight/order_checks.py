@@ -20,6 +20,7 @@ from onboard.config.pair_separation import separation_m
 from onboard.config.stand_in import stand_in_refusal
 from onboard.control.control_mode import ControlMode
 from onboard.control.reachability import no_way
+from onboard.control.router import Surroundings
 from onboard.flight import follow_flight, path_flight, sentences, takeover
 from onboard.flight.context import FlightContext
 from onboard.flight.effects import takeoff_height_m
@@ -51,6 +52,7 @@ class OrderFacts(NamedTuple):
 
     view: FlightView
     fleet: FleetConfig
+    surroundings: Surroundings  # static things around the vehicle
     others: Mapping[str, Telemetry]  # newest telemetry of each other vehicle
     distances_m: Mapping[str, float]  # separation from each other vehicle
     not_ready: tuple[str, ...]  # reasons of the preflight check against a take-off
@@ -382,9 +384,9 @@ def _move(order: Order, vehicle: Vehicle, facts: OrderFacts) -> str | None:
         )
 
     if facts.view.has_position:
-        unreachable = no_way(facts.fleet, vehicle.name, facts.view.position_enu_m, goal)
-        if unreachable:
-            return f"Goal {goal_text} {unreachable}."
+        words = no_way(facts.surroundings, vehicle.name, facts.view.position_enu_m, goal)
+        if words:
+            return f"Goal {goal_text} {words}."
 
     for name, other in facts.others.items():
         # A flying neighbour may just have been ordered elsewhere; one on the ground, or landing,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from onboard.arrays import BoolArray, IntArray
-from onboard.avoidance.params import Capsule
+from onboard.avoidance.params import Capsule, LawParams
 from onboard.control import router
 from onboard.control.pipeline import PipelineParams
 from onboard.control.router import RouteMemory, Surroundings
@@ -35,7 +35,7 @@ class FleetRoutes:
         self._around: list[Surroundings] = []
         if still:
             self._memories = [[RouteMemory()] * len(params) for _ in range(flight_count)]
-            self._around = [router.surroundings(still, own.law) for own in params]
+            self._around = _surroundings(params, still)
 
     def goals(
         self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float
@@ -74,3 +74,12 @@ class FleetRoutes:
         """Keep only these flights of the batch, by index."""
         if self._memories:
             self._memories = [self._memories[flight] for flight in np.asarray(flights).tolist()]
+
+
+def _surroundings(params: Sequence[PipelineParams], still: Sequence[Capsule]) -> list[Surroundings]:
+    """Return the surroundings of each vehicle; vehicles with the same law share theirs."""
+    by_law: dict[LawParams, Surroundings] = {}
+    for own in params:
+        if own.law not in by_law:
+            by_law[own.law] = router.surroundings(still, own.law)
+    return [by_law[own.law] for own in params]

@@ -14,9 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from groundstation.figures.data import TOPICS, FlightData, from_samples
+from groundstation.figures.plan_figure import draw_outlines
 from groundstation.figures.style import LIMIT, SOFT, colour, new_figure, styled
 from groundstation.recording.reader import read, record_path
 from groundstation.shows.gallery import GALLERY, SHOW, gallery_mission, sentence_of
+from onboard.config.flight_space import outlines_of
 from sitl.lockstep.flight import Lockstep
 from tests.groundstation.shows.made_shows import eased, write_skyc
 
@@ -64,6 +66,7 @@ def draw(flight: FlightData, name: str, path: Path) -> None:
                 *known[0, :2], "s", color=colour(index), markersize=6, markeredgecolor="white"
             )
             above.plot(*known[-1, :2], "o", color=colour(index), markersize=5)
+    draw_outlines(above, flight)
     above.set_aspect("equal", adjustable="datalim")
     above.set(xlabel="east [m]", ylabel="north [m]", title="from above: from squares to dots")
     nearest = np.min(
@@ -104,6 +107,7 @@ def main(words: Sequence[str]) -> int:
                 title=name,
                 safety_distance_m=limits.safety_distance_m,
                 height_share=limits.height_share,
+                outlines=outlines_of(mission.fleet),
             )
             if flown is not None:
                 draw(flown, name, ROOT / f"docs/figures/gallery-{name}.png")

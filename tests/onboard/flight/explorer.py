@@ -48,6 +48,7 @@ from onboard.flight.types import FlightEvent, FlightStep, FlightView
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation, decide
 from onboard.safety.failsafe_table import Condition as C
 from tests.onboard.agent.rig import fleet
+from tests.onboard.flight.open_space import OPEN_SPACE
 
 ORDERS: tuple[tuple[OrderKind, str], ...] = (
     ("arm", ""),
@@ -561,6 +562,7 @@ def ordered(
     facts = OrderFacts(
         view=view,
         fleet=after.flight.fleet,
+        surroundings=OPEN_SPACE,
         others={},
         distances_m={},
         not_ready=(),

@@ -15,6 +15,7 @@ from onboard.flight.context import FlightContext
 from onboard.flight.order_checks import OrderFacts
 from onboard.flight.types import FlightStep, FlightView
 from tests.onboard.agent.rig import fleet
+from tests.onboard.flight.open_space import OPEN_SPACE
 
 _S = 1_000_000_000
 _NOW_NS = 1000 * _S
@@ -80,6 +81,7 @@ class Ground:
         return OrderFacts(
             view=self.view(),
             fleet=self.flight.fleet,
+            surroundings=OPEN_SPACE,
             others={},
             distances_m={},
             not_ready=(),

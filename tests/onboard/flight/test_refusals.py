@@ -20,6 +20,7 @@ from onboard.flight.path_flight import PathFlight
 from onboard.flight.types import FlightStep, FlightView
 from tests.groundstation.console.fake import telemetry
 from tests.onboard.agent.rig import fleet
+from tests.onboard.flight.open_space import OPEN_SPACE
 
 _FLEET = fleet()  # 0.8 m apart, in a box of 8 m that is 3 m high
 _VEHICLE = _FLEET.vehicles["mav0"]
@@ -61,6 +62,7 @@ def _facts(view: FlightView | None = None, **changes: Any) -> OrderFacts:
     values = {
         "view": view or _view(),
         "fleet": _FLEET,
+        "surroundings": OPEN_SPACE,
         "others": {},
         "distances_m": {},
         "not_ready": (),

@@ -1,0 +1,30 @@
+"""Whether the vehicles of a fleet file find ways to their goals. The maps are kept."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+from onboard.avoidance.params import Capsule, LawParams, law_params, still
+from onboard.config.fleet import FleetConfig
+from onboard.control import router
+from onboard.control.reachability import no_way
+from onboard.tuples import Xyz
+
+
+def unreachable(fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m: Xyz) -> str:
+    """Return the words that say why a vehicle finds no way to a goal; empty if it finds one.
+
+    Args:
+        fleet: the fleet file.
+        name: one of its vehicles.
+        begin_enu_m, goal_enu_m: where it is, and the goal [m], ENU.
+    """
+    things = still(fleet)
+    if not things:
+        return ""
+    return no_way(_surroundings(things, law_params(fleet, name)), name, begin_enu_m, goal_enu_m)
+
+
+@lru_cache(maxsize=16)
+def _surroundings(things: tuple[Capsule, ...], law: LawParams) -> router.Surroundings:
+    return router.surroundings(things, law)
