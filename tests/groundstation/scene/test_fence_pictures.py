@@ -17,7 +17,7 @@ from groundstation.report.payload import payload
 from groundstation.viewers.scene_messages import static_scene
 from groundstation.web.live_messages import fleet_message
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
-from onboard.config.flight_space import flight_space_of
+from onboard.config.flight_space import flight_space_of, outlines_of
 from tests.groundstation.report.made_up import opened, rows, write
 
 FENCES = """
@@ -106,3 +106,32 @@ def test_the_plan_figure_has_a_patch_and_a_name_for_each_area() -> None:
     assert [tuple(corner) for corner in shapes[0]] == CORNERS
     assert len(shapes[1]) == 48
     assert {text.get_text() for text in axes.texts} >= {"field", "tree"}
+
+
+OBSTACLES = """
+[[obstacles]]
+name = "wall"
+polygon_enu_m = [[-0.1, 1], [0.1, 1], [0.1, 4], [-0.1, 4]]
+
+[[obstacles]]
+name = "pillar"
+circle = { center_enu_m = [1, -3], radius_m = 0.25 }
+"""
+
+
+def test_the_live_page_and_the_plan_have_the_obstacles_too() -> None:
+    with_obstacles = fleet(OBSTACLES)
+    wall, pillar = fleet_message(with_obstacles, can_order=False)["areas"]
+    assert (wall["name"], wall["keeps_in"]) == ("wall", False)
+    assert [tuple(corner) for corner in wall["corners_enu_m"]] == [
+        (-0.1, 1.0),
+        (0.1, 1.0),
+        (0.1, 4.0),
+        (-0.1, 4.0),
+    ]
+    away_m = np.hypot(*(np.array(pillar["corners_enu_m"]) - (1.0, -3.0)).T)
+    assert away_m == pytest.approx(0.25)
+    assert (pillar["low_m"], pillar["high_m"]) == (0.0, 3.0)  # as high as the box
+
+    names = [outline.name for outline in outlines_of(fleet(FENCES + OBSTACLES))]
+    assert names == ["field", "tree", "wall", "pillar"]
