@@ -33,7 +33,7 @@ from onboard.vectors import (
     subtract,
 )
 
-HISTORY_TICKS = 20  # a sample older than this many ticks is ignored
+HISTORY_TICKS = 28  # a sample older than this many ticks is ignored
 _LEAST_VARIANCE = 1e-12  # rounding must not make a variance negative
 _LEARNED_S = 0.125  # half of the time constant of the disturbance observer
 _LEAST_BIAS_M_S2 = 3.0  # smallest bound of the bias: static errors need it, too
@@ -41,6 +41,11 @@ _LEAST_BIAS_M_S2 = 3.0  # smallest bound of the bias: static errors need it, too
 # standard deviations at the start, when the vehicle stands still
 _START_VELOCITY_M_S = 0.05
 _START_BIAS_M_S2 = 0.3
+
+# the same after samples that were believed to be of another time
+_DOUBT_M = 1.0
+_DOUBT_M_S = 1.0
+_DOUBT_M_S2 = 1.0
 
 _AGE_ROUNDING_S = 1e-9
 
@@ -147,6 +152,23 @@ def initial(position_enu_m: Vec3, params: KalmanParams) -> KalmanMemory:
     )
 
 
+def doubted(memory: KalmanMemory) -> KalmanMemory:
+    """Return the same estimate with such a large variance that the next samples replace it.
+
+    Args:
+        memory: memory of this tick, from samples that were believed to be of another time.
+    """
+    covariance = Covariance(
+        pp=_DOUBT_M * _DOUBT_M,
+        pv=0.0,
+        pb=0.0,
+        vv=_DOUBT_M_S * _DOUBT_M_S,
+        vb=0.0,
+        bb=_DOUBT_M_S2 * _DOUBT_M_S2,
+    )
+    return memory._replace(covariance=covariance)
+
+
 def drive(
     memory: KalmanMemory,
     quaternion_wxyz: Quaternion,
@@ -182,6 +204,13 @@ def drive(
     if is_on_ground:
         driven = Vec3(0.0, 0.0, max(driven.z, 0.0))
     return _moved(memory, driven, thrust, params, dt_s)
+
+
+def driven_enu_m_s2(memory: KalmanMemory, params: KalmanParams) -> Vec3:
+    """Return the acceleration of the last tick by attitude and throttle, without drag and bias."""
+    return add_scaled(
+        memory.past[0].acceleration_enu_m_s2, params.drag_1_s, memory.velocity_enu_m_s
+    )
 
 
 def predict(

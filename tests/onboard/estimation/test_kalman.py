@@ -398,3 +398,21 @@ def test_scaling_length_and_time_scales_the_estimate() -> None:
     np.testing.assert_allclose(
         b.velocity_enu_m_s, scaled(length / time, a.velocity_enu_m_s), atol=1e-9
     )
+
+
+def test_a_doubted_estimate_follows_its_next_samples_within_a_fraction_of_a_second() -> None:
+    # settled at rest, with the noise of satellites; in truth it flies at a metre a second
+    params = KalmanParams(position_noise_m=0.05)
+    settled = kalman.initial(ZERO_3, params)
+    for _ in range(500):
+        settled = kalman.predict(settled, ZERO_3, params, DT)
+        settled = kalman.correct(settled, ZERO_3, 0.0, params)
+
+    speeds_m_s = []
+    for memory in (settled, kalman.doubted(settled)):
+        for tick in range(1, 16):
+            memory = kalman.predict(memory, ZERO_3, params, DT)
+            memory = kalman.correct(memory, Vec3(DT * tick, 0.0, 0.0), 0.0, params)
+        speeds_m_s.append(memory.velocity_enu_m_s.x)
+    assert speeds_m_s[0] < 0.5
+    assert 0.8 < speeds_m_s[1] < 1.3
