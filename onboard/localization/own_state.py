@@ -25,10 +25,10 @@ from onboard.corrections import fix
 from onboard.estimation import kalman, wind
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.estimation.kalman import KalmanParams
-from onboard.frames import turned_about_up, wrap_rad, yaw_from_quaternion
+from onboard.frames import enu_from_ned, turned_about_up, wrap_rad, yaw_from_quaternion
 from onboard.localization.dead_reckoning import DeadReckoning, VerticalMotion
 from onboard.localization.local_frame import LocalFrame
-from onboard.localization.motion_fit import MotionFit
+from onboard.localization.motion_fit import LATE_BY_S, MotionFit
 from onboard.localization.pose_validator import PoseValidator, PoseVerdict
 from onboard.localization.px4_position_check import Px4PositionCheck
 from onboard.message_counts import MessageCounts
@@ -87,7 +87,7 @@ class OwnState:
     px4_check: Px4PositionCheck = field(default_factory=Px4PositionCheck)
     # used for vehicles without a mocap
     has_lost_satellites: bool = False
-    fit: MotionFit = field(default_factory=MotionFit)
+    fit: MotionFit = field(init=False)
     # Whether this agent's setpoints fly the vehicle. Only then is its thrust known, which dead
     # reckoning needs.
     is_flown: bool = False
@@ -113,6 +113,7 @@ class OwnState:
 
     def __post_init__(self) -> None:
         vehicle = self.vehicle
+        self.fit = MotionFit(vehicle.drag_1_s)
         self._local_frame = LocalFrame(vehicle.start_enu_m, self.origin)
         self._params = KalmanParams(
             drag_1_s=vehicle.drag_1_s,
@@ -191,6 +192,8 @@ class OwnState:
                 dt_s,
                 is_on_ground,
             )
+            if not self.vehicle.mocap_required:
+                self.fit.drive(kalman.driven_enu_m_s2(self._memory, self._params))
 
         for sample in self._queue:
             self._use(sample, snapshot, now_ns, dt_s, is_on_ground)
@@ -232,20 +235,52 @@ class OwnState:
             memory = kalman.initial(sample.position_enu_m, self._params)
 
         age_s = max(0.0, (now_ns - sample.stamp_ns) * 1e-9)
+        position_enu_m = sample.position_enu_m
+        taken_s = age_s  # time since the position was measured
         if not self.vehicle.mocap_required:
-            expected_enu_m = kalman.position_at(memory, age_s)
-            innovation_m = vectors.subtract(sample.position_enu_m, expected_enu_m)
-            self.fit.step(innovation_m, dt_s, is_on_ground)
+            memory = self._fitted(memory, sample, snapshot, age_s, is_on_ground)
+        if self.fit.is_late:
+            taken_s += LATE_BY_S
+            position_enu_m = _as_of_then(memory, position_enu_m, age_s)
 
-        self._memory = kalman.correct(memory, sample.position_enu_m, age_s, self._params)
+        self._memory = kalman.correct(memory, position_enu_m, taken_s, self._params)
         if self._memory.rejected_count > memory.rejected_count:
             self.counts.refused += 1
             self._rejected_enu_m = sample.position_enu_m
             return
 
+        if self.fit.is_late and kalman.remembers(memory, taken_s):
+            # PX4 sends positions as often as before, so the newest is not stale
+            self._memory = self._memory._replace(last_age_s=min(memory.last_age_s, age_s))
+
         self._yaw_rad = sample.yaw_rad
         if self.vehicle.mocap_required:
             self._follow_heading(sample.yaw_rad, snapshot, dt_s)
+
+    def _fitted(
+        self,
+        memory: kalman.KalmanMemory,
+        sample: _Sample,
+        snapshot: Snapshot,
+        age_s: float,
+        is_on_ground: bool,
+    ) -> kalman.KalmanMemory:
+        """Compare a position of PX4 with the own motion.
+
+        When positions are found late, the estimate comes from positions that were taken for newer
+        ones: the returned memory doubts it.
+        """
+        was_late = self.fit.is_late
+        expected_enu_m = kalman.position_at(memory, age_s + LATE_BY_S * was_late)
+        self.fit.step(
+            innovation_m=vectors.subtract(sample.position_enu_m, expected_enu_m),
+            velocity_enu_m_s=vectors.Vec3(*enu_from_ned(snapshot.velocity_local_ned_m_s)),
+            stamp_ns=sample.stamp_ns,
+            is_on_ground=is_on_ground,
+        )
+        if self.fit.is_late and not was_late:
+            return kalman.doubted(memory)
+        return memory
 
     def _follow_heading(self, yaw_rad: float, snapshot: Snapshot, dt_s: float) -> None:
         """Follow the offset of PX4's heading; the first sample sets it."""
@@ -386,6 +421,18 @@ class OwnState:
             position_std_m=min(position_std_m, LARGEST_POSITION_STD_M),
             velocity_std_m_s=min(velocity_std_m_s, LARGEST_VELOCITY_STD_M_S),
         )
+
+
+def _as_of_then(
+    memory: kalman.KalmanMemory, position_enu_m: vectors.Vec3, age_s: float
+) -> vectors.Vec3:
+    """Return a late position with the height that it had at the time of its horizontal part.
+
+    The height is not late, because PX4 measures it with a barometer.
+    """
+    now_m = kalman.position_at(memory, age_s).z
+    then_m = kalman.position_at(memory, age_s + LATE_BY_S).z
+    return vectors.Vec3(position_enu_m.x, position_enu_m.y, position_enu_m.z + then_m - now_m)
 
 
 def _is_usable(pose: MocapPose) -> bool:

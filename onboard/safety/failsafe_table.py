@@ -189,6 +189,8 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     # No distance that the others keep covers the error. The vehicle lands before it is worse, under
     # the law, by the position that it has.
     C.POSITION_INACCURATE:     (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
+    # Late positions make it circle. They count as half a second old from then on, so that it stops
+    # circling; but how late they are is not known, so that it does not go on.
     C.POSITION_UNFIT:          (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
     # The others hear at once how far it may be off, and keep that much more. Where that is more
     # than the fleet was planned with, it stops: its goal is somewhere else now.

@@ -33,6 +33,7 @@ class SlowFacts(Struct, frozen=True, kw_only=True):
     # own position
     px4_accuracy_m: float = 0.0  # std that PX4 reports, of two axes together; 0 or NaN: none
     has_lost_satellites: bool = False
+    is_position_late: bool = False  # whether PX4's velocity follows attitude and throttle late
     position_miss_m: float = 0.0  # by how much PX4's positions contradict the own motion
 
     # satellites, of a vehicle that uses corrections

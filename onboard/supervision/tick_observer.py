@@ -320,6 +320,7 @@ class TickObserver:
         return SlowFacts(
             px4_accuracy_m=view.snapshot.accuracy_m(now_ns),
             has_lost_satellites=self._own.has_lost_satellites,
+            is_position_late=self._own.fit.is_late,
             position_miss_m=self._own.fit.miss_m,
             **self._look_at_corrections(view, context),
             battery_frac=battery_frac,

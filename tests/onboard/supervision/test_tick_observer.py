@@ -18,6 +18,7 @@ from onboard.corrections.status import BaseFault, BaseJudgement, CorrectionsStat
 from onboard.flight import contact
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightStep, FlightView
+from onboard.localization.motion_fit import MotionFit
 from onboard.localization.own_state import OwnEstimate, OwnState
 from onboard.neighbours.table import NeighbourTable
 from onboard.supervision.tick_context import TickContext
@@ -58,7 +59,7 @@ class Own:
     jumped_to_enu_m: Xyz | None = None
     corrections: CorrectionsConfig | None = None
     has_lost_satellites: bool = False
-    fit: Any = field(default_factory=lambda: SimpleNamespace(miss_m=0.0))
+    fit: MotionFit = field(default_factory=MotionFit)
     validator: Any = field(default_factory=lambda: SimpleNamespace(clock_jump_ns=0))
     wind_enu_m_s: tuple[float, float] = (0.0, 0.0)
     gust_m_s2: float = 0.0

@@ -43,6 +43,35 @@ def test_a_receiver_that_is_half_a_second_late_is_noticed_and_its_vehicle_lands(
 
 
 @pytest.mark.long
+# taken for half a second late, which is more than it is
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_receiver_that_is_a_quarter_of_a_second_late_is_noticed_too(
+    lockstep, outdoors, seed: int
+) -> None:
+    flight = lockstep(outdoors, seed=seed)
+    flight.takeoff(1.5)
+    flight.inject(Fault("gps_late", "mav1", flight.time_s, parameters={"delay_s": 0.25}))
+    flight.order("formation triangle 0 0 2", 30.0)
+    assert flight.until(lambda state: state.vehicles["mav1"].truth.is_on_ground, 20.0)
+    assert noticed(flight) == {"mav1"}
+    assert not flight.simulation.emulator.world.collisions
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_vehicle_whose_positions_are_taken_for_late_by_mistake_lands_all_the_same(
+    lockstep, outdoors, seed: int
+) -> None:
+    flight = lockstep(outdoors, seed=seed)
+    flight.takeoff(1.5)
+    flight.agents["mav1"].core.own.fit.is_late = True
+    flight.order("formation triangle 0 0 2", 30.0)
+    assert flight.until(lambda state: state.vehicles["mav1"].truth.is_on_ground, 20.0)
+    assert noticed(flight) == {"mav1"}
+    assert flight.min_separation_m > 1.2
+
+
+@pytest.mark.long
 @pytest.mark.parametrize(
     "seed", [4, *(pytest.param(s, marks=pytest.mark.long) for s in range(5, 12))]
 )
