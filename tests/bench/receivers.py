@@ -1,4 +1,4 @@
-"""Receivers of satellites as they are and late, in lockstep: how far positions miss the own motion,
+"""Receivers of satellites as they are and late, in lockstep: how badly positions fit the motion,
 when that is noticed, and how near vehicles come.
 
     make bench-receivers                            # 20 seeds of each delay: about half an hour
@@ -34,7 +34,9 @@ _LOOK_S = 0.1
 class ReceiverFlight:
     """What came of one flight."""
 
-    largest_miss_m: float  # of any receiver that is in time
+    # of any receiver that is in time
+    largest_miss_m: float
+    largest_lateness_m2_s3: float
     noticed_s: float  # after the receiver has become late; NaN: never
     nearest_m: float  # by ground truth
     wrongly_noticed: int  # vehicles whose receivers are in time
@@ -43,7 +45,7 @@ class ReceiverFlight:
 def fly(delay_s: float, seed: int) -> ReceiverFlight:
     """Fly with one receiver that is late, or with none for a delay of 0."""
     with Lockstep(load_fleet(FLEET), seed=seed) as flight:
-        misses = _LargestMiss(flight, {LATE} if delay_s else set())
+        misfit = _LargestMisfit(flight, {LATE} if delay_s else set())
         flight.takeoff(1.5)
         begin_s = flight.time_s
         if delay_s:
@@ -59,14 +61,21 @@ def fly(delay_s: float, seed: int) -> ReceiverFlight:
         if delay_s and LATE in noticed:
             began_s = flight.simulation.now_ns * 1e-9 - (flight.time_s - begin_s)
             noticed_s = noticed.pop(LATE) - began_s
-        return ReceiverFlight(misses.largest_m, noticed_s, flight.min_separation_m, len(noticed))
+        return ReceiverFlight(
+            largest_miss_m=misfit.miss_m,
+            largest_lateness_m2_s3=misfit.lateness_m2_s3,
+            noticed_s=noticed_s,
+            nearest_m=flight.min_separation_m,
+            wrongly_noticed=len(noticed),
+        )
 
 
-class _LargestMiss:
-    """The largest miss of the receivers that are in time, looked at ten times a second."""
+class _LargestMisfit:
+    """The largest misfit of the receivers that are in time, looked at ten times a second."""
 
     def __init__(self, flight: Lockstep, late: set[str]) -> None:
-        self.largest_m = 0.0
+        self.miss_m = 0.0
+        self.lateness_m2_s3 = 0.0
         self._flight = flight
         self._late = late
         self._look()
@@ -74,7 +83,9 @@ class _LargestMiss:
     def _look(self) -> None:
         for name, shell in self._flight.agents.items():
             if name not in self._late:
-                self.largest_m = max(self.largest_m, shell.core.own.fit.miss_m)
+                fit = shell.core.own.fit
+                self.miss_m = max(self.miss_m, fit.miss_m)
+                self.lateness_m2_s3 = max(self.lateness_m2_s3, fit.lateness_m2_s3)
         self._flight.at(self._flight.time_s + _LOOK_S, self._look)
 
 
@@ -82,8 +93,9 @@ def table(flights: dict[float, list[ReceiverFlight]]) -> str:
     """Return the flights by delay, as Markdown."""
     lines = [
         "| receiver late by s | flights | noticed | after s, least, median, most |"
-        " nearest m, least, median | largest miss of the others m | others blamed |",
-        "|---" * 7 + "|",
+        " nearest m, least, median | largest miss of the others m |"
+        " largest lateness of the others m^2/s^3 | others blamed |",
+        "|---" * 8 + "|",
     ]
     for delay_s, some in flights.items():
         after_s = sorted(one.noticed_s for one in some if not math.isnan(one.noticed_s))
@@ -99,6 +111,7 @@ def table(flights: dict[float, list[ReceiverFlight]]) -> str:
             words,
             f"{min(nearest_m):.2f}, {statistics.median(nearest_m):.2f}",
             f"{max(one.largest_miss_m for one in some):.3f}",
+            f"{max(one.largest_lateness_m2_s3 for one in some):.1f}",
             str(sum(one.wrongly_noticed for one in some)),
         )
         lines.append(f"| {' | '.join(cells)} |")
