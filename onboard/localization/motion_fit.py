@@ -15,7 +15,8 @@ overshoots, and circles around its goal. There are two measures.
   flights with satellites and the errors of PX4's simulator it stayed below 0.13 m. With positions
   that were half a second late it was 0.2 m and more.
 
-Positions that drift slowly fit any motion, so they are not detected.
+Positions that drift slowly fit any motion, so they are not detected. A heading that is wrong by 20
+degrees makes a vehicle circle in wind, too. That does not fit either, and may seem late.
 """
 
 from __future__ import annotations

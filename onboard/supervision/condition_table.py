@@ -242,7 +242,7 @@ ROWS: tuple[ConditionRow, ...] = (
     _row(
         _C.POSITION_UNFIT,
         Cause(_fact("slow.position_miss_m"), above=UNFIT_M, over_s=UNFIT_S, is_slow=True),
-        Cause(_fact("slow.is_position_late"), is_slow=True, detail="it is late"),
+        Cause(_fact("slow.is_position_late"), is_slow=True, detail="it seems to be late"),
     ),
     _row(
         _C.FIX_COARSE,

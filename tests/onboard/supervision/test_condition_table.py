@@ -341,9 +341,9 @@ def test_a_condition_begins_beyond_its_limit_and_not_at_it(
 # -- how long a cause has to hold ------------------------------------------------------------------
 
 
-def test_a_late_position_counts_at_once_and_is_called_late() -> None:
+def test_a_late_position_counts_at_once_and_is_called_so() -> None:
     late = replace(FINE, is_slow_tick=True, slow=SlowFacts(is_position_late=True))
-    assert ConditionMonitor(LIMITS).look(late) == {Condition.POSITION_UNFIT: "it is late"}
+    assert ConditionMonitor(LIMITS).look(late) == {Condition.POSITION_UNFIT: "it seems to be late"}
 
 
 def test_an_order_that_is_overdue_says_what_it_waits_for() -> None:
