@@ -30,6 +30,12 @@ _PIECE_SPARE_M = 0.05
 _NARROW_M = 0.3  # a passage that is wider by less has a corner in its middle
 _CORNERS_PER_END = 8  # a regular octagon around each end of an obstacle
 
+# A way on another side of a thing is taken only if it is shorter by this. Otherwise a vehicle whose
+# estimate is noisy would turn to and fro between two ways of one length.
+_SHORTER_M = 0.5
+
+_FIRST_TRIES = 8  # corners that are tried together, the most promising ones; then all others
+
 # The corners, squared, times the things: with more, the map takes too long to compute (a second of
 # a small computer), and every way is straight.
 MOST_PIECES = 1_000_000
@@ -41,6 +47,7 @@ class _Things(NamedTuple):
     begin_m: Array  # (O, 2)
     end_m: Array  # (O, 2)
     keep_m: Array  # (O,) least distance of a vehicle's centre from the segment
+    area: IntArray  # (O,) number of the area whose edge it is; 0: an obstacle
 
 
 class _Ways(NamedTuple):
@@ -51,6 +58,13 @@ class _Ways(NamedTuple):
     length_m: Array  # (C, C), infinite where there is no way
     following: IntArray  # (C, C) the next corner on the way from one to another
     is_complete: bool  # False: there were too many corners, and all are left out
+
+
+class _Rest(NamedTuple):
+    """The shortest ways from all corners to one goal."""
+
+    length_m: Array  # (C,), infinite where there is no way
+    last: IntArray  # (C,) the last corner of each way
 
 
 class RouteMap:
@@ -88,35 +102,81 @@ class RouteMap:
         """All corners, in fleet ENU [m]."""
         return [Vec2(*corner) for corner in self._ways.corners_m.tolist()]
 
-    def route(self, begin_m: Vec2, goal_m: Vec2) -> list[Vec2]:
+    def route(self, begin_m: Vec2, goal_m: Vec2, present_m: Vec2 | None = None) -> list[Vec2]:
         """Return the points of the shortest way: its corners, then the goal.
 
         Args:
             begin_m, goal_m: positions in fleet ENU. Either may be nearer to an obstacle than
-                allowed; the way then leads away from it.
+                allowed; the way then leads away from it. The begin may be beyond the edge of an
+                area, which then does not count until the first corner.
+            present_m: the corner that is flown to. Ways on its side of a thing are preferred.
         Returns:
             Only the goal, if the straight line is free; an empty list, if there is no way.
         """
         begin = np.array(begin_m)
-        goal = np.array(goal_m)
-        if self._are_free(begin, goal):
+        counts = self._counts(begin)
+        if self._are_free(begin, np.array(goal_m), counts):
             return [goal_m]
 
         corners = self._ways.corners_m
-        between_m = self._ways.length_m
-        following = self._ways.following
-        first_m = np.where(self._are_free(begin, corners), _lengths(corners - begin), np.inf)
-        last_m = np.where(self._are_free(goal, corners), _lengths(corners - goal), np.inf)
-        total_m = first_m[:, None] + between_m + last_m[None]
-        if total_m.size == 0 or not np.isfinite(total_m.min()):
+        rest = self._rest(goal_m)
+        total_m = _lengths(corners - begin) + rest.length_m
+        order = np.argsort(total_m)
+        order = order[np.isfinite(total_m[order])]
+
+        first = self._first_in_sight(begin, order[:_FIRST_TRIES], counts)
+        if first is None:
+            first = self._first_in_sight(begin, order[_FIRST_TRIES:], counts)
+        if first is None:
             return []
 
-        corner, last = np.unravel_index(int(total_m.argmin()), total_m.shape)
-        points = [Vec2(*corners[corner].tolist())]
+        present = self._number_of(present_m)
+        if present is not None and total_m[present] < total_m[first] + _SHORTER_M:
+            is_other_side = not np.isfinite(self._ways.pieces_m[present, first])
+            if is_other_side and self._are_free(begin, corners[present], counts):
+                first = present
+        return [*self._corners_between(first, int(rest.last[first])), goal_m]
+
+    def _first_in_sight(self, begin: Array, numbers: IntArray, counts: BoolArray) -> int | None:
+        """Return the first of some corners to which the straight line is free."""
+        is_free = self._are_free(begin, self._ways.corners_m[numbers], counts)
+        if not is_free.any():
+            return None
+        return int(numbers[int(is_free.argmax())])
+
+    def _number_of(self, corner_m: Vec2 | None) -> int | None:
+        """Return the number of a corner; None if it is none of this map."""
+        if corner_m is None:
+            return None
+        is_same = (self._ways.corners_m == np.array(corner_m)).all(-1)
+        if not is_same.any():
+            return None
+        return int(is_same.argmax())
+
+    def _corners_between(self, corner: int, last: int) -> list[Vec2]:
+        """Return the corners of the shortest way from one corner to another."""
+        ways = self._ways
+        points = [Vec2(*ways.corners_m[corner].tolist())]
         while corner != last:
-            corner = following[corner, last]
-            points.append(Vec2(*corners[corner].tolist()))
-        return [*points, goal_m]
+            corner = int(ways.following[corner, last])
+            points.append(Vec2(*ways.corners_m[corner].tolist()))
+        return points
+
+    def _rest(self, goal_m: Vec2) -> _Rest:
+        """Return the shortest ways from all corners to a goal."""
+        corners = self._ways.corners_m
+        goal = np.array(goal_m)
+        last_m = np.where(self._are_free(goal, corners), _lengths(corners - goal), np.inf)
+        total_m = self._ways.length_m + last_m[None]
+        return _Rest(total_m.min(1, initial=np.inf), _nearest_column(total_m))
+
+    def _counts(self, point_m: Array) -> BoolArray:
+        """Return whether each thing counts for a piece from a point.
+
+        The edges of an area do not, if the point is beyond them: every way back crosses one.
+        """
+        is_beyond = _areas_left(point_m, self._things)
+        return np.asarray(~is_beyond[self._things.area])
 
     def lengths_past(self, begin_m: Vec2, other_m: Vec2, keep_m: float) -> list[float]:
         """Return the length [m] of the shortest way to each corner that keeps off a point.
@@ -134,7 +194,7 @@ class RouteMap:
 
         kept_m = min(keep_m, math.dist(begin_m, other_m)) - 1e-9
         is_open = _point_distances(other, begin, corners) >= kept_m
-        is_open &= self._are_free(begin, corners)
+        is_open &= self._are_free(begin, corners, self._counts(begin))
         lengths_m = np.where(is_open, _lengths(corners - begin), np.inf)
 
         is_clear = _point_distances(other, corners[:, None], corners[None]) >= keep_m
@@ -151,10 +211,16 @@ class RouteMap:
         end = np.array(end_m)
         return bool(_is_inside(end, self._walls) and self._are_free(np.array(begin_m), end))
 
-    def _are_free(self, begins_m: Array, ends_m: Array) -> BoolArray:
+    def _are_free(
+        self, begins_m: Array, ends_m: Array, counts: BoolArray | None = None
+    ) -> BoolArray:
         """Return whether each straight piece, (..., 2) to (..., 2), keeps its distances.
 
         A piece that begins or ends nearer to a thing than allowed comes no nearer to it.
+
+        Args:
+            begins_m, ends_m: ends of the pieces.
+            counts: whether each thing counts (O,); None: all of them.
         """
         things = self._things
         begins = begins_m[..., None, :]
@@ -165,7 +231,40 @@ class RouteMap:
 
         allowed_m = np.minimum(things.keep_m - _PIECE_SPARE_M, from_begin_m)
         allowed_m = np.minimum(allowed_m, from_end_m)
-        return np.asarray((distance_m >= allowed_m - 1e-9).all(-1))
+        is_far = distance_m >= allowed_m - 1e-9
+        if counts is not None:
+            is_far = is_far | ~counts
+        return np.asarray(is_far.all(-1))
+
+
+def _nearest_column(lengths_m: Array) -> IntArray:
+    """Return the column of the smallest value in each row; without columns there are no rows."""
+    if lengths_m.size == 0:
+        return np.zeros(0, dtype=np.intp)
+    return np.asarray(lengths_m.argmin(1))
+
+
+def _areas_left(point_m: Array, things: _Things) -> BoolArray:
+    """Return for each area, by its number, whether a point (2,) is beyond its edges.
+
+    The allowed side of an edge is on its left. So the allowed space is inside an outline that
+    turns left, and outside of one that turns right. A point is inside an outline if a ray from it
+    to the east crosses an odd number of edges. Number 0, the obstacles, is never left.
+    """
+    begin = things.begin_m - point_m
+    end = things.end_m - point_m
+    doubled_m2 = _cross(begin, end)  # area between the point and each edge
+
+    is_upward = end[:, 1] > begin[:, 1]
+    is_level = (begin[:, 1] > 0.0) == (end[:, 1] > 0.0)  # the edge is above the ray or below it
+    is_crossed = ~is_level & (is_upward == (doubled_m2 > 0.0))
+
+    crossings = np.bincount(things.area, weights=is_crossed)
+    is_inside = crossings % 2 == 1
+    is_left_turn = np.bincount(things.area, weights=doubled_m2) > 0.0
+    is_beyond = is_inside != is_left_turn
+    is_beyond[:1] = False
+    return np.asarray(is_beyond)
 
 
 def _is_round_field(capsule: Capsule) -> bool:
@@ -183,6 +282,7 @@ def _things(still: Sequence[Capsule], clearance_m: float) -> _Things:
         begin_m=np.array([capsule.begin_enu_m for capsule in still]).reshape(-1, 2),
         end_m=np.array([capsule.end_enu_m for capsule in still]).reshape(-1, 2),
         keep_m=np.array(keep_m),
+        area=np.array([capsule.area for capsule in still], dtype=np.intp),
     )
 
 

@@ -130,7 +130,7 @@ def _searched(
     route_map = map_of(still, around)
 
     goal_m = Vec2(goal.x, goal.y)
-    way = route_map.route(here, goal_m)
+    way = route_map.route(here, goal_m, memory.corner)
     if memory.refuge is None:
         whole_way = [here, *(way or [goal_m])]
         memory = _giving_way(memory, state, whole_way, neighbours, route_map, around.spacing)

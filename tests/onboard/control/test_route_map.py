@@ -173,3 +173,38 @@ def test_no_piece_ends_outside_the_box() -> None:
     box = Walls(-3.0, 3.0, -3.0, 3.0)
     assert route_map(*U, box=box).is_free(Vec2(-2.0, 0.0), Vec2(-2.9, 0.0))
     assert not route_map(*U, box=box).is_free(Vec2(-2.0, 0.0), Vec2(-3.1, 0.0))
+
+
+def test_of_two_ways_of_about_one_length_the_present_one_is_kept() -> None:
+    ways = route_map(Capsule(Vec2(0.0, -1.0), Vec2(0.0, 1.0), 0.1))
+    goal = Vec2(3.0, 0.0)
+    above = ways.route(Vec2(-3.0, 0.1), goal)[0]
+    assert above.y > 0.0
+
+    assert ways.route(Vec2(-3.0, -0.1), goal)[0].y < 0.0
+    assert ways.route(Vec2(-3.0, -0.1), goal, above)[0] == above
+    assert ways.route(Vec2(-3.0, -1.5), goal, above)[0].y < 0.0  # the other one is much shorter
+
+
+def test_whoever_is_beyond_the_edge_of_an_area_finds_a_way_back() -> None:
+    corners = [Vec2(-3.0, -3.0), Vec2(3.0, -3.0), Vec2(3.0, 3.0), Vec2(-3.0, 3.0)]
+    stay_in = outline(corners, area=1)
+    stay_out = outline(corners[::-1], area=1)
+    tree = Capsule(Vec2(1.5, 0.0), Vec2(1.5, 0.0), 0.3)
+
+    inside = Vec2(0.0, 0.0)
+    outside = Vec2(3.3, 0.0)
+    way = route_map(*stay_in, tree).route(outside, inside)
+    assert len(way) > 1  # obstacles count nevertheless
+    assert way[-1] == inside
+    assert route_map(*stay_in).route(inside, outside) == []
+
+    assert route_map(*stay_out).route(inside, outside) == [outside]
+    assert route_map(*stay_out).route(outside, inside) == []
+
+
+def outline(corners: list[Vec2], area: int) -> list[Capsule]:
+    return [
+        Capsule(begin, end, 0.0, area=area, keep_m=0.3)
+        for begin, end in zip(corners, [*corners[1:], corners[0]], strict=True)
+    ]

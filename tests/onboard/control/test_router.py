@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import random
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -87,6 +88,16 @@ def test_a_new_order_is_followed_at_once() -> None:
     way.toward(at(-3.0, 0.1), to(3.0, 0.1))
     back = to(-5.0, 0.0, sequence=8, duration_s=5.0)
     assert way.toward(at(-3.0, 0.1), back) == back
+
+
+def test_a_noisy_estimate_does_not_turn_a_vehicle_to_and_fro_between_two_ways() -> None:
+    way = Way([WALL])
+    errors = random.Random(1)
+    legs = set()
+    for _ in range(50):
+        state = at(-3.0, errors.gauss(0.0, 0.05))
+        legs.add(way.toward(state, to(3.0, 0.0), (), PERIOD_S).position_enu_m)
+    assert len(legs) == 1
 
 
 @pytest.mark.parametrize("position", [(math.nan, 0.0), (math.inf, 0.0)])
