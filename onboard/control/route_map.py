@@ -27,6 +27,9 @@ from onboard.vectors import Vec2
 _CORNER_SPARE_M = 0.05
 _PIECE_SPARE_M = 0.05
 
+_BAR_M = 0.001  # kept from a bar across a passage that is too narrow
+_BEYOND_WALL_M = 1.0  # a bar beside a wall of the box reaches so far beyond it
+
 _NARROW_M = 0.3  # a passage that is wider by less has a corner in its middle
 _CORNERS_PER_END = 8  # a regular octagon around each end of an obstacle
 
@@ -48,6 +51,13 @@ class _Things(NamedTuple):
     end_m: Array  # (O, 2)
     keep_m: Array  # (O,) least distance of a vehicle's centre from the segment
     area: IntArray  # (O,) number of the area whose edge it is; 0: an obstacle
+
+
+class _Ends(NamedTuple):
+    """The ends of things about which ways turn, each once."""
+
+    points_m: Array  # (E, 2)
+    keep_m: Array  # (E,)
 
 
 class _Ways(NamedTuple):
@@ -78,11 +88,13 @@ class RouteMap:
 
     def __init__(self, still: Sequence[Capsule], clearance_m: float, walls: Walls) -> None:
         blocking = [capsule for capsule in still if not _is_round_field(capsule)]
+        free_standing = _things(blocking, clearance_m)
+        ends = _ends(blocking, free_standing)
         self._walls = walls
-        self._things = _things(blocking, clearance_m)
+        self._things = _closed(free_standing, ends, walls)
 
-        corners = _corners(blocking, self._things, walls)
-        is_complete = len(corners) ** 2 * len(blocking) <= MOST_PIECES
+        corners = _corners(ends, free_standing, walls)
+        is_complete = len(corners) ** 2 * len(self._things.keep_m) <= MOST_PIECES
         if not is_complete:
             corners = corners[:0]
 
@@ -286,11 +298,8 @@ def _things(still: Sequence[Capsule], clearance_m: float) -> _Things:
     )
 
 
-def _corners(still: Sequence[Capsule], things: _Things, walls: Walls) -> Array:
-    """Return the points (C, 2) about which ways turn.
-
-    They lie around the ends of things, and in the middle of narrow passages.
-    """
+def _ends(still: Sequence[Capsule], things: _Things) -> _Ends:
+    """Return the ends of obstacles, and the corners of areas that point into the allowed space."""
     ends: dict[tuple[Vec2, float], None] = {}  # in order, each once
     for capsule, keep_m in zip(still, things.keep_m.tolist(), strict=True):
         is_segment = capsule.begin_enu_m != capsule.end_enu_m
@@ -298,16 +307,56 @@ def _corners(still: Sequence[Capsule], things: _Things, walls: Walls) -> Array:
             ends[capsule.begin_enu_m, keep_m] = None
         if capsule.area == 0 and is_segment:
             ends[capsule.end_enu_m, keep_m] = None
-    if not ends:
-        return np.zeros((0, 2))
+    return _Ends(
+        points_m=np.array([end for end, _ in ends]).reshape(-1, 2),
+        keep_m=np.array([keep_m for _, keep_m in ends]),
+    )
 
-    points_m = np.array([end for end, _ in ends])
-    keep_m = np.array([keep_m for _, keep_m in ends])
-    around = _around(points_m, keep_m)
-    middles = _middles(points_m, keep_m, things)
+
+def _closed(things: _Things, ends: _Ends, walls: Walls) -> _Things:
+    """Return the things, and a bar across each passage that is a little too narrow.
+
+    Single pieces may be nearer to a thing than it must be, by a spare. In a passage that is too
+    narrow by up to two spares, the law does not let the vehicle through.
+    """
+    across, free_m = _passages(ends, things)
+    is_closed = (free_m < -1e-6) & (free_m > -2.0 * _PIECE_SPARE_M - 1e-6)
+    begins = np.broadcast_to(ends.points_m[:, None], across.shape)
+    bars = [np.stack([begins[is_closed], (begins + across)[is_closed]], axis=1)]
+
+    # beside the walls of the box; a vehicle may be a little beyond one
+    for axis, wall_m, sign in (
+        (0, walls.low_x_m, -1.0),
+        (0, walls.high_x_m, 1.0),
+        (1, walls.low_y_m, -1.0),
+        (1, walls.high_y_m, 1.0),
+    ):
+        room_m = sign * (wall_m - ends.points_m[:, axis])
+        is_closed = (room_m > 0.0) & (room_m < ends.keep_m - 1e-6)
+        feet = ends.points_m[is_closed].copy()
+        feet[:, axis] = wall_m + sign * _BEYOND_WALL_M
+        bars.append(np.stack([ends.points_m[is_closed], feet], axis=1))
+
+    all_bars = np.concatenate(bars)
+    count = len(all_bars)
+    return _Things(
+        begin_m=np.concatenate([things.begin_m, all_bars[:, 0]]),
+        end_m=np.concatenate([things.end_m, all_bars[:, 1]]),
+        keep_m=np.concatenate([things.keep_m, np.full(count, _PIECE_SPARE_M + _BAR_M)]),
+        area=np.concatenate([things.area, np.zeros(count, dtype=np.intp)]),
+    )
+
+
+def _corners(ends: _Ends, things: _Things, walls: Walls) -> Array:
+    """Return the points (C, 2) about which ways turn.
+
+    They lie around the ends of things, and in the middle of narrow passages.
+    """
+    around = _around(ends)
+    middles = _middles(ends, things)
 
     around = around[_is_clear(around, things, 0.5 * _CORNER_SPARE_M)]
-    middles = middles[_is_clear(middles, things, -_PIECE_SPARE_M)]
+    middles = middles[_is_clear(middles, things, -1e-6)]
     corners = np.concatenate([around, middles])
 
     return np.asarray(corners[_is_inside(corners, walls)])
@@ -322,29 +371,38 @@ def _is_inside(points_m: Array, walls: Walls) -> BoolArray:
     return np.asarray(is_inside_x & is_inside_y)
 
 
-def _around(ends_m: Array, keep_m: Array) -> Array:
+def _around(ends: _Ends) -> Array:
     """Return the corners (.., 2) of an octagon around each end; its sides keep the distance."""
     angle = 2.0 * np.pi * np.arange(_CORNERS_PER_END) / _CORNERS_PER_END
     directions = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    radius_m = (keep_m + _CORNER_SPARE_M) / math.cos(math.pi / _CORNERS_PER_END)
-    corners = ends_m[:, None] + radius_m[:, None, None] * directions
+    radius_m = (ends.keep_m + _CORNER_SPARE_M) / math.cos(math.pi / _CORNERS_PER_END)
+    corners = ends.points_m[:, None] + radius_m[:, None, None] * directions
     return np.asarray(corners.reshape(-1, 2))
 
 
-def _middles(ends_m: Array, keep_m: Array, things: _Things) -> Array:
+def _middles(ends: _Ends, things: _Things) -> Array:
     """Return the middle (.., 2) of each narrow passage between an end and another thing.
 
-    It is where both are as far away as they have to be, or by as much nearer or farther.
+    It is where both are farther away than they have to be, by the same.
     """
-    nearest = _nearest_points(ends_m[:, None], things.begin_m, things.end_m)  # (E, O, 2)
-    across = nearest - ends_m[:, None]
+    across, free_m = _passages(ends, things)
     width_m = _lengths(across)
-    free_m = width_m - keep_m[:, None] - things.keep_m
-    is_narrow = (np.abs(free_m) < _NARROW_M) & (width_m > 0.0)
+    is_narrow = (free_m > -1e-6) & (free_m < _NARROW_M)
 
-    share = (keep_m[:, None] + 0.5 * free_m) / np.maximum(width_m, 1e-12)
-    middles = ends_m[:, None] + share[..., None] * across
+    share = (ends.keep_m[:, None] + 0.5 * free_m) / np.maximum(width_m, 1e-12)
+    middles = ends.points_m[:, None] + share[..., None] * across
     return np.asarray(middles[is_narrow])
+
+
+def _passages(ends: _Ends, things: _Things) -> tuple[Array, Array]:
+    """Return the passage from each end to each thing, and how much wider it is than it must be.
+
+    Returns:
+        Vectors (E, O, 2) from the ends to the nearest points of the things, and widths (E, O).
+    """
+    nearest = _nearest_points(ends.points_m[:, None], things.begin_m, things.end_m)
+    across = nearest - ends.points_m[:, None]
+    return across, _lengths(across) - ends.keep_m[:, None] - things.keep_m
 
 
 def _is_clear(points_m: Array, things: _Things, spare_m: float) -> BoolArray:

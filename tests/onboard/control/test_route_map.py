@@ -208,3 +208,24 @@ def outline(corners: list[Vec2], area: int) -> list[Capsule]:
         Capsule(begin, end, 0.0, area=area, keep_m=0.3)
         for begin, end in zip(corners, [*corners[1:], corners[0]], strict=True)
     ]
+
+
+@pytest.mark.parametrize(("wider_m", "is_passed"), [(-0.02, False), (-0.09, False), (0.0, True)])
+def test_a_passage_that_is_a_little_too_narrow_is_closed(wider_m: float, is_passed: bool) -> None:
+    half_m = CLEARANCE_M + 0.1 + 0.5 * wider_m
+    upper = Capsule(Vec2(0.0, half_m), Vec2(0.0, 5.0), 0.1)
+    lower = Capsule(Vec2(0.0, -half_m), Vec2(0.0, -5.0), 0.1)
+    way = route_map(upper, lower).route(Vec2(-2.0, 0.0), Vec2(2.0, 0.0))
+    assert max(abs(point.y) for point in way) < 1.0 if is_passed else abs(way[0].y) > 5.0
+
+
+@pytest.mark.parametrize(("wider_m", "is_passed"), [(-0.02, False), (0.01, True)])
+def test_a_passage_beside_a_wall_of_the_box_is_closed_if_it_is_too_narrow(
+    wider_m: float, is_passed: bool
+) -> None:
+    width_m = CLEARANCE_M + 0.1 + wider_m
+    across = Capsule(Vec2(0.0, -5.0), Vec2(0.0, 2.0), 0.1)
+    box = Walls(-3.0, 3.0, -3.0, 2.0 + width_m)
+    beside = 2.0 + width_m
+    way = route_map(across, box=box).route(Vec2(-2.0, beside), Vec2(2.0, beside))
+    assert bool(way) == is_passed
