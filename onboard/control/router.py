@@ -18,6 +18,7 @@ from typing import NamedTuple
 from onboard.avoidance.params import Capsule, LawParams, Spacing, Walls
 from onboard.control import yielding
 from onboard.control.route_map import RouteMap
+from onboard.tuples import Xyz
 from onboard.types import Goal, Neighbour, State
 from onboard.vectors import Vec2, Vec3, is_finite
 
@@ -41,6 +42,8 @@ class RouteMemory(NamedTuple):
     aim: Vec2 | None = None  # of the trajectory: the corner, or a point behind it
     leg_count: int = 0  # corners that were flown to, which number their legs
     is_around: bool = False  # whether the way to this goal has led around something
+    pace_s_m: float = 0.0  # ordered duration over the length of the way; 0: none was ordered
+    leg_s: float = 0.0  # share of the present leg in the ordered duration
 
     met_s: float = 0.0  # time for which it has stood face to face with another vehicle
     refuge: Vec2 | None = None  # place at which it waits until the other one has passed
@@ -113,23 +116,24 @@ def step(
 
     if goal.sequence != memory.sequence:
         memory = RouteMemory(sequence=goal.sequence, leg_count=memory.leg_count)
-    memory = _searched(memory, state, goal.position_enu_m, neighbours, around)
+        memory = memory._replace(pace_s_m=_pace_s_m(state, goal, around))
+    memory = _searched(memory, state, goal, neighbours, around)
     return memory._replace(left_s=PERIOD_S), _leg(memory, goal)
 
 
 def _searched(
     memory: RouteMemory,
     state: State,
-    goal: Vec3,
+    goal: Goal,
     neighbours: Sequence[Neighbour],
     around: Surroundings,
 ) -> RouteMemory:
     """Return the memory after the way was found anew."""
     here = Vec2(state.position_enu_m.x, state.position_enu_m.y)
-    still = in_the_way(around.still, state.position_enu_m.z, goal.z)
+    still = in_the_way(around.still, state.position_enu_m.z, goal.position_enu_m.z)
     route_map = map_of(still, around)
 
-    goal_m = Vec2(goal.x, goal.y)
+    goal_m = Vec2(goal.position_enu_m.x, goal.position_enu_m.y)
     way = route_map.route(here, goal_m, memory.corner)
     if memory.refuge is None:
         whole_way = [here, *(way or [goal_m])]
@@ -139,7 +143,7 @@ def _searched(
 
     if memory.refuge is not None:
         way = route_map.route(here, memory.refuge)
-    return _following(memory, here, way, route_map)
+    return _following(memory, here, way or [goal_m], route_map)
 
 
 def _giving_way(
@@ -183,29 +187,68 @@ def _waiting(
 def _following(
     memory: RouteMemory, here: Vec2, way: Sequence[Vec2], route_map: RouteMap
 ) -> RouteMemory:
-    """Return the memory with the corner and the aim of the trajectory."""
+    """Return the memory with the corner and the aim of the trajectory, and the time for the leg."""
     corner = memory.refuge
     if len(way) > 1:
         corner = way[0]
-    if corner is None:
-        return memory._replace(corner=None, aim=None)
     if corner == memory.corner:
         return memory
+    if corner is None:
+        leg_s = memory.pace_s_m * math.dist(here, way[0])
+        return memory._replace(corner=None, aim=None, leg_s=leg_s)
 
     aim = corner
-    if corner != memory.refuge:
+    leg_s = 0.0  # whoever gives way hurries
+    if memory.refuge is None:
         aim = _behind(here, corner, route_map)
-    return memory._replace(corner=corner, aim=aim, leg_count=memory.leg_count + 1, is_around=True)
+        leg_s = memory.pace_s_m * math.dist(here, aim)
+    return memory._replace(
+        corner=corner,
+        aim=aim,
+        leg_count=memory.leg_count + 1,
+        is_around=True,
+        leg_s=leg_s,
+    )
+
+
+def _pace_s_m(state: State, goal: Goal, around: Surroundings) -> float:
+    """Return the ordered time for each metre of the way; 0: the order gives no time."""
+    length_m = way_m(around, state.position_enu_m, goal.position_enu_m)
+    if goal.duration_s <= 0.0 or length_m < 1e-6:
+        return 0.0
+    return goal.duration_s / length_m
 
 
 def _leg(memory: RouteMemory, goal: Goal) -> Goal:
-    """Return the goal of the present leg. After a corner an ordered duration does not count."""
+    """Return the goal of the present leg, with its share of an ordered duration."""
+    leg_s = memory.leg_s
     if memory.aim is not None:
         position = Vec3(memory.aim.x, memory.aim.y, goal.position_enu_m.z)
-        return goal._replace(position_enu_m=position, duration_s=0.0, sequence=-memory.leg_count)
+        return goal._replace(position_enu_m=position, duration_s=leg_s, sequence=-memory.leg_count)
     if memory.is_around:
-        return goal._replace(duration_s=0.0)
+        return goal._replace(duration_s=leg_s)
     return goal
+
+
+def way_m(around: Surroundings, begin_enu_m: Xyz, goal_enu_m: Xyz) -> float:
+    """Return the length [m] of the way to a goal; of the straight line, if there is no way.
+
+    Args:
+        around: static things of the fleet.
+        begin_enu_m, goal_enu_m: where the vehicle is, and its goal [m], ENU.
+    """
+    if not around.still:
+        return math.dist(begin_enu_m, goal_enu_m)
+
+    begin = Vec2(begin_enu_m[0], begin_enu_m[1])
+    goal = Vec2(goal_enu_m[0], goal_enu_m[1])
+    still = in_the_way(around.still, begin_enu_m[2], goal_enu_m[2])
+    way = map_of(still, around).route(begin, goal) or [goal]
+
+    level_m = 0.0
+    for here, there in pairwise([begin, *way]):
+        level_m += math.dist(here, there)
+    return math.hypot(level_m, goal_enu_m[2] - begin_enu_m[2])
 
 
 def in_the_way(

@@ -67,7 +67,7 @@ def test_without_static_things_every_goal_passes_unchanged() -> None:
 
 def test_behind_a_wall_the_first_leg_leads_past_its_end_and_the_last_to_the_goal() -> None:
     way = Way([WALL])
-    goal = to(3.0, 0.1, duration_s=60.0)
+    goal = to(3.0, 0.1)
 
     leg = way.toward(at(-3.0, 0.1), goal)
     assert leg.position_enu_m.y > 1.0
@@ -80,7 +80,22 @@ def test_behind_a_wall_the_first_leg_leads_past_its_end_and_the_last_to_the_goal
     last = way.toward(at(0.5, 1.6), goal, (), PERIOD_S)
     assert last.position_enu_m == goal.position_enu_m
     assert last.sequence == goal.sequence
-    assert last.duration_s == 0.0  # the ordered duration was that of the whole way
+    assert last.duration_s == 0.0
+
+
+def test_an_ordered_duration_is_that_of_the_whole_way() -> None:
+    way = Way([WALL])
+    goal = to(3.0, 0.1, duration_s=60.0)
+    first = way.toward(at(-3.0, 0.1), goal)
+    last = way.toward(at(0.5, 1.6), goal, (), PERIOD_S)
+    assert 20.0 < first.duration_s < 40.0
+    assert last.duration_s == pytest.approx(60.0 * 2.915 / 6.9, rel=0.05)
+
+
+def test_whoever_gives_way_does_not_take_the_ordered_time_for_it() -> None:
+    goal = to(4.0, 0.0)._replace(duration_s=60.0)
+    back = leg_after(5.0, at(-0.45, 0.0), goal, facing(0.45, -1.0))
+    assert back.duration_s == 0.0
 
 
 def test_a_new_order_is_followed_at_once() -> None:
