@@ -44,6 +44,7 @@ from groundstation.orders.intents import (
     Takeoff,
 )
 from groundstation.orders.plan import PlannedOrder, plan_order
+from groundstation.orders.reachable_goals import way_m
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.control.path import Path, point_at
 from onboard.control.trajectory import TrajectoryParams, shortest_duration_s
@@ -147,21 +148,24 @@ def resolved(intent: Intent, fleet: FleetConfig) -> Intent:
     return structs.replace(intent, vehicles=names)
 
 
-def with_speed(intent: Intent, goals: Mapping[str, Xyz], spots: Mapping[str, Xyz]) -> Intent:
+def with_speed(
+    intent: Intent, fleet: FleetConfig, goals: Mapping[str, Xyz], spots: Mapping[str, Xyz]
+) -> Intent:
     """Return an order with the duration that its speed gives for the longest way.
 
     Args:
         intent: an order; an order without a speed is returned unchanged.
+        fleet: the fleet file.
         goals: goals of the vehicles [m], ENU.
         spots: positions of the vehicles [m], ENU.
     """
     if not isinstance(intent, GoalIntent) or intent.speed_m_s is None:
         return intent
-    distances_m = [math.dist(goals[name], spots[name]) for name in goals if name in spots]
-    if not distances_m:
+    ways_m = [way_m(fleet, name, spots[name], goals[name]) for name in goals if name in spots]
+    if not ways_m:
         return intent
 
-    duration_s = min(_LONGEST_MOVE_S, _PEAK_OF_MEAN * max(distances_m) / intent.speed_m_s)
+    duration_s = min(_LONGEST_MOVE_S, _PEAK_OF_MEAN * max(ways_m) / intent.speed_m_s)
     return structs.replace(intent, duration_s=duration_s)
 
 
@@ -316,7 +320,7 @@ def _with_order(
     if not isinstance(written, GoalIntent | Rotate | _VerticalIntent):
         return replace(course_step, expected_s=_SHORT_ORDER_S)
 
-    intent = with_speed(intent, goals, before.positions)
+    intent = with_speed(intent, fleet, goals, before.positions)
     duration_s = intent.message_values().duration_s
     alone_s = {}
     for name, goal in goals.items():
@@ -395,7 +399,7 @@ def _move_s(fleet: FleetConfig, name: str, position: Xyz, goal: Xyz, duration_s:
     """Return the time that a vehicle needs to a goal [s]."""
     vehicle = fleet.vehicles[name]
     bounds = TrajectoryParams(vehicle.max_speed_m_s, vehicle.max_acceleration_m_s2)
-    shortest_s = shortest_duration_s(math.dist(position, goal), bounds)
+    shortest_s = shortest_duration_s(way_m(fleet, name, position, goal), bounds)
     return _SETTLE_S + max(shortest_s, duration_s)
 
 

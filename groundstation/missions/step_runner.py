@@ -144,7 +144,7 @@ class StepRunner:
             for name, order in fleet.client.plan(intent).orders.items():
                 if order.position_enu_m is not None:
                     goals[name] = order.position_enu_m
-            intent = with_speed(intent, goals, self._spots())
+            intent = with_speed(intent, fleet.config, goals, self._spots())
 
         await fleet.order(intent, step.timeout_s)
 

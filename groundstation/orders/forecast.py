@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from groundstation.orders.intents import Intent
+from groundstation.orders.reachable_goals import way_m
 from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig
 from onboard.config.flight_space import flight_space_of
@@ -87,7 +88,9 @@ def forecast(
     goal_enu_m = np.array([legs[name].goal_enu_m for name in names])
     ordered_s = max(leg.duration_s for leg in legs.values())
 
-    longest_m = float(np.linalg.norm(goal_enu_m - start_enu_m, axis=-1).max())
+    longest_m = max(
+        way_m(fleet, name, leg.start_enu_m, leg.goal_enu_m) for name, leg in legs.items()
+    )
     slowest_m_s = min(fleet.vehicles[name].max_speed_m_s for name in names)
     expected_s = max(ordered_s, _DETOUR * longest_m / slowest_m_s)
 

@@ -1,7 +1,11 @@
-"""Whether the vehicles of a fleet file find ways to their goals. The maps are kept."""
+"""The ways of a fleet file's vehicles to their goals: whether there are any, and how long they are.
+
+The maps are kept.
+"""
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 from onboard.avoidance.params import Capsule, LawParams, law_params, still
@@ -23,6 +27,20 @@ def unreachable(fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m: Xyz
     if not things:
         return ""
     return no_way(_surroundings(things, law_params(fleet, name)), name, begin_enu_m, goal_enu_m)
+
+
+def way_m(fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m: Xyz) -> float:
+    """Return the length [m] of a vehicle's way to a goal, around what stands still.
+
+    Args:
+        fleet: the fleet file.
+        name: one of its vehicles.
+        begin_enu_m, goal_enu_m: where it is, and the goal [m], ENU.
+    """
+    things = still(fleet)
+    if not things:
+        return math.dist(begin_enu_m, goal_enu_m)
+    return router.way_m(_surroundings(things, law_params(fleet, name)), begin_enu_m, goal_enu_m)
 
 
 @lru_cache(maxsize=16)

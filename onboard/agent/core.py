@@ -142,8 +142,8 @@ class AgentCore:
         self._snapshot = Snapshot()  # newest snapshot of PX4, with confirmed reports only
 
         # what it decides
-        self.flight = FlightContext(fleet, vehicle)
         self.control = ControlStep(fleet, vehicle_name, clock=clock, pipeline_step=pipeline_step)
+        self.flight = FlightContext(fleet, vehicle, self.control.surroundings)
         self.failsafes = FailsafeSupervisor(
             fleet=fleet,
             vehicle=vehicle,

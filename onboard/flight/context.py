@@ -14,7 +14,8 @@ from onboard.agent_commands import Command, Publish
 from onboard.bus.schema import AgentState, Event, Order, OrderOutcome, Severity
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
-from onboard.control import path
+from onboard.control import path, router
+from onboard.control.router import Surroundings
 from onboard.flight.contact import ContactSigns
 from onboard.flight.follow_flight import FollowFlight
 from onboard.flight.path_flight import PathFlight
@@ -48,6 +49,7 @@ class FlightContext:
 
     fleet: FleetConfig
     vehicle: Vehicle
+    surroundings: Surroundings | None = None  # static things around it; None: there are none
 
     step: FlightStep = FlightStep.WAITING
     reason: str = ""  # why the step began; shown to people beside the state
@@ -141,6 +143,12 @@ class FlightContext:
         is_low = view.position_enu_m[2] - self.ground_z_m < _AVOIDS_ABOVE_M
         touches_the_ground_soon = is_low and self.step in _NEAR_THE_GROUND
         return not touches_the_ground_soon
+
+    def way_m(self, view: FlightView, goal_enu_m: Xyz) -> float:
+        """Return the length [m] of the way to a goal, around what stands still."""
+        if self.surroundings is None:
+            return math.dist(view.position_enu_m, goal_enu_m)
+        return router.way_m(self.surroundings, view.position_enu_m, goal_enu_m)
 
     def seconds(self, view: FlightView) -> float:
         """Return the time since the step began [s]."""

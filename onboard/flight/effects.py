@@ -92,7 +92,7 @@ def take_over(flight: FlightContext, view: FlightView) -> None:
 
 
 def fly_leg(flight: FlightContext, view: FlightView) -> None:
-    """Go to the ordered position, within a time that grows with the distance."""
+    """Go to the ordered position, within a time that grows with the length of the way."""
     order = flight.order
     assert order is not None
     assert order.position_enu_m is not None
@@ -101,7 +101,7 @@ def fly_leg(flight: FlightContext, view: FlightView) -> None:
     _set_goal(flight, order.position_enu_m, duration_s, _ordered_yaw_rad(order))
     flight.leg_count += 1
 
-    distance_m = math.dist(order.position_enu_m, view.position_enu_m)
+    distance_m = flight.way_m(view, order.position_enu_m)
     alone_s = _PEAK_OF_MEAN * distance_m / flight.vehicle.max_speed_m_s
     _limit(flight, view, _LEG_LIMIT_S + _PATIENCE * max(duration_s, alone_s))
 
@@ -109,7 +109,7 @@ def fly_leg(flight: FlightContext, view: FlightView) -> None:
 def slow_down(flight: FlightContext, view: FlightView) -> None:
     """Fly the rest of the leg at reduced speed, with more time for it."""
     flight.is_slow = True
-    left_m = math.dist(flight.goal_position_enu_m, view.position_enu_m)
+    left_m = flight.way_m(view, flight.goal_position_enu_m)
     duration_s = left_m / (_SLOW_SHARE * flight.vehicle.max_speed_m_s)
     _set_goal(flight, flight.goal_position_enu_m, duration_s, flight.goal.yaw_rad)
     flight.deadline_ns += round(_PATIENCE * duration_s * 1e9)
@@ -160,13 +160,13 @@ def stay_at_end(flight: FlightContext, view: FlightView) -> None:
 
 
 def skip_to_end(flight: FlightContext, view: FlightView) -> None:
-    """Go straight to where the path ends, within a time that grows with the distance."""
+    """Go to where the path ends, within a time that grows with the length of the way."""
     assert flight.path.path is not None
     end = point_at(flight.path.path, flight.path.path.duration_s)
     _set_goal(flight, end.position_enu_m, 0.0, end.yaw_rad)
     flight.leg_count += 1
 
-    distance_m = math.dist(end.position_enu_m, view.position_enu_m)
+    distance_m = flight.way_m(view, end.position_enu_m)
     alone_s = _PEAK_OF_MEAN * distance_m / flight.vehicle.max_speed_m_s
     _limit(flight, view, _LEG_LIMIT_S + _PATIENCE * alone_s)
 

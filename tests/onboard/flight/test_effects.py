@@ -9,8 +9,11 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.autopilot import Snapshot
+from onboard.avoidance.params import Capsule, params_of
 from onboard.bus.schema import Order, OrderKind, PathOrder
+from onboard.config.law import LawConfig
 from onboard.control.path import path_of
+from onboard.control.router import surroundings
 from onboard.control.vertical import vertical_s
 from onboard.flight import effects, state_machine
 from onboard.flight.context import FlightContext
@@ -18,7 +21,7 @@ from onboard.flight.path_flight import PathFlight
 from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.failsafe_table import Situation
 from onboard.types import Goal
-from onboard.vectors import ZERO_3, Vec3
+from onboard.vectors import ZERO_3, Vec2, Vec3
 from tests.onboard.agent.rig import fleet
 
 _FLEET = fleet()
@@ -131,6 +134,19 @@ def test_slowed_down_it_flies_the_rest_at_a_quarter_of_its_speed_with_more_time(
     assert flight.goal.yaw_rad == 0.5
     assert flight.goal.duration_s == pytest.approx(slow_s)
     assert _limit_s(flight) == pytest.approx(3.0 * slow_s)
+
+
+def test_a_move_around_a_wall_may_take_as_long_as_its_way() -> None:
+    wall = Capsule(Vec2(1.0, -20.0), Vec2(1.0, 20.0), 0.1)
+    flight = _flight(
+        order=_order("move", position_enu_m=(2.0, 0.0, 1.0)),
+        surroundings=surroundings([wall], params_of(LawConfig())),
+    )
+    effects.fly_leg(flight, _view())
+    assert _limit_s(flight) > 30.0 + 3.0 * 1.9 * 40.0 / _VEHICLE.max_speed_m_s
+
+    effects.slow_down(flight, _view())
+    assert flight.goal.duration_s > 40.0 / _VEHICLE.max_speed_m_s
 
 
 @pytest.mark.parametrize(
