@@ -90,12 +90,12 @@ def _law_words(telemetry: Telemetry) -> str:
 def _neighbours(
     fleet: FleetConfig, state: FleetState, name: str, position: Xyz, goal: Xyz, now_ns: int
 ) -> Iterator[tuple[float, str]]:
-    """Yield flying vehicles near the straight way, with their distances [m]."""
+    """Yield vehicles near the straight way, with their distances [m]."""
     near_m = parking_distance_m(fleet)
     height_share = parking_height_share(fleet)
 
     for other, view in state.vehicles.items():
-        if other == name or not view.is_airborne:
+        if other == name:
             continue
         other_position = view.position_enu_m(now_ns)
         if other_position is None:
@@ -105,7 +105,11 @@ def _neighbours(
 
         away_m = math.dist(other_position[:2], position[:2])
         from_goal_m = math.dist(other_position[:2], goal[:2])
-        yield away_m, f"{other}, {away_m:.2f} m from it and {from_goal_m:.2f} m from the goal"
+        where = "" if view.is_airborne else " on the ground"
+        yield (
+            away_m,
+            f"{other}{where}, {away_m:.2f} m from it and {from_goal_m:.2f} m from the goal",
+        )
 
 
 def _walls(fleet: FleetConfig, position: Xyz, goal: Xyz) -> Iterator[tuple[float, str]]:
