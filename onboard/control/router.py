@@ -5,7 +5,8 @@ the shortest way (:mod:`onboard.control.route_map`) until it sees the next one. 
 anew several times a second from where the vehicle is, so others may push it off its way.
 
 Where two meet in a passage that is too narrow for both, one flies back and waits beside it until
-the other one has passed (:mod:`onboard.control.yielding`).
+the other one has passed (:mod:`onboard.control.yielding`). A vehicle that parked vehicles keep from
+its goal flies around them as well (:mod:`onboard.control.parked`).
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from itertools import combinations_with_replacement, pairwise
 from typing import NamedTuple
 
 from onboard.avoidance.params import Capsule, LawParams, Spacing, Walls
-from onboard.control import yielding
+from onboard.control import parked, yielding
 from onboard.control.route_map import RouteMap
 from onboard.tuples import Xyz
 from onboard.types import Goal, Neighbour, State
@@ -48,6 +49,9 @@ class RouteMemory(NamedTuple):
     met_s: float = 0.0  # time for which it has stood face to face with another vehicle
     refuge: Vec2 | None = None  # place at which it waits until the other one has passed
     waited_s: float = 0.0  # time since it left for that place
+
+    stood_s: float = 0.0  # time for which it has stood away from its goal
+    past_parked: RouteMap | None = None  # map with the parked vehicles that hold it back
 
 
 class Surroundings(NamedTuple):
@@ -81,9 +85,26 @@ def map_of(still: tuple[Capsule, ...], around: Surroundings) -> RouteMap:
     return RouteMap(still, around.spacing.clearance_m, around.walls)
 
 
+def is_led(memory: RouteMemory) -> bool:
+    """Return whether the goal of the trajectory may be another one than the vehicle's."""
+    return memory.aim is not None or memory.is_around
+
+
+def is_idle(memory: RouteMemory) -> bool:
+    """Return whether nothing is remembered that counts for the next search."""
+    has_company = memory.refuge is not None or memory.past_parked is not None
+    return not (is_led(memory) or has_company or memory.stood_s > 0.0 or memory.met_s > 0.0)
+
+
 def is_due(memory: RouteMemory, goal: Goal, dt_s: float) -> bool:
-    """Return whether the next step looks for a way, and so uses the neighbours."""
+    """Return whether the next step looks for a way."""
     return goal.sequence != memory.sequence or memory.left_s <= dt_s
+
+
+def uses_neighbours(memory: RouteMemory, around: Surroundings) -> bool:
+    """Return whether the next search uses the neighbours."""
+    is_long_held = memory.stood_s + PERIOD_S >= parked.STANDING_S
+    return bool(around.still) or is_led(memory) or is_long_held
 
 
 def step(
@@ -107,7 +128,7 @@ def step(
         dt_s: time since the last tick.
     """
     is_usable = is_finite(state.position_enu_m) and is_finite(goal.position_enu_m)
-    if not around.still or goal.is_on_path or not is_usable:
+    if goal.is_on_path or not is_usable:
         return memory, goal
 
     if not is_due(memory, goal, dt_s):
@@ -131,9 +152,13 @@ def _searched(
     """Return the memory after the way was found anew."""
     here = Vec2(state.position_enu_m.x, state.position_enu_m.y)
     still = in_the_way(around.still, state.position_enu_m.z, goal.position_enu_m.z)
-    route_map = map_of(still, around)
-
     goal_m = Vec2(goal.position_enu_m.x, goal.position_enu_m.y)
+
+    memory = _held_by_parked(memory, state, goal_m, neighbours, still, around)
+    if not (still or memory.past_parked or is_led(memory)):
+        return memory  # nothing is in the way
+
+    route_map = memory.past_parked or map_of(still, around)
     way = route_map.route(here, goal_m, memory.corner)
     if memory.refuge is None:
         whole_way = [here, *(way or [goal_m])]
@@ -144,6 +169,30 @@ def _searched(
     if memory.refuge is not None:
         way = route_map.route(here, memory.refuge)
     return _following(memory, here, way or [goal_m], route_map)
+
+
+def _held_by_parked(
+    memory: RouteMemory,
+    state: State,
+    goal: Vec2,
+    neighbours: Sequence[Neighbour],
+    still: tuple[Capsule, ...],
+    around: Surroundings,
+) -> RouteMemory:
+    """Return the memory with a map of parked vehicles, if they have kept the vehicle for long."""
+    is_waiting = memory.refuge is not None
+    if is_waiting or not parked.is_standing_away(state, goal):
+        return memory._replace(stood_s=max(memory.stood_s - PERIOD_S, 0.0))
+
+    stood_s = memory.stood_s + PERIOD_S
+    if stood_s < parked.STANDING_S:
+        return memory._replace(stood_s=stood_s)
+
+    pillars = parked.pillars(state, neighbours, around.spacing)
+    past_parked = None
+    if pillars:
+        past_parked = RouteMap((*still, *pillars), around.spacing.clearance_m, around.walls)
+    return memory._replace(stood_s=0.0, past_parked=past_parked)
 
 
 def _giving_way(

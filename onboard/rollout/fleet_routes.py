@@ -8,7 +8,7 @@ import numpy as np
 
 from onboard.arrays import BoolArray, IntArray
 from onboard.avoidance.params import Capsule, LawParams
-from onboard.control import router
+from onboard.control import parked, router
 from onboard.control.pipeline import PipelineParams
 from onboard.control.router import RouteMemory, Surroundings
 from onboard.rollout.rows import Layout, Rows, zero
@@ -22,6 +22,9 @@ _NEIGHBOUR = Layout(zero(Neighbour))
 class FleetRoutes:
     """The ways of all vehicles of F flights.
 
+    Without obstacles only vehicles that stand, and those that are led around parked ones, are
+    looked at. Only so is such a batch as fast as it is without ways.
+
     Args:
         flight_count: number of flights.
         params: parameters of the N vehicles.
@@ -31,11 +34,13 @@ class FleetRoutes:
     def __init__(
         self, flight_count: int, params: Sequence[PipelineParams], still: Sequence[Capsule]
     ) -> None:
-        self._memories: list[list[RouteMemory]] = []
-        self._around: list[Surroundings] = []
-        if still:
-            self._memories = [[RouteMemory()] * len(params) for _ in range(flight_count)]
-            self._around = _surroundings(params, still)
+        self._memories = [[RouteMemory()] * len(params) for _ in range(flight_count)]
+        self._around = _surroundings(params, still)
+
+        # (F, N) whether a vehicle's goal may change at any tick, and whether nothing is remembered
+        self._is_led = np.full((flight_count, len(params)), bool(still))
+        self._is_idle = np.full((flight_count, len(params)), True)
+        self._since_search_s = 0.0
 
     def goals(
         self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float
@@ -47,33 +52,47 @@ class FleetRoutes:
             neighbours, is_present: neighbours, and whether each exists (F, N, K).
             dt_s: length of the tick.
         """
-        if not self._memories:
+        chosen = self._is_led.copy()
+        self._since_search_s += dt_s
+        if self._since_search_s >= router.PERIOD_S - 1e-9:
+            self._since_search_s = 0.0
+            chosen |= ~self._is_idle | _may_be_held(states, goals)
+        if not chosen.any():
             return goals
 
-        legs = []
-        for flight, memories in enumerate(self._memories):
-            own_states = _STATE.values(states[flight])
-            own_goals = _GOAL.values(goals[flight])
-            for vehicle, memory in enumerate(memories):
-                near: list[Neighbour] = []
-                if router.is_due(memory, own_goals[vehicle], dt_s):
-                    rows = neighbours[flight, vehicle]
-                    near = _NEIGHBOUR.values(rows[is_present[flight, vehicle]])
-                memories[vehicle], leg = router.step(
-                    memory,
-                    own_states[vehicle],
-                    own_goals[vehicle],
-                    near,
-                    self._around[vehicle],
-                    dt_s,
-                )
-                legs.append(leg)
-        return _GOAL.packed(legs).reshape(goals.shape)
+        legs = goals.copy()
+        for flight, vehicle in np.argwhere(chosen).tolist():
+            memory = self._memories[flight][vehicle]
+            is_led = self._is_led[flight, vehicle]
+            step_s = dt_s if is_led else router.PERIOD_S
+            (state,) = _STATE.values(states[flight, vehicle, None])
+            (goal,) = _GOAL.values(goals[flight, vehicle, None])
+            around = self._around[vehicle]
+            near: list[Neighbour] = []
+            if router.is_due(memory, goal, step_s) and router.uses_neighbours(memory, around):
+                near = _NEIGHBOUR.values(neighbours[flight, vehicle][is_present[flight, vehicle]])
+
+            memory, leg = router.step(memory, state, goal, near, around, step_s)
+            self._memories[flight][vehicle] = memory
+            self._is_idle[flight, vehicle] = router.is_idle(memory)
+            self._is_led[flight, vehicle] = bool(around.still) or router.is_led(memory)
+            if leg is not goal:
+                legs[flight, vehicle] = _GOAL.packed([leg])[0]
+        return legs
 
     def keep(self, flights: IntArray) -> None:
         """Keep only these flights of the batch, by index."""
-        if self._memories:
-            self._memories = [self._memories[flight] for flight in np.asarray(flights).tolist()]
+        self._memories = [self._memories[flight] for flight in np.asarray(flights).tolist()]
+        self._is_led = self._is_led[flights]
+        self._is_idle = self._is_idle[flights]
+
+
+def _may_be_held(states: Rows, goals: Rows) -> BoolArray:
+    """Return which vehicles (F, N) stand away from their goals."""
+    speed_m_s = np.hypot(*np.moveaxis(states["velocity_enu_m_s"][..., :2], -1, 0))
+    offset_m = goals["position_enu_m"] - states["position_enu_m"]
+    away_m = np.hypot(*np.moveaxis(offset_m[..., :2], -1, 0))
+    return np.asarray((speed_m_s < parked.STANDING_M_S) & (away_m > parked.AWAY_M))
 
 
 def _surroundings(params: Sequence[PipelineParams], still: Sequence[Capsule]) -> list[Surroundings]:

@@ -17,6 +17,7 @@ from onboard.control.router import PERIOD_S
 from onboard.rollout.fleet_routes import FleetRoutes
 from onboard.types import Goal, Neighbour, State
 from onboard.vectors import ZERO_3, Vec2, Vec3
+from sitl.monte_carlo import campaign_settings, scenarios
 from sitl.monte_carlo.batch_flight import Flown, fly
 from sitl.monte_carlo.open_benchmark import scene_file, scene_plans
 
@@ -223,7 +224,7 @@ def test_a_vehicle_that_waits_for_nobody_goes_on_in_the_end() -> None:
     ],
 )
 def test_nobody_goes_back_for_a_vehicle(neighbour: Neighbour, why: str) -> None:
-    assert leg_after(8.0, at(-0.45, 0.0), to(4.0, 0.0), neighbour) == to(4.0, 0.0), why
+    assert leg_after(7.0, at(-0.45, 0.0), to(4.0, 0.0), neighbour) == to(4.0, 0.0), why
 
 
 def test_a_vehicle_in_motion_has_met_nobody() -> None:
@@ -291,3 +292,64 @@ def test_the_maze_needs_the_routes(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(FleetRoutes, "goals", lambda _, __, goals, *rest: goals)
     assert not any(flown.outcome.is_success for flown in flown_scene("maze.json", seeds=2))
+
+
+# -- parked vehicles in the way ------------------------------------------------------------------
+
+# a pocket that is open to the west: neighbours are nearer together than two distances to keep
+POCKET = [(-1.2, 1.2), (0.0, 1.1), (0.0, 0.0), (0.0, -1.1), (-1.2, -1.2)]
+
+
+def parked_at(x: float, y: float, intent_m_s: float = 0.0) -> Neighbour:
+    place = Vec3(x, y, 1.0)
+    return facing(x, intent_m_s)._replace(position_enu_m=place, predicted_position_enu_m=place)
+
+
+def stand(way: Way, here: State, seconds: float, neighbours: Sequence[Neighbour]) -> Goal:
+    for _ in range(round(seconds / PERIOD_S)):
+        leg = way.toward(here, to(3.0, 0.0), neighbours, PERIOD_S)
+    return leg
+
+
+def test_a_vehicle_before_parked_ones_flies_around_them_after_a_while() -> None:
+    pocket = [parked_at(x, y) for x, y in POCKET]
+    way = Way([])
+    assert stand(way, at(-0.95, 0.0), 7.0, pocket) == to(3.0, 0.0)
+    leg = stand(way, at(-0.95, 0.0), 2.0, pocket)
+    assert leg.position_enu_m.x < -1.2  # out of the pocket first
+
+    last = way.toward(at(1.5, 1.5), to(3.0, 0.0), pocket, PERIOD_S)
+    assert last.position_enu_m == Vec3(3.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("here", "neighbours", "why"),
+    [
+        (at(-0.95, 0.0, 0.5), POCKET, "it moves"),
+        (at(2.8, 0.0), POCKET, "it is at its goal"),
+        (at(-3.0, 0.0), POCKET, "they are far away: something else holds it back"),
+        (at(-0.95, 0.0), [], "nobody is there"),
+    ],
+)
+def test_nothing_changes_for_a_vehicle_without_parked_ones_before_it(
+    here: State, neighbours: list[tuple[float, float]], why: str
+) -> None:
+    parked = [parked_at(x, y) for x, y in neighbours]
+    assert stand(Way([]), here, 20.0, parked) == to(3.0, 0.0), why
+
+
+def test_whoever_intends_to_go_on_is_not_parked() -> None:
+    going = [parked_at(x, y, 1.0) for x, y in POCKET]
+    assert stand(Way([]), at(-0.95, 0.0), 20.0, going) == to(3.0, 0.0)
+
+
+def test_a_vehicle_that_parked_ones_held_for_ever_arrives(monkeypatch: pytest.MonkeyPatch) -> None:
+    plans = [scenarios.plan("rand16", 1075)]
+    setup = campaign_settings.setup_for(types="sih,ardrone")
+    (flown,) = fly(plans, setup)
+    assert flown.outcome.is_success
+    assert flown.outcome.min_separation_m > 0.8
+
+    monkeypatch.setattr(FleetRoutes, "goals", lambda _, __, goals, *rest: goals)
+    (held,) = fly(plans, setup)
+    assert held.outcome.reason == "deadlock"
