@@ -91,6 +91,7 @@ class RouteMap:
         free_standing = _things(blocking, clearance_m)
         ends = _ends(blocking, free_standing)
         self._walls = walls
+        self._obstacles = _things([thing for thing in still if thing.area == 0], clearance_m)
         self._things = _closed(free_standing, ends, walls)
 
         corners = _corners(ends, free_standing, walls)
@@ -217,6 +218,15 @@ class RouteMap:
                 break
             lengths_m = np.minimum(lengths_m, through_m)
         return [float(length) for length in lengths_m]
+
+    def room_m(self, point_m: Vec2) -> float:
+        """Return how much farther a point is from all obstacles than it must be [m].
+
+        It is negative for a point that is too near, and infinite without obstacles.
+        """
+        things = self._obstacles
+        distance_m = _point_distances(np.array(point_m), things.begin_m, things.end_m)
+        return float((distance_m - things.keep_m).min(initial=math.inf))
 
     def is_free(self, begin_m: Vec2, end_m: Vec2) -> bool:
         """Whether a straight piece keeps its distance from all things, and ends inside the box."""

@@ -77,7 +77,7 @@ def test_goals_outside_a_field_or_in_a_house_are_refused_by_the_vehicle() -> Non
     assert rig.order("move", position_enu_m=(1.0, 2.0, 1.0)).is_accepted
 
 
-def test_a_goal_behind_a_wall_without_a_door_is_refused_by_the_vehicle() -> None:
+def test_a_goal_behind_a_wall_or_too_near_to_it_is_refused_by_the_vehicle() -> None:
     wall = {"name": "wall", "polygon_enu_m": [[2.0, -5.0], [2.2, -5.0], [2.2, 5.0], [2.0, 5.0]]}
     walled = msgspec.structs.replace(
         fleet(), obstacles=msgspec.convert([wall], tuple[Obstacle, ...])
@@ -88,6 +88,10 @@ def test_a_goal_behind_a_wall_without_a_door_is_refused_by_the_vehicle() -> None
     assert not reply.is_accepted
     assert "cannot be reached from (0.00, 0.00): no way around the obstacles" in reply.reason
     assert rig.order("move", position_enu_m=(1.0, 0.0, 1.0)).is_accepted
+
+    reply = rig.order("move", position_enu_m=(1.8, 0.0, 1.0))
+    assert not reply.is_accepted
+    assert "it is 0.25 m too near to an obstacle, of which mav0 keeps 0.45 m clear" in reply.reason
 
 
 def test_outside_a_field_a_vehicle_holds_inside_of_it_and_then_lands(
