@@ -80,10 +80,11 @@ def in_the_way(fleet: FleetConfig, state: FleetState, name: str, goal: Xyz, now_
 
 
 def _law_words(telemetry: Telemetry) -> str:
-    """Return the vehicles to which the law gives way, and by how much; empty if it does not."""
-    is_active = telemetry.intervention_m_s2 > _ACTIVE_M_S2  # False for an unknown one, NaN
-    if not telemetry.avoids or not is_active:
+    """Return to whom the vehicle gives way, and by how much; empty if to nobody."""
+    if not telemetry.avoids or math.isnan(telemetry.intervention_m_s2):
         return ""
+    if telemetry.intervention_m_s2 <= _ACTIVE_M_S2:
+        return f" It gives way to {telemetry.avoids}."
     return f" The law gives way to {telemetry.avoids} by {telemetry.intervention_m_s2:.1f} m/s²."
 
 

@@ -47,6 +47,7 @@ class ControlStep:
         self.obstacles = still(fleet)
 
         self.tick: Tick | None = None  # newest result
+        self.waits_for = router.NOBODY  # index of the neighbour to which it has given way
         self.is_finite = True  # whether the newest result can be flown
         self.hover_frac = vehicle.hover_thrust_frac  # learned in flight
         # why Covey's law flies instead of the user's law; empty while the user's law flies
@@ -97,10 +98,12 @@ class ControlStep:
             )
             mode = ControlMode.GROUND
 
+        self.waits_for = router.NOBODY
         if mode in (ControlMode.FLYING, ControlMode.LANDING):
             self._route, goal = router.step(
                 self._route, state, goal, neighbours, self.surroundings, dt_s
             )
+            self.waits_for = self._route.waits_for
         memory, tick = self._pass(state, goal, mode, neighbours, dt_s)
 
         self._memory = memory

@@ -64,7 +64,7 @@ from onboard.bus.schema import StateMessage
 from onboard.bus.topics import Topic
 from onboard.config.fleet import CorrectionsConfig, FleetConfig
 from onboard.config.wind_limit import wind_limit_m_s
-from onboard.control import pipeline
+from onboard.control import pipeline, router
 from onboard.control.control_mode import ControlMode
 from onboard.control.pipeline import PipelineParams
 from onboard.corrections.status import CorrectionsStatus
@@ -353,6 +353,8 @@ class AgentCore:
             setpoint_miss_m = math.hypot(miss.x, miss.y)
             law_status = law.status
             active_neighbour = law.active_neighbour
+            if control.waits_for != router.NOBODY:
+                active_neighbour = control.waits_for
             below_m = setpoint_enu_m.z - view.position_enu_m[2]
 
         return TickContext(
@@ -418,6 +420,7 @@ class AgentCore:
             distances_m=self._distances_m,
             not_ready=self.preflight.not_ready,
             corrections=self._corrections_status,
+            waits_for=self.control.waits_for,
         )
 
     def _requests(self, view: FlightView, *, was_on_ground: bool) -> list[Command]:

@@ -14,6 +14,7 @@ from onboard.autopilot import FIX_KNOWN_NS, Snapshot
 from onboard.bus.control_token import ControlTokens
 from onboard.bus.schema import AgentState, StateMessage, Telemetry, TickSample
 from onboard.config.fleet import Vehicle
+from onboard.control import router
 from onboard.corrections.fix import words_of
 from onboard.corrections.status import CorrectionsStatus
 from onboard.flight import sentences
@@ -67,6 +68,7 @@ class TickResult(Struct, frozen=True):
     distances_m: dict[str, float]  # separation from each neighbour
     not_ready: tuple[str, ...]  # sentences of the preflight check
     corrections: CorrectionsStatus | None = None  # None: the vehicle uses no corrections
+    waits_for: int = router.NOBODY  # index of the neighbour to which it has given way
 
 
 class RunCounters(Struct, frozen=True):
@@ -134,9 +136,8 @@ def law_status(tick: Tick) -> str:
     return LawStatus(tick.law.status).name.lower()
 
 
-def active_neighbour(tick: Tick, neighbours: NeighbourTable) -> str:
-    """Return the name of the neighbour that the law avoids most; empty: none."""
-    index = tick.law.active_neighbour
+def neighbour_name(index: int, neighbours: NeighbourTable) -> str:
+    """Return the name of a neighbour; empty: there is none of this index."""
     if not 0 <= index < len(neighbours.names):
         return ""
     return neighbours.names[index]
@@ -177,7 +178,7 @@ def tick_sample(result: TickResult, state: StateMessage, sources: TelemetrySourc
         law_status=law_status(tick),
         intervention_m_s2=float(law.intervention_m_s2),
         slack_m_s2=float(law.slack_m_s2),
-        active_neighbour=active_neighbour(tick, sources.neighbours),
+        active_neighbour=neighbour_name(law.active_neighbour, sources.neighbours),
         neighbour_distances_m=result.distances_m,
         neighbour_ages_s=result.ages_s,
         setpoint_quaternion_enu_flu_wxyz=tick.attitude.quaternion_wxyz,
@@ -209,6 +210,10 @@ def telemetry(
     conditions, action = sources.failsafes.in_words()
     battery_frac, battery_voltage_v = snapshot.battery(now_ns)
     loop = counters.loop
+
+    avoided = tick.law.active_neighbour
+    if result.waits_for != router.NOBODY:
+        avoided = result.waits_for
 
     return Telemetry(
         vehicle=identity.vehicle.name,
@@ -254,7 +259,7 @@ def telemetry(
         action=action,
         operator=sources.roles.operator,
         roles=sources.roles.others,
-        avoids=active_neighbour(tick, sources.neighbours),
+        avoids=neighbour_name(avoided, sources.neighbours),
         doubles=sources.duplicates.doubled(now_ns),
         refused_orders=dict(sources.orders.refused),
         is_flown_by_hand=view.is_flown_by_hand,

@@ -162,7 +162,9 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     roles: tuple[str, ...] = ()  # the other tokens of control_token.py
     loop_lateness_p99_ms: float = 0.0  # how far behind its schedule a tick began
     missed_ticks: int = 0  # since the start
-    avoids: str = ""  # neighbour because of which the law mostly intervenes; empty: none
+    # neighbour to which it gives way: because of which the law mostly intervenes, or for which the
+    # vehicle waits beside a passage; empty: none
+    avoids: str = ""
     doubles: tuple[str, ...] = ()  # vehicles of which two agents publish at the same time
     mocap_delay_s: float = 0.0  # mean time from a pose's measurement to its arrival
 

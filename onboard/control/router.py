@@ -30,6 +30,7 @@ PERIOD_S = 0.2  # from one search to the next
 _BEYOND_M = (1.0, 0.5, 0.25)
 
 _MOST_WAIT_S = 15.0  # a vehicle that gave way goes on after this time at the latest
+NOBODY = -1  # the index of no vehicle
 _NO_SEQUENCE = -(1 << 53)  # no goal has this sequence
 
 
@@ -49,6 +50,7 @@ class RouteMemory(NamedTuple):
     met_s: float = 0.0  # time for which it has stood face to face with another vehicle
     refuge: Vec2 | None = None  # place at which it waits until the other one has passed
     waited_s: float = 0.0  # time since it left for that place
+    waits_for: int = NOBODY  # table index of the other vehicle
 
     stood_s: float = 0.0  # time for which it has stood away from its goal
     past_parked: RouteMap | None = None  # map with the parked vehicles that hold it back
@@ -219,7 +221,9 @@ def _giving_way(
         return memory._replace(met_s=met_s)
 
     refuge = yielding.place_to_wait(here, opponent, route_map)
-    return memory._replace(met_s=0.0, refuge=refuge, waited_s=0.0)
+    if refuge is None:
+        return memory._replace(met_s=0.0)
+    return memory._replace(met_s=0.0, refuge=refuge, waited_s=0.0, waits_for=opponent.table_index)
 
 
 def _waiting(
@@ -229,7 +233,7 @@ def _waiting(
     waited_s = memory.waited_s + PERIOD_S
     is_free = yielding.is_way_free(way, neighbours, spacing)
     if is_free or waited_s >= _MOST_WAIT_S:
-        return memory._replace(refuge=None)
+        return memory._replace(refuge=None, waits_for=NOBODY)
     return memory._replace(waited_s=waited_s)
 
 

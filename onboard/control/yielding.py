@@ -45,6 +45,7 @@ class Opponent(NamedTuple):
     position_m: Vec2
     direction: Vec2  # in which it intends to fly, of length 1
     distance_m: float  # that the two keep
+    table_index: int  # of the neighbour
 
 
 def opponent_of(
@@ -80,7 +81,7 @@ def opponent_of(
         if is_facing and away_m < min(nearest_m, keep_m + _NEAR_M):
             nearest_m = away_m
             unit = Vec2(intent.x / intent_m_s, intent.y / intent_m_s)
-            nearest = Opponent(there, unit, keep_m)
+            nearest = Opponent(there, unit, keep_m, neighbour.table_index)
     return nearest
 
 
