@@ -129,9 +129,13 @@ def step(
         around: static things of the fleet.
         dt_s: time since the last tick.
     """
-    is_usable = is_finite(state.position_enu_m) and is_finite(goal.position_enu_m)
-    if goal.is_on_path or not is_usable:
+    if goal.is_on_path or not is_finite(goal.position_enu_m):
         return memory, goal
+
+    if not is_finite(state.position_enu_m):
+        if goal.sequence != memory.sequence:
+            return memory, goal
+        return memory, _leg(memory, goal)
 
     if not is_due(memory, goal, dt_s):
         memory = memory._replace(left_s=memory.left_s - dt_s)

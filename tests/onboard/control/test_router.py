@@ -123,6 +123,13 @@ def test_a_position_that_is_not_finite_changes_no_goal(position: tuple[float, fl
     assert way.toward(at(*position), goal) is goal
 
 
+def test_a_position_that_is_not_finite_on_the_way_around_begins_no_new_leg() -> None:
+    way = Way([WALL])
+    goal = to(3.0, 0.0)
+    leg = way.toward(at(-3.0, 0.1), goal)
+    assert way.toward(at(math.nan, 0.1), goal, (), PERIOD_S) == leg
+
+
 def test_a_path_is_flown_as_it_was_loaded() -> None:
     way = Way([WALL])
     goal = to(3.0, 0.0)._replace(is_on_path=True)
