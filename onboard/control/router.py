@@ -270,8 +270,10 @@ def _following(
 
 def _pace_s_m(state: State, goal: Goal, around: Surroundings) -> float:
     """Return the ordered time for each metre of the way; 0: the order gives no time."""
+    if goal.duration_s <= 0.0:
+        return 0.0
     length_m = way_m(around, state.position_enu_m, goal.position_enu_m)
-    if goal.duration_s <= 0.0 or length_m < 1e-6:
+    if length_m < 1e-6:
         return 0.0
     return goal.duration_s / length_m
 
