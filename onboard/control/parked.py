@@ -24,6 +24,10 @@ _TOUCHING_M = 0.5  # the nearest one holds the vehicle back if it is farther tha
 _NEAR_M = 5.0  # only parked vehicles within this distance count
 _MOST = 8  # only so many of the nearest count
 
+# Corners, squared, times things, of a map that is computed in flight: it takes some milliseconds.
+_MOST_PIECES = 60_000
+_CORNERS_OF_PILLAR = 8
+
 
 def is_standing_away(state: State, goal: Vec2) -> bool:
     """Return whether a vehicle stands, and its goal is elsewhere.
@@ -66,6 +70,20 @@ def pillars(state: State, neighbours: Sequence[Neighbour], spacing: Spacing) -> 
     if not is_held:
         return ()
     return tuple(pillar for _, pillar in sorted(found)[:_MOST])
+
+
+def most_pillars(corner_count: int, thing_count: int) -> int:
+    """Return how many pillars a map may have beside what stands still, to be computed in flight.
+
+    Args:
+        corner_count: corners around the static things.
+        thing_count: number of these things.
+    """
+    for count in range(_MOST, 0, -1):
+        corners = corner_count + _CORNERS_OF_PILLAR * count
+        if corners * corners * (thing_count + count) <= _MOST_PIECES:
+            return count
+    return 0
 
 
 def _is_parked(neighbour: Neighbour) -> bool:

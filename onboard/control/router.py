@@ -194,7 +194,8 @@ def _held_by_parked(
     if stood_s < parked.STANDING_S:
         return memory._replace(stood_s=stood_s)
 
-    pillars = parked.pillars(state, neighbours, around.spacing)
+    most = parked.most_pillars(len(map_of(still, around).corners), len(still))
+    pillars = parked.pillars(state, neighbours, around.spacing)[:most]
     past_parked = None
     if pillars:
         past_parked = RouteMap((*still, *pillars), around.spacing.clearance_m, around.walls)

@@ -12,7 +12,7 @@ import pytest
 
 from onboard.avoidance.params import Capsule, params_of
 from onboard.config.law import LawConfig
-from onboard.control import router
+from onboard.control import parked, router
 from onboard.control.router import PERIOD_S
 from onboard.rollout.fleet_routes import FleetRoutes
 from onboard.types import Goal, Neighbour, State
@@ -341,8 +341,8 @@ def test_a_vehicle_before_parked_ones_flies_around_them_after_a_while() -> None:
 def test_nothing_changes_for_a_vehicle_without_parked_ones_before_it(
     here: State, neighbours: list[tuple[float, float]], why: str
 ) -> None:
-    parked = [parked_at(x, y) for x, y in neighbours]
-    assert stand(Way([]), here, 20.0, parked) == to(3.0, 0.0), why
+    standing = [parked_at(x, y) for x, y in neighbours]
+    assert stand(Way([]), here, 20.0, standing) == to(3.0, 0.0), why
 
 
 def test_whoever_intends_to_go_on_is_not_parked() -> None:
@@ -360,3 +360,9 @@ def test_a_vehicle_that_parked_ones_held_for_ever_arrives(monkeypatch: pytest.Mo
     monkeypatch.setattr(FleetRoutes, "goals", lambda _, __, goals, *rest: goals)
     (held,) = fly(plans, setup)
     assert held.outcome.reason == "deadlock"
+
+
+def test_beside_many_obstacles_fewer_parked_vehicles_count() -> None:
+    assert parked.most_pillars(0, 0) == 8
+    assert 0 < parked.most_pillars(40, 4) < 8
+    assert parked.most_pillars(96, 12) == 0
