@@ -124,6 +124,7 @@ class Estimator:
     Attributes:
         offset_ned_m: offset (n, 3) of the local position from the true motion since the start.
         yaw_error_rad: estimated heading minus true heading (n,).
+        compass_error_rad: mean of it (n,) with a heading by the compass.
         tilt_error_rad: turn (n, 2) about north and east that takes the estimated attitude to the
             true one.
         source: source of each estimate.
@@ -171,6 +172,7 @@ class Estimator:
         self._begin_errors()
         self.offset_ned_m = self._errors["offset"]
         self.yaw_error_rad = self._errors["yaw_error"]
+        self.compass_error_rad = self._errors["yaw_mean"]
         self.tilt_error_rad = self._errors["tilt_error"]
 
         # Times of events of each vehicle.
@@ -457,6 +459,8 @@ class Estimator:
         self._errors["unit_position"][index] = 0.0
         self._errors["drift_velocity"][index] = 0.0
         self._errors["tilt_error"][index] = 0.0
+        self._errors["turned_velocity"][index] = 0.0
+        self._errors["turned_position"][index] = 0.0
 
         self._history[:, index] = 0.0
         self._vision_time_s[index] = -math.inf
@@ -588,6 +592,7 @@ class Estimator:
     def _change_source(self, index: int, time_s: float, source: Source) -> None:
         before = self.source[index]
         self.source[index] = source
+        self._errors["has_satellites"][index] = source is Source.GPS
 
         if source is Source.GPS and self.origin_altitude_m[index] is None:
             self.origin_altitude_m[index] = self._ground_altitude_m

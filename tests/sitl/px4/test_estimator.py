@@ -166,6 +166,70 @@ def test_with_satellites_the_heading_errs_by_2_to_17_degrees_and_wanders_by_2_to
     assert (yaw_deg.mean(axis=0) > 0).sum() == pytest.approx(75, abs=25)
 
 
+def _flown_to_and_fro(
+    mean_deg: float, duration_s: float, *, pull_m_s2: float = 1.0, vision: bool = False
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Fly to and fro in the north by a compass that is wrong in the mean, and has no other error.
+
+    Returns the errors of the heading [rad] (time,), and the true and the estimated acceleration
+    (time, 2).
+    """
+    estimator = Estimator(np.zeros((1, 3)), seed=3, scale=0.0)
+    estimator.has_gps = [not vision]
+    estimator.uses_vision_yaw = [False]
+    estimator.compass_error_rad[:] = np.radians(mean_deg)
+    position = np.zeros((1, 3))
+    flies = np.zeros(1, dtype=np.bool_)
+    headings, true, estimated = [], [], []
+    for k in range(round(duration_s / DT_S)):
+        time_s = k * DT_S
+        if vision:
+            estimator.fuse_vision(0, time_s, position[0].copy(), delay_s=0.0)
+        velocity = np.array([[pull_m_s2 * np.sin(3.0 * time_s) / 3.0, 0.0, 0.0]])
+        position = position + DT_S * velocity
+        estimator.step(time_s, position, velocity, flies)
+        headings.append(float(estimator.yaw_error_rad[0]))
+        true.append(velocity[0, :2].copy())
+        estimated.append(estimator.velocity_ned_m_s[0, :2].copy())
+    return (
+        np.array(headings),
+        np.diff(np.array(true), axis=0) / DT_S,
+        np.diff(np.array(estimated), axis=0) / DT_S,
+    )
+
+
+def _angle_deg(true: np.ndarray, estimated: np.ndarray) -> float:
+    """By how much the estimated accelerations are turned against the true ones, clockwise."""
+    cross = (true[:, 0] * estimated[:, 1] - true[:, 1] * estimated[:, 0]).sum()
+    return float(np.degrees(np.arctan2(cross, (true * estimated).sum())))
+
+
+def test_by_satellites_it_finds_in_motion_how_wrong_its_heading_is() -> None:
+    headings, _, _ = _flown_to_and_fro(20.0, 25.0)
+    assert np.degrees(headings[0]) == pytest.approx(20.0, abs=0.1)
+    assert 4.0 < np.degrees(headings[-1]) < 8.0
+
+
+def test_at_rest_and_by_vision_the_heading_stays_as_wrong_as_its_compass() -> None:
+    for motion in ({"pull_m_s2": 0.0}, {"vision": True}):
+        headings, _, _ = _flown_to_and_fro(20.0, 25.0, **motion)
+        assert np.degrees(headings[-1]) == pytest.approx(20.0, abs=0.1)
+
+
+@pytest.mark.parametrize("mean_deg", [-25.0, 20.0])
+def test_its_velocity_shows_only_a_part_of_a_wrong_heading(mean_deg: float) -> None:
+    headings, true, estimated = _flown_to_and_fro(mean_deg, 12.0)
+    flown = slice(round(6.0 / DT_S), None)  # until then it finds its satellites
+    mean_error_deg = float(np.degrees(headings[flown].mean()))
+    # turned as its accelerometers are, and not as the truth
+    assert 0.8 < _angle_deg(true[flown], estimated[flown]) / mean_error_deg < 1.05
+
+
+def test_without_errors_of_the_heading_the_velocity_is_right_in_motion() -> None:
+    _, true, estimated = _flown_to_and_fro(0.0, 8.0)
+    np.testing.assert_allclose(estimated, true, atol=1e-9)
+
+
 def test_vision_with_a_heading_replaces_the_error_of_the_compass_by_its_own() -> None:
     hovering = on_vision(1)
     hovering.fly(4.0, (0.0, 0.0, 0.0))
