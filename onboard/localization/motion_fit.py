@@ -15,8 +15,11 @@ overshoots, and circles around its goal. There are two measures.
   flights with satellites and the errors of PX4's simulator it stayed below 0.13 m. With positions
   that were half a second late it was 0.2 m and more.
 
-Positions that drift slowly fit any motion, so they are not detected. A heading that is wrong by 20
-degrees makes a vehicle circle in wind, too. That does not fit either, and may seem late.
+Positions that drift slowly fit any motion, so they are not detected. Nor is a wrong heading: PX4
+turns the accelerations that it integrates like its heading. The velocity of 21 real PX4s in
+simulation showed 0.15 of the error of the heading, and their true velocity all of it. Errors of 16
+degrees looked like -6 to 9 over 8 s, where up to 12 are seen with a right heading. PX4 finds the
+error by itself.
 """
 
 from __future__ import annotations
