@@ -610,10 +610,10 @@ globalThis.Covey ??= {};
 
     /* Draws a label's text with its middle here, on whole pixels of the screen: it stays sharp. */
     _drawWriting({ image }, x, y) {
-      const left = Math.round(x * this._ratio - image.width / 2);
-      const top = Math.round(y * this._ratio - image.height / 2);
-      this._context.setTransform(1, 0, 0, 1, 0, 0);
-      this._context.drawImage(image, left, top);
+      const ratio = this._ratio;
+      const left = Math.round(x * ratio - image.width / 2) / ratio;
+      const top = Math.round(y * ratio - image.height / 2) / ratio;
+      this._context.drawImage(image, left, top, image.width / ratio, image.height / ratio);
     }
   }
 
