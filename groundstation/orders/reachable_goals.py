@@ -5,7 +5,6 @@ The maps are kept.
 
 from __future__ import annotations
 
-import math
 from functools import lru_cache
 
 from onboard.avoidance.params import Capsule, LawParams, law_params, still
@@ -23,10 +22,7 @@ def unreachable(fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m: Xyz
         name: one of its vehicles.
         begin_enu_m, goal_enu_m: where it is, and the goal [m], ENU.
     """
-    things = still(fleet)
-    if not things:
-        return ""
-    return no_way(_surroundings(things, law_params(fleet, name)), name, begin_enu_m, goal_enu_m)
+    return no_way(_around(fleet, name), name, begin_enu_m, goal_enu_m)
 
 
 def way_m(fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m: Xyz) -> float:
@@ -37,10 +33,12 @@ def way_m(fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m: Xyz) -> f
         name: one of its vehicles.
         begin_enu_m, goal_enu_m: where it is, and the goal [m], ENU.
     """
-    things = still(fleet)
-    if not things:
-        return math.dist(begin_enu_m, goal_enu_m)
-    return router.way_m(_surroundings(things, law_params(fleet, name)), begin_enu_m, goal_enu_m)
+    return router.way_m(_around(fleet, name), begin_enu_m, goal_enu_m)
+
+
+def _around(fleet: FleetConfig, name: str) -> router.Surroundings:
+    """Return what surrounds a vehicle of a fleet file."""
+    return _surroundings(still(fleet), law_params(fleet, name))
 
 
 @lru_cache(maxsize=16)

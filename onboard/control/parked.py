@@ -13,14 +13,14 @@ from collections.abc import Sequence
 from onboard.avoidance.pairs import design_distance, margin_2
 from onboard.avoidance.params import Capsule, Spacing
 from onboard.types import Neighbour, State
-from onboard.vectors import Vec2, length_2
+from onboard.vectors import Vec2, horizontal, length_2
 
 STANDING_S = 8.0  # a vehicle does not get on when it has stood for this time
 STANDING_M_S = 0.3  # whoever is slower stands
 AWAY_M = 0.4  # a vehicle nearer to its goal has no reason to go on
 
-_PARKED_M_S = 0.2  # whoever is slower and intends to be is parked
-_TOUCHING_M = 0.5  # the nearest one holds the vehicle back if it is farther than it must be by less
+_PARKED_M_S = 0.2  # whoever is slower, and intends to be, is parked
+_TOUCHING_M = 0.5  # one that is farther away than it must be by more holds nobody back
 _NEAR_M = 5.0  # only parked vehicles within this distance count
 _MOST = 8  # only so many of the nearest count
 
@@ -36,8 +36,8 @@ def is_standing_away(state: State, goal: Vec2) -> bool:
         state: own estimate.
         goal: the goal, horizontally.
     """
-    speed_m_s = length_2(Vec2(state.velocity_enu_m_s.x, state.velocity_enu_m_s.y))
-    here = Vec2(state.position_enu_m.x, state.position_enu_m.y)
+    speed_m_s = length_2(horizontal(state.velocity_enu_m_s))
+    here = horizontal(state.position_enu_m)
     return speed_m_s < STANDING_M_S and math.dist(here, goal) > AWAY_M
 
 
@@ -52,7 +52,7 @@ def pillars(state: State, neighbours: Sequence[Neighbour], spacing: Spacing) -> 
         Pillars whose outline plus the clearance is the distance to keep; none, if all are too far
         away to hold this vehicle back.
     """
-    here = Vec2(state.position_enu_m.x, state.position_enu_m.y)
+    here = horizontal(state.position_enu_m)
     own_margin_2_m2 = margin_2(state.position_std_m, state.velocity_std_m_s, spacing)
 
     found = []
@@ -60,7 +60,7 @@ def pillars(state: State, neighbours: Sequence[Neighbour], spacing: Spacing) -> 
     for neighbour in neighbours:
         if not _is_parked(neighbour):
             continue
-        there = Vec2(neighbour.position_enu_m.x, neighbour.position_enu_m.y)
+        there = horizontal(neighbour.position_enu_m)
         away_m = math.dist(here, there)
         keep_m = design_distance(own_margin_2_m2, neighbour, spacing)
         if away_m < _NEAR_M:
@@ -87,9 +87,7 @@ def most_pillars(corner_count: int, thing_count: int) -> int:
 
 
 def _is_parked(neighbour: Neighbour) -> bool:
-    """Whether a neighbour stands and intends to."""
-    velocity = neighbour.velocity_enu_m_s
-    intent = neighbour.intent_enu_m_s
-    speed_m_s = length_2(Vec2(velocity.x, velocity.y))
-    intended_m_s = length_2(Vec2(intent.x, intent.y))
+    """Whether a neighbour stands, and intends to stand."""
+    speed_m_s = length_2(horizontal(neighbour.velocity_enu_m_s))
+    intended_m_s = length_2(horizontal(neighbour.intent_enu_m_s))
     return speed_m_s < _PARKED_M_S and intended_m_s < _PARKED_M_S

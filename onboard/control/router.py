@@ -21,7 +21,7 @@ from onboard.control import parked, yielding
 from onboard.control.route_map import RouteMap
 from onboard.tuples import Xyz
 from onboard.types import Goal, Neighbour, State
-from onboard.vectors import Vec2, Vec3, is_finite
+from onboard.vectors import Vec2, Vec3, horizontal, is_finite
 
 PERIOD_S = 0.2  # from one search to the next
 
@@ -156,9 +156,9 @@ def _searched(
     around: Surroundings,
 ) -> RouteMemory:
     """Return the memory after the way was found anew."""
-    here = Vec2(state.position_enu_m.x, state.position_enu_m.y)
+    here = horizontal(state.position_enu_m)
     still = in_the_way(around.still, state.position_enu_m.z, goal.position_enu_m.z)
-    goal_m = Vec2(goal.position_enu_m.x, goal.position_enu_m.y)
+    goal_m = horizontal(goal.position_enu_m)
 
     memory = _held_by_parked(memory, state, goal_m, neighbours, still, around)
     if not (still or memory.past_parked or is_led(memory)):

@@ -6,7 +6,8 @@ other's way. Both know the same, two positions and two intents, and so both deci
 further west goes. If it has not gone after a while, because it finds no place or flies by another
 law, the other one goes.
 
-Only static things make such passages. In the open the law's turning rows are enough.
+Only static things and parked vehicles make such passages. In the open the law's turning rows are
+enough.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from onboard.avoidance.pairs import design_distance, margin_2
 from onboard.avoidance.params import Spacing
 from onboard.control.route_map import RouteMap
 from onboard.types import Neighbour, State
-from onboard.vectors import Vec2, dot_2, length_2
+from onboard.vectors import Vec2, dot_2, horizontal, length_2
 
 MEETING_S = 4.0  # two have met when they have stood face to face for this time
 REFUSED_S = 12.0  # after this time the other one goes
@@ -59,22 +60,22 @@ def opponent_of(
         neighbours: the known neighbours.
         spacing: distances to keep.
     """
-    if length_2(_level(state.velocity_enu_m_s)) > _SLOW_M_S:
+    if length_2(horizontal(state.velocity_enu_m_s)) > _SLOW_M_S:
         return None
 
     own_margin_2_m2 = margin_2(state.position_std_m, state.velocity_std_m_s, spacing)
-    here = _level(state.position_enu_m)
+    here = horizontal(state.position_enu_m)
     nearest: Opponent | None = None
     nearest_m = math.inf
     for neighbour in neighbours:
-        there = _level(neighbour.position_enu_m)
+        there = horizontal(neighbour.position_enu_m)
         towards = Vec2(there.x - here.x, there.y - here.y)
         away_m = length_2(towards)
         keep_m = design_distance(own_margin_2_m2, neighbour, spacing)
-        intent = _level(neighbour.intent_enu_m_s)
+        intent = horizontal(neighbour.intent_enu_m_s)
         intent_m_s = length_2(intent)
 
-        is_waiting = length_2(_level(neighbour.velocity_enu_m_s)) <= _SLOW_M_S < intent_m_s
+        is_waiting = length_2(horizontal(neighbour.velocity_enu_m_s)) <= _SLOW_M_S < intent_m_s
         is_ahead = dot_2(direction, towards) > _FACING * away_m
         is_coming = -dot_2(intent, towards) > _FACING * away_m * intent_m_s
         is_facing = neighbour.is_cooperative and is_waiting and is_ahead and is_coming
@@ -140,17 +141,16 @@ def is_way_free(way: Sequence[Vec2], neighbours: Sequence[Neighbour], spacing: S
         share = min(1.0, left_m / max(piece_m, 1e-6))
         until = Vec2(begin.x + share * piece.x, begin.y + share * piece.y)
         for neighbour in neighbours:
-            is_going = length_2(_level(neighbour.intent_enu_m_s)) > _SLOW_M_S
-            if is_going and _from_piece_m(_level(neighbour.position_enu_m), begin, until) < least_m:
+            is_going = length_2(horizontal(neighbour.intent_enu_m_s)) > _SLOW_M_S
+            if (
+                is_going
+                and _from_piece_m(horizontal(neighbour.position_enu_m), begin, until) < least_m
+            ):
                 return False
         left_m -= piece_m
         if left_m <= 0.0:
             break
     return True
-
-
-def _level(vector: Sequence[float]) -> Vec2:
-    return Vec2(vector[0], vector[1])
 
 
 def _place_beside(corner: Vec2, opponent: Opponent, route_map: RouteMap) -> Vec2 | None:
