@@ -142,10 +142,8 @@ def is_way_free(way: Sequence[Vec2], neighbours: Sequence[Neighbour], spacing: S
         until = Vec2(begin.x + share * piece.x, begin.y + share * piece.y)
         for neighbour in neighbours:
             is_going = length_2(horizontal(neighbour.intent_enu_m_s)) > _SLOW_M_S
-            if (
-                is_going
-                and _from_piece_m(horizontal(neighbour.position_enu_m), begin, until) < least_m
-            ):
+            away_m = _from_piece_m(horizontal(neighbour.position_enu_m), begin, until)
+            if is_going and away_m < least_m:
                 return False
         left_m -= piece_m
         if left_m <= 0.0:
