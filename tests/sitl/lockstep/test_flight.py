@@ -162,6 +162,15 @@ def test_every_shipped_fleet_flies_a_shipped_mission_and_every_mission_is_flown_
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("seed", range(6))
+def test_the_papers_law_keeps_the_papers_distance_where_its_assumptions_hold(lockstep, seed):
+    flight = lockstep(CONFIGS / "fleets/ideal.toml", seed=seed)
+    verdict = flight.fly(CONFIGS / "missions/paper.toml")
+    assert verdict.passed
+    assert flight.min_separation_m > 0.80
+
+
+@pytest.mark.long
 def test_the_folder_is_that_of_a_real_flight(hop, tmp_path, capsys):
     mission = tmp_path / "hop.py"
     mission.write_text(
