@@ -9,8 +9,8 @@ states, each with its own effect on avoidance:
 
     contradicted     It was contradicted more often than a mistake explains. It is avoided at the
                      position in its messages or at the mocap's, whichever is nearer to us, as an
-                     airborne vehicle that does not cooperate. Once it is silent, it is avoided at
-                     the mocap's position like any other silent neighbour.
+                     airborne vehicle that does not cooperate. Once it is overdue, it is avoided at
+                     the mocap's position like any other overdue neighbour.
 
     not cooperating  Its announcement that it cooperates does not count, so this vehicle does all
                      the avoiding. A neighbour is in this state if it is contradicted, does not fly
@@ -109,7 +109,7 @@ class JudgedNeighbours:
         own_enu_m: Xyz,
         now_ns: int,
         *,
-        silent_after_s: float,
+        overdue_s: float,
     ) -> None:
         """Write the position at which each contradicted neighbour is avoided into the arrays.
 
@@ -118,7 +118,7 @@ class JudgedNeighbours:
             trackers: motions of the watched bodies, by index.
             own_enu_m: our position [m].
             now_ns: our clock.
-            silent_after_s: a message older than this counts only if there is no mocap pose.
+            overdue_s: a message older than this counts only if there is no mocap pose.
         """
         for index in self.contradicted:
             candidates: list[_Row] = []
@@ -129,8 +129,8 @@ class JudgedNeighbours:
 
             message = self._kept_message(arrays, index)
             if message is not None:
-                is_silent = (now_ns - message.stamp_ns) * 1e-9 > silent_after_s
-                if not (is_silent and candidates):
+                is_overdue = (now_ns - message.stamp_ns) * 1e-9 > overdue_s
+                if not (is_overdue and candidates):
                     candidates.append(message)
 
             if candidates:

@@ -1,6 +1,6 @@
 """Estimates the motion of a neighbour from its mocap poses, by an alpha-beta-gamma filter.
 
-It is used for silent and watched neighbours. Three constants say which share of the innovation
+It is used for overdue and watched neighbours. Three constants say which share of the innovation
 corrects position, velocity and acceleration.
 """
 

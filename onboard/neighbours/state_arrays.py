@@ -4,7 +4,7 @@ Each neighbour has a row of numbers: the fields of :class:`onboard.types.Neighbo
 Its vectors come first, with three numbers each (VECTOR_COLUMNS), then its scalars (SCALAR_COLUMN).
 
 The first STATE_WIDTH numbers of a row are the state that the neighbour has published. While it is
-silent or contradicted, they may come from the motion capture instead. The other numbers are ours:
+overdue or contradicted, they may come from the motion capture instead. The other numbers are ours:
 whether the neighbour cooperates, and which one it is.
 
 A snapshot holds the rows of one tick, with the age of each state. The law reads them as Neighbours;

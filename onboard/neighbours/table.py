@@ -2,8 +2,10 @@
 
 Usually a neighbour is avoided at the position of its newest message. There are two exceptions:
 
-    A silent neighbour: the poses of its body are requested, and after a moment its row holds its
-    newest mocap pose. It counts as not cooperative. Its age is still that of its last message.
+    An overdue neighbour, from which no message has come for some periods: the poses of its body
+    are requested, and after a moment its row holds its newest mocap pose. It counts as not
+    cooperative. If its messages do not come again, it becomes silent a little later, whatever its
+    poses say: silence is the age of its last message.
 
     A contradicted neighbour: the nearer of its own and the mocap's position counts (judged.py).
 
@@ -44,7 +46,7 @@ from onboard.neighbours.state_arrays import (
     numbers_of,
     snapshot,
 )
-from onboard.neighbours.watched_bodies import SILENT_AFTER_S, WatchedBodies
+from onboard.neighbours.watched_bodies import OVERDUE_S, WatchedBodies
 from onboard.tuples import Xyz
 
 # Ages beyond which a followed neighbour is silent or stale. Both are larger if [radio] of the fleet
@@ -244,7 +246,7 @@ class NeighbourTable:
     def hear_pose(self, pose: MocapPose, received_ns: int) -> bool:
         """Take a neighbour's mocap pose; return whether its body is watched and the pose usable.
 
-        The pose becomes the neighbour's state only while the neighbour is silent.
+        The pose becomes the neighbour's state only while the neighbour is overdue.
         """
         index = self._bodies.get(pose.body)
         if index is None:
@@ -261,7 +263,7 @@ class NeighbourTable:
             tracker.velocity_enu_m_s = (vx, vy, vz)
         if not tracker.hear(pose, received_ns):
             return False
-        if silence_s < SILENT_AFTER_S + self.watched_bodies.late_s:
+        if silence_s < OVERDUE_S + self.watched_bodies.late_s:
             return True
 
         floor_m = self.fleet.vehicles[self.names[index]].start_enu_m[2]
@@ -318,7 +320,7 @@ class NeighbourTable:
                 self._trackers,
                 position_enu_m,
                 now_ns,
-                silent_after_s=SILENT_AFTER_S + self.watched_bodies.late_s,
+                overdue_s=OVERDUE_S + self.watched_bodies.late_s,
             )
             self._forget_ages()
 
@@ -342,7 +344,7 @@ class NeighbourTable:
     def bodies_to_watch(self, now_ns: int, own_age_s: float) -> tuple[str, ...] | None:
         """Return the mocap bodies whose poses are needed from now on; None: the same as before.
 
-        These are the bodies of vehicles that are silent, or watched and in reach, or were so a
+        These are the bodies of vehicles that are overdue, or watched and in reach, or were so a
         short while ago.
 
         Args:
@@ -353,15 +355,15 @@ class NeighbourTable:
             self._started_ns = now_ns
 
         self.ages_s(now_ns)
-        late_s = SILENT_AFTER_S + self.watched_bodies.late_s
-        has_late = self._ages.has_silent or self._ages.oldest_s >= late_s
-        if not has_late and not self.judged.watched and not self.watched_bodies.reason_ns:
+        overdue_s = OVERDUE_S + self.watched_bodies.late_s
+        has_overdue = self._ages.has_silent or self._ages.oldest_s >= overdue_s
+        if not has_overdue and not self.judged.watched and not self.watched_bodies.reason_ns:
             return None
 
         is_settled = self._is_settled.tolist()
-        silent = self._silent_bodies(now_ns, is_settled)
+        overdue = self._overdue(now_ns, is_settled)
         in_reach = [index for index in self.judged.watched if is_settled[index]]
-        indices = self.watched_bodies.update(silent, in_reach, now_ns, own_age_s)
+        indices = self.watched_bodies.update(overdue, in_reach, now_ns, own_age_s)
         if indices is None:
             return None
 
@@ -369,24 +371,24 @@ class NeighbourTable:
             del self._trackers[index]
         return tuple(body for body, index in self._bodies.items() if index in indices)
 
-    def _silent_bodies(self, now_ns: int, is_settled: list[bool]) -> list[int]:
-        """Return the indices of the vehicles with a body that are silent."""
+    def _overdue(self, now_ns: int, is_settled: list[bool]) -> list[int]:
+        """Return the indices of the vehicles with a body that are overdue."""
         ages_s = self.heard_ages_s(now_ns).tolist()
         is_airborne = self.arrays.flags[AIRBORNE].tolist()
         has_started_up = now_ns - self._started_ns > _START_UP_NS
 
-        silent = []
+        overdue = []
         for index in self._bodies.values():
             is_enabled = self.fleet.vehicles[self.names[index]].enabled is not False
-            if self.watched_bodies.is_silent(
+            if self.watched_bodies.is_overdue(
                 index,
                 age_s=ages_s[index],
                 is_followed=is_settled[index],
                 is_expected=has_started_up and is_enabled,
                 is_airborne=is_airborne[index],
             ):
-                silent.append(index)
-        return silent
+                overdue.append(index)
+        return overdue
 
     # -- ages --------------------------------------------------------------------------------------
 

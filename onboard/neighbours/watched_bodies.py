@@ -1,7 +1,7 @@
 """Chooses the mocap bodies of other vehicles whose poses are received. Pure.
 
-These are the bodies of vehicles that are silent, and of vehicles whose messages are watched
-(judged.py).
+These are the bodies of vehicles whose next message is overdue, and of vehicles whose messages are
+watched (judged.py).
 
 Poses of other vehicles are not requested while our own position is late. On a full radio each
 request would delay our own poses further.
@@ -15,7 +15,9 @@ from dataclasses import dataclass, field
 
 from onboard.neighbours.subscription import FAR_SILENT_S
 
-SILENT_AFTER_S = 0.12  # a vehicle whose messages are older is tracked by the mocap
+# A followed vehicle whose newest message is older is overdue: it is tracked by the mocap. It counts
+# as silent only later (table.py); by then its mocap poses have come.
+OVERDUE_S = 0.12
 _OWN_LATE_S = 0.1  # our own position is late if it is older than this
 _KEPT_NS = 5_000_000_000  # a body is watched for this time after the last reason for it
 
@@ -31,12 +33,12 @@ class WatchedBodies:
     seen: set[int] = field(default_factory=set)
 
     def update(
-        self, silent: Iterable[int], watched: Collection[int], now_ns: int, own_age_s: float
+        self, overdue: Iterable[int], watched: Collection[int], now_ns: int, own_age_s: float
     ) -> tuple[int, ...] | None:
         """Return the indices of all vehicles to watch from now on; None while they stay the same.
 
         Args:
-            silent: indices of silent vehicles, see :meth:`is_silent`.
+            overdue: indices of overdue vehicles, see :meth:`is_overdue`.
             watched: indices of vehicles in reach whose messages are watched.
             now_ns: our clock.
             own_age_s: age of the own position.
@@ -45,7 +47,7 @@ class WatchedBodies:
 
         is_own_late = own_age_s > self.late_s + _OWN_LATE_S
         if not is_own_late:
-            for index in (*silent, *watched):
+            for index in (*overdue, *watched):
                 self.reason_ns[index] = now_ns
 
         for index in before:
@@ -57,7 +59,7 @@ class WatchedBodies:
             return None
         return tuple(sorted(self.reason_ns))
 
-    def is_silent(
+    def is_overdue(
         self,
         index: int,
         *,
@@ -66,7 +68,7 @@ class WatchedBodies:
         is_expected: bool,
         is_airborne: bool,
     ) -> bool:
-        """Return whether a vehicle's silence is a reason to watch its body.
+        """Return whether a vehicle's message is so late that its body is watched.
 
         A vehicle out of reach gives a reason only if it was in the air.
 
@@ -81,4 +83,4 @@ class WatchedBodies:
             return is_airborne and age_s > self.late_s + FAR_SILENT_S
 
         is_known = index in self.reason_ns or is_expected or age_s < math.inf
-        return is_known and age_s > self.late_s + SILENT_AFTER_S
+        return is_known and age_s > self.late_s + OVERDUE_S

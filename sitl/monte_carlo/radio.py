@@ -9,14 +9,14 @@ import numpy as np
 
 from onboard.arrays import Array, BoolArray, IntArray
 from onboard.neighbours.table import SILENT_S
+from onboard.neighbours.watched_bodies import OVERDUE_S
 from onboard.rollout import batch
 from onboard.rollout.rows import Rows
 from sitl.monte_carlo.campaign_settings import SimulatedErrors
 from sitl.monte_carlo.vehicles import TICK_S
 
-# mocap poses of a silent vehicle arrive so long after its last message: SILENT_AFTER_S, and the
-# time to request them
-_TRACKED_AFTER_S = 0.16
+_REQUEST_S = 0.04  # from the request for a vehicle's mocap poses to the first of them
+_TRACKED_AFTER_S = OVERDUE_S + _REQUEST_S  # age of a message from which on a pose replaces it
 _TRACKED_AGE_S = 0.04  # age of a motion from mocap poses when the law uses it
 _MOST_SENDERS = 32  # a receiver gathers at most so many nearest senders; the law uses fewer
 
@@ -72,7 +72,7 @@ class Radio:
             is_mute: (F, N) whether a vehicle sends nothing.
             is_frozen: (F, N) whether a vehicle does not cooperate.
             tracked: vehicles (F, N) as mocap poses show them, which replace the messages of
-                intruders and silent vehicles; None without a mocap.
+                intruders and overdue vehicles; None without a mocap.
         """
         is_sending = ~self._silent_senders(link_draws, is_mute)
         has_arrived = (link_draws >= self._perturbation.loss_share) & is_sending[:, None, :]
@@ -88,8 +88,8 @@ class Radio:
         inbox = self._inbox
         age_s = self._age_s
         if tracked is not None:
-            is_silent = age_s > delay_s + _TRACKED_AFTER_S
-            is_tracked = is_silent | self._is_intruder[:, None, :]
+            is_overdue = age_s > delay_s + _TRACKED_AFTER_S
+            is_tracked = is_overdue | self._is_intruder[:, None, :]
             if is_tracked.any():  # it seldom is, and the inbox of a large fleet is slow to copy
                 inbox = np.where(is_tracked, tracked[:, None], inbox)
                 age_s = np.where(is_tracked, _TRACKED_AGE_S, age_s)
