@@ -14,7 +14,11 @@ import numpy as np
 from onboard.arrays import Array, IntArray
 
 _BLOCK_TICKS = 50  # ticks whose numbers are drawn at once
-_PER_VEHICLE = 9  # position error (3), velocity error (3), gust (2), thrust (1)
+
+# Numbers of each vehicle, and what uses them.
+_UNIFORM = 8  # differences from its type: lag, gain, drag, hover (4), tilt bias (2), no use (2)
+_NORMAL = 6  # error with which the estimate begins: position (3), velocity (3)
+_PER_TICK = 9  # position error (3), velocity error (3), gust (2), thrust (1)
 
 
 class FlightNoise:
@@ -32,8 +36,8 @@ class FlightNoise:
 
         constants = [np.random.default_rng([seed, 1]) for seed in seeds]
         # (F, N, 8) in [-1, 1), and (F, N, 6); each flight draws the uniform ones first
-        self.uniform = np.stack([rng.uniform(-1.0, 1.0, (count, 8)) for rng in constants])
-        self.normal = np.stack([rng.standard_normal((count, 6)) for rng in constants])
+        self.uniform = np.stack([rng.uniform(-1.0, 1.0, (count, _UNIFORM)) for rng in constants])
+        self.normal = np.stack([rng.standard_normal((count, _NORMAL)) for rng in constants])
 
         self._generators = [np.random.default_rng([seed, 2]) for seed in seeds]
         self._links: list[np.random.Generator] = []
@@ -65,7 +69,7 @@ class FlightNoise:
         return self._block[:, tick], np.asarray(link_draws, dtype=np.float64)
 
     def _draw_block(self) -> None:
-        shape = (_BLOCK_TICKS, self.count, _PER_VEHICLE)
+        shape = (_BLOCK_TICKS, self.count, _PER_TICK)
         self._block = np.stack([rng.standard_normal(shape) for rng in self._generators])
 
         if self._links:
