@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 from onboard.bus import zenoh_settings
 from onboard.bus.zenoh_settings import of_client, of_node, of_router
 
@@ -23,6 +25,15 @@ def test_a_link_has_time_for_four_of_the_longest_round_trips() -> None:
     longest_ms = 4e3 * zenoh_settings.LONGEST_ROUND_TRIP_S
     assert _open_ms(of_node([QUIC], [], None)) > longest_ms
     assert _open_ms(of_client([QUIC], 1.0, None)) > longest_ms
+
+
+@pytest.mark.parametrize(("scheme", "round_trips"), [("quic", 3), ("tls", 4)])
+def test_a_router_beside_others_has_time_for_the_longest_round_trips(
+    scheme: str, round_trips: int
+) -> None:
+    two = [f"{scheme}/127.0.0.1:7460", f"{scheme}/127.0.0.1:7461"]
+    longest_ms = 1e3 * round_trips * zenoh_settings.longest_round_trip_s(two)
+    assert _open_ms(of_client(two, 1.0, None)) > longest_ms
 
 
 def test_the_next_of_several_routers_is_tried_soon() -> None:
