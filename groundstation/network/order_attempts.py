@@ -1,10 +1,11 @@
 """Attempts with orders whose signature is wrong, or that arrive too late.
 
-The holder of the ground's key can give orders like the ground. A node that only forwards orders, a
-router for instance, does not hold that key: it can only drop, change, swap or delay the orders that
-a ground has signed. Each attempt here is one of these, made against a flying vehicle. Nothing on
-the bus stops them, because the link is open and the ground may give orders. Only the vehicle's own
-check of signature and age does.
+A node that forwards orders, such as a router, can change them, send them to another vehicle, sign
+them with its own key or not at all, or keep them and send them later. It cannot sign them as the
+ground does, because it does not hold the ground's key.
+
+Each attempt is one such order to a flying vehicle. Its node connects with the ground's certificate,
+so nothing on the bus stops the order. Only the vehicle's own check of signature and age does.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from onboard.security.node_roles import NodeRole
 # encoded order, and the true signatures.
 Tamper = Callable[[str, bytes, OrderSignatures], bytes]
 
-# Longer than an agent accepts an order: 5 s, and 30 s for land, hold and kill.
+# Longer than an agent accepts an order: 5 s, and 30 s for an emergency (land, hold and kill).
 _KEPT_S = 10.0
 _KEPT_EMERGENCY_S = 40.0
 
@@ -102,23 +103,28 @@ def for_another_vehicle(key_expression: str, order: bytes, signatures: OrderSign
     return signatures.seal(f"{key_expression}-other", order)
 
 
-def now(order: Order, _last: Telemetry) -> Order:
+def now(hold: Order, _last: Telemetry) -> Order:
     """Return the order unchanged: it is new."""
-    return order
+    return hold
 
 
-def kept_back(order: Order, last: Telemetry) -> Order:
-    """Return an order of the operator (``identify``) that was delayed by 10 s."""
+def kept_back(hold: Order, last: Telemetry) -> Order:
+    """Return an order to locate the vehicle, of the operator's node, as if kept for 10 s.
+
+    It replaces the one to hold, which is an emergency: that may be older. Without the name of the
+    operator's node the vehicle would refuse it for its sender, and not for its age.
+    """
+    node = hold.node
     operator = parse_control_token(last.operator)
-    if operator is None:
-        return order
+    if operator is not None:
+        node = operator.node
     heard_ns = last.stamp_ns - round(1e9 * _KEPT_S)
-    return replace(order, kind="identify", node=operator.node, heard_ns=heard_ns)
+    return replace(hold, kind="locate", node=node, heard_ns=heard_ns)
 
 
-def kept_back_emergency(order: Order, last: Telemetry) -> Order:
-    """Return an order to hold that was delayed by 40 s."""
-    return replace(order, heard_ns=last.stamp_ns - round(1e9 * _KEPT_EMERGENCY_S))
+def kept_back_emergency(hold: Order, last: Telemetry) -> Order:
+    """Return the order to hold as if it had been kept for 40 s."""
+    return replace(hold, heard_ns=last.stamp_ns - round(1e9 * _KEPT_EMERGENCY_S))
 
 
 class OrderAttempt(NamedTuple):
@@ -127,7 +133,8 @@ class OrderAttempt(NamedTuple):
     name: str
     tamper: Tamper  # changes the signature
     signer: NodeRole = NodeRole.GROUND  # role whose key signs
-    change: Callable[[Order, Telemetry], Order] = now  # changes the order before it is signed
+    # returns the order to sign, given a new one to hold and the vehicle's last telemetry
+    change: Callable[[Order, Telemetry], Order] = now
 
 
 ORDER_ATTEMPTS = (

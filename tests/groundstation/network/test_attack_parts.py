@@ -18,8 +18,12 @@ from groundstation.network.mavlink_frames import (
     packet,
     signing_key,
 )
+from groundstation.network.order_attempts import kept_back
 from groundstation.processes.free_ports import is_local
+from onboard.bus.control_token import ControlToken
+from onboard.bus.schema import Order
 from onboard.config.fleet import load_fleet
+from tests.groundstation.console.fake import telemetry
 
 PAPER = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
 
@@ -27,6 +31,24 @@ PAPER = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
 def test_a_fleet_file_that_is_not_there_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["attack", "nowhere.toml"]) == 2
     assert "nowhere.toml" in capsys.readouterr().err
+
+
+def test_an_order_that_was_kept_back_is_late_and_of_the_operator_if_there_is_one() -> None:
+    hold = Order(
+        order_id="intruder-1",
+        author="intruder",
+        node="ground-0-intruder",
+        kind="hold",
+        stamp_ns=0,
+        deadline_ns=0,
+        heard_ns=20_000_000_000,
+    )
+    late = kept_back(hold, telemetry("mav0", stamp_ns=20_000_000_000))
+    assert (late.kind, late.node, late.heard_ns) == ("locate", hold.node, 10_000_000_000)
+
+    operator = str(ControlToken("operator", 1, "ground-0-person", "person"))
+    late = kept_back(hold, telemetry("mav0", stamp_ns=20_000_000_000, operator=operator))
+    assert (late.node, late.heard_ns) == ("ground-0-person", 10_000_000_000)
 
 
 def test_a_fleet_of_one_vehicle_has_nobody_whose_key_could_be_lost(
