@@ -117,7 +117,7 @@ class ConsoleApp(App[int]):
         Binding("escape", "back", "back"),
         Binding("plus,equals_sign", "zoom(1.5)", "zoom in"),
         Binding("minus", "zoom(0.6666666667)", "zoom out"),
-        Binding("0", "zoom(0)", "whole fence"),
+        Binding("0", "whole_fence", "whole fence"),
         Binding("pageup", "scroll_events(-1)", "earlier events"),
         Binding("pagedown", "scroll_events(1)", "later events"),
         Binding("a", "acknowledge", "acknowledge alarms"),
@@ -492,6 +492,10 @@ class ConsoleApp(App[int]):
     def action_zoom(self, factor: float) -> None:
         """Zoom the plan."""
         self.panels.plan.change_zoom(factor)
+
+    def action_whole_fence(self) -> None:
+        """Show the fleet's part of the fence in the plan, or the whole fence."""
+        self.panels.plan.action_whole()
 
     def action_scroll_events(self, pages: int) -> None:
         """Scroll the events by pages."""

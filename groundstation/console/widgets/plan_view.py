@@ -26,14 +26,19 @@ from onboard.config.fleet import FleetConfig
 
 _Span = tuple[float, float]  # least and greatest coordinate in metres
 _Middle = tuple[float, float]  # x and y in metres, ENU
-_MARGIN_M = 1.0  # margin around the outermost vehicle
+_MARGIN_M = 1.0  # margin around the outermost vehicle, up to the fence
 _LEAST_SPAN_M = 2.0
 _PAN = 0.15  # share of the picture by which a key moves it
 _WHOLE_FLEET = "*"  # value of `follows` for the middle of the fleet
 _LEAST_ZOOM = 0.25
 _LARGEST_ZOOM = 64.0
+_WHEEL_ZOOM = 1.25  # factor for a step of the mouse wheel
 _LEAST_SCALE = 1e-3  # dots per metre, in a picture that is too small for its border
 _WIDTH_OF_WORDS = 44  # width from which the circles are explained in words
+
+# A cell of the picture is two dots wide and four high.
+_DOTS_ACROSS = 2
+_DOTS_DOWN = 4
 
 
 class PlanView(Lines, can_focus=True):
@@ -65,9 +70,10 @@ class PlanView(Lines, can_focus=True):
         if not starts_enu_m:
             starts_enu_m = [(0.0, 0.0, 0.0)]
         # the part that the fleet uses: spans to the east and to the north
+        fence = fleet.fleet.geofence_m
         self._spans = (
-            _around([start[0] for start in starts_enu_m]),
-            _around([start[1] for start in starts_enu_m]),
+            _span([start[0] for start in starts_enu_m], fence.x),
+            _span([start[1] for start in starts_enu_m], fence.y),
         )
 
         self._background_picture: tuple[Window, Canvas] | None = None
@@ -113,27 +119,31 @@ class PlanView(Lines, can_focus=True):
     # -- keys and mouse ----------------------------------------------------------------------------
 
     def change_zoom(self, factor: float) -> None:
-        """Zoom by a factor; 0 shows the fleet's part of the fence, and then the whole fence."""
-        if factor == 0.0:
-            is_fleets_part = self.zoom == 1.0 and self._middle is None
-            self.is_whole_fence = is_fleets_part and not self.is_whole_fence
-            self._middle = None
-            self.follows = ""
-            self.zoom = 1.0
-        else:
-            self.zoom = min(_LARGEST_ZOOM, max(_LEAST_ZOOM, self.zoom * factor))
+        """Zoom by a factor."""
+        self.zoom = min(_LARGEST_ZOOM, max(_LEAST_ZOOM, self.zoom * factor))
         self.redraw()
 
     def action_whole(self) -> None:
-        """Show the fleet's part of the fence, or the whole fence."""
-        self.change_zoom(0.0)
+        """Show the fleet's part of the fence without zoom; if it is shown already, the whole fence.
+
+        The next time it is the fleet's part again.
+        """
+        is_moved = self.zoom != 1.0 or self._middle is not None
+        shows_fleets_part = not is_moved and not self.is_whole_fence
+        self.is_whole_fence = shows_fleets_part
+        self._middle = None
+        self.follows = ""
+        self.zoom = 1.0
+        self.redraw()
 
     def action_pan(self, east: int, north: int) -> None:
         """Move the window east or north, and follow no vehicle."""
         window = self._window(*self.size)
         self.follows = ""
 
-        step_m = _PAN * 2.0 * min(window.width, 2 * window.height) / window.scale
+        dots_across = _DOTS_ACROSS * window.width
+        dots_down = _DOTS_DOWN * window.height
+        step_m = _PAN * min(dots_across, dots_down) / window.scale
         x_m = window.x_m + east * step_m
         y_m = window.y_m + north * step_m
         fence = self.fleet.fleet.geofence_m
@@ -156,12 +166,12 @@ class PlanView(Lines, can_focus=True):
     def on_mouse_scroll_up(self, event: events.MouseScrollUp) -> None:
         """Zoom in."""
         event.stop()
-        self.change_zoom(1.25)
+        self.change_zoom(_WHEEL_ZOOM)
 
     def on_mouse_scroll_down(self, event: events.MouseScrollDown) -> None:
         """Zoom out."""
         event.stop()
-        self.change_zoom(0.8)
+        self.change_zoom(1.0 / _WHEEL_ZOOM)
 
     def on_mouse_move(self, event: events.MouseMove) -> None:
         """Drag the picture."""
@@ -169,8 +179,8 @@ class PlanView(Lines, can_focus=True):
             window = self._window(*self.size)
             self.follows = ""
             self._middle = (
-                window.x_m - 2 * event.delta_x / window.scale,
-                window.y_m + 4 * event.delta_y / window.scale,
+                window.x_m - _DOTS_ACROSS * event.delta_x / window.scale,
+                window.y_m + _DOTS_DOWN * event.delta_y / window.scale,
             )
             self.redraw()
 
@@ -229,9 +239,10 @@ class PlanView(Lines, can_focus=True):
             span_x = self.fleet.fleet.geofence_m.x
             span_y = self.fleet.fleet.geofence_m.y
 
-        # a cell is two dots wide and four high; a dot is left free at each side
-        scale_x = (2 * width - 3) / (span_x[1] - span_x[0])
-        scale_y = (4 * height - 3) / (span_y[1] - span_y[0])
+        # A dot is left free at each side: a span reaches from the middle of the second dot to the
+        # middle of the last but one, three dots less than the whole picture.
+        scale_x = (_DOTS_ACROSS * width - 3) / (span_x[1] - span_x[0])
+        scale_y = (_DOTS_DOWN * height - 3) / (span_y[1] - span_y[0])
         scale = max(_LEAST_SCALE, min(scale_x, scale_y))
 
         middle = self._middle or self._followed_point()
@@ -278,21 +289,27 @@ class PlanView(Lines, can_focus=True):
 
 def _widened(span: _Span, fence: _Span, coordinates_m: list[float]) -> _Span:
     """Return a span of one axis, widened to the plausible ones of these coordinates."""
-    values = [value for value in coordinates_m if abs(value) < FAR_M]
-    if not values:
-        values = [sum(span) / 2.0]
+    plausible_m = [value for value in coordinates_m if abs(value) < FAR_M]
+    if not plausible_m:
+        return span
 
-    low_m = min(*values, span[0] + _MARGIN_M)
-    high_m = max(*values, span[1] - _MARGIN_M)
+    needed = _span(plausible_m, fence)
+    return min(span[0], needed[0]), max(span[1], needed[1])
 
-    # The margin does not widen the picture beyond the fence; a vehicle outside does.
-    low_m = max(low_m - _MARGIN_M, min(fence[0], low_m))
-    high_m = min(high_m + _MARGIN_M, max(fence[1], high_m))
+
+def _span(coordinates_m: list[float], fence: _Span) -> _Span:
+    """Return the span of these coordinates, with a margin at each end.
+
+    The margin ends at the fence. Where a coordinate lies beyond the fence, there is none.
+    """
+    low_m = min(coordinates_m)
+    if low_m > fence[0]:
+        low_m = max(fence[0], low_m - _MARGIN_M)
+
+    high_m = max(coordinates_m)
+    if high_m < fence[1]:
+        high_m = min(fence[1], high_m + _MARGIN_M)
     return low_m, max(high_m, low_m + _LEAST_SPAN_M)
-
-
-def _around(values_m: list[float]) -> _Span:
-    return min(values_m) - _MARGIN_M, max(values_m) + _MARGIN_M
 
 
 def _within(value_m: float, span: _Span) -> float:

@@ -127,6 +127,26 @@ async def test_the_plan_is_north_up_and_zooms_pans_and_follows(fleet: FleetConfi
         assert app.is_running
 
 
+async def test_the_plan_keeps_its_scale_when_a_vehicle_comes_back_into_the_fence(
+    fleet: FleetConfig,
+) -> None:
+    client = SteadyClient(fleet)
+    app = ConsoleApp(fleet, client)
+    west_m = fleet.fleet.geofence_m.x[0]
+
+    async with app.run_test(size=(120, 40)) as pilot:
+        columns = []
+        for x_m in (west_m - 6.0, 0.0, 0.0, 0.0, 0.0):
+            client.clock_ns += 1_000_000_000
+            client.hear("mav0", position_enu_m=(x_m, 0.0, 1.0))
+            client.hear("mav1", position_enu_m=(2.0, 2.0, 2.5))
+            await see(app, pilot)
+            columns.append(
+                next(line.index("2.5m") for line in lines(app, PlanView) if "2.5m" in line)
+            )
+        assert len(set(columns)) == 1
+
+
 async def test_the_plan_shows_silence_nearness_and_avoidance_by_signs(fleet: FleetConfig) -> None:
     client = SteadyClient(fleet)
     app = ConsoleApp(fleet, client)
