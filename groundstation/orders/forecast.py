@@ -43,7 +43,7 @@ class Leg:
     start_enu_m: Xyz
     goal_enu_m: Xyz
     duration_s: float = 0.0  # 0 leaves it to the vehicle's limits
-    is_ordered: bool = True  # whether this order sends it, and not an earlier one
+    is_by_this_order: bool = True  # whether this order sends it there, and not an earlier one
     is_parked: bool = False  # whether it stands on the ground
 
 
@@ -80,7 +80,7 @@ def forecast(
     Returns:
         The flight with the smallest distance.
     """
-    if not any(leg.is_ordered for leg in legs.values()):
+    if not any(leg.is_by_this_order for leg in legs.values()):
         return Forecast()
 
     names = tuple(legs)

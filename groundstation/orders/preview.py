@@ -47,7 +47,7 @@ class OrderPreview:
     @property
     def goals(self) -> dict[str, Xyz]:
         """Goals of the ordered vehicles, metres ENU."""
-        return {name: leg.goal_enu_m for name, leg in self.legs.items() if leg.is_ordered}
+        return {name: leg.goal_enu_m for name, leg in self.legs.items() if leg.is_by_this_order}
 
 
 def preview_order(planned: PlannedOrder, state: FleetState, now_ns: int) -> OrderPreview:
@@ -142,16 +142,17 @@ def _difference(preview: OrderPreview, view: VehicleView, now_ns: int) -> str | 
         return None if position is None else f"{name} has appeared"
 
     if telemetry is None or position is None:
-        matters = leg.is_ordered or not leg.is_parked
+        matters = leg.is_by_this_order or not leg.is_parked
         return f"{name} is silent" if matters and not was_silent else None
     if was_silent:
         return f"{name} is heard again"
 
-    if not leg.is_ordered and telemetry.is_airborne == leg.is_parked:
+    if not leg.is_by_this_order and telemetry.is_airborne == leg.is_parked:
         return f"{name} has taken off" if telemetry.is_airborne else f"{name} has landed"
 
-    is_ordered = name in preview.planned.orders
-    is_unfit = is_ordered and _expected_refusal(preview.intent, view, now_ns) is not None
+    # Also a vehicle that is only to arm gets an order; its leg is by an earlier one.
+    gets_order = name in preview.planned.orders
+    is_unfit = gets_order and _expected_refusal(preview.intent, view, now_ns) is not None
     if is_unfit != (name in preview.unfit):
         return f"{name}'s readiness has changed"
 
@@ -159,7 +160,7 @@ def _difference(preview: OrderPreview, view: VehicleView, now_ns: int) -> str | 
     if math.dist(position, leg.start_enu_m) > _DRIFT_M + _DRIFT_S * speed_m_s:
         return f"{name} has moved"
 
-    if not leg.is_ordered and telemetry.is_airborne:
+    if not leg.is_by_this_order and telemetry.is_airborne:
         goal_change_m = math.dist(_goal(telemetry, position), leg.goal_enu_m)
         if goal_change_m > _DRIFT_M:
             return f"{name} goes elsewhere"
@@ -196,12 +197,12 @@ def _expected_refusal(intent: Intent, view: VehicleView, now_ns: int) -> str | N
 def _leg(intent: Intent, telemetry: Telemetry, position: Xyz, order: Order | None) -> Leg:
     """Return a vehicle's straight way by this order, or by an earlier one.
 
-    A vehicle on the ground that is not ordered stays where it is.
+    An order to arm moves no vehicle. A vehicle on the ground that is not ordered stays where it is.
     """
     if order is None or intent.verb == "arm":
         is_parked = not telemetry.is_airborne
         goal = position if is_parked else _goal(telemetry, position)
-        return Leg(position, goal, is_ordered=False, is_parked=is_parked)
+        return Leg(position, goal, is_by_this_order=False, is_parked=is_parked)
 
     if intent.verb == "skip":
         # The goal that a vehicle on a path reports is the end of the path. A vehicle that follows

@@ -164,7 +164,7 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
         for name in preview.intent.names[:_MOST_NAMED]:
             line = f"{indices.get(name, '?')} {name}"
             leg = preview.legs.get(name)
-            if leg is not None and leg.is_ordered:
+            if leg is not None and leg.is_by_this_order:
                 x_m, y_m, z_m = leg.goal_enu_m
                 distance_m = math.dist(leg.start_enu_m, leg.goal_enu_m)
                 line += f"  → {x_m:.2f} {y_m:.2f} {z_m:.2f} m  ({distance_m:.1f} m away)"

@@ -57,14 +57,14 @@ class PathPlan(Lines):
 
         radius = self.fleet.fleet.safety_distance_m / 2.0 * window.scale
         for name, path_enu_m in paths_enu_m.items():
-            colour = colours[name] if preview.legs[name].is_ordered else FAINT
+            colour = colours[name] if preview.legs[name].is_by_this_order else FAINT
             dots = window.dots(path_enu_m)
             for start, end in itertools.pairwise(dots):
                 canvas.line((start[0], start[1]), (end[0], end[1]), colour)
             canvas.circles(window.dots(goals_enu_m[name]), radius, colour, gap=2)
 
         for name, leg in preview.legs.items():
-            if leg.is_ordered:
+            if leg.is_by_this_order:
                 column, row = window.cell(*leg.goal_enu_m[:2])
                 canvas.text(column, row, "✛", colours[name], bold=True)
             column, row = window.cell(*leg.start_enu_m[:2])

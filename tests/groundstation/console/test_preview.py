@@ -183,7 +183,11 @@ async def test_vehicles_that_are_not_ordered_are_part_of_the_forecast(rig: Rig) 
         rig.client.hear("mav2", state="landed", is_airborne=False, position_enu_m=(1.5, 0.0, 0.0))
         await rig.preview(pilot, "move mav0 0 1.5 1")
         legs = rig.oracle.requested[0]
-        assert (legs["mav0"].is_ordered, legs["mav1"].is_ordered, legs["mav2"].is_parked) == (
+        assert (
+            legs["mav0"].is_by_this_order,
+            legs["mav1"].is_by_this_order,
+            legs["mav2"].is_parked,
+        ) == (
             True,
             False,
             True,

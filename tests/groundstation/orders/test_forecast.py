@@ -53,7 +53,7 @@ def test_the_same_question_has_the_same_answer(fleet: FleetConfig) -> None:
 
 def test_a_vehicle_on_the_ground_stays_there_and_is_flown_around(fleet: FleetConfig) -> None:
     flying = Leg((-1.5, 0.0, 1.0), (1.5, 0.1, 1.0))
-    parked = Leg((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), is_ordered=False, is_parked=True)
+    parked = Leg((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), is_by_this_order=False, is_parked=True)
     legs = {"mav0": flying, "mav2": parked}
 
     predicted = forecast(fleet, legs)
@@ -73,7 +73,7 @@ def test_a_take_off_takes_longer_than_its_climb_and_an_arming_has_no_paths(
     assert objections(alone, Takeoff(vehicles=("mav0",), height_m=1.0), fleet) == ()
     assert (
         forecast(
-            fleet, {"mav0": Leg((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), is_ordered=False)}
+            fleet, {"mav0": Leg((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), is_by_this_order=False)}
         ).paths_enu_m
         == {}
     )
