@@ -72,7 +72,7 @@ def import_(
         for line in lines[1:]:  # the first one only says which drone of the show it is
             print(f"  {name} {line}")
     if drones > 1:
-        nearest_pair = closest_pairs(sample(made.paths), 0.0)[0]
+        nearest_pair = closest_pairs(sample(made.paths))[0]
         print(f"Nearest: {pair_words(nearest_pair)}.")
 
     print(f"Written: {folder}/fleet.toml, mission.toml and paths/. Next:")

@@ -92,16 +92,16 @@ def bound_m(fleet: FleetConfig) -> float:
 
 
 def closest_pairs(
-    flown: SampledPaths, below_m: float, height_share: float = 0.0
+    flown: SampledPaths, below_m: float = 0.0, height_share: float = 0.0
 ) -> list[ClosestApproach]:
-    """Return each pair that comes nearer than a separation, once, the nearest first.
+    """Return the nearest pair of all, and each other pair that comes nearer than a separation.
 
-    The nearest pair of all is always returned. Vehicles are assumed to move straight between two
+    Each pair is returned once, the nearest first. Vehicles are assumed to move straight between two
     samples.
 
     Args:
         flown: the paths.
-        below_m: the separation [m].
+        below_m: the separation [m]; 0 returns the nearest pair only.
         height_share: weight of a metre of height.
     """
     # one row for each pair: indices of its two vehicles
