@@ -40,7 +40,8 @@ _TOLERANCE = 1e-10  # amount by which a point may violate a row, relative to 1 p
 # two solutions nearer than this, times the scale of the bounds, differ by rounding only
 _ONE_POINT = 1e-4
 
-# a firm row violates its bound by the slack of the yielding rows, divided by this
+# Where yielding rows are violated by their slack, firm rows may be violated, too, but by this many
+# times less.
 _FIRMNESS = 1000.0
 
 # The smallest slack leaves only one point, and rounding may exclude it. So the slack is widened by
@@ -105,9 +106,10 @@ def relaxed_in_order(
 ) -> Projection:
     """Return the nearest point of the disc for rows that contradict each other.
 
-    If a point satisfies the firm rows, the yielding rows get their smallest common slack. If no
-    point does, the yielding rows are left out, and the firm rows get their smallest common slack.
-    The point moves continuously from one case to the other.
+    If a point satisfies the firm rows, all rows get the smallest slack with which a point is left:
+    yielding rows the whole slack, firm rows a thousandth of it, so they hold but for this rest.
+    If no point satisfies the firm rows, the yielding rows are left out, and the firm rows get their
+    smallest common slack. The point moves continuously from one case to the other.
 
     Args:
         u: point to project.
@@ -119,7 +121,8 @@ def relaxed_in_order(
     if not is_firm_possible:
         return relaxed(u, firm, radius, largest_bound(firm))
 
-    # the firm half-planes, scaled so that a common slack moves their bounds by 1 / _FIRMNESS of it
+    # The slack of a row is in the units of its bound. So rows with both sides multiplied by
+    # _FIRMNESS are the same half-planes, and a common slack moves their edges by a thousandth.
     stiff = [
         HalfPlane(
             Vec2(_FIRMNESS * row.normal.x, _FIRMNESS * row.normal.y), _FIRMNESS * row.bound_m_s2
@@ -158,10 +161,12 @@ def relaxed(u: Vec2, hard: list[HalfPlane], radius: float, scale: float) -> Proj
         rows = [unit_row(HalfPlane(row.normal, row.bound_m_s2 - widened)) for row in hard]
         best = nearest(u, rows, radius)
 
+        # Mostly one point only has the least slack: `point`, which no widening has moved. If `best`
+        # is another one, several points have it, and `best` is the nearest of them.
         if best.is_feasible:
             apart = abs(best.point.x - point.x) + abs(best.point.y - point.y)
             if apart > _ONE_POINT * scale:
-                point = best.point  # several points have the least slack: the nearest of them
+                point = best.point
             break
 
     return Projection(point, RELAXED, slack)
