@@ -57,14 +57,14 @@ def rooms_m(area: Area, positions_enu_m: Array) -> Array:
 
 
 def clearances_m(fleet_areas: Sequence[Area], positions_enu_m: Array) -> Array:
-    """Return the distance [m] of each position to the nearest buffer that counts at its height.
+    """Return the distance [m] of each position to the nearest space that an area or buffer takes.
 
     Args:
         fleet_areas: areas of a fleet.
         positions_enu_m: positions (..., 3).
     Returns:
-        Distances (...). They are negative inside a buffer or beyond an edge, and infinite if no
-        area counts.
+        Distances (...). They are negative inside a buffer or beyond an edge, and infinite without
+        areas.
     """
     least_m = np.full(positions_enu_m.shape[:-1], np.inf)
     for area in fleet_areas:
@@ -105,13 +105,18 @@ def way_beyond_m(fleet_areas: Sequence[Area], begin_enu_m: Xyz, end_enu_m: Xyz) 
 
 
 def _clearance_m(area: Area, positions_enu_m: Array, buffer_m: float) -> Array:
-    """Return the distance [m] of each position to an area with a buffer, heights included."""
-    room_m = rooms_m(area, positions_enu_m) - buffer_m
+    """Return the distance [m] of each position to the space that an area and its buffer take.
+
+    It is negative inside that space. An area to stay in has its buffer at its edge only, not at its
+    floor, where vehicles stand, and its ceiling. One to stay out of also has it above and below.
+    """
+    beside_m = rooms_m(area, positions_enu_m) - buffer_m
     z = positions_enu_m[..., 2]
     if area.keeps_in:
-        above_floor_m = z - area.low_m + areas.BELOW_FLOOR_M
-        return np.minimum(room_m, np.minimum(area.high_m - z, above_floor_m))
+        below_ceiling_m = area.high_m - z
+        above_floor_m = z - area.low_m + areas.BELOW_FLOOR_M  # a measured height may be lower
+        return np.minimum(beside_m, np.minimum(below_ceiling_m, above_floor_m))
 
-    # above or below an area to stay out of, the vertical distance counts
+    # a position beside the area, or above it, or below it, is free
     above_or_below_m = np.maximum(z - area.high_m, area.low_m - z) - buffer_m
-    return np.maximum(room_m, above_or_below_m)
+    return np.maximum(beside_m, above_or_below_m)

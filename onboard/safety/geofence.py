@@ -40,8 +40,6 @@ class FenceBox:
     high_enu_m: Xyz  # east, north and top
     brake_m_s2: Xyz  # deceleration along each axis
     reaction_s: float  # time for which the vehicle keeps its velocity before it brakes
-    # how far below the floor a landed vehicle may be measured
-    floor_tolerance_m: float = 0.5
 
     def status(self, position_enu_m: Xyz, velocity_enu_m_s: Xyz) -> FenceStatus:
         """Return where a vehicle is relative to the box.
@@ -59,7 +57,7 @@ class FenceBox:
         west, south, floor = self.low_enu_m
         east, north, top = self.high_enu_m
         is_between_walls = west <= x <= east and south <= y <= north
-        is_below = z < floor - self.floor_tolerance_m
+        is_below = z < floor - areas.BELOW_FLOOR_M
 
         # distance to the wall ahead, along each axis
         vx, vy, vz = velocity_enu_m_s
@@ -150,7 +148,7 @@ class FenceBox:
 
 def _leaves(area: Area, position_enu_m: Xyz, stop_enu_m: Xyz) -> bool:
     """Return whether the line from an allowed position to the stop leaves the allowed space."""
-    if area.keeps_in and stop_enu_m[2] > max(area.high_m, position_enu_m[2]):
+    if area.keeps_in and stop_enu_m[2] > area.high_m:
         return True
     if areas.is_crossed(area, position_enu_m, stop_enu_m):
         return True

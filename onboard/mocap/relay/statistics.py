@@ -81,7 +81,7 @@ class BodyStatistics:
         pairs = zip(pose.quaternion_enu_flu_wxyz, self._quaternion, strict=True)
         half_turn_cosine = abs(sum(a * b for a, b in pairs))
         turn_rad = 2.0 * math.acos(min(1.0, half_turn_cosine))
-        if turn_rad > min(_FLIP_RAD + _FLIP_RAD_S * gap_s, math.pi):
+        if turn_rad > _FLIP_RAD + _FLIP_RAD_S * gap_s:
             self.flips += 1
 
     def close_window(self, now_ns: int, window_s: float) -> None:
