@@ -105,8 +105,10 @@ def allocate(
     left = (cos_yaw * force.y - sin_yaw * force.x) / size
     up = force.z / size
 
-    # cosine and sine of half of roll, pitch and yaw; cos_roll > 0, because `limit` keeps up > 0
+    # of the whole roll angle; positive, because `limit` keeps up > 0
     cos_roll = math.sqrt(forward * forward + up * up)
+
+    # c and s: cosine and sine of half of roll, pitch and yaw, of which the quaternion is made
     c_roll, s_roll = _half(cos_roll, -left)
     c_pitch, s_pitch = _half(up / cos_roll, forward / cos_roll)
     c_yaw = math.cos(0.5 * yaw)

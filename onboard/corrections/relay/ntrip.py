@@ -82,7 +82,7 @@ async def read_ntrip(
                 raise SourceError(
                     f"{request.address} took the request and says nothing for {answer_s:g} s."
                 ) from None
-            _refuse(request, answer)
+            _check_answer(request, answer)
 
             if request.position is not None:
                 sending = asyncio.create_task(_send_positions(writer, request.position))
@@ -160,11 +160,11 @@ async def _more(reader: asyncio.StreamReader, data: bytes) -> bytes:
     return data + more
 
 
-def _refuse(request: NtripRequest, answer: _Answer) -> None:
+def _check_answer(request: NtripRequest, answer: _Answer) -> None:
     """Check that an answer begins a stream.
 
     Raises:
-        SourceError: the answer is no stream.
+        SourceError: the caster refuses the request.
     """
     if answer.status == 401:
         password = "another password" if request.user else "a user and a password"
