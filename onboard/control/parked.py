@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 from onboard.avoidance.pairs import design_distance, margin_2
 from onboard.avoidance.params import Capsule, Spacing
+from onboard.control.route_map import CORNERS_PER_END
 from onboard.types import Neighbour, State
 from onboard.vectors import Vec2, horizontal, length_2
 
@@ -24,9 +25,9 @@ _TOUCHING_M = 0.5  # one that is farther away than it must be by more holds nobo
 _NEAR_M = 5.0  # only parked vehicles within this distance count
 _MOST = 8  # only so many of the nearest count
 
-# Corners, squared, times things, of a map that is computed in flight: it takes some milliseconds.
-_MOST_PIECES = 60_000
-_CORNERS_OF_PILLAR = 8
+# A map that is computed in flight may take some milliseconds only, so it has at most so many tests
+# (see route_map.MOST_TESTS).
+_MOST_TESTS = 60_000
 
 
 def is_standing_away(state: State, goal: Vec2) -> bool:
@@ -80,8 +81,8 @@ def most_pillars(corner_count: int, thing_count: int) -> int:
         thing_count: number of these things.
     """
     for count in range(_MOST, 0, -1):
-        corners = corner_count + _CORNERS_OF_PILLAR * count
-        if corners * corners * (thing_count + count) <= _MOST_PIECES:
+        corners = corner_count + CORNERS_PER_END * count  # a pillar has one end
+        if corners * corners * (thing_count + count) <= _MOST_TESTS:
             return count
     return 0
 

@@ -31,7 +31,7 @@ _BAR_M = 0.001  # kept from a bar across a passage that is too narrow
 _BEYOND_WALL_M = 1.0  # a bar beside a wall of the box reaches so far beyond it
 
 _NARROW_M = 0.3  # a passage that is wider by less has a corner in its middle
-_CORNERS_PER_END = 8  # a regular octagon around each end of an obstacle
+CORNERS_PER_END = 8  # a regular octagon around each end of an obstacle
 
 # A way on another side of a thing is taken only if it is shorter by this. Otherwise a vehicle whose
 # estimate is noisy would turn to and fro between two ways of one length.
@@ -39,9 +39,14 @@ _SHORTER_M = 0.5
 
 _FIRST_TRIES = 8  # corners that are tried together, the most promising ones; then all others
 
-# The corners, squared, times the things: with more, the map takes too long to compute (a second of
-# a small computer), and every way is straight.
-MOST_PIECES = 1_000_000
+# Tests whether a piece between two corners keeps its distance from a thing: the corners, squared,
+# times the things. With more, the map takes too long to compute (a second of a small computer), and
+# every way is straight.
+MOST_TESTS = 1_000_000
+
+# By so much rounding may make a distance too small: of corners and passages, and of a piece.
+_PLACE_ROUNDING_M = 1e-6
+_PIECE_ROUNDING_M = 1e-9
 
 
 class _Things(NamedTuple):
@@ -95,7 +100,7 @@ class RouteMap:
         self._things = _closed(free_standing, ends, walls)
 
         corners = _corners(ends, free_standing, walls)
-        is_complete = len(corners) ** 2 * len(self._things.keep_m) <= MOST_PIECES
+        is_complete = len(corners) ** 2 * len(self._things.keep_m) <= MOST_TESTS
         if not is_complete:
             corners = corners[:0]
 
@@ -205,7 +210,7 @@ class RouteMap:
         other = np.array(other_m)
         corners = self._ways.corners_m
 
-        kept_m = min(keep_m, math.dist(begin_m, other_m)) - 1e-9
+        kept_m = min(keep_m, math.dist(begin_m, other_m)) - _PIECE_ROUNDING_M
         is_open = _point_distances(other, begin, corners) >= kept_m
         is_open &= self._are_free(begin, corners, self._counts(begin))
         lengths_m = np.where(is_open, _lengths(corners - begin), np.inf)
@@ -253,7 +258,7 @@ class RouteMap:
 
         allowed_m = np.minimum(things.keep_m - _PIECE_SPARE_M, from_begin_m)
         allowed_m = np.minimum(allowed_m, from_end_m)
-        is_far = distance_m >= allowed_m - 1e-9
+        is_far = distance_m >= allowed_m - _PIECE_ROUNDING_M
         if counts is not None:
             is_far = is_far | ~counts
         return np.asarray(is_far.all(-1))
@@ -277,6 +282,7 @@ def _areas_left(point_m: Array, things: _Things) -> BoolArray:
     end = things.end_m - point_m
     doubled_m2 = _cross(begin, end)  # area between the point and each edge
 
+    # an upward edge that the ray crosses has the point on its left, a downward one on its right
     is_upward = end[:, 1] > begin[:, 1]
     is_level = (begin[:, 1] > 0.0) == (end[:, 1] > 0.0)  # the edge is above the ray or below it
     is_crossed = ~is_level & (is_upward == (doubled_m2 > 0.0))
@@ -315,7 +321,7 @@ def _ends(still: Sequence[Capsule], things: _Things) -> _Ends:
         is_segment = capsule.begin_enu_m != capsule.end_enu_m
         if capsule.area == 0 or not is_segment or capsule.is_begin_inwards:
             ends[capsule.begin_enu_m, keep_m] = None
-        if capsule.area == 0 and is_segment:
+        if capsule.area == 0 and is_segment:  # the end of an area's edge is the next one's begin
             ends[capsule.end_enu_m, keep_m] = None
     return _Ends(
         points_m=np.array([end for end, _ in ends]).reshape(-1, 2),
@@ -330,7 +336,9 @@ def _closed(things: _Things, ends: _Ends, walls: Walls) -> _Things:
     narrow by up to two spares, the law does not let the vehicle through.
     """
     across, free_m = _passages(ends, things)
-    is_closed = (free_m < -1e-6) & (free_m > -2.0 * _PIECE_SPARE_M - 1e-6)
+    is_too_narrow = free_m < -_PLACE_ROUNDING_M
+    is_little = free_m > -2.0 * _PIECE_SPARE_M - _PLACE_ROUNDING_M
+    is_closed = is_too_narrow & is_little
     begins = np.broadcast_to(ends.points_m[:, None], across.shape)
     bars = [np.stack([begins[is_closed], (begins + across)[is_closed]], axis=1)]
 
@@ -342,11 +350,12 @@ def _closed(things: _Things, ends: _Ends, walls: Walls) -> _Things:
         (1, walls.high_y_m, 1.0),
     ):
         room_m = sign * (wall_m - ends.points_m[:, axis])
-        is_closed = (room_m > 0.0) & (room_m < ends.keep_m - 1e-6)
+        is_closed = (room_m > 0.0) & (room_m < ends.keep_m - _PLACE_ROUNDING_M)
         feet = ends.points_m[is_closed].copy()
         feet[:, axis] = wall_m + sign * _BEYOND_WALL_M
         bars.append(np.stack([ends.points_m[is_closed], feet], axis=1))
 
+    # a piece may be nearer to a bar, as to every thing, by the spare: _BAR_M is left
     all_bars = np.concatenate(bars)
     count = len(all_bars)
     return _Things(
@@ -365,8 +374,9 @@ def _corners(ends: _Ends, things: _Things, walls: Walls) -> Array:
     around = _around(ends)
     middles = _middles(ends, things)
 
+    # Other things may take half of a corner's spare. A middle of a passage may have none.
     around = around[_is_clear(around, things, 0.5 * _CORNER_SPARE_M)]
-    middles = middles[_is_clear(middles, things, -1e-6)]
+    middles = middles[_is_clear(middles, things, -_PLACE_ROUNDING_M)]
     corners = np.concatenate([around, middles])
 
     return np.asarray(corners[_is_inside(corners, walls)])
@@ -383,9 +393,9 @@ def _is_inside(points_m: Array, walls: Walls) -> BoolArray:
 
 def _around(ends: _Ends) -> Array:
     """Return the corners (.., 2) of an octagon around each end; its sides keep the distance."""
-    angle = 2.0 * np.pi * np.arange(_CORNERS_PER_END) / _CORNERS_PER_END
+    angle = 2.0 * np.pi * np.arange(CORNERS_PER_END) / CORNERS_PER_END
     directions = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    radius_m = (ends.keep_m + _CORNER_SPARE_M) / math.cos(math.pi / _CORNERS_PER_END)
+    radius_m = (ends.keep_m + _CORNER_SPARE_M) / math.cos(math.pi / CORNERS_PER_END)
     corners = ends.points_m[:, None] + radius_m[:, None, None] * directions
     return np.asarray(corners.reshape(-1, 2))
 
@@ -397,7 +407,7 @@ def _middles(ends: _Ends, things: _Things) -> Array:
     """
     across, free_m = _passages(ends, things)
     width_m = _lengths(across)
-    is_narrow = (free_m > -1e-6) & (free_m < _NARROW_M)
+    is_narrow = (free_m > -_PLACE_ROUNDING_M) & (free_m < _NARROW_M)
 
     share = (ends.keep_m[:, None] + 0.5 * free_m) / np.maximum(width_m, 1e-12)
     middles = ends.points_m[:, None] + share[..., None] * across
