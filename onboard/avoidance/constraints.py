@@ -32,7 +32,7 @@ from onboard.avoidance.params import (
 )
 from onboard.vectors import ZERO_2, Vec2, cross_2, dot_2, length_2
 
-SPEED_GAIN_1_S = 4.0
+SPEED_GAIN_1_S = 4.0  # rate at which the speed may approach its limit
 VIOLATED_M_S2 = 1e-10  # a row that is missed by more changes the thrust; less is rounding
 
 # Two intended straight paths conflict if they pass each other nearer than _CONFLICT_WIDTH times the

@@ -41,7 +41,7 @@ class Own(NamedTuple):
 
     position_m: Vec2
     velocity_m_s: Vec2
-    intent_m_s: Vec2  # velocity that it would fly if it were alone
+    intent_m_s: Vec2  # velocity straight to the goal
     margin_2_m2: float  # its own part of the square of the accuracy margin
     thrust_m_s2: Vec2  # F_d / m of the baseline with the compensation, within the radius
     thrust_z_m_s2: float  # vertical thrust, which the law does not change

@@ -161,8 +161,8 @@ def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
         command = horizontal_within(neighbour.commanded_acceleration_enu_m_s2, LARGEST)
         a = command
         if ahead_s < 0.0:
-            share_1_s = 1.0 / lead_s if lead_s > _LEAST_LEAD_S else 0.0
-            a = Vec2(share_1_s * (v.x - plain_m_s.x), share_1_s * (v.y - plain_m_s.y))
+            per_lead_1_s = 1.0 / lead_s if lead_s > _LEAST_LEAD_S else 0.0
+            a = Vec2(per_lead_1_s * (v.x - plain_m_s.x), per_lead_1_s * (v.y - plain_m_s.y))
     else:
         is_usable = is_finite(neighbour.position_enu_m) and is_finite(neighbour.velocity_enu_m_s)
         ahead_s = age_s + own_lead_s
@@ -171,6 +171,7 @@ def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
         command = Vec2(0.0, 0.0)
         a = into_disc(horizontal_within(neighbour.acceleration_enu_m_s2, LARGEST), GRAVITY_M_S2)
 
+    # an acceleration for held_s, then none: held_s^2 / 2 + held_s (ahead_s - held_s)
     held_s = min(ahead_s, MAX_COMMAND_AGE_S)
     weight_s2 = held_s * (ahead_s - 0.5 * held_s)
     position_m = Vec2(p.x + ahead_s * v.x + weight_s2 * a.x, p.y + ahead_s * v.y + weight_s2 * a.y)

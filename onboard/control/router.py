@@ -246,9 +246,8 @@ def _following(
     memory: RouteMemory, here: Vec2, way: Sequence[Vec2], route_map: RouteMap
 ) -> RouteMemory:
     """Return the memory with the corner and the aim of the trajectory, and the time for the leg."""
-    corner = memory.refuge
-    if len(way) > 1:
-        corner = way[0]
+    # a way of one point leads straight to its end: the place to wait at, or the goal (None)
+    corner = way[0] if len(way) > 1 else memory.refuge
     if corner == memory.corner:
         return memory
     if corner is None:
@@ -280,7 +279,10 @@ def _pace_s_m(state: State, goal: Goal, around: Surroundings) -> float:
 
 
 def _leg(memory: RouteMemory, goal: Goal) -> Goal:
-    """Return the goal of the present leg, with its share of an ordered duration."""
+    """Return the goal of the present leg, with its share of an ordered duration.
+
+    Legs to corners have negative sequences, because those of the vehicle's goals are not negative.
+    """
     leg_s = memory.leg_s
     if memory.aim is not None:
         position = Vec3(memory.aim.x, memory.aim.y, goal.position_enu_m.z)

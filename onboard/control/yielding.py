@@ -28,13 +28,13 @@ REFUSED_S = 12.0  # after this time the other one goes
 
 _SLOW_M_S = 0.2  # whoever is slower stands
 _NEAR_M = 0.4  # two that stand face to face are at most so much farther apart than they must be
-_FACING = 0.3  # cosine of the angle between an intent and the direction to the other
+_FACING = 0.3  # least cosine of the angle between an intent and the direction to the other
 _AHEAD_M = 6.0  # of the other's way, that is kept free
 _BESIDE_M = 0.15  # by which a place to wait is farther from it than necessary
 _ASIDE_M = (0.0, 0.5, 1.0)  # from a corner to the places beside it that are tried
 
 _REJOIN_M = 2.5  # of the own way, on which nobody may be when the vehicle goes on
-_REJOIN_SPARE_M = 0.3
+_REJOIN_SPARE_M = 0.3  # by which others are farther from it than necessary
 
 # "Further west": along a direction in which few passages lie crosswise.
 _WEST = Vec2(-math.cos(math.radians(20.0)), -math.sin(math.radians(20.0)))
@@ -94,8 +94,8 @@ def is_to_yield(here: Vec2, opponent: Opponent, met_s: float) -> bool:
         opponent: who stands face to face with it.
         met_s: time for which they have stood so.
     """
-    towards = Vec2(here.x - opponent.position_m.x, here.y - opponent.position_m.y)
-    is_west = dot_2(towards, _WEST) > 0.0
+    from_opponent = Vec2(here.x - opponent.position_m.x, here.y - opponent.position_m.y)
+    is_west = dot_2(from_opponent, _WEST) > 0.0
     return met_s >= (MEETING_S if is_west else REFUSED_S)
 
 
