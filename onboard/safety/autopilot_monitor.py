@@ -94,7 +94,7 @@ class AutopilotMonitor:
 
         shift_ns = offset_ns - self._offset_ns
         if abs(shift_ns) <= STANDSTILL_S * 1e9:
-            self._shifted.checks = 0
+            self._shifted.end()
             self._offset_ns = min(self._offset_ns, offset_ns)
             return
 
@@ -103,7 +103,7 @@ class AutopilotMonitor:
             if shift_ns > 0.0:
                 self._back_ns = now_ns
             self._offset_ns = offset_ns
-            self._shifted.checks = 0
+            self._shifted.end()
 
 
 def _is_recent(then_ns: int, now_ns: int) -> bool:

@@ -328,7 +328,7 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
     for situation, action in zip(Situation, actions, strict=True)
 }
 
-_RANK = {condition: rank for rank, condition in enumerate(Condition)}
+_PLACE = {condition: place for place, condition in enumerate(Condition)}
 # What stays of an action at the next tick, where that is not the action itself. After LEVEL the
 # order has failed, so the vehicle holds. REFUSE lasts only as long as its condition.
 _STAYS = {Action.REFUSE: Action.GO_ON, Action.LEVEL: Action.HOLD}
@@ -388,4 +388,4 @@ def in_order(conditions: Iterable[Condition]) -> list[Condition]:
     Args:
         conditions: any.
     """
-    return sorted(conditions, key=_RANK.__getitem__)
+    return sorted(conditions, key=_PLACE.__getitem__)

@@ -233,11 +233,11 @@ class NeighbourMonitor:
         return reasons
 
     def _check_predictions(
-        self, rows: Iterable[NeighbourRow], others: Collection[str]
+        self, rows: Iterable[NeighbourRow], distrusted: Collection[str]
     ) -> tuple[str, ...]:
         """Return which neighbours do not fly as they predict, and mark those in the table.
 
-        Neighbours in ``others`` are marked as well, whatever they predict.
+        Neighbours that are distrusted already are marked as well, whatever they predict.
         """
         wrong = []
         for row in rows:
@@ -252,7 +252,7 @@ class NeighbourMonitor:
             if monitor.is_wrong:
                 wrong.append(row.name)
             index = self._table.indices[row.name]
-            is_not_cooperating = monitor.is_wrong or row.name in others
+            is_not_cooperating = monitor.is_wrong or row.name in distrusted
             self._table.judged.set_not_cooperating(index, is_not_cooperating)
         return tuple(wrong)
 
@@ -282,13 +282,12 @@ class NeighbourMonitor:
         if height_left_m >= self._vertical_m and not may_come_down_on_us:
             return False
 
-        # both brake, if the other cooperates
-        braking_share = 2.0 if row.is_cooperative else 1.0
+        braking_count = 2.0 if row.is_cooperative else 1.0  # number of vehicles that brake
         left_m = smallest_distance_m(
             apart_m,
             (vx - other_vx, vy - other_vy),
             reaction_s=self._vehicle.lag_s + row.age_s,
-            deceleration_m_s2=self._braking_m_s2 * braking_share,
+            deceleration_m_s2=self._braking_m_s2 * braking_count,
         )
         limit_m = self._limits.safety_distance_m
         # a neighbour that is too near already is a breach, and no predicted one

@@ -111,7 +111,7 @@ class TickObserver:
             self._stale.see(now_ns)
             position_stale_s = self._stale.seconds(now_ns)
         else:
-            self._stale.checks = 0
+            self._stale.end()
         jumped_onto = ""  # name of the vehicle on whose position it has jumped
         if own.jumps >= _SWAP_JUMPS:
             jumped_onto = self._jumped_onto(now_ns)
@@ -153,8 +153,8 @@ class TickObserver:
             fence = self._fence_status(view)
 
         # the order, and the other vehicles
-        overdue = flight.overdue(view)  # why the order takes too long, in words; empty: it does not
-        if overdue == "":
+        overdue = flight.overdue(view)
+        if overdue == "":  # only its deadline has passed: what is left is told in its place
             overdue = neighbours.kept_off_by(flight.goal_position_enu_m, view)
         if step is FlightStep.LEG:
             neighbours.count_avoided(context.active_neighbour)

@@ -38,7 +38,7 @@ _AT_BOUND_SHARE = 0.99  # the observer is at its bound from this share of it on
 
 # Gusts of this share of the horizontal acceleration push a vehicle through its margin, and push two
 # vehicles together that hover 1.5 m apart.
-_GUST_SHARE = 0.15
+_LARGEST_GUST_SHARE = 0.15
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +72,8 @@ class WindFacts:
 class WindMonitor:
     """Memory of one vehicle.
 
-    Call :meth:`update` at every tick of a hover, :meth:`look` ten times a second, and :meth:`reset`
-    on the ground.
+    Call :meth:`update` at every tick of a hover, :meth:`reset` at every other tick, and
+    :meth:`look` ten times a second.
 
     Args:
         fleet: the fleet file.
@@ -85,7 +85,7 @@ class WindMonitor:
         self._bound_m_s2 = _AT_BOUND_SHARE * largest_push_m_s2(vehicle)
         self._law = fleet.law
         self._lag_s = vehicle.lag_s
-        self._largest_gust_m_s2 = _GUST_SHARE * tilt_acceleration_m_s2(vehicle)
+        self._largest_gust_m_s2 = _LARGEST_GUST_SHARE * tilt_acceleration_m_s2(vehicle)
 
         self._too_much_m_s = math.inf  # the wind that takes nearly all of the tilt
         if vehicle.drag_1_s > 0.0:
