@@ -27,8 +27,9 @@ from onboard.safety.limits import LARGEST_POSITION_STD_M, LARGEST_VELOCITY_STD_M
 from onboard.types import Neighbour
 from onboard.vectors import Vec3
 
-_VECTORS = Neighbour._fields[:7]
-_SCALARS = Neighbour._fields[7:]
+_VECTOR_COUNT = 7  # the first fields of a Neighbour, up to its intent
+_VECTORS = Neighbour._fields[:_VECTOR_COUNT]
+_SCALARS = Neighbour._fields[_VECTOR_COUNT:]
 
 # field -> its columns in a row
 VECTOR_COLUMNS = {name: slice(3 * index, 3 * index + 3) for index, name in enumerate(_VECTORS)}

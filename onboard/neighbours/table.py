@@ -125,7 +125,10 @@ class NeighbourTable:
 
     @property
     def _is_settled(self) -> BoolArray:
-        """Return whether each neighbour (K,) is followed and already sends its fast states."""
+        """Return whether each neighbour (K,) is followed and already sends its fast states.
+
+        Only such neighbours have the short limit of silence: see :meth:`_follow`.
+        """
         return np.asarray(self.arrays.silent_after_s <= self.silent_s)
 
     def select_followed(self, position_enu_m: Xyz, now_ns: int) -> bool:
