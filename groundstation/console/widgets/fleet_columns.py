@@ -13,11 +13,11 @@ from groundstation.fleet.satellite_words import distance_words
 from groundstation.fleet.state import VehicleView
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
+from onboard.constants import GRAVITY_M_S2
 from onboard.safety.failsafe_table import Condition
 
 Cell = tuple[str, str]  # text and colour
 _FIX_CONDITIONS = {Condition.FIX_FELL_BACK.value, Condition.FIX_COARSE.value}
-_GRAVITY_M_S2 = 9.81
 # Ages of PX4's last message to the agent, from which the link is marked as slow or lost.
 _SLOW_LINK_S = 0.3
 _LOST_LINK_S = 1.0
@@ -52,8 +52,8 @@ class Column:
     right: bool = False  # whether the cells are aligned to the right
     sort: Callable[[VehicleRow], float] | None = None  # sort key; smaller first, NaN last
     of_corrections: bool = False  # whether it is shown only if the fleet uses RTK corrections
-    # Whether a reason not to fly may cover the column on the ground: 0 never, 1 if the reason has
-    # little room, 2 always.
+    # Whether a reason not to fly that has too little room covers the column on the ground: 0 never,
+    # 1 only where few columns are shown, 2 always.
     cover: int = 0
 
 
@@ -250,8 +250,8 @@ def _most_horizontal_m_s2(row: VehicleRow) -> float:
     """Return the horizontal thrust at the vehicle's largest tilt while it keeps its height."""
     vehicle = row.fleet.vehicles.get(row.view.name)
     if vehicle is None:
-        return _GRAVITY_M_S2
-    return _GRAVITY_M_S2 * math.tan(math.radians(vehicle.max_tilt_deg))
+        return GRAVITY_M_S2
+    return GRAVITY_M_S2 * math.tan(math.radians(vehicle.max_tilt_deg))
 
 
 def _order(row: VehicleRow) -> Cell:

@@ -28,9 +28,9 @@ _LONG_NAME = 24
 _SHORT_NAME = 16
 _FEW_COLUMNS = 10
 
-# Values of Column.cover from which the reason not to fly covers a column.
+# Values of Column.cover from which a reason not to fly that has too little room covers a column.
 _COVERED_ALWAYS = 2
-_COVERED_AMONG_FEW = 1  # if there are few columns
+_COVERED_AMONG_FEW = 1  # where few columns are shown
 _NEVER_COVERED = 3  # larger than the ``cover`` of every column
 
 

@@ -302,10 +302,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
             self._rows = [by_name[view.name] for view in self._rows]
 
         if self._cursor not in by_name:
-            self._cursor = ""
-            if self._rows:
-                row = min(self.cursor, len(self._rows) - 1)
-                self._cursor = self._rows[row].name
+            self._cursor = self._rows[0].name if self._rows else ""
 
         height = len(self._rows) + 1
         if self.virtual_size.height != height:
