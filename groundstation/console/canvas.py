@@ -17,6 +17,10 @@ from textual.strip import Strip
 from groundstation.console.theme import TEXT, style
 from onboard.arrays import Array
 
+# Dots of a cell.
+DOTS_ACROSS = 2
+DOTS_DOWN = 4
+
 # Bit of each dot within a cell, by row and column (the Unicode braille block's own order).
 _BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], np.uint8)
 _MAX_STEPS = 4000  # dots of one line or circle

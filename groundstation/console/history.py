@@ -25,9 +25,12 @@ _TRAIL_STEP_M = 0.03  # smallest distance between two points of a trail
 
 CHART_LENGTH = 3000  # number of smallest distances that are kept
 _TIMING_LENGTH = 600  # number of periods and of ages that are kept
-PAIRS = 40
+PAIRS = 40  # number of closest pairs that are kept
 FAR_M = 1e6  # a coordinate beyond this is not plausible
-_STILL_M2_S2 = 1e-4  # square of a relative speed below which two vehicles count as still
+# Squares of the relative speeds below which two vehicles count as still, and beyond which the speed
+# is not plausible.
+_STILL_M2_S2 = 1e-4
+_LARGEST_M2_S2 = 1e6
 
 _PACE_NS = 150_000_000  # time between two comparisons of all pairs
 _SLOW_S = 1.0  # time between two samples of values that change slowly
@@ -294,7 +297,7 @@ def _approach_s(gap_m: NDArray[np.float64], drift_m_s: NDArray[np.float64]) -> f
         plausible.
     """
     speed_m2_s2 = float(drift_m_s[:2] @ drift_m_s[:2])
-    if not _STILL_M2_S2 < speed_m2_s2 < FAR_M:
+    if not _STILL_M2_S2 < speed_m2_s2 < _LARGEST_M2_S2:
         return -1.0
     return -float(gap_m[:2] @ drift_m_s[:2]) / speed_m2_s2
 

@@ -18,6 +18,12 @@ _EVENTS_LEAST = 3  # rows that a verdict leaves to the events, with their border
 _BESIDE_VERDICT = 6  # rows that a verdict leaves to plan and events if both have room
 _VERDICT_LEAST = 4  # smallest height of a verdict, with its border
 
+# Smallest sizes of a table and a plan with anything in them.
+_TABLE_LEAST = 4  # rows: border, heading and one vehicle
+_PLAN_LEAST_ROWS = 4
+_PLAN_LEAST_WIDTH = 10
+_WIDEST_FENCE = 4.0  # width over depth of a fence; a wider one is drawn smaller
+
 Size = int | str  # cells, or "1fr" for all that is left
 
 
@@ -41,12 +47,14 @@ def panel_sizes(
         alone = "fleet"
 
     rows_with_frame = max(1, vehicles) + 3  # its border, and the heading
-    table_height = min(rows_with_frame, max(4, round(_TABLE_SHARE * height)))
+    table_height = min(rows_with_frame, max(_TABLE_LEAST, round(_TABLE_SHARE * height)))
 
-    plan_rows = max(4, height - table_height - LINES_AROUND - 2)  # without its border
-    proportion = min(4.0, (fence.x[1] - fence.x[0]) / (fence.y[1] - fence.y[0]))
+    rows_without_border = height - table_height - LINES_AROUND - 2
+    plan_rows = max(_PLAN_LEAST_ROWS, rows_without_border)
+    proportion = min(_WIDEST_FENCE, (fence.x[1] - fence.x[0]) / (fence.y[1] - fence.y[0]))
     fence_width = math.ceil(2 * plan_rows * proportion) + 6  # with numbers and border
-    plan_width = max(10, round(_PLAN_LEAST * width), min(fence_width, round(_PLAN_SHARE * width)))
+    wanted_width = min(fence_width, round(_PLAN_SHARE * width))
+    plan_width = max(_PLAN_LEAST_WIDTH, round(_PLAN_LEAST * width), wanted_width)
 
     if alone == "fleet":
         return "1fr", plan_width

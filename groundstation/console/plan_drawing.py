@@ -45,7 +45,11 @@ _SAME_COORDINATE = 1e-9  # a line whose ends differ by less is parallel to the a
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """The visible part of the world."""
+    """The visible part of the world.
+
+    A cell is two dots wide and four high. So the middle of the picture is the dot
+    ``(width, 2 * height)``.
+    """
 
     x_m: float  # middle of the window, ENU
     y_m: float

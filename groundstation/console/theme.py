@@ -215,8 +215,8 @@ def spark(values: Sequence[float], width: int, top: float) -> str:
     marks = []
     for value in values[-width:]:
         if math.isfinite(value):
-            share = min(0.999, max(0.0, float(value) / top))
-            marks.append(_SPARK_STEPS[int(8 * share)])
+            step = int(len(_SPARK_STEPS) * max(0.0, float(value) / top))
+            marks.append(_SPARK_STEPS[min(len(_SPARK_STEPS) - 1, step)])
         else:
             marks.append(" ")
     return "".join(marks).rjust(width)

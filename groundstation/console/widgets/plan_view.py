@@ -9,7 +9,7 @@ from textual import events
 from textual.binding import Binding, BindingType
 from textual.strip import Strip
 
-from groundstation.console.canvas import Canvas
+from groundstation.console.canvas import DOTS_ACROSS, DOTS_DOWN, Canvas
 from groundstation.console.history import FAR_M, History
 from groundstation.console.plan_drawing import (
     PlanScene,
@@ -35,10 +35,6 @@ _LARGEST_ZOOM = 64.0
 _WHEEL_ZOOM = 1.25  # factor for a step of the mouse wheel
 _LEAST_SCALE = 1e-3  # dots per metre, in a picture that is too small for its border
 _WIDTH_OF_WORDS = 44  # width from which the circles are explained in words
-
-# A cell of the picture is two dots wide and four high.
-_DOTS_ACROSS = 2
-_DOTS_DOWN = 4
 
 
 class PlanView(Lines, can_focus=True):
@@ -141,8 +137,8 @@ class PlanView(Lines, can_focus=True):
         window = self._window(*self.size)
         self.follows = ""
 
-        dots_across = _DOTS_ACROSS * window.width
-        dots_down = _DOTS_DOWN * window.height
+        dots_across = DOTS_ACROSS * window.width
+        dots_down = DOTS_DOWN * window.height
         step_m = _PAN * min(dots_across, dots_down) / window.scale
         x_m = window.x_m + east * step_m
         y_m = window.y_m + north * step_m
@@ -179,8 +175,8 @@ class PlanView(Lines, can_focus=True):
             window = self._window(*self.size)
             self.follows = ""
             self._middle = (
-                window.x_m - _DOTS_ACROSS * event.delta_x / window.scale,
-                window.y_m + _DOTS_DOWN * event.delta_y / window.scale,
+                window.x_m - DOTS_ACROSS * event.delta_x / window.scale,
+                window.y_m + DOTS_DOWN * event.delta_y / window.scale,
             )
             self.redraw()
 
@@ -241,8 +237,8 @@ class PlanView(Lines, can_focus=True):
 
         # A dot is left free at each side: a span reaches from the middle of the second dot to the
         # middle of the last but one, three dots less than the whole picture.
-        scale_x = (_DOTS_ACROSS * width - 3) / (span_x[1] - span_x[0])
-        scale_y = (_DOTS_DOWN * height - 3) / (span_y[1] - span_y[0])
+        scale_x = (DOTS_ACROSS * width - 3) / (span_x[1] - span_x[0])
+        scale_y = (DOTS_DOWN * height - 3) / (span_y[1] - span_y[0])
         scale = max(_LEAST_SCALE, min(scale_x, scale_y))
 
         middle = self._middle or self._followed_point()

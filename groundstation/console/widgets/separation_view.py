@@ -27,7 +27,13 @@ _WARNING_FACTOR = 1.1
 _LOWEST_TOP_FACTOR = 2.5
 _HIGHEST_TOP_FACTOR = 6.0
 _MARGIN = 5  # cells for the scale at the left
-_LEAST_CHART = 3  # rows
+
+# Cells of the two names of a pair, and of what stands before them and between them.
+_LEAST_NAME = 3
+_LONGEST_NAME = 24
+_CELLS_BESIDE_NAMES = 24
+_LEAST_WITH_TIMING = 8  # rows from which the timing is shown: with two pairs and a low chart
+_CHART_ROWS = 5  # of a chart with its axis
 _JOINED_COLUMNS = 8  # a line joins two samples that are less than this apart
 # Values that fill a spark: two periods of the control loop, and a message that is too old.
 _PERIOD_TOP_MS = 40.0
@@ -69,12 +75,13 @@ class SeparationView(Lines, can_focus=True):
         the chart and the timing follow as far as the height allows.
         """
         timing = []
-        if height >= 2 + _LEAST_CHART + 3:
+        if height >= _LEAST_WITH_TIMING:
             timing = self._timing(width)
 
-        # A chart with its axis takes five rows. Of further rows every other one is for a pair.
+        # Of the rows that a chart with its axis does not need, every other one is for a pair.
         left_rows = height - 2 - len(timing)
-        further_pairs = self.history.pairs[1 : 1 + max(0, (left_rows - 5) // 2)]
+        further_count = max(0, (left_rows - _CHART_ROWS) // 2)
+        further_pairs = self.history.pairs[1 : 1 + further_count]
         lines = [
             self._line("now", self.history.now, width),
             self._line("least", self._smallest(), width),
@@ -106,9 +113,10 @@ class SeparationView(Lines, can_focus=True):
         sign, colour = self._judge(pair.distance_m, is_flying)
         distance = f"{sign} {number(pair.distance_m, 2)} m "
 
-        room = max(3, min(24, (width - 24) // 2))
-        first = theme.fit_name(clean(pair.first, 80), room).rstrip()
-        second = theme.fit_name(clean(pair.second, 80), room).rstrip()
+        name_room = (width - _CELLS_BESIDE_NAMES) // 2
+        name_width = max(_LEAST_NAME, min(_LONGEST_NAME, name_room))
+        first = theme.fit_name(clean(pair.first, 80), name_width).rstrip()
+        second = theme.fit_name(clean(pair.second, 80), name_width).rstrip()
         segments = [
             start,
             Segment(distance, theme.style(colour, bold=label != "")),
@@ -169,7 +177,7 @@ class SeparationView(Lines, can_focus=True):
         canvas = Canvas(width, height)
         limit_m = self.fleet.fleet.safety_distance_m
 
-        has_axis = height >= 5
+        has_axis = height >= _CHART_ROWS
         chart_height = canvas.height
         if has_axis:
             chart_height -= 1
@@ -246,7 +254,7 @@ def _timing_line(
     if is_known:
         text += theme.fit_name(clean(name, 80), 12).rstrip()
 
-    room = max(0, width - 11 - len(text))
+    room = max(0, width - 11 - len(text))  # the label takes ten cells, and one stays blank
     shown_ms = list(values_ms)[-room:] if room else []
     return [
         Segment(f" {label:<9}", theme.style(FAINT)),
