@@ -113,7 +113,7 @@ def listen(fleet: FleetConfig, seconds: float) -> Heard:
             bus.deliver()
 
         heard.hosts[bus.node] = clock.clocks.host
-        heard.clock_errors_s = clock.clocks.bounds_s(time.monotonic_ns())
+        heard.clock_errors_s = clock.clocks.largest_errors_s(time.monotonic_ns())
         heard.nodes.discard(bus.node)
     finally:
         bus.stop()

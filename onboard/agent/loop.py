@@ -318,7 +318,8 @@ class AgentProcess:
         if self._ticks % _STATISTICS_TICKS == 0:
             inbox.clock.beat()
             core.handle(inbox.take_counts(), now_ns)
-            core.handle(agent_inputs.ClocksCompared(inbox.clock.clocks.bounds_s(now_ns)), now_ns)
+            errors_s = inbox.clock.clocks.largest_errors_s(now_ns)
+            core.handle(agent_inputs.ClocksCompared(errors_s), now_ns)
             problem = inbox.mocap_problem()
             if problem is not None:
                 core.handle(problem, now_ns)

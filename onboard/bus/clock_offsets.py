@@ -332,7 +332,7 @@ class Clocks:
         ahead_s, error_s = offset
         return ahead_s + (peer.world_offset_ns - world_offset_ns) * 1e-9, error_s
 
-    def bounds_s(self, now_ns: int) -> dict[str, float]:
+    def largest_errors_s(self, now_ns: int) -> dict[str, float]:
         """Return the largest error of each other host's offset.
 
         Args:

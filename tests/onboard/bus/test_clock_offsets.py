@@ -277,10 +277,10 @@ def test_only_other_hosts_have_bounds_and_are_forgotten_when_they_are_gone() -> 
     world.b.hear(ClockMessage(node="c", host=_B, sequence=1, sent_ns=5, heard=()), 5)
     world.run(0.1)
     # heard, and not yet heard of
-    assert world.b.bounds_s(world.b_ns(world.now_ns)) == {"a": float("inf")}
+    assert world.b.largest_errors_s(world.b_ns(world.now_ns)) == {"a": float("inf")}
     world.run(3.0)
-    assert world.a.bounds_s(world.now_ns)["b"] == pytest.approx(0.003, abs=0.002)
-    assert world.a.bounds_s(world.now_ns + 120 * _S) == {}
+    assert world.a.largest_errors_s(world.now_ns)["b"] == pytest.approx(0.003, abs=0.002)
+    assert world.a.largest_errors_s(world.now_ns + 120 * _S) == {}
 
 
 def test_the_worlds_clocks_of_two_hosts_are_compared_whatever_their_monotonic_clocks_are() -> None:
