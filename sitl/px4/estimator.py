@@ -415,11 +415,12 @@ class Estimator:
         is_refused = abs(error_z) > gate_m and not is_first
         refused_for_s = time_s - self._height_time_s[index]
         jumps_in_height = is_first or (is_refused and refused_for_s >= _HEIGHT_REFUSAL_S)
-        if not is_refused or jumps_in_height:
+        if jumps_in_height:
             self._height_time_s[index] = time_s
-        if is_refused and not jumps_in_height:
+        elif is_refused:
             error_z = 0.0
-        elif not jumps_in_height:
+        else:
+            self._height_time_s[index] = time_s
             error_z = _FUSE_GAIN * error_z
 
         self._correct(index, (error_x, error_y, error_z))
