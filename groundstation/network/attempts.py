@@ -73,6 +73,7 @@ _PERIOD_S = 0.05  # period of repeated messages and packets
 _FLOOD_HZ = 10_000
 _FLOOD_BURST = 100  # messages between two checks of the time
 _GROUND_SYSTEM_ID = 255  # MAVLink system id of a ground station
+_TO_ANOTHER_ID = 17  # added to a vehicle's system id, it gives that of another system
 
 
 @dataclass(slots=True)
@@ -244,7 +245,7 @@ def _attempts_to_disturb(first: str, last: str) -> Iterator[Attempt]:
         ("MAVLink: junk at the agent's port", partial(_sends_mavlink_junk, vehicle=first)),
         (
             "MAVLink: another system says disarmed",
-            partial(_plays_px4, vehicle=first, id_offset=17),
+            partial(_plays_px4, vehicle=first, id_offset=_TO_ANOTHER_ID),
         ),
         (
             "MAVLink: PX4's own id from elsewhere says disarmed",

@@ -124,7 +124,7 @@ def sink_limit_m_s(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing:
     """
     other = climb_of(neighbour, own_lead_s)
     gap_m = own.ahead_m - other.ahead_m
-    if not gap_m >= 0.0:
+    if not gap_m >= 0.0:  # also for NaN: a height that is not known
         return math.inf
 
     braking_m = max(0.0, gap_m - spacing.vertical_separation_m)

@@ -293,14 +293,16 @@ def _observed(
     memory: PipelineMemory, state: State, mode: int, params: PipelineParams, dt_s: float
 ) -> tuple[disturbance_observer.ObserverMemory, hover_thrust.HoverThrustMemory]:
     """Return the memories of the disturbance observer and the hover thrust after this tick."""
+    is_frozen = mode == ControlMode.LIFTOFF or mode == ControlMode.BLIND
     observer, _ = disturbance_observer.step(
         memory.observer,
         state.velocity_enu_m_s,
         memory.sent_enu_m_s2,
         params.observer,
         dt_s,
-        mode == ControlMode.LIFTOFF or mode == ControlMode.BLIND,
+        is_frozen,
     )
+    is_flying = mode == ControlMode.FLYING
     hover, _ = hover_thrust.step(
         memory.hover_thrust,
         memory.thrust_frac,
@@ -309,7 +311,7 @@ def _observed(
         state.position_enu_m.z,
         params.hover_thrust,
         dt_s,
-        mode == ControlMode.FLYING,
+        is_flying,
     )
     return observer, hover
 

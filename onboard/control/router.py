@@ -29,6 +29,7 @@ PERIOD_S = 0.2  # from one search to the next
 # corner itself: the next corner is in sight before.
 _BEYOND_M = (1.0, 0.5, 0.25)
 
+_SAME_PLACE_M = 1e-6  # a point nearer than this has no direction and no way
 _MOST_WAIT_S = 15.0  # a vehicle that gave way goes on after this time at the latest
 NOBODY = -1  # the index of no vehicle
 _NO_SEQUENCE = -(1 << 53)  # no goal has this sequence
@@ -213,7 +214,7 @@ def _giving_way(
     """Return the memory with a place to wait at, if the vehicle has to give way."""
     here = way[0]
     ahead_m = math.dist(here, way[1])
-    if ahead_m < 1e-6:
+    if ahead_m < _SAME_PLACE_M:
         return memory
 
     direction = Vec2((way[1].x - here.x) / ahead_m, (way[1].y - here.y) / ahead_m)
@@ -273,7 +274,7 @@ def _pace_s_m(state: State, goal: Goal, around: Surroundings) -> float:
     if goal.duration_s <= 0.0:
         return 0.0
     length_m = way_m(around, state.position_enu_m, goal.position_enu_m)
-    if length_m < 1e-6:
+    if length_m < _SAME_PLACE_M:
         return 0.0
     return goal.duration_s / length_m
 
@@ -328,11 +329,15 @@ def _by_height(still: tuple[Capsule, ...]) -> set[tuple[Capsule, ...]]:
     """Return the sets of things that are in the way of flights at or between any heights."""
     limits = {limit for capsule in still for limit in (capsule.low_m, capsule.high_m)}
     heights = sorted(limit for limit in limits if math.isfinite(limit))
+
+    # One height of each band that the limits make: below all of them, between two, above all.
     middles = [0.5 * (low + high) for low, high in pairwise(heights)]
-    bands = [0.0]
+    of_bands = [0.0]
     if heights:
-        bands = [heights[0] - 1.0, *middles, heights[-1] + 1.0]
-    return {in_the_way(still, low, high) for low, high in combinations_with_replacement(bands, 2)}
+        of_bands = [heights[0] - 1.0, *middles, heights[-1] + 1.0]
+
+    flights = combinations_with_replacement(of_bands, 2)
+    return {in_the_way(still, low, high) for low, high in flights}
 
 
 def _behind(here: Vec2, corner: Vec2, route_map: RouteMap) -> Vec2:
@@ -341,7 +346,7 @@ def _behind(here: Vec2, corner: Vec2, route_map: RouteMap) -> Vec2:
     It is the corner itself where there is no room.
     """
     away_m = math.dist(here, corner)
-    if away_m < 1e-6:
+    if away_m < _SAME_PLACE_M:
         return corner
 
     for beyond_m in _BEYOND_M:

@@ -113,7 +113,7 @@ def place_to_wait(here: Vec2, opponent: Opponent, route_map: RouteMap) -> Vec2 |
     best: Vec2 | None = None
     best_m = math.inf
     for to_corner_m, corner in sorted(zip(lengths_m, corners, strict=True)):
-        if to_corner_m >= best_m:
+        if to_corner_m >= best_m:  # also where both are infinite: no way leads there
             break
         place = _place_beside(corner, opponent, route_map)
         if place is None:
@@ -138,7 +138,7 @@ def is_way_free(way: Sequence[Vec2], neighbours: Sequence[Neighbour], spacing: S
     for begin, end in pairwise(way):
         piece = Vec2(end.x - begin.x, end.y - begin.y)
         piece_m = length_2(piece)
-        share = min(1.0, left_m / max(piece_m, 1e-6))
+        share = min(1.0, left_m / max(piece_m, 1e-6))  # 1e-6: no division by zero
         until = Vec2(begin.x + share * piece.x, begin.y + share * piece.y)
         for neighbour in neighbours:
             is_going = length_2(horizontal(neighbour.intent_enu_m_s)) > _SLOW_M_S
