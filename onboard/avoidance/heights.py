@@ -56,9 +56,9 @@ def share_of(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
 
     Args:
         own: this vehicle.
-        neighbour: the neighbour as received. A neighbour that does not cooperate lands, falls or is
-            silent. The whole column below it counts. The column above it counts while it is silent,
-            or while it moves and its intent is not known.
+        neighbour: the neighbour as received. One that does not cooperate lands, falls or is silent,
+            so the whole column below it counts. While its message is stale, or its motion or intent
+            is not finite, the columns below and above any neighbour count.
         own_lead_s: time L from now to this vehicle's t + L.
         spacing: holds the vertical separation; if that is infinite, the share is always 1.
     Properties: the same for both vehicles of a pair that know the same; translation-invariant.
