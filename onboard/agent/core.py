@@ -78,7 +78,7 @@ from onboard.localization.own_state import OwnEstimate, OwnState
 from onboard.neighbours.table import NeighbourTable
 from onboard.preflight.preflight_reporter import PreflightReporter
 from onboard.safety.failsafe_table import Situation
-from onboard.safety.limits import POSITION_LOST_S
+from onboard.safety.limits import POSITION_KNOWN_S
 from onboard.safety.snapshot_check import nonsense
 from onboard.supervision.failsafe_supervisor import FailsafeSupervisor
 from onboard.supervision.model_mismatch_reporter import ModelMismatchReporter
@@ -303,7 +303,7 @@ class AgentCore:
                 now_ns=now_ns,
                 position_enu_m=state.position_enu_m,
                 velocity_enu_m_s=state.velocity_enu_m_s,
-                has_position=own.age_s < POSITION_LOST_S or own.is_reckoned,
+                has_position=own.age_s < POSITION_KNOWN_S or own.is_reckoned,
                 snapshot=self._snapshot,
                 thrust_share=self._setpoints.sent_thrust_frac / self.control.hover_frac,
                 other_clocks=self._other_clocks(now_ns),

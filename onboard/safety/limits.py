@@ -9,7 +9,8 @@ import math
 
 # own position
 POSITION_STALE_S = 0.2  # without poses for longer, a vehicle flies by dead reckoning
-POSITION_LOST_S = 0.5
+POSITION_KNOWN_S = 0.5  # without poses for longer, and without dead reckoning, it is not known
+POSITION_LOST_S = 0.6  # without poses for longer, a vehicle lands
 NEIGHBOUR_BLIND_S = 0.25  # a neighbour counts as blind only after this: telemetry may be so late
 RECKONING_S = 6.0  # after this, dead reckoning is no better than PX4's own landing
 # Near others, dead reckoning is better for longer: PX4 avoids nobody, and its own reckoning is

@@ -22,6 +22,7 @@ from onboard.safety.failsafe_table import Condition
 from onboard.safety.limits import (
     AMONG_OTHERS_M,
     LARGEST_PX4_ACCURACY_M,
+    POSITION_LOST_S,
     POSITION_STALE_S,
     RECKONING_AMONG_OTHERS_S,
     RECKONING_S,
@@ -31,9 +32,6 @@ from onboard.types import TICK_S
 
 # own position
 STALE_FOR_S = 0.4  # a position that is stale for longer is lost, even if poses come regularly
-# age at which the position is lost; with LIVE_CHECKS on top, a vehicle that has confirmed poses
-# again after 0.6 s does not land
-LOST_S = 0.60
 JUMPS = 3  # number of impossible samples in a row
 UNUSABLE_M = 3.0  # if PX4's position is less accurate, PX4 flies level and ignores it
 INACCURATE_S = 0.5
@@ -120,7 +118,8 @@ def _names(field: str) -> Callable[[TickFacts], str]:
 
 
 def _is_lost(facts: TickFacts) -> bool:
-    return facts.position_age_s > LOST_S or facts.position_stale_s > STALE_FOR_S
+    # with LIVE_CHECKS on top, a vehicle that has confirmed poses again after 0.6 s does not land
+    return facts.position_age_s > POSITION_LOST_S or facts.position_stale_s > STALE_FOR_S
 
 
 def _is_reckoned_for_too_long(facts: TickFacts) -> bool:

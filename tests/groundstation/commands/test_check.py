@@ -8,6 +8,12 @@ from pathlib import Path
 import pytest
 
 from groundstation import cli
+from groundstation.network.bus_findings import bus_findings
+from onboard.config.fleet import load_fleet
+from onboard.safety.failsafe_table import Condition
+from onboard.supervision.condition_monitor import ConditionMonitor
+from onboard.supervision.condition_table import LIVE_CHECKS
+from onboard.supervision.tick_facts import TickFacts
 
 ROOT = Path(__file__).resolve().parents[3]
 PAPER, SIH = (ROOT / f"configs/fleets/{name}.toml" for name in ("paper", "sih"))
@@ -224,6 +230,28 @@ def test_poses_over_routers_are_warned_about_unless_vehicles_read_the_motion_cap
         (tmp_path / "fleet.toml").write_text(text + more, encoding="utf-8")
         assert cli.main(["check", str(tmp_path / "fleet.toml")]) == 0
         assert ("poses over routers" in capsys.readouterr().out) is is_warned
+
+
+def test_poses_over_routers_are_compared_with_the_time_after_which_a_vehicle_lands(
+    tmp_path: Path,
+) -> None:
+    text = PAPER.read_text(encoding="utf-8")
+    text = text.replace("[fleet]", '[fleet]\nrouters = ["tcp/127.0.0.1:7500"]')
+    (tmp_path / "fleet.toml").write_text(text, encoding="utf-8")
+    fleet = load_fleet(tmp_path / "fleet.toml")
+    (finding,) = (one for one in bus_findings(fleet) if one.name == "poses over routers")
+
+    def lands(position_age_s: float) -> bool:
+        monitor = ConditionMonitor(fleet.fleet)
+        for tick in range(LIVE_CHECKS):
+            facts = TickFacts(
+                now_ns=tick * 20_000_000, limits=fleet.fleet, position_age_s=position_age_s
+            )
+            conditions = monitor.look(facts)
+        return Condition.POSITION_LOST in conditions
+
+    assert lands(finding.bound + 0.01)
+    assert not lands(finding.bound - 0.01)
 
 
 def test_an_unknown_accuracy_is_status_two(capsys: pytest.CaptureFixture[str]) -> None:

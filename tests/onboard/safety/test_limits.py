@@ -9,7 +9,8 @@ from onboard.safety import limits
 
 def test_each_limit_is_what_the_docs_promise() -> None:
     assert limits.POSITION_STALE_S == 0.2
-    assert limits.POSITION_LOST_S == 0.5
+    assert limits.POSITION_KNOWN_S == 0.5
+    assert limits.POSITION_LOST_S == 0.6
     assert limits.NEIGHBOUR_BLIND_S == 0.25
     assert limits.RECKONING_S == 6.0
     assert limits.RECKONING_AMONG_OTHERS_S == 12.0
