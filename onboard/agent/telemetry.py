@@ -47,7 +47,7 @@ class TelemetryPublisher:
         self._state_ticks = state_ticks
         self._decimation = TelemetryDecimation()
         self._samples: list[TickSample] = []
-        self._sequence = 0
+        self._sequence = 0  # number of ticks
         self._published_step = sources.flight.step
 
     def publish(self, result: TickResult) -> TickMessages:

@@ -5,7 +5,8 @@ Fields that many messages have, with the same meaning in all of them:
 * ``vehicle``: the name in the fleet file of the vehicle that the message is about.
 * ``boot_id``: a number of the sender's process. It changes when the sender starts anew, so that
   stamps and sequences from before a restart are never compared with those after it.
-* ``sequence``: counts the messages of this kind by this sender.
+* ``sequence``: grows with each message of this kind by this sender. Agents count their ticks in it,
+  and most of their messages are not sent at every tick.
 * ``stamp_ns``: the sender's monotonic clock, in nanoseconds, when the message was made.
 * ``..._enu_...``: east, north, up of the fleet's frame.
 
@@ -101,7 +102,10 @@ class StateMessage(Message, frozen=True, array_like=True, kw_only=True):
 
 
 class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
-    """State of one vehicle for people, 5 to 10 times a second."""
+    """State of one vehicle for people, ten times a second, and at once when its step changes.
+
+    The other vehicles get it twice a second.
+    """
 
     vehicle: str
     boot_id: int
