@@ -7,7 +7,7 @@ The limit is one of the mean wind. The estimate is a mean over two seconds only,
 So the wind counts as above its limit only if the estimate is higher than gusts explain.
 
 A rising wind counts by its expected value. The estimate lags three seconds behind, a landing takes
-three more, and the rise itself is seen late. So the wind is expected to rise for eight more
+three more, and the rise itself is seen late. So the wind is expected to rise for ten more
 seconds. If it would then need nearly all of the tilt, it counts as above its limit now.
 """
 
@@ -30,7 +30,7 @@ from onboard.supervision.tick_context import TickContext
 
 _LOOK_S = 0.1  # time between two calls of look
 _RISE_S = 6.0  # time over which a rise of the mean is measured
-_GOES_ON_S = 8.0  # time for which a rise is expected to go on
+_GOES_ON_S = 10.0  # time for which a rise is expected to go on
 _SPENT_SHARE = 0.9  # this share of the wind that takes all of the tilt is too much
 _SCATTER_TIME_S = 2.0  # averaging time of the squared scatter
 _RETURN_S = 3.0  # longest way back to the setpoint, after the law has moved the vehicle
