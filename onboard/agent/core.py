@@ -416,6 +416,7 @@ class AgentCore:
             is_cooperative=is_avoiding and self.failsafes.is_law_followed,
             period_s=self._period_s,
             is_airborne=is_airborne,
+            may_touch_the_ground=self.flight.may_touch_the_ground(view),
             ages_s=self._ages_s,
             distances_m=self._distances_m,
             not_ready=self.preflight.not_ready,

@@ -64,6 +64,7 @@ class TickResult(Struct, frozen=True):
     is_cooperative: bool  # whether the others may count on this vehicle to avoid them
     period_s: float  # time since the tick before
     is_airborne: bool
+    may_touch_the_ground: bool  # whether it lifts off or lands, at the ground
     ages_s: dict[str, float]  # age of the state of each followed neighbour
     distances_m: dict[str, float]  # separation from each neighbour
     not_ready: tuple[str, ...]  # sentences of the preflight check
@@ -83,6 +84,13 @@ def state_message(identity: AgentIdentity, result: TickResult, sequence: int) ->
     """Return the state message for the neighbours, as of this tick."""
     state = result.tick.state
     law = result.tick.law
+
+    # What friction and wind do to a vehicle at the ground lasts a moment. Others take it for a
+    # motion that goes on, and flee from it.
+    acceleration_enu_m_s2: Xyz = state.acceleration_enu_m_s2
+    if result.may_touch_the_ground:
+        acceleration_enu_m_s2 = (0.0, 0.0, 0.0)
+
     return StateMessage(
         vehicle=identity.vehicle.name,
         boot_id=identity.boot_id,
@@ -93,7 +101,7 @@ def state_message(identity: AgentIdentity, result: TickResult, sequence: int) ->
         is_cooperative=result.is_cooperative,
         position_enu_m=state.position_enu_m,
         velocity_enu_m_s=state.velocity_enu_m_s,
-        acceleration_enu_m_s2=state.acceleration_enu_m_s2,
+        acceleration_enu_m_s2=acceleration_enu_m_s2,
         predicted_position_enu_m=law.predicted_position_enu_m,
         predicted_velocity_enu_m_s=law.predicted_velocity_enu_m_s,
         commanded_acceleration_enu_m_s2=law.commanded_acceleration_enu_m_s2,

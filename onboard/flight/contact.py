@@ -25,7 +25,7 @@ AGREED_S = 0.35  # time for which both signs have to last
 _LIGHT_SHARE = 0.8  # less than this share of the hover thrust is little thrust
 _STILL_M = 0.02  # a vehicle is still if its height changes by less within AGREED_S
 _STILL_PX4_M_S = 0.15  # without a mocap, whose height has more noise, the vertical speed counts
-_LOW_M = 0.06  # height above the ground below which a vehicle is low
+LOW_M = 0.06  # height above the ground below which a vehicle is low
 
 # Without a mocap PX4's velocity may err by more than _STILL_PX4_M_S. A vehicle in the air with so
 # little thrust for this time would sink with 3 m/s; a slower one stands.
@@ -103,7 +103,7 @@ def is_agreed(signs: ContactSigns, view: FlightView, ground_z_m: float, is_late:
     is_reported = signs.reported_ns < since_ns
 
     height_m = view.position_enu_m[2] - ground_z_m
-    if (is_light or height_m < _LOW_M) and (is_still or is_reported):
+    if (is_light or height_m < LOW_M) and (is_still or is_reported):
         return True
 
     has_stalled = view.now_ns - signs.still_ns > 1e9 * _STALLED_S

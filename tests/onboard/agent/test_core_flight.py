@@ -30,6 +30,26 @@ def test_a_flight_from_the_ground_to_the_ground_ends_every_order_as_done() -> No
     assert rig.telemetry.state == "landed"
 
 
+def test_a_push_at_the_ground_is_not_told_to_the_others_as_a_motion_that_goes_on() -> None:
+    rig = hovering_rig()
+    told_m_s2: dict[bool, float] = {True: 0.0, False: 0.0}
+
+    def push_and_listen() -> None:
+        rig.velocity[0] += 0.06  # 3 m/s^2, as of a wind on a vehicle whose feet are on the ground
+        assert rig.state is not None
+        if rig.core.flight.state != "landing":
+            return
+        is_at_ground = rig.position[2] < 0.05
+        east_m_s2 = abs(rig.state.acceleration_enu_m_s2[0])
+        told_m_s2[is_at_ground] = max(told_m_s2[is_at_ground], east_m_s2)
+
+    assert rig.order("land").is_accepted
+    rig.after_move = push_and_listen
+    rig.run(6.0)
+    assert told_m_s2[False] > 0.5
+    assert told_m_s2[True] == 0.0  # while it lands
+
+
 def test_a_battery_that_px4_no_longer_reports_is_shown_as_unknown_and_not_at_its_last_level() -> (
     None
 ):
