@@ -853,9 +853,9 @@ ACCEPTED = (
         "a lead of a millisecond is none",
         "avoidance/prediction.py",
         (
-            ("share_1_s = 1.0 / lead_s if lead_s > _LEAST_LEAD_S else 0.0", _LARGER),
+            ("per_lead_1_s = 1.0 / lead_s if lead_s > _LEAST_LEAD_S else 0.0", _LARGER),
             (
-                "share_1_s = 1.0 / lead_s if lead_s > _LEAST_LEAD_S else 0.0",
+                "per_lead_1_s = 1.0 / lead_s if lead_s > _LEAST_LEAD_S else 0.0",
                 "0.0 becomes larger",
             ),
         ),
