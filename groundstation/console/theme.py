@@ -215,7 +215,8 @@ def spark(values: Sequence[float], width: int, top: float) -> str:
     marks = []
     for value in values[-width:]:
         if math.isfinite(value):
-            step = int(len(_SPARK_STEPS) * max(0.0, float(value) / top))
+            share = min(max(0.0, float(value) / top), 1.0)
+            step = int(len(_SPARK_STEPS) * share)
             marks.append(_SPARK_STEPS[min(len(_SPARK_STEPS) - 1, step)])
         else:
             marks.append(" ")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
@@ -62,6 +62,8 @@ def test_covering_half_of_a_wide_character_removes_its_other_half(half: int) -> 
 
 
 @SOME
+@example(values=[1e308], width=1, top=1.0)
+@example(values=[1e308], width=1, top=0.1)
 @given(st.lists(st.floats(), max_size=40), st.integers(0, 30), st.floats(0.1, 1e6))
 def test_a_spark_is_drawn_for_any_number(values: list[float], width: int, top: float) -> None:
     assert cell_len(theme.spark(values, width, top)) == width
