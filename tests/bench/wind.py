@@ -17,6 +17,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from groundstation.orders.result import OrderFailed
 from onboard.config.fleet import load_fleet
 from onboard.config.wind_limit import tilt_acceleration_m_s2, wind_limit_m_s
 from onboard.safety.failsafe_table import Condition
@@ -76,7 +77,10 @@ def fly_ramp(fleet: str, times_the_limit: float, seed: int) -> WindyFlight:
 
     with Lockstep(config, seed=seed, environment=Environment(gusts)) as flight:
         outside = _Outside(flight)
-        flight.takeoff(HEIGHT_M)
+        try:
+            flight.takeoff(HEIGHT_M)
+        except OrderFailed as failure:
+            return _flown(flight, outside, has_passed=False, reason=str(failure))
         begin_s = flight.time_s
         values = {"speed_m_s": times_the_limit * limit_m_s, "from_deg": from_deg, "over_s": RAMP_S}
         flight.inject(
