@@ -87,7 +87,7 @@ class StateMessage(Message, frozen=True, array_like=True, kw_only=True):
     # its own estimate, at ``stamp_ns``
     position_enu_m: Xyz
     velocity_enu_m_s: Xyz
-    acceleration_enu_m_s2: Xyz
+    acceleration_enu_m_s2: Xyz  # 0 while its feet may touch the ground
 
     # motion when a command of now takes effect: no command can change it any more
     predicted_position_enu_m: Xyz

@@ -16,8 +16,7 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.control import path, router
 from onboard.control.router import Surroundings
-from onboard.flight import contact
-from onboard.flight.contact import ContactSigns
+from onboard.flight.contact import LOW_M, ContactSigns
 from onboard.flight.follow_flight import FollowFlight
 from onboard.flight.path_flight import PathFlight
 from onboard.flight.types import MUST_BE_ARMED, MUST_BE_OFFBOARD, FlightStep, FlightView
@@ -141,15 +140,18 @@ class FlightContext:
         """Return whether the others may count on this vehicle to avoid them."""
         if not self.step.is_under_law:
             return False
-        is_low = view.position_enu_m[2] - self.ground_z_m < _AVOIDS_ABOVE_M
+        is_low = self._height_m(view) < _AVOIDS_ABOVE_M
         touches_the_ground_soon = is_low and self.step in _NEAR_THE_GROUND
         return not touches_the_ground_soon
 
     def may_touch_the_ground(self, view: FlightView) -> bool:
         """Return whether it lifts off or lands, so low that its feet may touch the ground."""
-        height_m = view.position_enu_m[2] - self.ground_z_m
-        is_low = height_m < contact.LOW_M
-        return is_low and (self.step in _NEAR_THE_GROUND or self.step is FlightStep.CONTACT)
+        may_be_down = self.step in _NEAR_THE_GROUND or self.step is FlightStep.CONTACT
+        return may_be_down and self._height_m(view) < LOW_M
+
+    def _height_m(self, view: FlightView) -> float:
+        """Return the height above the ground where it took off [m]."""
+        return view.position_enu_m[2] - self.ground_z_m
 
     def way_m(self, view: FlightView, goal_enu_m: Xyz) -> float:
         """Return the length [m] of the way to a goal, around what stands still."""
