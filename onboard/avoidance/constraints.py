@@ -32,7 +32,7 @@ from onboard.avoidance.params import (
 )
 from onboard.vectors import ZERO_2, Vec2, cross_2, dot_2, length_2
 
-SPEED_GAIN_1_S = 4.0  # rate at which the speed may approach its limit
+SPEED_GAIN_1_S = 8.0
 VIOLATED_M_S2 = 1e-10  # a row that is missed by more changes the thrust; less is rounding
 
 # Two intended straight paths conflict if they pass each other nearer than _CONFLICT_WIDTH times the
@@ -48,7 +48,7 @@ _NO_INTENT_M_S = 1e-6  # relative intent below which two vehicles intend the sam
 _CLOCKWISE_WIDTH = 0.25
 _CLOCKWISE_FLOOR_M_S = 0.1
 
-_NO_ROW = HalfPlane(ZERO_2, -math.inf)
+NO_ROW = HalfPlane(ZERO_2, -math.inf)
 
 
 class Constraint(NamedTuple):
@@ -172,7 +172,7 @@ def hard_constraint(own: Own, net_row: HalfPlane, table_index: int) -> Constrain
     row = compensated(net_row, own.compensation_m_s2)
     return Constraint(
         row=row,
-        turn=_NO_ROW,
+        turn=NO_ROW,
         is_turning=False,
         violation_m_s2=row.bound_m_s2 - dot_2(row.normal, own.thrust_m_s2),
         table_index=table_index,

@@ -41,6 +41,7 @@ from onboard.avoidance.params import ROTATION_NEVER, Capsule, Gains, LawParams
 from onboard.vectors import Vec2, cross_2, dot_2, length_2
 
 MAX_EDGES = 8  # only so many of the nearest edges count
+LEAST_REACH_M = 2.0  # so that an edge leads a vehicle back that is outside by up to this distance
 PIVOT_M = 0.5  # least distance of the vehicle from the point about which it turns
 _ON_EDGE_M = 1e-6  # a vehicle nearer to an edge than this is on it; avoids a division by zero
 
@@ -102,7 +103,9 @@ def edge_constraints(own: Own, still: Sequence[Capsule], params: LawParams) -> l
 
 
 def reach_m(own: Own, gains: Gains) -> float:
-    """Return the largest distance [m], beyond the one to keep, from which an edge's row can bind.
+    """Return the largest distance [m], beyond the one to keep, from which an edge counts.
+
+    On the allowed side, rows of edges further away cannot bind.
 
     Args:
         own: this vehicle at t + L.
@@ -111,7 +114,8 @@ def reach_m(own: Own, gains: Gains) -> float:
     rate = gains.static_kappa_1_1_s + gains.kappa_2_1_s
     stiffness = gains.static_kappa_1_1_s * gains.kappa_2_1_s
     most_m_s2 = own.radius_m_s2 + length_2(own.compensation_m_s2)
-    return (most_m_s2 + rate * length_2(own.velocity_m_s)) / stiffness
+    from_inside_m = (most_m_s2 + rate * length_2(own.velocity_m_s)) / stiffness
+    return max(from_inside_m, LEAST_REACH_M)
 
 
 def nearest_of_area(edges: list[Edge], order: list[int], rank: int) -> int:

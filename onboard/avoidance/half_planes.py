@@ -28,6 +28,20 @@ def unit_row(row: HalfPlane) -> HalfPlane:
     return HalfPlane(Vec2(normal.x / length, normal.y / length), bound / length)
 
 
+def scaled_row(row: HalfPlane, factor: float) -> HalfPlane:
+    """Return the same half-plane with both sides multiplied by a factor.
+
+    The slack of a row is in the units of its bound. So a slack that several rows have in common
+    moves the edge of this row by that slack divided by the factor.
+
+    Args:
+        row: half-plane.
+        factor: factor of normal and bound, greater than 0.
+    """
+    normal, bound = row
+    return HalfPlane(Vec2(factor * normal.x, factor * normal.y), factor * bound)
+
+
 def in_disc(u: Vec2, radius: float) -> bool:
     """Whether a point lies in the disc, up to rounding.
 

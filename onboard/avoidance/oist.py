@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 from onboard.avoidance import oist_paper
 from onboard.avoidance.constraints import (
+    NO_ROW,
     VIOLATED_M_S2,
     Constraint,
     can_bind,
@@ -30,7 +31,7 @@ from onboard.avoidance.constraints import (
     speed_row,
 )
 from onboard.avoidance.fence_edges import edge_constraints
-from onboard.avoidance.half_planes import HalfPlane
+from onboard.avoidance.half_planes import HalfPlane, scaled_row
 from onboard.avoidance.interface import (
     INFEASIBLE,
     NOBODY,
@@ -52,6 +53,7 @@ from onboard.avoidance.params import (
     JAM_IGNORE,
     PAPER,
     PREDICTION_NONE,
+    ROTATION_ALWAYS,
     Capsule,
     LawParams,
 )
@@ -63,9 +65,17 @@ from onboard.avoidance.prediction import (
     predict_own,
     remembered,
 )
-from onboard.avoidance.projection import INACTIVE, RELAXED, Projection, project, relaxed_in_order
+from onboard.avoidance.projection import (
+    INACTIVE,
+    RELAXED,
+    SATURATED,
+    Projection,
+    project,
+    pulled,
+    relaxed_in_order,
+)
 from onboard.types import LawOutput, Neighbour, State
-from onboard.vectors import dot_2, length_2
+from onboard.vectors import Vec2, dot_2, length_2
 
 # A vehicle that the law holds back for HELD_S calls for a roundabout, for ROUNDABOUT_S: it
 # publishes the crowd count of a crowd, so that all around it turn the same way.
@@ -76,6 +86,19 @@ ROUNDABOUT_S = 5.0
 # with less than this share of the intended speed.
 _HELD_INTENT_2_M2_S2 = 0.04
 _HELD_FRAC = 0.2
+
+# Stiffness of the springs by which rotation rows pull the thrust. With 25, one row is satisfied to
+# 96 % of the way. Stiffer ones make the command jump where they contradict each other, softer ones
+# let vehicles stand before each other. Under the policy "always", as in the paper, the row holds.
+_TURN_STIFFNESS = 25.0
+_STIFFNESS_ALWAYS = 1e7
+
+# Where rows contradict, the margins give way by 30 m/s^2 for each m/s^2 by which the limit of the
+# speed does.
+_LIMIT_FIRMNESS = 30.0
+
+# A vehicle that flees from one that does not cooperate may fly faster by this factor.
+_FLEEING_FACTOR = 2.0
 
 _STANDING_M_S = 1e-6  # a slower vehicle has no direction of motion
 
@@ -230,17 +253,23 @@ def saturate(
         constraints.extend(edge_constraints(own, obstacles, params))
 
     active = most_violating(constraints)
+    rows = [constraint.row for constraint in constraints]
     turns = [constraint.turn for constraint in constraints if constraint.is_turning]
 
-    if active == NOBODY and len(turns) == 0:
+    limit = speed_limit(own, pairs, rows, params)
+    if active == NOBODY and len(turns) == 0 and not is_violated(limit, own.thrust_m_s2):
         status = INACTIVE if are_sound else INFEASIBLE
         return unchanged_thrust(own, status, crowd_count)
 
-    rows = [constraint.row for constraint in constraints]
-    safe = nearest_thrust(own, pairs, rows, turns, params)
+    turned_m_s2 = pulled(own.thrust_m_s2, turns, turn_stiffness(params))
+    safe = nearest_thrust(own, turned_m_s2, pairs, rows, limit, params)
+
+    status = safe.status
+    if status == INACTIVE and turned_m_s2 != own.thrust_m_s2:
+        status = SATURATED
     return Answer(
         thrust_m_s2=safe.point,
-        status=safe.status if are_sound else INFEASIBLE,
+        status=status if are_sound else INFEASIBLE,
         slack_m_s2=safe.slack,
         crowd_count=crowd_count,
         active=active,
@@ -279,45 +308,85 @@ def most_violating(constraints: list[Constraint]) -> int:
     return active
 
 
+def turn_stiffness(params: LawParams) -> float:
+    """Return the stiffness of the springs by which rotation rows pull the thrust.
+
+    Args:
+        params: holds the policy.
+    """
+    if params.policies.rotation == ROTATION_ALWAYS:
+        return _STIFFNESS_ALWAYS
+    return _TURN_STIFFNESS
+
+
+def is_violated(row: HalfPlane, thrust_m_s2: Vec2) -> bool:
+    """Whether a thrust violates a row by more than rounding.
+
+    Args:
+        row: half-plane.
+        thrust_m_s2: horizontal thrust.
+    """
+    return row.bound_m_s2 - dot_2(row.normal, thrust_m_s2) > VIOLATED_M_S2
+
+
 def nearest_thrust(
     own: Own,
+    wanted_m_s2: Vec2,
     pairs: list[NeighbourPair],
     rows: list[HalfPlane],
-    soft: list[HalfPlane],
+    limit: HalfPlane,
     params: LawParams,
 ) -> Projection:
-    """Return the thrust nearest to the baseline's that satisfies all rows (line Q).
+    """Return the thrust nearest to the wanted one that satisfies all rows (line Q).
 
-    If no thrust satisfies all rows, the margins and the speed row give way first, and the promised
-    distances, obstacles and walls last.
+    If no thrust satisfies all rows, the margins give way first, then the limit of the speed, and
+    last the promised distances, obstacles and walls.
 
     Args:
         own: this vehicle at t + L.
+        wanted_m_s2: horizontal thrust.
         pairs: pairs with the neighbours that count.
         rows: rows of these pairs in their order, then those of obstacles and walls.
-        soft: rows that demand a turn, in order of importance; the last is dropped first.
+        limit: row of the speed limit.
     """
     radius = own.radius_m_s2
     with_margins = [row for row in rows[: len(pairs)] if can_bind(row, radius)]
     static = [row for row in rows[len(pairs) :] if can_bind(row, radius)]
+    limits = [row for row in [limit] if can_bind(row, radius)]
 
-    if length_2(own.velocity_m_s) > _STANDING_M_S and not is_fleeing(own, pairs, rows):
-        speed = speed_row(own.velocity_m_s, params.top_speed_m_s)
-        with_margins.append(compensated(speed, own.compensation_m_s2))
-
-    safe = project(own.thrust_m_s2, with_margins + static, soft, radius)
+    safe = project(wanted_m_s2, with_margins + static + limits, radius)
     if safe.status != RELAXED:
         return safe
 
     promises = [compensated(promised_row(pair, params), own.compensation_m_s2) for pair in pairs]
     firm = [row for row in promises if can_bind(row, radius)] + static
-    return relaxed_in_order(own.thrust_m_s2, with_margins, firm, radius)
+    yielding = with_margins + [scaled_row(row, _LIMIT_FIRMNESS) for row in limits]
+    return relaxed_in_order(wanted_m_s2, yielding, firm, radius)
+
+
+def speed_limit(
+    own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane], params: LawParams
+) -> HalfPlane:
+    """Return the row of the speed limit, which is higher for a vehicle that flees.
+
+    Args:
+        own: this vehicle at t + L.
+        pairs: pairs with the neighbours that count.
+        rows: distance rows of these pairs, in the same order.
+    """
+    if length_2(own.velocity_m_s) <= _STANDING_M_S:
+        return NO_ROW
+
+    limit_m_s = params.top_speed_m_s
+    if is_fleeing(own, pairs, rows):
+        limit_m_s *= _FLEEING_FACTOR
+    return compensated(speed_row(own.velocity_m_s, limit_m_s), own.compensation_m_s2)
 
 
 def is_fleeing(own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane]) -> bool:
     """Whether the row of a neighbour that does not cooperate can bind.
 
-    If so, the top speed does not limit the vehicle, which flees as fast as it can.
+    If so, the vehicle may flee faster than its top speed.
 
     Args:
         own: this vehicle at t + L.

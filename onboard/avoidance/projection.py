@@ -7,8 +7,9 @@ tried. Only the rows that matter take part: the most violated row is added, one 
 none is violated. The optimum for a part of the rows is the optimum for all rows if it satisfies
 all. So there is no iteration that has to converge, and no solver status to interpret.
 
-The law calls two functions. :func:`project` returns the nearest point that satisfies all rows. If
-there is none, :func:`relaxed_in_order` decides which rows give way, and by how much.
+The law calls three functions. :func:`pulled` moves the thrust towards rows that need not hold.
+:func:`project` returns the nearest point that satisfies all rows that must hold. If there is none,
+:func:`relaxed_in_order` decides which rows give way, and by how much.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from onboard.avoidance.half_planes import (
     in_disc,
     largest_violation,
     on_circle,
+    scaled_row,
     unit_row,
 )
 from onboard.avoidance.relaxation import least_slack
@@ -43,6 +45,11 @@ _ONE_POINT = 1e-4
 # Where yielding rows are violated by their slack, firm rows may be violated, too, but by this many
 # times less.
 _FIRMNESS = 1000.0
+
+# Only violated rows pull, so which ones do depends on where the point comes to rest. Two or three
+# rounds mostly find it; of 20,000 random cases with up to 12 rows, none took more than eight.
+_MOST_PULLS = 8
+_MOST_HALVINGS = 8  # of the way of one round
 
 # The smallest slack leaves only one point, and rounding may exclude it. So the slack is widened by
 # the first of these numbers that leaves a point, times the scale of the bounds.
@@ -65,40 +72,100 @@ class Candidate(NamedTuple):
     cost: float  # squared distance from the point that is projected
 
 
-def project(u: Vec2, hard: list[HalfPlane], soft: list[HalfPlane], radius: float) -> Projection:
-    """Return the nearest point that satisfies all hard rows, the disc, and the soft rows that fit.
-
-    The soft rows that do not fit are dropped from the end.
+def project(u: Vec2, hard: list[HalfPlane], radius: float) -> Projection:
+    """Return the nearest point that satisfies all rows and the disc.
 
     Args:
         u: point to project, finite.
         hard: rows that must hold.
-        soft: rows in order of importance; the last is dropped first.
         radius: radius of the disc about the origin, at least 0.
     Returns:
-        The projection; if no point satisfies the hard rows, the given point with status RELAXED.
-    Properties: rotation-equivariant; homogeneous; independent of the order of the hard rows; a
-        point that satisfies everything is returned without a changed bit.
+        The projection; if no point satisfies the rows, the given point with status RELAXED.
+    Properties: rotation-equivariant; homogeneous; independent of the order of the rows; a point
+        that satisfies everything is returned without a changed bit.
     """
     is_inside = dot_2(u, u) <= radius * radius * (1.0 + 1e-12)
-    if is_inside and largest_violation(u, hard + soft) <= _TOLERANCE:
+    if is_inside and largest_violation(u, hard) <= _TOLERANCE:
         return Projection(u, INACTIVE, 0.0)
 
-    rows = [unit_row(row) for row in hard] + [unit_row(row) for row in soft]
-    with_all = nearest(u, rows, radius)
-    if with_all.is_feasible:
-        return Projection(with_all.point, SATURATED, 0.0)
-
-    with_hard = nearest(u, rows[: len(hard)], radius)
-    if not with_hard.is_feasible:
+    found = nearest(u, [unit_row(row) for row in hard], radius)
+    if not found.is_feasible:
         return Projection(u, RELAXED, 0.0)
+    return Projection(found.point, SATURATED, 0.0)
 
-    for kept in range(len(soft) - 1, 0, -1):
-        with_some = nearest(u, rows[: len(hard) + kept], radius)
-        if with_some.is_feasible:
-            return Projection(with_some.point, SATURATED, 0.0)
 
-    return Projection(with_hard.point, SATURATED, 0.0)
+def pulled(u: Vec2, soft: list[HalfPlane], stiffness: float) -> Vec2:
+    """Return a point moved towards soft rows, as if each violated row pulled it by a spring.
+
+    It minimizes ``|x - u|^2 + stiffness * sum of squared violations``. One row moves the point by
+    ``stiffness / (1 + stiffness)`` of the way to its edge. Rows that contradict each other share,
+    and the point moves continuously with all rows.
+
+    Args:
+        u: point to move, finite.
+        soft: rows with normals of any length.
+        stiffness: of a spring, relative to the one that holds the point at u; at least 0.
+    Properties: rotation-equivariant; homogeneous; independent of the order of the rows; a point
+        that satisfies all rows is returned without a changed bit.
+    """
+    springs = [unit_row(row) for row in soft]
+    x = u
+    for _ in range(_MOST_PULLS):
+        pulling = [row for row in springs if dot_2(row.normal, x) < row.bound_m_s2]
+        aim = at_rest(u, pulling, stiffness)
+        if aim.x == x.x and aim.y == x.y:
+            break
+
+        # On the way to `aim` other rows may be violated, so the energy may be larger there.
+        energy = energy_of(x, u, springs, stiffness)
+        for _ in range(_MOST_HALVINGS):
+            if energy_of(aim, u, springs, stiffness) <= energy:
+                break
+            aim = Vec2(0.5 * (x.x + aim.x), 0.5 * (x.y + aim.y))
+        x = aim
+    return x
+
+
+def energy_of(x: Vec2, u: Vec2, springs: list[HalfPlane], stiffness: float) -> float:
+    """Return what :func:`pulled` minimizes.
+
+    Args:
+        x: point.
+        u: point at which a spring of stiffness 1 holds it.
+        springs: half-planes with normals of unit length.
+        stiffness: of each of their springs, at least 0.
+    """
+    energy = (x.x - u.x) * (x.x - u.x) + (x.y - u.y) * (x.y - u.y)
+    for normal, bound in springs:
+        missing = max(0.0, bound - dot_2(normal, x))
+        energy += stiffness * missing * missing
+    return energy
+
+
+def at_rest(u: Vec2, springs: list[HalfPlane], stiffness: float) -> Vec2:
+    """Return where a point comes to rest that springs pull towards the edges of rows.
+
+    The forces balance: ``x - u = stiffness * sum of (b - n . x) n``, two linear equations for x.
+
+    Args:
+        u: point at which a spring of stiffness 1 holds it.
+        springs: half-planes with normals of unit length, all of which pull.
+        stiffness: of each of these springs, at least 0.
+    """
+    xx = 1.0
+    xy = 0.0
+    yy = 1.0
+    pull_x = u.x
+    pull_y = u.y
+    for normal, bound in springs:
+        xx += stiffness * normal.x * normal.x
+        xy += stiffness * normal.x * normal.y
+        yy += stiffness * normal.y * normal.y
+        pull_x += stiffness * bound * normal.x
+        pull_y += stiffness * bound * normal.y
+
+    det = xx * yy - xy * xy
+    return Vec2((yy * pull_x - xy * pull_y) / det, (xx * pull_y - xy * pull_x) / det)
 
 
 def relaxed_in_order(
@@ -123,12 +190,7 @@ def relaxed_in_order(
 
     # The slack of a row is in the units of its bound. So rows with both sides multiplied by
     # _FIRMNESS are the same half-planes, and a common slack moves their edges by a thousandth.
-    stiff = [
-        HalfPlane(
-            Vec2(_FIRMNESS * row.normal.x, _FIRMNESS * row.normal.y), _FIRMNESS * row.bound_m_s2
-        )
-        for row in firm
-    ]
+    stiff = [scaled_row(row, _FIRMNESS) for row in firm]
     scale = max(largest_bound(yielding), largest_bound(firm))
     return relaxed(u, yielding + stiff, radius, scale)
 

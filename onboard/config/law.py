@@ -66,7 +66,7 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     fence_margin_m: float = 0.05  # distance kept from the fence
     # share of its top speed that a vehicle may fly while it avoids; if the safety distance is at
     # stake, it may fly faster
-    avoid_speed_frac: float = 1.25
+    avoid_speed_frac: float = 1.0
 
     # -- the paper's law, (5)-(22) --
 

@@ -277,9 +277,6 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
                 soft.append((normal, given + strength * (bound - given)))
         start += len(turn_normals)
 
-    if not is_avoiding and not soft:
-        return u, INACTIVE, 0.0, crowd, active
-
     count = len(turn_parts[0][1]) if neighbours else 0
     promised = [np.zeros((0, 2)), np.zeros(0)]
     if neighbours:
@@ -303,11 +300,41 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
         else False
     )
 
-    if speed > 1e-6 and not is_free:  # the speed row gives way with the margins
+    limit = np.zeros((0, 2)), np.zeros(0)
+    if speed > 1e-6:
+        limit_m_s = p.top_speed_m_s * (2.0 if is_free else 1.0)
         normal = -own["velocity"] / speed
-        bound = -4.0 * (p.top_speed_m_s - speed) + normal @ own["compensation"]
-        yielding = np.concatenate([yielding[0], normal[None]]), np.append(yielding[1], bound)
-    return (*projection(u, yielding, firm, soft, own["radius"]), crowd, active)
+        bound = -8.0 * (limit_m_s - speed) + normal @ own["compensation"]
+        limit = binding(normal[None], np.array([bound]), own["radius"])
+
+    is_limited = bool((limit[1] - limit[0] @ u > 1e-10).any())
+    if not is_avoiding and not soft and not is_limited:
+        return u, INACTIVE, 0.0, crowd, active
+
+    stiffness = 1e7 if rotation == numbers.ROTATION_ALWAYS else 25.0
+    turned = pulled(u, soft, stiffness)
+    point, status, slack = projection(turned, yielding, limit, firm, own["radius"])
+    if status == INACTIVE and (turned != u).any():
+        status = SATURATED
+    return point, status, slack, crowd, active
+
+
+def pulled(u, soft, stiffness):
+    """Minimum of |x - u|^2 + stiffness * violations^2, by Newton steps; its gradient proves it."""
+    x = u
+    if not soft:
+        return x
+    normals = np.array([normal / np.hypot(*normal) for normal, _ in soft])
+    bounds = np.array([bound / np.hypot(*normal) for normal, bound in soft])
+    for _ in range(20):
+        is_violated = bounds > normals @ x
+        pulling, ends = normals[is_violated], bounds[is_violated]
+        x = np.linalg.solve(
+            np.eye(2) + stiffness * pulling.T @ pulling, u + stiffness * ends @ pulling
+        )
+    gradient = x - u - stiffness * np.maximum(bounds - normals @ x, 0.0) @ normals
+    assert np.abs(gradient).max() < 1e-12 * stiffness + 1e-9
+    return x
 
 
 def least_crowd(p, is_roundabout):
@@ -320,26 +347,24 @@ def binding(normals, bounds, radius):
     return normals[can_bind], bounds[can_bind]
 
 
-def projection(u, yielding, firm, soft, radius):
+def projection(u, yielding, limit, firm, radius):
     """Line Q: point, status and slack, by trying every active set; firm: the promised distances and
     what stands.
     """
     firm_normals, firm_bounds = firm
     firm = binding(firm_normals, firm_bounds, radius)
-    normals, bounds = (np.concatenate(pair) for pair in zip(yielding, firm, strict=True))
-    for kept in range(len(soft), -1, -1):
-        n = np.concatenate([normals, *(row[0][None] for row in soft[:kept])])
-        b = np.concatenate([bounds, [row[1] for row in soft[:kept]]])
-        point = nearest_in_rows_and_disc(u, n, b, radius)
-        if point is not None:
-            is_same = np.abs(point - u).max() <= 1e-10
-            return point, INACTIVE if is_same and kept == len(soft) else SATURATED, 0.0
-    firm_normals, firm_bounds = firm
+    normals, bounds = (np.concatenate(parts) for parts in zip(yielding, limit, firm, strict=True))
+    point = nearest_in_rows_and_disc(u, normals, bounds, radius)
+    if point is not None:
+        is_same = np.abs(point - u).max() <= 1e-10
+        return point, INACTIVE if is_same else SATURATED, 0.0
+
     if nearest_in_rows_and_disc(u, firm_normals, firm_bounds, radius) is None:
         normals, bounds = firm
-    else:  # a thousand times as stiff
+    else:  # thirty times and a thousand times as stiff
         normals, bounds = (
-            np.concatenate([a, 1000.0 * b]) for a, b in zip(yielding, firm, strict=True)
+            np.concatenate([a, 30.0 * b, 1000.0 * c])
+            for a, b, c in zip(yielding, limit, firm, strict=True)
         )
     slack = least_common_slack(normals, bounds, radius)
     return nearest_in_rows_and_disc(u, normals, bounds - slack - 1e-10, radius), RELAXED, slack

@@ -76,7 +76,7 @@ def half_planes(path: Path) -> None:
     ]
     radius = 4.5
     wanted = Vec2(3.5, -1.9)
-    found = np.array(nearest_thrust(wanted, rows, [], radius).point)
+    found = np.array(nearest_thrust(wanted, rows, radius).point)
     normals = np.array([row.normal for row in rows])
     bounds = np.array([row.bound_m_s2 for row in rows])
     names = ["forbidden by neighbour 1", "forbidden by neighbour 2"]

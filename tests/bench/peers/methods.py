@@ -105,7 +105,7 @@ def in_cell(point: Array, normals: Array, bounds: Array, reach: float = 100.0) -
         HalfPlane(Vec2(*normal), bound)
         for normal, bound in zip(normals.tolist(), bounds.tolist(), strict=True)
     ]
-    return np.array(nearest_thrust(Vec2(*point.tolist()), rows, [], reach).point)
+    return np.array(nearest_thrust(Vec2(*point.tolist()), rows, reach).point)
 
 
 def certificate_rows(encounter: Encounter, values: Mapping[str, float]) -> tuple[Array, Array]:

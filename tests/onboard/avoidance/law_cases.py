@@ -26,11 +26,9 @@ CAPSULES = tuple(
 )
 
 
-def nearest_thrust(
-    u: Vec2, rows: list[HalfPlane], soft: list[HalfPlane], radius: float
-) -> Projection:
+def nearest_thrust(u: Vec2, rows: list[HalfPlane], radius: float) -> Projection:
     """Return what the law flies where all hard rows give way by one common slack."""
-    projection = project(u, rows, soft, radius)
+    projection = project(u, rows, radius)
     if projection.status != RELAXED:
         return projection
     return relaxed_in_order(u, rows, [], radius)

@@ -107,6 +107,7 @@ def test_a_buffer_moves_an_edge_inwards() -> None:
     ("position", "normal"),
     [
         ((-3.2, 0.0), (1.0, 0.0)),  # beside an edge
+        ((-4.9, 0.0), (1.0, 0.0)),  # far beyond it
         ((-3.2, -3.2), (math.sqrt(0.5), math.sqrt(0.5))),  # beyond a corner
         ((0.7, 0.15), (-1.0, 0.0)),  # in the bay: the nearest edge is that of the upper arm
     ],

@@ -20,7 +20,7 @@ from onboard.avoidance.heights import Climb
 from onboard.avoidance.interface import NOT_A_VEHICLE
 from onboard.avoidance.pairs import NeighbourPair, Own, nearest_surfaces
 from onboard.avoidance.params import Capsule
-from onboard.avoidance.projection import INACTIVE, RELAXED, SATURATED, project
+from onboard.avoidance.projection import INACTIVE, RELAXED, SATURATED, project, pulled
 from onboard.avoidance.relaxation import least_slack
 from onboard.constants import GRAVITY_M_S2
 from onboard.types import Thrust
@@ -31,7 +31,6 @@ _NAN = math.nan
 _PARAMS = law_of()
 _SPACING = _PARAMS.spacing
 _APART = _SPACING._replace(vertical_separation_m=1.0)
-_NO_ROW = HalfPlane(ZERO_2, -math.inf)
 
 
 def _own(**changes: Any) -> Own:
@@ -118,7 +117,7 @@ def test_the_memory_begins_without_a_bound() -> None:
 
 def test_who_is_most_violated_is_named_and_rounding_is_not() -> None:
     def one(violation_m_s2: float, index: int) -> Constraint:
-        return Constraint(_NO_ROW, _NO_ROW, False, violation_m_s2, index)
+        return Constraint(constraints.NO_ROW, constraints.NO_ROW, False, violation_m_s2, index)
 
     assert oist.most_violating([]) == -1
     assert oist.most_violating([one(1e-10, 4), one(-3.0, 5)]) == -1
@@ -139,10 +138,35 @@ def test_only_from_who_does_not_cooperate_and_matters_any_speed_will_do(
 
 @pytest.mark.parametrize("speed_m_s", [0.05, 0.5])
 def test_the_top_speed_limits_who_is_slow_as_well(speed_m_s: float) -> None:
-    own = _own(velocity_m_s=Vec2(speed_m_s, 0.0), thrust_m_s2=Vec2(3.9, 0.0))
-    limit_m_s2 = 4.0 * (1.0 - speed_m_s)
-    limited = oist.nearest_thrust(own, [], [], [], _PARAMS._replace(top_speed_m_s=1.0))
-    assert limited.point == pytest.approx((limit_m_s2, 0.0))
+    own = _own(velocity_m_s=Vec2(speed_m_s, 0.0))
+    params = _PARAMS._replace(top_speed_m_s=1.0)
+    limit = oist.speed_limit(own, [], [], params)
+    limited = oist.nearest_thrust(own, Vec2(9.0, 0.0), [], [], limit, params)
+    assert limited.point == pytest.approx((min(4.0, 8.0 * (1.0 - speed_m_s)), 0.0))
+
+
+def test_who_stands_has_no_limit_of_speed_and_who_flees_a_higher_one() -> None:
+    params = _PARAMS._replace(top_speed_m_s=1.0)
+    stranger = _pair(is_cooperative=False)
+    binding = HalfPlane(Vec2(1.0, 0.0), -3.9)
+    assert oist.speed_limit(_own(), [], [], params) == constraints.NO_ROW
+
+    own = _own(velocity_m_s=Vec2(0.5, 0.0))
+    assert oist.speed_limit(own, [], [], params).bound_m_s2 == pytest.approx(-8.0 * 0.5)
+    fleeing = oist.speed_limit(own, [stranger], [binding], params)
+    assert fleeing.bound_m_s2 == pytest.approx(-8.0 * 1.5)
+
+
+def test_of_rows_that_contradict_each_other_the_margin_gives_way_before_the_limit() -> None:
+    """The row of a pair demands 2 m/s^2 to the east, the limit allows 1 m/s^2 to the west."""
+    pair = _pair()
+    limit = HalfPlane(Vec2(-1.0, 0.0), 1.0)
+    found = oist.nearest_thrust(
+        _own(), ZERO_2, [pair], [HalfPlane(Vec2(1.0, 0.0), 2.0)], limit, _PARAMS
+    )
+    assert found.status == RELAXED
+    assert found.point.x == pytest.approx(-1.0 + 3.0 / 31.0)
+    assert found.slack == pytest.approx(30.0 * 3.0 / 31.0)
 
 
 def test_who_does_not_know_its_motion_flies_level() -> None:
@@ -352,7 +376,7 @@ def test_an_obstacle_is_turned_about_while_its_row_is_violated(
 def test_the_row_of_the_speed_and_what_can_bind() -> None:
     row = constraints.speed_row(Vec2(3.0, 4.0), 6.0)
     assert row.normal == pytest.approx((-0.6, -0.8))
-    assert row.bound_m_s2 == pytest.approx(-4.0)
+    assert row.bound_m_s2 == pytest.approx(-8.0)
 
     two_long = Vec2(2.0, 0.0)
     assert constraints.can_bind(HalfPlane(two_long, -5.9), 3.0)
@@ -686,36 +710,39 @@ _NORTH = HalfPlane(Vec2(0.0, 1.0), 1.0)  # y >= 1
 @pytest.mark.parametrize(
     ("soft", "point"),
     [
-        ([_EAST, _NORTH, _WEST], (1.0, 1.0)),
-        ([_EAST, _WEST], (1.0, 0.0)),
-        ([_EAST, _WEST, _NORTH], (1.0, 0.0)),
-        ([_WEST], (-1.0, 0.0)),
+        ([], (0.0, 0.0)),
+        ([_EAST], (0.75, 0.0)),
+        ([_EAST, _NORTH], (0.75, 0.75)),
+        ([_EAST, _WEST], (0.0, 0.0)),
+        ([_EAST, _EAST], (6.0 / 7.0, 0.0)),
+        ([HalfPlane(Vec2(2.0, 0.0), 2.0)], (0.75, 0.0)),
     ],
 )
-def test_of_soft_rows_that_contradict_each_other_the_last_are_dropped(
-    soft: list[HalfPlane], point: tuple[float, float]
-) -> None:
-    found = project(ZERO_2, [], soft, 4.0)
-    assert found.point == pytest.approx(point)
-    assert (found.status, found.slack) == (SATURATED, 0.0)
+def test_soft_rows_pull_like_springs(soft: list[HalfPlane], point: tuple[float, float]) -> None:
+    assert pulled(ZERO_2, soft, 3.0) == pytest.approx(point)
 
 
-def test_a_soft_row_never_costs_a_hard_one_and_the_disc_binds_from_its_radius_on() -> None:
-    found = project(ZERO_2, [_EAST], [_WEST], 4.0)
-    assert found.point == pytest.approx((1.0, 0.0))
-    assert (found.status, found.slack) == (SATURATED, 0.0)
+def test_a_soft_row_that_holds_does_not_pull_and_one_that_is_pulled_past_stops() -> None:
+    inside = Vec2(1.5, 0.25)
+    assert pulled(inside, [_EAST], 3.0) == inside
 
-    assert project(Vec2(2.0, 0.0), [], [], 2.0).status == INACTIVE
-    clipped = project(Vec2(2.05, 0.0), [], [], 2.0)
+    # Alone, the far row would move the point past the near one, which then does not pull.
+    far = HalfPlane(Vec2(1.0, 0.0), 4.0)
+    assert pulled(ZERO_2, [_EAST, far], 3.0) == pytest.approx((3.0, 0.0))
+
+
+def test_the_disc_binds_from_its_radius_on() -> None:
+    assert project(Vec2(2.0, 0.0), [], 2.0).status == INACTIVE
+    clipped = project(Vec2(2.05, 0.0), [], 2.0)
     assert clipped.point == pytest.approx((2.0, 0.0))
     assert (clipped.status, clipped.slack) == (SATURATED, 0.0)
 
 
 def test_the_nearest_point_lies_on_an_edge_or_where_it_meets_the_circle() -> None:
-    assert project(Vec2(0.8, 0.0), [_EAST], [], 4.0).point == pytest.approx((1.0, 0.0))
+    assert project(Vec2(0.8, 0.0), [_EAST], 4.0).point == pytest.approx((1.0, 0.0))
     high_m = math.sqrt(3.0)
-    assert project(Vec2(0.0, 5.0), [_EAST], [], 2.0).point == pytest.approx((1.0, high_m))
-    assert project(Vec2(0.0, -5.0), [_EAST], [], 2.0).point == pytest.approx((1.0, -high_m))
+    assert project(Vec2(0.0, 5.0), [_EAST], 2.0).point == pytest.approx((1.0, high_m))
+    assert project(Vec2(0.0, -5.0), [_EAST], 2.0).point == pytest.approx((1.0, -high_m))
 
 
 def test_the_smallest_slack_is_none_where_the_rows_agree() -> None:

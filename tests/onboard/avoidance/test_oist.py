@@ -41,7 +41,7 @@ def test_vehicle_flying_at_a_neighbour_is_braked_and_turned_counter_clockwise():
 
 
 def test_vehicle_flying_away_is_left_alone_bit_for_bit():
-    out = run([0, 0, 1], [-1, 0, 0], [-1, 0.3, 0.1], neighbours_of([[1.3, 0, 1]]), PARAMS)
+    out = run([0, 0, 1], [-0.5, 0, 0], [-1, 0.3, 0.1], neighbours_of([[1.3, 0, 1]]), PARAMS)
     assert out.status == LawStatus.INACTIVE
     assert out.thrust.thrust_enu_m_s2[:2] == (-1.0, 0.3)
     assert out.intervention_m_s2 == 0.0
