@@ -13,7 +13,7 @@ import math
 from typing import NamedTuple
 
 from onboard.avoidance.params import Spacing
-from onboard.avoidance.prediction import lead_time, message_age
+from onboard.avoidance.prediction import known_std, lead_time, message_age
 from onboard.types import Neighbour
 
 # An intended vertical velocity is the remaining climb to the goal divided by this time, or the top
@@ -35,7 +35,6 @@ _GROWTH_SHARE = 0.5
 _SINK_BRAKE_M_S2 = 1.0
 
 HEIGHT_SIGMAS = 4.5  # standard deviations of the height difference that count as uncertain
-_LARGEST_STD_M = 1e3
 _STALE_S = 0.25  # the heights in a message older than this do not count
 
 
@@ -84,7 +83,9 @@ def share_of(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
         return 1.0  # the whole column below it counts
 
     # The more height the two are about to lose, the earlier the distance begins to grow.
-    sigma_m = HEIGHT_SIGMAS * math.hypot(_known(own.position_std_m), _known(other.position_std_m))
+    own_std_m = known_std(own.position_std_m)
+    other_std_m = known_std(other.position_std_m)
+    sigma_m = HEIGHT_SIGMAS * math.hypot(own_std_m, other_std_m)
     near_m = spacing.vertical_separation_m + sigma_m
     towards_m = max(0.0, _MOTION_S * closing_m_s, intended_closing_m)
     smallest_gap_m = min(side * gap_now_m, abs(gap_ahead_m))
@@ -164,10 +165,3 @@ def climb_of(neighbour: Neighbour, own_lead_s: float) -> Climb:
         intended_climb_m=INTENT_S * neighbour.intent_enu_m_s.z,
         position_std_m=neighbour.position_std_m,
     )
-
-
-def _known(std_m: float) -> float:
-    """Return a standard deviation within bounds; 0 where it is not known."""
-    if not math.isfinite(std_m):
-        return 0.0
-    return min(abs(std_m), _LARGEST_STD_M)

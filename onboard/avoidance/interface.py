@@ -16,7 +16,7 @@ from onboard.avoidance.half_planes import into_disc
 from onboard.avoidance.heights import INTENT_S, Climb
 from onboard.avoidance.pairs import Own, margin_2
 from onboard.avoidance.params import LawParams
-from onboard.avoidance.prediction import LARGEST, Motion
+from onboard.avoidance.prediction import LARGEST, Motion, known_std
 from onboard.avoidance.projection import INACTIVE
 from onboard.constants import GRAVITY_M_S2
 from onboard.types import LawOutput, LawStatus, State, Thrust
@@ -92,6 +92,7 @@ def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParam
     return Own(
         position_m=horizontal_within(predicted.position_enu_m, LARGEST),
         velocity_m_s=horizontal_within(predicted.velocity_enu_m_s, LARGEST),
+        velocity_std_m_s=known_std(state.velocity_std_m_s),
         intent_m_s=horizontal_within(baseline.intent_enu_m_s, LARGEST),
         margin_2_m2=margin_2(state.position_std_m, state.velocity_std_m_s, params.spacing),
         thrust_m_s2=into_disc(Vec2(f.x + s.x, f.y + s.y), radius_m_s2),

@@ -59,11 +59,14 @@ from onboard.avoidance.params import (
 )
 from onboard.avoidance.prediction import (
     MAX_MESSAGE_AGE_S,
+    UNKNOWN_MOTION,
     Motion,
     PastCommand,
+    advanced,
     no_commands,
     predict_own,
     remembered,
+    smoothed,
 )
 from onboard.avoidance.projection import (
     INACTIVE,
@@ -100,6 +103,9 @@ _LIMIT_FIRMNESS = 30.0
 # A vehicle that flees from one that does not cooperate may fly faster by this factor.
 _FLEEING_FACTOR = 2.0
 
+# The limit is raised for the noise of the own velocity by at most this share of it.
+_MOST_NOISE_FRAC = 0.25
+
 _STANDING_M_S = 1e-6  # a slower vehicle has no direction of motion
 
 # The share of relaxed ticks is low-passed: a tick of 20 ms keeps 0.93 of the last value.
@@ -115,6 +121,7 @@ class LawMemory(NamedTuple):
     """State of the law between two ticks."""
 
     commands: list[PastCommand]  # own past commands, newest first
+    predicted: Motion  # own motion at t + L, as predicted at the last tick; not finite: unknown
     relaxed_share: float  # low-passed share of ticks in which rows had to be relaxed
     # Time for which the law has held the vehicle back. Negative while the vehicle calls for a
     # roundabout: minus the time that is left of the call.
@@ -127,6 +134,7 @@ def initial() -> LawMemory:
     """Return the memory before the first command."""
     return LawMemory(
         commands=no_commands(),
+        predicted=UNKNOWN_MOTION,
         relaxed_share=0.0,
         held_s=0.0,
         climb_share=1.0,
@@ -134,14 +142,15 @@ def initial() -> LawMemory:
     )
 
 
-def predict(memory: LawMemory, state: State, params: LawParams) -> Motion:
+def predict(memory: LawMemory, state: State, params: LawParams, dt_s: float) -> Motion:
     """Return the own motion at t + L, when a command of now takes effect (line P1).
 
     Under the paper's law, or by policy, it is the present motion: nothing is predicted.
 
     Args:
-        memory: holds the past commands.
+        memory: holds the past commands and the last prediction.
         state: own estimate.
+        dt_s: time since the last tick.
     """
     now = Motion(state.position_enu_m, state.velocity_enu_m_s)
     if params.law == PAPER or params.policies.prediction == PREDICTION_NONE:
@@ -151,7 +160,13 @@ def predict(memory: LawMemory, state: State, params: LawParams) -> Motion:
     if not math.isnan(state.age_s):
         age_s = min(max(state.age_s, 0.0), MAX_MESSAGE_AGE_S)
 
-    return predict_own(memory.commands, now, params.lag_s + age_s, params.vertical_lag_s + age_s)
+    window_s = params.lag_s + age_s
+    window_z_s = params.vertical_lag_s + age_s
+    predicted = predict_own(memory.commands, now, window_s, window_z_s)
+
+    last_m_s2 = memory.commands[0].acceleration_enu_m_s2
+    expected = advanced(memory.predicted, last_m_s2, dt_s)
+    return smoothed(predicted, expected, state, dt_s)
 
 
 def speed_share(memory: LawMemory, params: LawParams) -> float:
@@ -218,6 +233,7 @@ def step(
     is_held_by_neighbour = output.active_neighbour >= 0
     after = LawMemory(
         commands=remembered(memory.commands, output.commanded_acceleration_enu_m_s2, dt_s),
+        predicted=predicted,
         relaxed_share=next_relaxed_share(memory.relaxed_share, output.status, dt_s),
         held_s=next_held_s(memory.held_s, own, is_held_by_neighbour, dt_s),
         climb_share=climb,
@@ -369,6 +385,8 @@ def speed_limit(
 ) -> HalfPlane:
     """Return the row of the speed limit, which is higher for a vehicle that flees.
 
+    The limit is higher by one standard deviation of the own velocity, so that noise brakes nobody.
+
     Args:
         own: this vehicle at t + L.
         pairs: pairs with the neighbours that count.
@@ -378,6 +396,7 @@ def speed_limit(
         return NO_ROW
 
     limit_m_s = params.top_speed_m_s
+    limit_m_s += min(own.velocity_std_m_s, _MOST_NOISE_FRAC * params.top_speed_m_s)
     if is_fleeing(own, pairs, rows):
         limit_m_s *= _FLEEING_FACTOR
     return compensated(speed_row(own.velocity_m_s, limit_m_s), own.compensation_m_s2)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from onboard.avoidance.heights import Climb, is_ahead, share_of, sink_limit_m_s
 from onboard.avoidance.params import DIRECTION_INTENT, Capsule, LawParams, Spacing
-from onboard.avoidance.prediction import Received, receive
+from onboard.avoidance.prediction import Received, known_std, receive
 from onboard.types import Neighbour
 from onboard.vectors import Vec2, dot_2, length_2
 
@@ -21,7 +21,6 @@ LARGEST_MARGIN_M = 5.0
 COINCIDENT_M = 1e-6  # two vehicles nearer than this are at one point: rows would divide by zero
 _STANDING_M_S = 1e-6  # a slower relative velocity has no direction
 SETTLED_M_S = 0.1  # a vehicle that intends to move no faster than this is not part of a crowd
-_LARGEST_STD = 1e3
 
 # Horizontal distances from a neighbour above or below, as shares of the distance to keep. A climb
 # or descent stops nearer than the first, and has its full speed from the second on.
@@ -41,6 +40,7 @@ class Own(NamedTuple):
 
     position_m: Vec2
     velocity_m_s: Vec2
+    velocity_std_m_s: float
     intent_m_s: Vec2  # velocity straight to the goal
     margin_2_m2: float  # its own part of the square of the accuracy margin
     thrust_m_s2: Vec2  # F_d / m of the baseline with the compensation, within the radius
@@ -255,18 +255,9 @@ def margin_2(position_std_m: float, velocity_std_m_s: float, spacing: Spacing) -
         position_std_m, velocity_std_m_s: standard deviations per axis, as published.
         spacing: holds the weights sigma_position and sigma_velocity_s.
     """
-    by_position = spacing.sigma_position * known(position_std_m)
-    by_velocity = spacing.sigma_velocity_s * known(velocity_std_m_s)
+    by_position = spacing.sigma_position * known_std(position_std_m)
+    by_velocity = spacing.sigma_velocity_s * known_std(velocity_std_m_s)
     return by_position * by_position + by_velocity * by_velocity
-
-
-def known(std: float) -> float:
-    """Return a standard deviation, clipped to _LARGEST_STD; 0 if it is not known.
-
-    Args:
-        std: standard deviation as published.
-    """
-    return min(abs(std), _LARGEST_STD) if math.isfinite(std) else 0.0
 
 
 def nearest_surfaces(own: Own, obstacles: Sequence[Capsule], clearance_m: float) -> list[Surface]:

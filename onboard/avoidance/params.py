@@ -25,7 +25,7 @@ _BRAKE_SHARE = 0.6  # share of the largest horizontal acceleration for braking b
 
 # Both numbers are fitted over simulated flights. The floor covers lag errors and gusts.
 _MARGIN_FLOOR_M = 0.05
-_MARGIN_SIGMAS = 4.5
+_MARGIN_SIGMAS = 5.0
 
 # The law and the policies of LawConfig: the name of each number is at its index.
 LAW_NAMES: tuple[BuiltInLaw, ...] = ("off", "paper", "covey")

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from onboard.avoidance.half_planes import into_disc
 from onboard.constants import GRAVITY_M_S2
-from onboard.types import Neighbour
+from onboard.types import Neighbour, State
 from onboard.vectors import ZERO_3, Vec2, Vec3, horizontal_within, is_finite
 
 SLOTS = 40  # number of past commands that are kept
@@ -27,6 +27,11 @@ LONGEST_LEAD_S = 1.0
 LAG_ERROR_S = 0.04
 # positions, velocities and accelerations beyond this are clipped: squares must stay finite
 LARGEST = 1e5
+# time constant of the smoothing, per standard deviation of the velocity
+_SMOOTHING_S2_M = 0.6
+_LONGEST_SMOOTHING_S = 0.15
+_SMOOTHED_STDS = 2.0
+LARGEST_STD = 1e3
 _LEAST_LEAD_S = 1e-3  # a shorter lead time of a neighbour counts as 0; avoids a division by zero
 
 
@@ -42,6 +47,10 @@ class Motion(NamedTuple):
 
     position_enu_m: Vec3
     velocity_enu_m_s: Vec3
+
+
+_NOWHERE = Vec3(math.inf, math.inf, math.inf)
+UNKNOWN_MOTION = Motion(_NOWHERE, _NOWHERE)
 
 
 class Received(NamedTuple):
@@ -131,6 +140,66 @@ def predict_own(
     return Motion(Vec3(p_x, p_y, p_z), Vec3(v_x, v_y, v_z))
 
 
+def advanced(motion: Motion, acceleration_enu_m_s2: Vec3, dt_s: float) -> Motion:
+    """Return a horizontal motion after a time of constant acceleration; the height stays.
+
+    Args:
+        motion: position and velocity [m, m/s], ENU.
+        acceleration_enu_m_s2: horizontal acceleration.
+        dt_s: that time.
+    """
+    (p_x, p_y, p_z), (v_x, v_y, v_z) = motion
+    a = acceleration_enu_m_s2
+    half_s2 = 0.5 * dt_s * dt_s
+    return Motion(
+        Vec3(p_x + dt_s * v_x + half_s2 * a.x, p_y + dt_s * v_y + half_s2 * a.y, p_z),
+        Vec3(v_x + dt_s * a.x, v_y + dt_s * a.y, v_z),
+    )
+
+
+def smoothed(predicted: Motion, expected: Motion, state: State, dt_s: float) -> Motion:
+    """Return the horizontal prediction without the fast part of the estimate's noise.
+
+    The gains of the law would pass it on to the command. What the last prediction and command led
+    to expect is corrected towards the new prediction, with a time constant in proportion to the
+    standard deviation of the velocity; so an exact estimate is not smoothed. The result differs
+    from the prediction by _SMOOTHED_STDS standard deviations at most: it follows a jump of the
+    estimate at once.
+
+    Args:
+        predicted: prediction from the newest estimate.
+        expected: prediction of the last tick, advanced to now; not finite: there is none.
+        state: newest estimate, of which the standard deviations are used.
+        dt_s: time since the last tick.
+    """
+    position_std_m = known_std(state.position_std_m)
+    velocity_std_m_s = known_std(state.velocity_std_m_s)
+    time_s = min(_SMOOTHING_S2_M * velocity_std_m_s, _LONGEST_SMOOTHING_S)
+    has_last = is_finite(expected.position_enu_m) and is_finite(expected.velocity_enu_m_s)
+    if not has_last or time_s <= 0.0:
+        return predicted
+
+    kept = math.exp(-dt_s / time_s)
+    p = predicted.position_enu_m
+    v = predicted.velocity_enu_m_s
+    return Motion(
+        moved_towards(p, expected.position_enu_m, kept, _SMOOTHED_STDS * position_std_m),
+        moved_towards(v, expected.velocity_enu_m_s, kept, _SMOOTHED_STDS * velocity_std_m_s),
+    )
+
+
+def moved_towards(value: Vec3, expected: Vec3, share: float, longest: float) -> Vec3:
+    """Return a vector moved horizontally by a share of the way to an expected one.
+
+    Args:
+        value, expected: the vectors.
+        share: from 0 to 1.
+        longest: a longer way is shortened to this length first.
+    """
+    way = into_disc(Vec2(expected.x - value.x, expected.y - value.y), longest)
+    return Vec3(value.x + share * way.x, value.y + share * way.y, value.z)
+
+
 def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
     """Return a neighbour's horizontal motion at the own time t + L (line P3). DEVIATION D3, D11.
 
@@ -206,6 +275,15 @@ def has_prediction(neighbour: Neighbour) -> bool:
         and is_finite(neighbour.predicted_velocity_enu_m_s)
         and is_finite(neighbour.commanded_acceleration_enu_m_s2)
     )
+
+
+def known_std(std: float) -> float:
+    """Return a standard deviation, clipped to LARGEST_STD; 0 if it is not known.
+
+    Args:
+        std: standard deviation as published.
+    """
+    return min(abs(std), LARGEST_STD) if math.isfinite(std) else 0.0
 
 
 def message_age(neighbour: Neighbour) -> float:

@@ -185,7 +185,7 @@ def before_law(
     speed_share = 1.0  # a descent without poses does not slow down in a jam
     if mode != ControlMode.BLIND:
         speed_share = oist.speed_share(memory.law, params.law)
-    predicted = oist.predict(memory.law, usable, params.law)
+    predicted = oist.predict(memory.law, usable, params.law, dt_s)
     rate, leg, setpoint = _advance_trajectory(memory, predicted, goal, mode, params, dt_s)
 
     # Line O: the compensation of drag and observed disturbance is added after the law. So the law's

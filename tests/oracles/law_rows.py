@@ -302,7 +302,8 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
 
     limit = np.zeros((0, 2)), np.zeros(0)
     if speed > 1e-6:
-        limit_m_s = p.top_speed_m_s * (2.0 if is_free else 1.0)
+        noise_m_s = min(own["velocity_std"], 0.25 * p.top_speed_m_s)
+        limit_m_s = (p.top_speed_m_s + noise_m_s) * (2.0 if is_free else 1.0)
         normal = -own["velocity"] / speed
         bound = -8.0 * (limit_m_s - speed) + normal @ own["compensation"]
         limit = binding(normal[None], np.array([bound]), own["radius"])

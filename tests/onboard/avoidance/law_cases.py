@@ -110,7 +110,7 @@ def run(
     """
     memory = oist.initial()
     state = state_of(position, velocity, std)
-    predicted = oist.predict(memory, state, params)
+    predicted = oist.predict(memory, state, params, 0.02)
     intent = predicted.velocity_enu_m_s if intent is None else vec(intent)
     baseline = interface.Baseline(thrust_of(accel), vec(compensation), intent)
     return oist.step(memory, baseline, predicted, state, neighbours, obstacles, params, 0.02)[1]

@@ -36,6 +36,7 @@ _APART = _SPACING._replace(vertical_separation_m=1.0)
 def _own(**changes: Any) -> Own:
     """A vehicle at rest at the origin that wants nothing."""
     own = Own(
+        velocity_std_m_s=0.0,
         position_m=ZERO_2,
         velocity_m_s=ZERO_2,
         intent_m_s=ZERO_2,
@@ -111,7 +112,8 @@ def test_relaxed_rows_slow_the_pursuit(jam: str, relaxed: float, share: float) -
 
 def test_the_memory_begins_without_a_bound() -> None:
     memory = oist.initial()
-    assert memory[1:] == (0.0, 0.0, 1.0, math.inf)
+    assert memory[2:] == (0.0, 0.0, 1.0, math.inf)
+    assert memory.predicted == prediction.UNKNOWN_MOTION
     assert len(memory.commands) == prediction.SLOTS
 
 
@@ -391,7 +393,7 @@ def test_the_row_of_the_speed_and_what_can_bind() -> None:
     ("std", "known"), [(0.3, 0.3), (-0.3, 0.3), (5e3, 1e3), (math.inf, 0.0), (_NAN, 0.0)]
 )
 def test_a_standard_deviation_is_bounded(std: float, known: float) -> None:
-    assert pairs.known(std) == known
+    assert prediction.known_std(std) == known
 
 
 def test_the_distance_to_keep_in_numbers() -> None:
@@ -814,7 +816,7 @@ def test_without_coveys_law_nothing_bounds_a_climb_and_nobody_makes_a_crowd(law:
     state = state_of((0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
     memory = oist.initial()
     baseline = interface.Baseline(thrust_of((0.0, 0.0, 0.0)), ZERO_3, ZERO_3)
-    predicted = oist.predict(memory, state, vehicle)
+    predicted = oist.predict(memory, state, vehicle, 0.02)
     after, output = oist.step(memory, baseline, predicted, state, [], (), vehicle, 0.02)
     assert (after.climb_share, after.sink_limit_m_s) == (1.0, math.inf)
     assert (output.crowd_count, output.slack_m_s2) == (0.0, 0.0)
@@ -825,7 +827,7 @@ def test_any_neighbour_that_holds_a_vehicle_back_is_counted(index: int, held_s: 
     state = state_of((0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
     memory = oist.initial()
     baseline = interface.Baseline(thrust_of((3.0, 0.0, 0.0)), ZERO_3, Vec3(1.0, 0.0, 0.0))
-    predicted = oist.predict(memory, state, _PARAMS)
+    predicted = oist.predict(memory, state, _PARAMS, 0.02)
     ahead = neighbour_of((0.9, 0.0, 1.0), table_index=index)
     after, output = oist.step(memory, baseline, predicted, state, [ahead], (), _PARAMS, 0.02)
     assert output.active_neighbour == index

@@ -42,7 +42,7 @@ def random_input(rng, count):
 def both(own, neighbours, capsules, params):
     """Output of the law, and the oracle's answer with the compensation taken off again."""
     memory = oist.initial()._replace(held_s=own["held_s"])
-    predicted = oist.predict(memory, own["state"], params)
+    predicted = oist.predict(memory, own["state"], params, 0.02)
     baseline = interface.Baseline(
         thrust_of(own["accel"]), vec(own["compensation"]), vec(own["intent"])
     )
@@ -101,7 +101,7 @@ def test_nothing_around_leaves_the_memory_to_the_commands():
     state = state_of([0, 0, 1], [0, 0, 0])
     baseline = interface.Baseline(thrust_of([1.0, 0.5, 0.2]), ZERO_3, ZERO_3)
     after, out = oist.step(
-        memory, baseline, oist.predict(memory, state, params), state, [], (), params, 0.02
+        memory, baseline, oist.predict(memory, state, params, 0.02), state, [], (), params, 0.02
     )
     np.testing.assert_allclose(after.commands[0].acceleration_enu_m_s2, [1.0, 0.5, 0.2])
     assert after.commands[0].duration_s == 0.02

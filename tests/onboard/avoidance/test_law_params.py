@@ -110,8 +110,8 @@ def test_the_margin_of_the_accuracy_in_numbers() -> None:
     spacing = law_of(kappa_1_1_s=1.0, kappa_2_1_s=2.0, accuracy_time_s=0.5).spacing
     phi = 5.0 / 72.0
     assert spacing.margin_floor_m == 0.05
-    assert spacing.sigma_position == pytest.approx(4.5 * 2.0 * math.sqrt(phi))
-    assert spacing.sigma_velocity_s == pytest.approx(4.5 * 3.0 * math.sqrt(phi))
+    assert spacing.sigma_position == pytest.approx(5.0 * 2.0 * math.sqrt(phi))
+    assert spacing.sigma_velocity_s == pytest.approx(5.0 * 3.0 * math.sqrt(phi))
 
     fixed = law_of(margin="fixed").spacing
     assert (fixed.margin_floor_m, fixed.sigma_position, fixed.sigma_velocity_s) == (0.0, 0.0, 0.0)

@@ -205,7 +205,7 @@ def test_squeezed_vehicle_is_relaxed_with_its_slack_and_slows_the_pursuit_down()
     state = state_of([0, 0, 1], [0, 0, 0])
     baseline = interface.Baseline(thrust_of([0, 0, 0]), ZERO_3, ZERO_3)
     for _ in range(20):
-        predicted = oist.predict(memory, state, PARAMS)
+        predicted = oist.predict(memory, state, PARAMS, 0.02)
         memory, out = oist.step(memory, baseline, predicted, state, around, (), PARAMS, 0.02)
     assert out.status == LawStatus.RELAXED
     assert out.slack_m_s2 > 0

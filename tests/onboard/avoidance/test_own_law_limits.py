@@ -21,7 +21,7 @@ from tests.onboard.avoidance.law_cases import law_of, neighbour_of, state_of, th
 _PARAMS = law_of({"max_tilt_rad": math.radians(25.0), "max_thrust_m_s2": 2.0 * GRAVITY_M_S2})
 _STATE = state_of((0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
 _MEMORY = oist.initial()
-_PREDICTED = oist.predict(_MEMORY, _STATE, _PARAMS)
+_PREDICTED = oist.predict(_MEMORY, _STATE, _PARAMS, 0.02)
 _HOVERS = Baseline(thrust_of((0.0, 0.0, 0.0)), ZERO_3, ZERO_3)
 _DT_S = 0.02
 

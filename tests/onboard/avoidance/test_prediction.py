@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -124,7 +125,7 @@ def test_the_law_predicts_over_lag_and_age_unless_the_policy_or_the_paper_says_o
     memory = oist.initial()
     state = state_of([1, 2, 3], [1, 0, 0])._replace(age_s=0.05)
     ahead = {
-        name: oist.predict(memory, state, params).position_enu_m.x - 1.0
+        name: oist.predict(memory, state, params, 0.02).position_enu_m.x - 1.0
         for name, params in (
             ("lag", law_of()),
             ("none", law_of(prediction="none")),
@@ -133,8 +134,88 @@ def test_the_law_predicts_over_lag_and_age_unless_the_policy_or_the_paper_says_o
         )
     }
     np.testing.assert_allclose([ahead["lag"], ahead["none"], ahead["paper"]], [0.2, 0.0, 0.0])
-    unknown = oist.predict(memory, state._replace(age_s=math.nan), law_of())
+    unknown = oist.predict(memory, state._replace(age_s=math.nan), law_of(), 0.02)
     np.testing.assert_allclose(unknown.position_enu_m.x, 1.15)
+
+
+def estimate(position_m, velocity_m_s, stds=(0.05, 0.12)):
+    state = state_of(position_m, velocity_m_s)
+    return state._replace(position_std_m=stds[0], velocity_std_m_s=stds[1])
+
+
+def predictions(errors, stds, commands):
+    """Predictions of a vehicle under its commands, and what they are without errors."""
+    memory = oist.initial()
+    position, velocity = np.zeros(3), np.zeros(3)
+    found = []
+    exact = []
+    for error, command in zip(errors, commands, strict=True):
+        state = estimate(position + error[:3], velocity + error[3:], stds)
+        motion = oist.predict(memory, state, law_of(), 0.02)
+        truth = predicted(memory.commands, position, velocity, 0.15)
+        found.append([*motion.position_enu_m, *motion.velocity_enu_m_s])
+        exact.append([*truth.position_enu_m, *truth.velocity_enu_m_s])
+
+        memory = memory._replace(
+            commands=prediction.remembered(memory.commands, vec(command), 0.02), predicted=motion
+        )
+        # the command of 0.14 s ago acts now, as the lag of 0.15 s says
+        acting = np.array(memory.commands[7].acceleration_enu_m_s2)
+        position, velocity = integrate([acting], position, velocity, 0.02)
+    return np.array(found), np.array(exact)
+
+
+def swinging(count):
+    return [[2.0 * math.sin(0.2 * k), 2.0 * math.cos(0.1 * k), 0.0] for k in range(count)]
+
+
+def test_noise_of_the_estimate_is_smoothed_and_the_answer_to_commands_is_not_delayed():
+    rng = np.random.default_rng(4)
+    errors = rng.normal(size=(300, 6)) * ([0.05, 0.05, 0.0, 0.12, 0.12, 0.0])
+    found, exact = predictions(errors, (0.05, 0.12), swinging(300))
+    columns = [0, 1, 3, 4]
+    jumps = np.abs(np.diff(found - exact, axis=0))[:, columns].mean(axis=0)
+    raw_jumps = np.abs(np.diff(errors, axis=0))[:, columns].mean(axis=0)
+    assert (jumps < 0.35 * raw_jumps).all()
+
+    found, exact = predictions(np.zeros((300, 6)), (0.05, 0.12), swinging(300))
+    np.testing.assert_allclose(found, exact, atol=0.02)
+
+
+def test_an_estimate_that_is_exact_or_says_nothing_is_not_smoothed():
+    rng = np.random.default_rng(5)
+    errors = 0.01 * rng.normal(size=(20, 6))
+    plain = [
+        oist.predict(oist.initial(), estimate(error[:3], error[3:]), law_of(), 0.02)
+        for error in errors
+    ]
+    for std in (0.0, math.nan):
+        memory = oist.initial()
+        for error, motion in zip(errors, plain, strict=True):
+            state = estimate(error[:3], error[3:], (0.05, std))
+            found = oist.predict(memory, state, law_of(), 0.02)
+            assert found == motion
+            memory = memory._replace(predicted=found)
+
+
+def test_a_jump_of_the_estimate_is_followed_at_once_up_to_two_standard_deviations():
+    before = oist.predict(oist.initial(), estimate(ZERO_3, ZERO_3), law_of(), 0.02)
+    memory = oist.initial()._replace(predicted=before)
+    after = oist.predict(memory, estimate([3.0, 0.0, 1.0], [0.0, -2.0, 0.5]), law_of(), 0.02)
+    raw = oist.predict(oist.initial(), estimate([3.0, 0.0, 1.0], [0.0, -2.0, 0.5]), law_of(), 0.02)
+    kept = math.exp(-0.02 / (0.6 * 0.12))
+    assert raw.position_enu_m.x - after.position_enu_m.x == pytest.approx(
+        kept * 2.0 * 0.05, rel=0.1
+    )
+    assert after.velocity_enu_m_s.y - raw.velocity_enu_m_s.y == pytest.approx(kept * 2.0 * 0.12)
+    assert after.position_enu_m.z == raw.position_enu_m.z
+
+
+def test_a_very_inaccurate_estimate_is_not_smoothed_for_longer():
+    errors = np.zeros((2, 6))
+    errors[1, 3] = 1.0
+    found, _ = predictions(errors, (1e6, 1e6), swinging(2))
+    assert found[1, 3] - found[0, 3] == pytest.approx(1.0 - math.exp(-0.02 / 0.15), rel=0.05)
 
 
 def carried(position, velocity, command, age, *, plain=None, lead=0.15, own_lead=0.15):

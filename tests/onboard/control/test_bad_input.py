@@ -193,7 +193,7 @@ def test_garbage_anywhere_is_bounded(seed):
         thrust = Vec3(x, y, z + 9.8)
         memory = oist.initial()
         for _ in range(2):
-            predicted = oist.predict(memory, state, params)
+            predicted = oist.predict(memory, state, params, 0.02)
             baseline = interface.Baseline(Thrust(thrust), compensation, own.vector(1.0))
             memory, out = oist.step(
                 memory, baseline, predicted, state, neighbours, (), params, 0.02
