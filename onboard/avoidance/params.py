@@ -23,9 +23,10 @@ from onboard.vectors import Vec2, cross_2
 OPEN_FENCE = (-math.inf, math.inf, -math.inf, math.inf)
 _BRAKE_SHARE = 0.6  # share of the largest horizontal acceleration for braking before static things
 
-# Both numbers are fitted over simulated flights. The floor covers lag errors and gusts.
-_MARGIN_FLOOR_M = 0.05
-_MARGIN_SIGMAS = 5.0
+# The margin for the accuracy is the floor plus so many sigma_d. Both numbers are fitted over
+# simulated flights. The floor covers lag errors and gusts.
+MARGIN_FLOOR_M = 0.05
+MARGIN_SIGMAS = 5.0
 
 # The law and the policies of LawConfig: the name of each number is at its index.
 LAW_NAMES: tuple[BuiltInLaw, ...] = ("off", "paper", "covey")
@@ -389,7 +390,7 @@ def _spacing(config: LawConfig, limits: VehicleLimits) -> Spacing:
     sigma_position = 0.0
     sigma_velocity_s = 0.0
     if config.margin == "accuracy":
-        margin_floor_m = _MARGIN_FLOOR_M
+        margin_floor_m = MARGIN_FLOOR_M
         sigma_position, sigma_velocity_s = _sigmas(config)
 
     return Spacing(
@@ -442,6 +443,6 @@ def _sigmas(config: LawConfig) -> tuple[float, float]:
     rate_1_s = 1.0 / config.accuracy_time_s  # 1 / tau
     phi = (a_1 + rate_1_s) / (a_0 * a_1 * (rate_1_s * rate_1_s + a_1 * rate_1_s + a_0))
 
-    sigma_position = _MARGIN_SIGMAS * a_0 * math.sqrt(phi)
-    sigma_velocity_s = _MARGIN_SIGMAS * a_1 * math.sqrt(phi)
+    sigma_position = MARGIN_SIGMAS * a_0 * math.sqrt(phi)
+    sigma_velocity_s = MARGIN_SIGMAS * a_1 * math.sqrt(phi)
     return sigma_position, sigma_velocity_s

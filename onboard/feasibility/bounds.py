@@ -2,7 +2,7 @@
 
 The checks of this package call them with a fleet's values, and add the sentences. The constants of
 the margin are a fit over simulated flights (23 settings, 84 flights each), and not a theorem. They
-give a design distance of ``d_inf + 0.05 m + 4.5 sigma_d``.
+give a design distance of ``d_inf + 0.05 m + 5 sigma_d``.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from onboard.avoidance.params import MARGIN_FLOOR_M, MARGIN_SIGMAS
 from onboard.constants import GRAVITY_M_S2, MAX_PLANNED_THRUST_FRAC
 from onboard.estimation.accuracies import Accuracy
 from onboard.types import TICK_S
@@ -19,10 +20,6 @@ from onboard.types import TICK_S
 # Beyond the first age, states require a further margin: the second value for each second of age.
 USUAL_AGE_S = 0.16
 AGE_MARGIN_M_S = 0.5
-
-# the fit of the margin: floor + sigmas * sigma_d
-_MARGIN_FLOOR_M = 0.05
-_MARGIN_SIGMAS = 4.5
 
 # number of Euler steps of the vehicle's response in one tick
 _SUBSTEPS = 4
@@ -69,7 +66,7 @@ def required_margin_m(accuracy: Accuracy, kappa_1_1_s: float, kappa_2_1_s: float
         kappa_1_1_s: gain kappa_1 of the law [1/s].
         kappa_2_1_s: gain kappa_2 of the law [1/s].
     """
-    return _MARGIN_FLOOR_M + _MARGIN_SIGMAS * distance_spread_m(accuracy, kappa_1_1_s, kappa_2_1_s)
+    return MARGIN_FLOOR_M + MARGIN_SIGMAS * distance_spread_m(accuracy, kappa_1_1_s, kappa_2_1_s)
 
 
 def row_range_m(
