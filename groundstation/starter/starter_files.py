@@ -235,7 +235,7 @@ def law_lines(answers: Answers) -> list[str]:
     return [
         "# positions of satellites are wrong by 0.2 m and 0.2 m/s for seconds: what that costs",
         'margin = "fixed"',
-        "design_margin_m = 1.35",
+        "design_margin_m = 1.5",
         "shortfall_gain = 0.6",
         "v_perp_m_s = 0.5",
         "v_perp_crowd_m_s = 0.7",

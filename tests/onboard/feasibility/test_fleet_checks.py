@@ -78,7 +78,7 @@ def test_the_margin_that_the_law_sets_itself_makes_vehicles_park_farther_apart()
         named(fleet, "spacing, formation 'triangle'", errors=errors)
         for errors in ("mocap", "vision")
     )
-    assert near.bound < far.bound < near.bound + 0.35
+    assert near.bound < far.bound < near.bound + 0.4
     assert far.status == "ok"
 
 
@@ -228,9 +228,9 @@ def test_spots_of_a_constellation_are_judged_for_spacing_and_room() -> None:
 def test_the_margin_is_the_fit_at_the_accuracies_it_was_made_for() -> None:
     assert bounds.required_margin_m(ACCURACIES["mocap"], 4.0, 8.0) == pytest.approx(0.10, abs=0.02)
     assert bounds.required_margin_m(ACCURACIES["vision"], 5.0, 10.0) == pytest.approx(
-        0.37, abs=0.01
+        0.41, abs=0.01
     )
-    assert bounds.required_margin_m(ACCURACIES["gps"], 4.0, 8.0) == pytest.approx(1.35, abs=0.01)
+    assert bounds.required_margin_m(ACCURACIES["gps"], 4.0, 8.0) == pytest.approx(1.49, abs=0.01)
 
 
 def test_the_row_of_two_vehicles_closing_head_on_begins_to_ask_at_its_range() -> None:
