@@ -606,10 +606,7 @@ ACCEPTED = (
         "avoidance/projection.py",
         (
             ("is_inside = dot_2(u, u) <= radius * radius * (1.0 + 1e-12)", "LtE becomes Lt"),
-            (
-                "if is_inside and largest_violation(u, hard + soft) <= _TOLERANCE:",
-                "LtE becomes Lt",
-            ),
+            ("if is_inside and largest_violation(u, hard) <= _TOLERANCE:", "LtE becomes Lt"),
             ("scale = 1.0", _LARGER_1),
             ("scale = max(scale, 1.0 + abs(row.bound_m_s2))", _LARGER_1),
             ("if apart > _ONE_POINT * scale:", _LARGER),
@@ -670,11 +667,7 @@ ACCEPTED = (
         _MEASURED,
         "avoidance/oist.py",
         (
-            (
-                "if length_2(own.velocity_m_s) > _STANDING_M_S and not "
-                "is_fleeing(own, pairs, rows):",
-                _LARGER,
-            ),
+            ("if length_2(own.velocity_m_s) <= _STANDING_M_S:", "LtE becomes Lt"),
             ("intends_to_go = intent_2 > _HELD_INTENT_2_M2_S2", _LARGER),
         ),
     ),
@@ -801,8 +794,8 @@ ACCEPTED = (
     ),
     Accepted(
         "it only keeps an endless number out: no height is uncertain by a kilometre",
-        "avoidance/heights.py",
-        (("_LARGEST_STD_M = 1e3", "1000.0 becomes larger"),),
+        "avoidance/prediction.py",
+        (("LARGEST_STD = 1e3", "1000.0 becomes larger"),),
     ),
     Accepted(
         "it only keeps zero out of a division: no fleet keeps a distance of a centimetre",

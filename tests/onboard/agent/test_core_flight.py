@@ -414,7 +414,7 @@ def test_a_strong_wind_carries_a_vehicle_that_lifts_off_by_less_than_a_metre() -
     rig.after_move = blow
     rig.order("takeoff", height_m=1.0)
     farthest_m = 0.0
-    for _ in range(300):
+    for _ in range(320):
         rig.step()
         farthest_m = max(farthest_m, abs(float(rig.position[0])))
     assert rig.core.flight.state == "flying"
