@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cryptography import x509
+from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
@@ -101,7 +102,7 @@ def load_authority(folder: Path) -> CertificateAuthority:
     data = read_bytes(path, KEY_FILE._replace(words="private key"))
     try:
         key = load_pem_private_key(data, None)
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, UnsupportedAlgorithm):
         raise ConfigError(
             f"{path} is no private key, or was cut off. Begin anew: covey keys init FLEET --force"
         ) from None

@@ -10,7 +10,7 @@ import datetime
 from collections.abc import Iterable
 
 from cryptography import x509
-from cryptography.exceptions import InvalidSignature
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.asymmetric.types import PrivateKeyTypes
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
@@ -133,7 +133,7 @@ def read_key(path: str) -> PrivateKeyTypes:
     data = read_bytes(path, KEY_FILE._replace(words="private key"))
     try:
         return load_pem_private_key(data, None)
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, UnsupportedAlgorithm):
         raise ConfigError(
             f"{path} is no private key, or was cut off. Issue it anew: covey keys renew FLEET"
         ) from None

@@ -28,7 +28,7 @@ def test_the_number_is_below_the_safety_distance_where_neither_distance_nor_heig
 @pytest.mark.parametrize(("errors", "is_refused"), [("mocap", False), ("gps", True)])
 def test_spots_above_each_other_are_judged_by_the_accuracy_of_heights(errors, is_refused):
     fleet = load_fleet("configs/fleets/above.toml")
-    spots = {"mav0": (0.0, 0.0, 1.0), "mav1": (0.0, 0.0, 2.5)}
+    spots = {"mav0": (0.0, 0.0, 1.0), "mav1": (0.0, 0.0, 2.52)}
     worst = {
         finding.name: finding for finding in spot_findings(fleet, spots, "slots", errors=errors)
     }["spacing, slots"]
