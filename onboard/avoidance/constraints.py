@@ -32,7 +32,7 @@ from onboard.avoidance.params import (
 )
 from onboard.vectors import ZERO_2, Vec2, cross_2, dot_2, length_2
 
-SPEED_GAIN_1_S = 8.0
+SPEED_GAIN_1_S = 8.0  # rate at which the speed may approach its limit
 VIOLATED_M_S2 = 1e-10  # a row that is missed by more changes the thrust; less is rounding
 
 # Two intended straight paths conflict if they pass each other nearer than _CONFLICT_WIDTH times the
@@ -442,7 +442,7 @@ def speed_row(velocity_m_s: Vec2, top_speed_m_s: float) -> HalfPlane:
 
     Args:
         velocity_m_s: horizontal velocity of this vehicle, not zero.
-        top_speed_m_s: largest speed while avoiding.
+        top_speed_m_s: the limit.
     """
     speed = length_2(velocity_m_s)
     backwards = Vec2(-velocity_m_s.x / speed, -velocity_m_s.y / speed)

@@ -31,7 +31,7 @@ from onboard.avoidance.constraints import (
     speed_row,
 )
 from onboard.avoidance.fence_edges import edge_constraints
-from onboard.avoidance.half_planes import HalfPlane, scaled_row
+from onboard.avoidance.half_planes import HalfPlane, largest_violation, scaled_row
 from onboard.avoidance.interface import (
     INFEASIBLE,
     NOBODY,
@@ -62,7 +62,6 @@ from onboard.avoidance.prediction import (
     UNKNOWN_MOTION,
     Motion,
     PastCommand,
-    advanced,
     no_commands,
     predict_own,
     remembered,
@@ -164,8 +163,8 @@ def predict(memory: LawMemory, state: State, params: LawParams, dt_s: float) -> 
     window_z_s = params.vertical_lag_s + age_s
     predicted = predict_own(memory.commands, now, window_s, window_z_s)
 
-    last_m_s2 = memory.commands[0].acceleration_enu_m_s2
-    expected = advanced(memory.predicted, last_m_s2, dt_s)
+    since = [PastCommand(memory.commands[0].acceleration_enu_m_s2, dt_s)]
+    expected = predict_own(since, memory.predicted, dt_s, dt_s)
     return smoothed(predicted, expected, state, dt_s)
 
 
@@ -273,7 +272,8 @@ def saturate(
     turns = [constraint.turn for constraint in constraints if constraint.is_turning]
 
     limit = speed_limit(own, pairs, rows, params)
-    if active == NOBODY and len(turns) == 0 and not is_violated(limit, own.thrust_m_s2):
+    is_too_fast = largest_violation(own.thrust_m_s2, [limit]) > VIOLATED_M_S2
+    if active == NOBODY and len(turns) == 0 and not is_too_fast:
         status = INACTIVE if are_sound else INFEASIBLE
         return unchanged_thrust(own, status, crowd_count)
 
@@ -335,16 +335,6 @@ def turn_stiffness(params: LawParams) -> float:
     return _TURN_STIFFNESS
 
 
-def is_violated(row: HalfPlane, thrust_m_s2: Vec2) -> bool:
-    """Whether a thrust violates a row by more than rounding.
-
-    Args:
-        row: half-plane.
-        thrust_m_s2: horizontal thrust.
-    """
-    return row.bound_m_s2 - dot_2(row.normal, thrust_m_s2) > VIOLATED_M_S2
-
-
 def nearest_thrust(
     own: Own,
     wanted_m_s2: Vec2,
@@ -360,7 +350,7 @@ def nearest_thrust(
 
     Args:
         own: this vehicle at t + L.
-        wanted_m_s2: horizontal thrust.
+        wanted_m_s2: baseline's horizontal thrust, moved by the rotation rows.
         pairs: pairs with the neighbours that count.
         rows: rows of these pairs in their order, then those of obstacles and walls.
         limit: row of the speed limit.

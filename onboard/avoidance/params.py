@@ -23,8 +23,8 @@ from onboard.vectors import Vec2, cross_2
 OPEN_FENCE = (-math.inf, math.inf, -math.inf, math.inf)
 _BRAKE_SHARE = 0.6  # share of the largest horizontal acceleration for braking before static things
 
-# The margin for the accuracy is the floor plus so many sigma_d. Both numbers are fitted over
-# simulated flights. The floor covers lag errors and gusts.
+# The margin for the accuracy is the floor plus so many sigma_d. Both numbers come from simulated
+# flights. The floor covers lag errors and gusts.
 MARGIN_FLOOR_M = 0.05
 MARGIN_SIGMAS = 5.0
 

@@ -27,10 +27,11 @@ LONGEST_LEAD_S = 1.0
 LAG_ERROR_S = 0.04
 # positions, velocities and accelerations beyond this are clipped: squares must stay finite
 LARGEST = 1e5
-# time constant of the smoothing, per standard deviation of the velocity
+# Time constant of the smoothing for each m/s of the velocity's standard deviation. With vision it
+# is 0.07 s. With 0.11 s and more, crowds came nearer to each other.
 _SMOOTHING_S2_M = 0.6
 _LONGEST_SMOOTHING_S = 0.15
-_SMOOTHED_STDS = 2.0
+_SMOOTHED_STDS = 2.0  # so far the smoothed motion may differ from the newest estimate's
 LARGEST_STD = 1e3
 _LEAST_LEAD_S = 1e-3  # a shorter lead time of a neighbour counts as 0; avoids a division by zero
 
@@ -140,23 +141,6 @@ def predict_own(
     return Motion(Vec3(p_x, p_y, p_z), Vec3(v_x, v_y, v_z))
 
 
-def advanced(motion: Motion, acceleration_enu_m_s2: Vec3, dt_s: float) -> Motion:
-    """Return a horizontal motion after a time of constant acceleration; the height stays.
-
-    Args:
-        motion: position and velocity [m, m/s], ENU.
-        acceleration_enu_m_s2: horizontal acceleration.
-        dt_s: that time.
-    """
-    (p_x, p_y, p_z), (v_x, v_y, v_z) = motion
-    a = acceleration_enu_m_s2
-    half_s2 = 0.5 * dt_s * dt_s
-    return Motion(
-        Vec3(p_x + dt_s * v_x + half_s2 * a.x, p_y + dt_s * v_y + half_s2 * a.y, p_z),
-        Vec3(v_x + dt_s * a.x, v_y + dt_s * a.y, v_z),
-    )
-
-
 def smoothed(predicted: Motion, expected: Motion, state: State, dt_s: float) -> Motion:
     """Return the horizontal prediction without the fast part of the estimate's noise.
 
@@ -168,7 +152,7 @@ def smoothed(predicted: Motion, expected: Motion, state: State, dt_s: float) -> 
 
     Args:
         predicted: prediction from the newest estimate.
-        expected: prediction of the last tick, advanced to now; not finite: there is none.
+        expected: prediction of the last tick, under the command since; not finite: there is none.
         state: newest estimate, of which the standard deviations are used.
         dt_s: time since the last tick.
     """

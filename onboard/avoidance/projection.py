@@ -5,9 +5,10 @@ any number of half-planes. In the plane the nearest feasible point is one of few
 its foot on one edge, the corner of two edges, or a point of the circle. All of these candidates are
 tried. Only the rows that matter take part: the most violated row is added, one at a time, until
 none is violated. The optimum for a part of the rows is the optimum for all rows if it satisfies
-all. So there is no iteration that has to converge, and no solver status to interpret.
+all. So no iteration has to converge, and there is no solver status to interpret.
 
-The law calls three functions. :func:`pulled` moves the thrust towards rows that need not hold.
+The law calls three functions. :func:`pulled` moves the thrust towards rows that need not hold, in a
+few rounds; wherever it ends, the projection after it is exact.
 :func:`project` returns the nearest point that satisfies all rows that must hold. If there is none,
 :func:`relaxed_in_order` decides which rows give way, and by how much.
 """
