@@ -15,16 +15,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cryptography import x509
-from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519
-from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from groundstation.keys.key_folder import make_key_folder
-from onboard.config.file_reading import KEY_FILE, read_bytes
 from onboard.config.fleet import ConfigError, FleetConfig
-from onboard.security.certificates import read_certificate
+from onboard.security.certificates import read_certificate, read_key
 from onboard.security.node_roles import NODES, ROUTER
 from onboard.security.private_files import refuse_open_to_others
 
@@ -99,14 +96,7 @@ def load_authority(folder: Path) -> CertificateAuthority:
         )
 
     refuse_open_to_others(path)
-    data = read_bytes(path, KEY_FILE._replace(words="private key"))
-    try:
-        key = load_pem_private_key(data, None)
-    except (ValueError, TypeError, UnsupportedAlgorithm):
-        raise ConfigError(
-            f"{path} is no private key, or was cut off. Begin anew: covey keys init FLEET --force"
-        ) from None
-
+    key = read_key(str(path), "Begin anew: covey keys init FLEET --force")
     certificate = read_certificate(str(folder / "ca.pem"))
     is_of_certificate = key.public_key() == certificate.public_key()
     if isinstance(key, ec.EllipticCurvePrivateKey) and is_of_certificate:

@@ -122,11 +122,12 @@ def read_certificate(path: str) -> x509.Certificate:
         ) from None
 
 
-def read_key(path: str) -> PrivateKeyTypes:
+def read_key(path: str, remedy: str = "Issue it anew: covey keys renew FLEET") -> PrivateKeyTypes:
     """Read a private key.
 
     Args:
         path: path of a PEM file.
+        remedy: what to do if it is no key, for the refusal.
     Raises:
         ConfigError: it cannot be read.
     """
@@ -134,9 +135,7 @@ def read_key(path: str) -> PrivateKeyTypes:
     try:
         return load_pem_private_key(data, None)
     except (ValueError, TypeError, UnsupportedAlgorithm):
-        raise ConfigError(
-            f"{path} is no private key, or was cut off. Issue it anew: covey keys renew FLEET"
-        ) from None
+        raise ConfigError(f"{path} is no private key, or was cut off. {remedy}") from None
 
 
 def common_name(certificate: x509.Certificate) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import datetime
 import shutil
 import subprocess
@@ -75,6 +76,18 @@ def _half_a_key(folder: Path) -> None:
     file.write_bytes(file.read_bytes()[:100])
 
 
+def _of_an_unknown_curve(folder: Path, name: str) -> None:
+    """Write the authority's key with another first number in the curve's 1.2.840.10045.3.1.7."""
+    lines = (folder / "keys" / "ca.key").read_text().splitlines()
+    content = base64.b64decode("".join(lines[1:-1]))
+    curve = bytes.fromhex("06082a8648ce3d030107")
+    assert content.count(curve) == 1
+
+    changed = content.replace(curve, bytes.fromhex("06080a8648ce3d030107"))
+    text = base64.encodebytes(changed).decode()
+    (folder / "keys" / name).write_text(f"{lines[0]}\n{text}{lines[-1]}\n")
+
+
 def _of_another(folder: Path) -> None:
     for kind in ("pem", "key"):
         shutil.copy(folder / "keys" / f"mav2.{kind}", folder / "keys" / f"mav1.{kind}")
@@ -106,6 +119,10 @@ def _issued(days: int) -> Callable[[Path], None]:
         (lambda folder: (folder / "keys" / "mav1.key").chmod(0o644), "chmod 600"),
         (_truncated, "is no certificate, or was cut off"),
         (_half_a_key, "is no private key, or was cut off"),
+        (
+            lambda folder: _of_an_unknown_curve(folder, "mav1.key"),
+            "is no private key, or was cut off. Issue it anew",
+        ),
         (_of_another, "is the certificate of mav2, not of mav1"),
         (_mixed, "does not belong to"),
         (_foreign, "was not issued by"),
@@ -123,6 +140,12 @@ def test_what_does_not_fit_is_refused_at_the_start_with_the_remedy(
     if (folder / "keys" / "mav1.pem").exists():  # else it may well be of another computer
         assert main(["keys", "list", str(folder / "fleet.toml")]) == 1
         assert words in capsys.readouterr().out
+
+
+def test_the_key_of_the_authority_is_refused_if_it_is_none(folder: Path) -> None:
+    _of_an_unknown_curve(folder, "ca.key")
+    with pytest.raises(ConfigError, match="or was cut off\\. Begin anew: covey keys init"):
+        load_authority(folder / "keys")
 
 
 def test_the_key_of_the_authority_is_refused_where_others_can_read_it(
