@@ -459,7 +459,7 @@ def _too_near(name: str, goal: Xyz, other: str, position: Xyz, fleet: FleetConfi
     if height_difference_m > _OTHER_HEIGHT_M:
         height_words = f" and {height_difference_m:.1f} m above or below it"
 
-    rule_words = above_words(fleet)
+    rule_words = above_words(parking_distance_m(fleet), parking_height_share(fleet))
     if height_words and not rule_words:
         rule_words = ", horizontally at any height: it has no vertical separation"
 

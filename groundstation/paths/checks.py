@@ -384,8 +384,9 @@ def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
 def _spacing(fleet: FleetConfig, flown: SampledPaths, where: str) -> Finding:
     """Return the finding about the smallest distance of all pairs."""
     least_m = bound_m(fleet)
-    above = above_words(fleet)
-    pairs = closest_pairs(flown, least_m, parking_height_share(fleet))
+    height_share = parking_height_share(fleet)
+    above = above_words(least_m, height_share)
+    pairs = closest_pairs(flown, least_m, height_share)
     listed = listed_words([pair_words(pair) for pair in pairs])
 
     if above:

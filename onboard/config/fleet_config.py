@@ -34,6 +34,7 @@ _TICKS_PER_S = 50  # rate of the control loop
 # height on top of the vertical separation for hovering above each other: the law acts 0.20 m early,
 # and vehicles hold their heights to some 0.05 m
 _BELOW_SEPARATION_M = 0.25
+_ROUNDING_CM = 1e-6  # heights in sentences are rounded up, but not for a rounding error
 # on top of the design distance for hovering side by side: slots nearer than that are reached late
 # or never (measured)
 _PARKING_MARGIN_M = 0.10
@@ -406,18 +407,19 @@ class FleetConfig(msgspec.Struct, frozen=True):
         return order[first : last + 1]
 
 
-def above_words(config: FleetConfig) -> str:
-    """Return in words which difference in height replaces the horizontal distance.
+def above_words(distance_m: float, height_share: float) -> str:
+    """Return in words which difference in height replaces a horizontal distance.
 
     Args:
-        config: the fleet.
+        distance_m: the horizontal distance.
+        height_share: from :func:`parking_height_share`.
     Returns:
         The end of a sentence; empty if the fleet has no vertical separation.
     """
-    share = parking_height_share(config)
-    if share <= 0.0:
+    if height_share <= 0.0:
         return ""
-    return f", or {parking_distance_m(config) / share:.2f} m above each other"
+    height_cm = math.ceil(100.0 * distance_m / height_share - _ROUNDING_CM)
+    return f", or {height_cm / 100.0:.2f} m above each other"
 
 
 def parking_height_share(config: FleetConfig, accuracy_m: float = 0.0) -> float:

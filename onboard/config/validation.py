@@ -320,7 +320,8 @@ def _formation_problems(config: FleetConfig) -> Iterator[str]:
     yield from formation_shape.problems(config.shapes)
 
     parking_m = parking_distance_m(config)
-    above = above_words(config)
+    height_share = parking_height_share(config)
+    above = above_words(parking_m, height_share)
     for formation, slots in config.formations.items():
         for name in slots:
             if name not in config.vehicles:
@@ -330,7 +331,7 @@ def _formation_problems(config: FleetConfig) -> Iterator[str]:
                 )
 
         for first, second in itertools.combinations(slots, 2):
-            spacing_m = separation_m(slots[first], slots[second], parking_height_share(config))
+            spacing_m = separation_m(slots[first], slots[second], height_share)
             if spacing_m < parking_m:
                 yield (
                     f"slots 'formations.{formation}.{first}' and '.{second}' are {spacing_m:.2f} m "

@@ -286,16 +286,17 @@ def spacing_finding(
     """
     height_share = parking_height_share(fleet, height_accuracy_m(accuracy))
     spacing_m, pair = _closest(spots, height_share)
+    bound_m = parking_m(fleet, accuracy)
 
     return at_least(
         name=f"spacing, {label}",
         value=spacing_m,
-        bound=parking_m(fleet, accuracy),
+        bound=bound_m,
         unit="m",
         sentence=(
             f"{_capitalized(label)}: {pair} are {{value}} apart; the law '{fleet.law.name}' can "
             f"park vehicles, with estimates as accurate as '{accuracy.name}', {{relation}} "
-            f"{{bound}} apart{above_words(fleet)}"
+            f"{{bound}} apart{above_words(bound_m, height_share)}"
         ),
         remedy="Move the spots {difference} farther apart, or fly with a more accurate position.",
     )

@@ -1,5 +1,7 @@
 """The one number that says how far a pair is apart."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -33,6 +35,29 @@ def test_spots_above_each_other_are_judged_by_the_accuracy_of_heights(errors, is
         finding.name: finding for finding in spot_findings(fleet, spots, "slots", errors=errors)
     }["spacing, slots"]
     assert (worst.status == "refused") is is_refused
+
+
+@pytest.mark.parametrize("errors", ["mocap", "vision", "gps"])
+def test_a_refusal_names_a_height_that_suffices(errors):
+    fleet = load_fleet("configs/fleets/above.toml")
+
+    def spacing(height_m):
+        spots = {"mav0": (0.0, 0.0, 1.0), "mav1": (0.0, 0.0, 1.0 + height_m)}
+        findings = spot_findings(fleet, spots, "slots", errors=errors)
+        return next(finding for finding in findings if finding.name == "spacing, slots")
+
+    refusal = spacing(1.2)
+    assert refusal.status == "refused"
+    named = re.search(r"or ([\d.]+) m above each other", refusal.sentence)
+    assert named is not None
+
+    height_m = float(named[1])
+    assert spacing(height_m).status == "ok"
+    assert spacing(height_m - 0.02).status == "refused"
+
+
+def test_spots_above_each_other_are_refused_without_a_vertical_separation():
+    spots = {"mav0": (0.0, 0.0, 1.0), "mav1": (0.0, 0.0, 2.52)}
     cylinders = load_fleet("configs/fleets/sih.toml")
     assert {one.name: one for one in spot_findings(cylinders, spots, "slots")}[
         "spacing, slots"
