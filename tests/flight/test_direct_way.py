@@ -97,7 +97,7 @@ async def hover(folder: Path) -> AsyncIterator[Hover]:
         )
         results = await client.order(f"takeoff {SOLO} 1.0", 40.0)
         if "Loop stalled" in results[SOLO].sentence:  # this computer was busy: once more
-            await found.until("not ready again", lambda state: _told(state, "ready"), 60.0)
+            await found.until("not on the ground", _is_on_the_ground, 60.0)
             results = await client.order(f"takeoff {SOLO} 1.0", 40.0)
         assert results[SOLO].phase == "done", results
         yield found
@@ -111,6 +111,11 @@ async def hover(folder: Path) -> AsyncIterator[Hover]:
 def _told(state: FleetState, wanted: str) -> bool:
     telemetry = state.vehicles[SOLO].telemetry
     return telemetry is not None and telemetry.state == wanted
+
+
+def _is_on_the_ground(state: FleetState) -> bool:
+    """Whether the agent takes a take-off: landed after a flight, or ready if it only armed."""
+    return _told(state, "landed") or _told(state, "ready")
 
 
 @pytest.mark.parametrize("comes_back", [True, pytest.param(False, marks=pytest.mark.long)])
@@ -141,9 +146,7 @@ async def test_land_goes_straight_to_px4_when_the_agent_hangs_and_stays_when_it_
         codes = {logged.event.code for logged in flight.client.state.events}
         assert {"direct_command", "direct_disarmed"} <= codes
         if comes_back:
-            await flight.until(
-                "agent silent", lambda state: _told(state, "landed") or _told(state, "ready"), 20.0
-            )
+            await flight.until("agent silent", _is_on_the_ground, 20.0)
             await asyncio.sleep(1.0)
             telemetry = flight.client.state.vehicles[SOLO].telemetry
             assert telemetry is not None
