@@ -21,7 +21,11 @@ MAX_MESSAGE_AGE_S = 0.30  # extrapolating a silent neighbour for longer than thi
 # The same for a neighbour that cooperates, because it publishes its prediction. The neighbour table
 # counts it as silent earlier if its messages are older than the radio explains.
 MAX_PREDICTION_AGE_S = 0.80
-MAX_COMMAND_AGE_S = 0.25  # a neighbour's last command says little about what it does later
+# How long an acceleration of a neighbour counts. Both react to each other's commands, so a command
+# that counts for long makes two vehicles with old messages swing against each other: with 0.25 s
+# and messages of 200 ms the commands were seven times as loud as with 0.08 s.
+MAX_COMMAND_AGE_S = 0.08  # its last command
+MAX_ACCELERATION_AGE_S = 0.25  # the estimated acceleration of one that does not cooperate
 LONGEST_LEAD_S = 1.0
 # largest error of the configured lag L; twice this error causes violations in every third flight
 LAG_ERROR_S = 0.04
@@ -195,8 +199,9 @@ def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
     For any other neighbour, the plain estimate is extrapolated with its acceleration, which is
     clipped to 1 g.
 
-    An acceleration counts for at most MAX_COMMAND_AGE_S. After that time the neighbour is
-    extrapolated at constant velocity.
+    A command counts for the time by which the own lag is longer, and for at most MAX_COMMAND_AGE_S
+    of the message's age; an estimated acceleration counts for at most MAX_ACCELERATION_AGE_S. After
+    that time the neighbour is extrapolated at constant velocity.
 
     Args:
         neighbour: the neighbour as received.
@@ -213,6 +218,7 @@ def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
         v = horizontal_within(neighbour.predicted_velocity_enu_m_s, LARGEST)
         command = horizontal_within(neighbour.commanded_acceleration_enu_m_s2, LARGEST)
         a = command
+        longest_s = max(own_lead_s - lead_s, 0.0) + MAX_COMMAND_AGE_S
         if ahead_s < 0.0:
             per_lead_1_s = 1.0 / lead_s if lead_s > _LEAST_LEAD_S else 0.0
             a = Vec2(per_lead_1_s * (v.x - plain_m_s.x), per_lead_1_s * (v.y - plain_m_s.y))
@@ -223,9 +229,10 @@ def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
         v = plain_m_s
         command = Vec2(0.0, 0.0)
         a = into_disc(horizontal_within(neighbour.acceleration_enu_m_s2, LARGEST), GRAVITY_M_S2)
+        longest_s = MAX_ACCELERATION_AGE_S
 
     # an acceleration for held_s, then none: held_s^2 / 2 + held_s (ahead_s - held_s)
-    held_s = min(ahead_s, MAX_COMMAND_AGE_S)
+    held_s = min(ahead_s, longest_s)
     weight_s2 = held_s * (ahead_s - 0.5 * held_s)
     position_m = Vec2(p.x + ahead_s * v.x + weight_s2 * a.x, p.y + ahead_s * v.y + weight_s2 * a.y)
     velocity_m_s = Vec2(v.x + held_s * a.x, v.y + held_s * a.y)

@@ -20,7 +20,7 @@ from onboard.types import TICK_S
 
 # Beyond the first age, states require a further margin: the second value for each second of age.
 USUAL_AGE_S = 0.16
-AGE_MARGIN_M_S = 0.5
+AGE_MARGIN_M_S = 1.0
 
 # number of Euler steps of the vehicle's response in one tick
 _SUBSTEPS = 4

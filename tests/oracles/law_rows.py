@@ -40,7 +40,8 @@ def carried(n, lead_s):
         np.where(np.isfinite(n["lead_time_s"]), n["lead_time_s"], lead_s), 0.0, 1.0
     )
     ahead = (age + lead_s - their_lead)[:, None]
-    forth = np.clip(ahead, 0.0, 0.25)
+    longer_lag = np.maximum(lead_s - their_lead, 0.0)[:, None]
+    forth = np.clip(ahead, 0.0, longer_lag + 0.08)
     back = np.minimum(ahead, 0.0)
 
     p = n["predicted_position_enu_m"]

@@ -633,13 +633,27 @@ def test_the_lead_time_of_a_neighbour(lead_s: float, known_s: float) -> None:
     assert prediction.lead_time(lead_s, 0.15) == known_s
 
 
-def test_a_neighbour_is_carried_on_with_its_command_for_a_quarter_of_a_second() -> None:
+def test_a_neighbour_is_carried_on_with_its_command_for_eight_hundredths_of_a_second() -> None:
     other = neighbour_of(
         (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0, 0.0), age_s=0.35, lead_time_s=0.15
     )
     found = prediction.receive(other, 0.15)
-    assert found.velocity_m_s == pytest.approx((1.5, 0.0))
-    assert found.position_m == pytest.approx((0.35 + 0.25 * (0.35 - 0.125) * 2.0, 0.0))
+    assert found.velocity_m_s == pytest.approx((1.16, 0.0))
+    assert found.position_m == pytest.approx((0.35 + 0.08 * (0.35 - 0.04) * 2.0, 0.0))
+
+
+def test_a_neighbours_command_counts_for_the_own_longer_lag_too() -> None:
+    other = neighbour_of(
+        (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0, 0.0), age_s=0.35, lead_time_s=0.15
+    )
+    assert prediction.receive(other, 0.27).velocity_m_s == pytest.approx((1.4, 0.0))
+
+
+def test_an_acceleration_of_one_that_does_not_cooperate_counts_for_a_quarter_of_a_second() -> None:
+    other = neighbour_of(
+        (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), acceleration_enu_m_s2=Vec3(2.0, 0.0, 0.0), age_s=0.3
+    )._replace(is_cooperative=False)
+    assert prediction.receive(other, 0.15).velocity_m_s == pytest.approx((1.5, 0.0))
 
 
 def test_a_neighbour_is_carried_on_with_its_command_from_the_first_moment_on() -> None:

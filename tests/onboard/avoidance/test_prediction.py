@@ -229,9 +229,9 @@ def carried(position, velocity, command, age, *, plain=None, lead=0.15, own_lead
 
 
 def test_neighbour_is_carried_along_its_command_for_the_age_of_its_message():
-    q, w = carried([0, 0, 0], [1.0, 0, 0], [0, 2.0, 0], 0.1)
-    np.testing.assert_allclose(q, [0.1, 0.5 * 2.0 * 0.01], atol=1e-15)
-    np.testing.assert_allclose(w, [1.0, 0.2])
+    q, w = carried([0, 0, 0], [1.0, 0, 0], [0, 2.0, 0], 0.06)
+    np.testing.assert_allclose(q, [0.06, 0.5 * 2.0 * 0.0036], atol=1e-15)
+    np.testing.assert_allclose(w, [1.0, 0.12])
 
 
 def test_silent_neighbour_is_not_extrapolated_for_ever():
