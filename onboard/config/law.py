@@ -64,9 +64,9 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     obstacle_margin_m: float = 0.20  # distance kept between obstacles and the propellers
     fence_margin_m: float = 0.05  # distance kept from the fence
-    # share of max_speed_m_s that a vehicle may fly; if the safety distance is at stake, it may fly
-    # faster
-    avoid_speed_frac: float = 1.0
+    # Share of max_speed_m_s from which a vehicle brakes. Because its attitude follows late, it
+    # overshoots by a tenth; if the safety distance is at stake, it may fly faster.
+    avoid_speed_frac: float = 0.97
 
     # -- the paper's law, (5)-(22) --
 
