@@ -58,8 +58,9 @@ class FlightOutcome:
     is_collision: bool
     makespan_s: float  # time at which all had arrived; inf if they did not arrive in time
     duration_s: float
-    # Why not all arrived in time: "deadlock" (the missing vehicles stand still), "livelock" (they
-    # move, but do not approach their goals) or "time" (they were still approaching them).
+    # Why not all arrived in time: "blocked" (a lost vehicle is nearer to the goals of the missing
+    # ones than they may come to it), "deadlock" (the missing vehicles stand still), "livelock"
+    # (they move, but do not approach their goals) or "time" (they were still approaching them).
     reason: str | None
     relaxed_share: float  # share of the vehicles' ticks in which the law was relaxed
     slew_rms_m_s3: float  # change of the horizontal command
@@ -129,13 +130,20 @@ class FlightMetrics:
         self._earliest = np.array([plan.earliest_s for plan in plans])
         self._longest = np.array(longest_s, dtype=np.float64)
 
+        # what the types of vehicles keep from one that does not avoid, at least
+        least_lag_s = min(vehicle.lag_s for vehicle in fleet.vehicles.values())
+        margin_m = fleet.law.margin_m(least_lag_s) + fleet.law.uncooperative_margin_m
+        self._kept_from_lost_m = self._limit_m + margin_m
+
         self._counts = np.ones((flights, count), bool)  # whether a vehicle's arrival counts
+        self._is_lost = np.zeros((flights, count), bool)
         for f, plan in enumerate(plans):
             if plan.intruder_m_s is not None:
                 self._counts[f, -1] = False
             if plan.lost is not None:
                 lost_index, _, _ = plan.lost
                 self._counts[f, lost_index] = False
+                self._is_lost[f, lost_index] = True
             if plan.lie is not None:
                 self._counts[f, plan.lie.member] = False
         self._is_judged = self._judged_pairs(plans)
@@ -363,11 +371,25 @@ class FlightMetrics:
         """
         if not missing.any():
             return "time"
+        if self._is_blocked(row, missing):
+            return "blocked"
         if (self._recent_gain[row, missing] > _APPROACHING_M_S).any():
             return "time"
         if (self._recent_speed[row, missing] < _STUCK_M_S).all():
             return "deadlock"
         return "livelock"
+
+    def _is_blocked(self, row: int, missing: BoolArray) -> bool:
+        """Whether a lost vehicle is too near to the goal of every missing vehicle.
+
+        Args:
+            row: row of the flight.
+            missing: (N,) whether a vehicle is not at its goal.
+        """
+        lost = self._position[row, self._is_lost[row], :2]  # (L, 2)
+        goals = self._goal[row, missing, :2]  # (M, 2)
+        gaps_m = np.hypot(*(goals[:, None] - lost[None, :]).transpose(2, 0, 1))
+        return bool((gaps_m < self._kept_from_lost_m).any(axis=1).all())
 
     def keep(self, flights: IntArray) -> None:
         """Keep only these rows (flights), and drop the others."""
@@ -378,6 +400,7 @@ class FlightMetrics:
         self._earliest = self._earliest[flights]
         self._longest = self._longest[flights]
         self._counts = self._counts[flights]
+        self._is_lost = self._is_lost[flights]
         self._is_judged = self._is_judged[flights]
 
         self._position = self._position[flights]

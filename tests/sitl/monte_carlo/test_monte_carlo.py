@@ -270,6 +270,21 @@ def test_frozen_vehicle_stops_for_good_and_its_arrival_is_not_asked_for():
     assert np.linalg.norm(late[-1] - flown.plan.goal_enu_m[place]) > 0.3
 
 
+def test_goal_beside_a_frozen_vehicle_is_blocked_and_any_other_is_reached():
+    near, free = fly("lost4@frozen", [4, 5])
+
+    def gap_to_the_goals_m(flown):
+        place, _, _ = flown.plan.lost
+        rest = flown.outcome.trace.position_enu_m[-1, place, :2]
+        others = np.delete(flown.plan.goal_enu_m[:, :2], place, axis=0)
+        return np.linalg.norm(others - rest, axis=1).min()
+
+    assert near.outcome.reason == "blocked"
+    assert gap_to_the_goals_m(near) < 1.0
+    assert free.outcome.is_success
+    assert gap_to_the_goals_m(free) > 1.0
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
