@@ -343,12 +343,7 @@ def _closed(things: _Things, ends: _Ends, walls: Walls) -> _Things:
     bars = [np.stack([begins[is_closed], (begins + across)[is_closed]], axis=1)]
 
     # beside the walls of the box; a vehicle may be a little beyond one
-    for axis, wall_m, sign in (
-        (0, walls.low_x_m, -1.0),
-        (0, walls.high_x_m, 1.0),
-        (1, walls.low_y_m, -1.0),
-        (1, walls.high_y_m, 1.0),
-    ):
+    for axis, wall_m, sign in _sides(walls):
         room_m = sign * (wall_m - ends.points_m[:, axis])
         is_closed = (room_m > 0.0) & (room_m < ends.keep_m - _PLACE_ROUNDING_M)
         feet = ends.points_m[is_closed].copy()
@@ -366,13 +361,23 @@ def _closed(things: _Things, ends: _Ends, walls: Walls) -> _Things:
     )
 
 
+def _sides(walls: Walls) -> tuple[tuple[int, float, float], ...]:
+    """Return for each wall of the box its axis, where it is, and the sign of the way outwards."""
+    return (
+        (0, walls.low_x_m, -1.0),
+        (0, walls.high_x_m, 1.0),
+        (1, walls.low_y_m, -1.0),
+        (1, walls.high_y_m, 1.0),
+    )
+
+
 def _corners(ends: _Ends, things: _Things, walls: Walls) -> Array:
     """Return the points (C, 2) about which ways turn.
 
     They lie around the ends of things, and in the middle of narrow passages.
     """
     around = _around(ends)
-    middles = _middles(ends, things)
+    middles = np.concatenate([_middles(ends, things), _middles_beside_walls(ends, walls)])
 
     # Other things may take half of a corner's spare. A middle of a passage may have none.
     around = around[_is_clear(around, things, 0.5 * _CORNER_SPARE_M)]
@@ -412,6 +417,21 @@ def _middles(ends: _Ends, things: _Things) -> Array:
     share = (ends.keep_m[:, None] + 0.5 * free_m) / np.maximum(width_m, 1e-12)
     middles = ends.points_m[:, None] + share[..., None] * across
     return np.asarray(middles[is_narrow])
+
+
+def _middles_beside_walls(ends: _Ends, walls: Walls) -> Array:
+    """Return the middle (.., 2) of each narrow passage between an end and a wall of the box.
+
+    The vehicle's centre may be at the wall, so only the end has a distance that must be kept.
+    """
+    middles = []
+    for axis, wall_m, sign in _sides(walls):
+        free_m = sign * (wall_m - ends.points_m[:, axis]) - ends.keep_m
+        is_narrow = (free_m > -_PLACE_ROUNDING_M) & (free_m < _NARROW_M)
+        beside_wall = ends.points_m[is_narrow].copy()
+        beside_wall[:, axis] += sign * (ends.keep_m + 0.5 * free_m)[is_narrow]
+        middles.append(beside_wall)
+    return np.concatenate(middles)
 
 
 def _passages(ends: _Ends, things: _Things) -> tuple[Array, Array]:

@@ -20,9 +20,8 @@ from sitl.monte_carlo.clutter import Outlines
 
 CLEARANCE_M = 0.45
 LINE_SPARE_M = 0.05  # by which a way may be nearer: the law holds the distance itself
-# More than the clearance: a way with so much room has to be found. Between an obstacle and the
-# fence the corners of an octagon need it: 1.1 m / cos(22.5 deg) - 1.05 m, for the largest obstacle.
-ROOM_M = 0.15
+# More than the clearance: a way with so much room has to be found.
+ROOM_M = 0.05
 HALF_M = 3.0
 BOX = Walls(-HALF_M, HALF_M, -HALF_M, HALF_M)
 
