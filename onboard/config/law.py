@@ -57,6 +57,9 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     # violation from which a rotation row has its full strength; below it the strength is
     # proportional, so that nothing jumps when the row begins
     rotation_fade_m_s2: float = 2.0
+    # 2: in a move on one level every second vehicle flies above the others between its ends, by
+    # fleet.vertical_separation_m and a little more; 1: all stay on their level
+    passing_heights: Literal[1, 2] = 1
     max_neighbours: int = 12  # only so many of the nearest neighbours are avoided
     range_m: float = 8.0  # neighbours farther away are ignored
 

@@ -154,6 +154,12 @@ def _bound(fleet: FleetSection, bound: float | str) -> float:
 
 def _vertical_problems(fleet: FleetSection, law: LawConfig) -> Iterator[str]:
     if fleet.vertical_separation_m is None:
+        if law.passing_heights > 1:
+            yield (
+                "'law.passing_heights' is 2, and 'fleet.vertical_separation_m' is not given: "
+                "without it nobody passes above anybody. Write vertical_separation_m, or remove "
+                "passing_heights."
+            )
         return
 
     least_m = _LEAST_HEIGHT_BODIES * fleet.body_diameter_m

@@ -195,7 +195,12 @@ def before_law(
         disturbance = observer.mean_enu_m_s2
     compensation = _compensation(predicted.velocity_enu_m_s, disturbance, params)
 
-    intended_m_s = intent(predicted.position_enu_m, goal, params.trajectory.max_speed_m_s)
+    intended_m_s = intent(
+        predicted.position_enu_m,
+        goal,
+        params.trajectory.max_speed_m_s,
+        rise_m=trajectory.rise_soon_m(leg),
+    )
     thrust = _tracking(predicted, setpoint, speed_share, mode, params)
     return BeforeLaw(
         observer=observer,
@@ -386,16 +391,18 @@ def clock_rate(
     return memory.clock_rate + blend * (target_rate - memory.clock_rate)
 
 
-def intent(position_enu_m: Vec3, goal: Goal, max_speed_m_s: float) -> Vec3:
+def intent(position_enu_m: Vec3, goal: Goal, max_speed_m_s: float, rise_m: float = 0.0) -> Vec3:
     """Return the velocity [m/s] that would lead straight to the goal or along the path.
 
     It is at most the top speed. Its vertical part times ``INTENT_S`` is the remaining climb to the
-    goal, so that the neighbours know where a climb ends.
+    goal, so that the neighbours know where a climb ends. In a leg that rises, the climb is to the
+    height that it reaches soon.
 
     Args:
         position_enu_m: position predicted to t + L [m], ENU.
         goal: goal of the order that is flown.
         max_speed_m_s: top speed of the vehicle.
+        rise_m: height above the level leg that is reached soon.
     """
     p = position_enu_m
     goal_m = goal.position_enu_m
@@ -404,7 +411,7 @@ def intent(position_enu_m: Vec3, goal: Goal, max_speed_m_s: float) -> Vec3:
 
     x = _INTENT_1_S * (goal_m.x - p.x) + rate * v.x
     y = _INTENT_1_S * (goal_m.y - p.y) + rate * v.y
-    z = (goal_m.z - p.z) / INTENT_S + rate * v.z
+    z = (goal_m.z + rise_m - p.z) / INTENT_S + rate * v.z
 
     share = max_speed_m_s / max(math.sqrt(x * x + y * y), max_speed_m_s)
     return Vec3(share * x, share * y, min(max(z, -max_speed_m_s), max_speed_m_s))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from onboard.avoidance.params import PAPER, LawParams, law_params
+from onboard.avoidance.params import COVEY, PAPER, LawParams, law_params
 from onboard.config.fleet import FleetConfig
 from onboard.config.wind_limit import largest_push_m_s2
 from onboard.constants import GRAVITY_M_S2
-from onboard.control import allocation, backstepping, sinking, trajectory
+from onboard.control import allocation, backstepping, passing, sinking, trajectory
 from onboard.estimation import disturbance_observer, hover_thrust
 
 # share of the horizontal acceleration that may compensate drag and wind; the rest stays for the law
@@ -80,11 +80,17 @@ def pipeline_params(
     if law_numbers.law != PAPER:
         lead_s = law_numbers.lead_time_s
 
+    rise_m = 0.0  # another law than the fleet file's, for instance none, flies the straight line
+    if law_numbers.law == COVEY:
+        rise_m = passing.rise_m(fleet, vehicle_name)
+
     return PipelineParams(
         trajectory=trajectory.TrajectoryParams(
             max_speed_m_s=law_numbers.max_speed_m_s,
             max_acceleration_m_s2=float(vehicle.max_acceleration_m_s2),
             lead_s=lead_s,
+            rise_m=rise_m,
+            highest_m=passing.highest_m(fleet),
         ),
         backstepping=backstepping.BacksteppingParams(
             max_acceleration_m_s2=max_acceleration_m_s2,

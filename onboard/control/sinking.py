@@ -159,5 +159,7 @@ def step(
         elapsed_s=0.0,
         clock_rate=1.0,
         sequence=goal.sequence,
+        rise_m=0.0,
+        rise_s=0.0,
     )
     return after, TrajectorySetpoint(position, velocity, acceleration)

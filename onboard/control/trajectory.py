@@ -12,6 +12,10 @@ A climb or descent ends at once if a smooth brake would pass the height of the n
 baseline brakes harder than the bounds of a leg, and a vehicle that is ordered to land in a climb
 must not climb on.
 
+A vehicle that passes above others rises between the ends of a level leg and comes down again before
+its end. The rise is added to the leg's heights. It keeps the bounds on its own: its vertical speed
+and acceleration are at most the leg's.
+
 The setpoint of time t refers to t + lead_s, the time at which a command given at t acts. A new leg
 begins at the present setpoint. Its duration is shortened by lead_s, so that it ends on time.
 
@@ -44,6 +48,11 @@ _FITS = 1.0 + 1e-9  # a value divided by its bound may be this large, because of
 # goal that is only a few millimetres away.
 _LEAST_SHARE = 0.8
 
+_LEVEL_M = 0.3  # a leg between heights that differ by more is no level one
+_RISE_END_SHARE = 0.95  # share of a leg's time at which a rise has ended
+_LEAST_ABOVE_S = 1.0  # a leg that would be shorter above than this does not rise
+_RISE_AHEAD_S = 1.0  # a vehicle tells others the rise that it has reached after this time
+
 
 class TrajectoryParams(NamedTuple):
     """Bounds of the setpoint's motion."""
@@ -51,6 +60,8 @@ class TrajectoryParams(NamedTuple):
     max_speed_m_s: float = 1.0
     max_acceleration_m_s2: float = 1.5
     lead_s: float = 0.0  # time from a tick to the time that the tick's setpoint refers to
+    rise_m: float = 0.0  # height by which this vehicle rises in level legs; 0: it stays level
+    highest_m: float = math.inf  # a leg that would rise above this height stays level
 
 
 class TrajectoryMemory(NamedTuple):
@@ -68,6 +79,19 @@ class TrajectoryMemory(NamedTuple):
     # starts
     clock_rate: float
     sequence: int  # sequence of the goal
+    rise_m: float  # height by which the leg rises between its ends
+    rise_s: float  # duration of the rise, and of the descent from it
+
+
+class _Rise(NamedTuple):
+    """Motion above the level leg, per second of the leg's clock."""
+
+    height_m: float
+    velocity_m_s: float
+    acceleration_m_s2: float
+
+
+_NO_RISE = _Rise(0.0, 0.0, 0.0)
 
 
 class _Quintic(NamedTuple):
@@ -93,6 +117,8 @@ def initial(position_enu_m: Vec3) -> TrajectoryMemory:
         elapsed_s=0.0,
         clock_rate=1.0,
         sequence=_NO_SEQUENCE,
+        rise_m=0.0,
+        rise_s=0.0,
     )
 
 
@@ -112,6 +138,8 @@ def moving(position_enu_m: Vec3, velocity_enu_m_s: Vec3) -> TrajectoryMemory:
         elapsed_s=0.0,
         clock_rate=1.0,
         sequence=_NO_SEQUENCE,
+        rise_m=0.0,
+        rise_s=0.0,
     )
 
 
@@ -159,6 +187,8 @@ def step(
         elapsed_s=min(memory.elapsed_s + rate * dt_s, duration_s(memory)),
         clock_rate=rate,
         sequence=memory.sequence,
+        rise_m=memory.rise_m,
+        rise_s=memory.rise_s,
     )
     return after, setpoint(after)
 
@@ -176,6 +206,8 @@ def _on_path(goal: Goal) -> tuple[TrajectoryMemory, TrajectorySetpoint]:
         elapsed_s=0.0,
         clock_rate=min(max(goal.clock_rate_frac, 0.0), 1.0),
         sequence=goal.sequence,
+        rise_m=0.0,
+        rise_s=0.0,
     )
     return memory, setpoint(memory)
 
@@ -183,18 +215,52 @@ def _on_path(goal: Goal) -> tuple[TrajectoryMemory, TrajectorySetpoint]:
 def setpoint(memory: TrajectoryMemory) -> TrajectorySetpoint:
     """Return the setpoint at the leg's present time."""
     leg, tau = _present(memory)
+    rise = _rise(memory, memory.elapsed_s)
     rate = memory.clock_rate
     return TrajectorySetpoint(
-        _position(leg, tau),
-        scaled(rate, _velocity(leg, tau)),
-        scaled(rate * rate, _acceleration(leg, tau)),
+        raised(_position(leg, tau), rise.height_m),
+        scaled(rate, raised(_velocity(leg, tau), rise.velocity_m_s)),
+        scaled(rate * rate, raised(_acceleration(leg, tau), rise.acceleration_m_s2)),
     )
 
 
 def setpoint_position(memory: TrajectoryMemory) -> Vec3:
     """Return only the position of the setpoint [m], ENU."""
     leg, tau = _present(memory)
-    return _position(leg, tau)
+    return raised(_position(leg, tau), _rise(memory, memory.elapsed_s).height_m)
+
+
+def rise_soon_m(memory: TrajectoryMemory) -> float:
+    """Return the height above the level leg [m] that is reached soon, at a clock rate of 1."""
+    return _rise(memory, memory.elapsed_s + _RISE_AHEAD_S).height_m
+
+
+def raised(value: Vec3, by: float) -> Vec3:
+    """Return a vector with more in its vertical component."""
+    return Vec3(value.x, value.y, value.z + by)
+
+
+def _rise(memory: TrajectoryMemory, elapsed_s: float) -> _Rise:
+    """Return the motion above the level leg, a time after its begin."""
+    if memory.rise_m == 0.0:
+        return _NO_RISE
+
+    # up in the first rise_s, and down as in a mirror in the last
+    to_end_s = max(_RISE_END_SHARE * duration_s(memory) - elapsed_s, 0.0)
+    inside_s = min(elapsed_s, to_end_s)
+    if inside_s >= memory.rise_s:
+        return _Rise(memory.rise_m, 0.0, 0.0)
+
+    up = 1.0 if elapsed_s <= to_end_s else -1.0
+    tau = inside_s / memory.rise_s
+    r = 1.0 - tau
+    velocity = 30.0 * tau * tau * r * r / memory.rise_s
+    acceleration = 60.0 * tau * r * (1.0 - 2.0 * tau) / (memory.rise_s * memory.rise_s)
+    return _Rise(
+        height_m=memory.rise_m * (tau * tau * tau * (10.0 - 15.0 * tau + 6.0 * tau * tau)),
+        velocity_m_s=memory.rise_m * up * velocity,
+        acceleration_m_s2=memory.rise_m * acceleration,
+    )
 
 
 def _present(memory: TrajectoryMemory) -> tuple[_Quintic, float]:
@@ -357,6 +423,7 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
             first_s = direct_s
             second_s = 0.0
 
+    rises = _rises(p.z, target.z, first_s + second_s, params)
     return TrajectoryMemory(
         start_position_enu_m=p,
         start_velocity_enu_m_s=v,
@@ -368,7 +435,19 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
         elapsed_s=0.0,
         clock_rate=memory.clock_rate,
         sequence=goal.sequence,
+        rise_m=params.rise_m if rises else 0.0,
+        rise_s=shortest_duration_s(params.rise_m, params),
     )
+
+
+def _rises(begin_m: float, end_m: float, whole_s: float, params: TrajectoryParams) -> bool:
+    """Whether a leg between two heights rises: it is level, long enough, and below the ceiling."""
+    if params.rise_m == 0.0 or abs(end_m - begin_m) > _LEVEL_M:
+        return False
+    if max(begin_m, end_m) + params.rise_m > params.highest_m:
+        return False
+    above_s = _RISE_END_SHARE * whole_s - 2.0 * shortest_duration_s(params.rise_m, params)
+    return above_s >= _LEAST_ABOVE_S
 
 
 def _leads_past(height_m: float, climb_m_s: float, goal_m: float, params: TrajectoryParams) -> bool:

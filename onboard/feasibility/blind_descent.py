@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from onboard.config.fleet import FleetConfig
+from onboard.control.passing import top_m as top_of_moves_m
 from onboard.control.sinking import sinking_params, sinking_s
 from onboard.feasibility.finding import Finding, at_most, worst
 from onboard.safety.limits import POSITION_STALE_S
@@ -42,7 +43,8 @@ def blind_descent_findings(
 def _finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Finding:
     """Return the finding about one vehicle."""
     vehicle = fleet.vehicles[name]
-    height_m = max(0.0, spot[2] - vehicle.start_enu_m[2])
+    top_m = top_of_moves_m(fleet, name, spot[2])
+    height_m = max(0.0, top_m - vehicle.start_enu_m[2])
     params = sinking_params(
         float(vehicle.max_acceleration_m_s2), float(vehicle.hover_thrust_frac), has_mocap=True
     )

@@ -72,6 +72,8 @@ WRONG = [
     ("fleet.keys", "/etc", "is no path relative to the fleet file"),
     ("fleet.keys", "-keys", 'for instance keys = "keys"'),
     ("law.folder", "laws; touch X #", "law.folder"),
+    ("law.passing_heights", 2, "'fleet.vertical_separation_m' is not given"),
+    ("law.passing_heights", 3, "law.passing_heights"),
     ("law.folder", "../laws", "leaves the folder of the fleet file"),
     ("law.folder", "/no/such/folder", 'for instance folder = "laws"'),
     ("schema", 2, "schema"),

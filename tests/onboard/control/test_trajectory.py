@@ -231,3 +231,66 @@ def test_scaling_length_and_time_scales_the_trajectory() -> None:
         np.testing.assert_allclose(
             b.acceleration_enu_m_s2, scaled(length / time**2, a.acceleration_enu_m_s2), atol=1e-9
         )
+
+
+RISING = PARAMS._replace(rise_m=1.5, highest_m=4.0)
+
+
+def test_a_level_leg_rises_between_its_ends_within_the_bounds_and_as_far_as_without() -> None:
+    begin = trajectory.initial(vec([0.0, 0.0, 1.0]))
+    memory, risen = fly(begin, goal([6.0, 0.0, 1.0]), 12.0, RISING)
+    _, level = fly(begin, goal([6.0, 0.0, 1.0]), 12.0)
+    rise_m = risen.position_enu_m[:, 2] - 1.0
+
+    np.testing.assert_array_equal(risen.position_enu_m[:, :2], level.position_enu_m[:, :2])
+    assert rise_m.max() == pytest.approx(1.5)
+    assert rise_m.min() == 0.0
+    assert np.all(np.abs(risen.velocity_enu_m_s[:, 2]) <= 1.0 + 1e-9)
+    assert np.all(np.abs(risen.acceleration_enu_m_s2[:, 2]) <= 1.5 + 1e-9)
+
+    # up to the top in one piece, and down before the end of the leg
+    is_at_top = rise_m > 1.5 - 1e-9
+    assert np.diff(np.flatnonzero(is_at_top)).max() == 1
+    end = round(0.96 * trajectory.duration_s(memory) / DT)
+    assert np.all(rise_m[end:] == 0.0)
+
+    by_difference = np.gradient(risen.position_enu_m[:, 2], DT)
+    np.testing.assert_allclose(by_difference, risen.velocity_enu_m_s[:, 2], atol=0.02)
+    by_difference = np.gradient(risen.velocity_enu_m_s[:, 2], DT)
+    np.testing.assert_allclose(by_difference, risen.acceleration_enu_m_s2[:, 2], atol=0.06)
+
+
+@pytest.mark.parametrize(
+    ("begin_m", "target_m"),
+    [
+        ((0.0, 0.0, 1.0), (2.0, 0.0, 1.0)),  # over before it has risen
+        ((0.0, 0.0, 1.0), (6.0, 0.0, 1.5)),  # a climb
+        ((0.0, 0.0, 2.6), (6.0, 0.0, 2.6)),  # the ceiling is at 4 m
+        ((0.0, 0.0, 1.0), (0.0, 0.0, 1.0)),
+    ],
+)
+def test_a_leg_that_is_short_or_not_level_or_near_the_ceiling_does_not_rise(
+    begin_m: tuple[float, float, float], target_m: tuple[float, float, float]
+) -> None:
+    begin = trajectory.initial(vec(begin_m))
+    _, risen = fly(begin, goal(target_m), 12.0, RISING)
+    _, level = fly(begin, goal(target_m), 12.0)
+    np.testing.assert_array_equal(risen.position_enu_m, level.position_enu_m)
+
+
+def test_a_higher_goal_in_a_rise_continues_its_motion() -> None:
+    memory, up = fly(trajectory.initial(vec([0.0, 0.0, 1.0])), goal([6.0, 0.0, 1.0]), 1.5, RISING)
+    _, after = fly(memory, goal([0.0, 0.0, 4.0], sequence=2), 0.1, RISING)
+    assert up.velocity_enu_m_s[-1, 2] > 0.5
+    np.testing.assert_allclose(
+        after.position_enu_m[0], up.position_enu_m[-1] + DT * up.velocity_enu_m_s[-1], atol=1e-3
+    )
+
+
+def test_others_are_told_the_height_that_is_reached_in_a_second() -> None:
+    memory, risen = fly(
+        trajectory.initial(vec([0.0, 0.0, 1.0])), goal([6.0, 0.0, 1.0]), 1.0, RISING
+    )
+    _, later = fly(memory, goal([6.0, 0.0, 1.0]), 1.0, RISING)
+    assert trajectory.rise_soon_m(memory) == pytest.approx(later.position_enu_m[-1, 2] - 1.0)
+    assert trajectory.rise_soon_m(memory) > risen.position_enu_m[-1, 2] - 1.0
