@@ -110,9 +110,16 @@ class _MapProgress:
         self._last_said_s = now_s
 
         rows = self._file.rows
-        failed = sum(1 for cell in self._cells if has_failed(cell, self._file))
-        complete = sum(1 for cell in self._cells if (cell.key, self._stages - 1) in rows)
         flown = sum(row["flights"] for row in rows.values())
+
+        last_stage = self._stages - 1
+        failed = 0
+        held = 0  # cells that have been flown to the last stage, and did not fail in any
+        for cell in self._cells:
+            if has_failed(cell, self._file):
+                failed += 1
+            elif (cell.key, last_stage) in rows:
+                held += 1
 
         work_left = self._work_left()
         work_done = self._work_at_first - work_left
@@ -121,7 +128,7 @@ class _MapProgress:
             left_s = (now_s - self._began_s) * work_left / work_done
 
         sentence = (
-            f"law map: {complete + failed} of {len(self._cells)} cells done ({failed} failed), "
+            f"law map: {held + failed} of {len(self._cells)} cells done ({failed} failed), "
             f"{flown} flights"
         )
         if work_left:

@@ -107,6 +107,16 @@ def test_interrupted_at_every_unit_and_continued_it_has_the_digest_of_one_that_w
     )
 
 
+def test_a_cell_that_fails_in_its_last_stage_counts_once_as_done(tmp_path, monkeypatch):
+    monkeypatch.setattr(unit_flights, "fly", flown)
+    sentences: list[str] = []
+
+    fly_all(tmp_path / "map.jsonl", stages=2, tell=sentences.append)
+
+    # one of the nine cells fails in its second stage, which is the last one here
+    assert sentences[-1].startswith("law map: 9 of 9 cells done (1 failed), ")
+
+
 def test_half_a_line_of_a_killed_run_is_cut_off_and_flown_again(tmp_path, monkeypatch):
     monkeypatch.setattr(unit_flights, "fly", flown)
     path = tmp_path / "map.jsonl"
