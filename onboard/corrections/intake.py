@@ -31,7 +31,7 @@ MOST_WAITING = 24  # frames; the observations of one moment, by four satellite s
 _STALE_NS = round(1e9 * TOPICS[Topic.CORRECTIONS].stale_after_s)
 _FUTURE_NS = 100_000_000  # a stamp may be later than its arrival by this
 _SOURCE_GONE_NS = 5_000_000_000  # silence of the source after which another one is accepted
-_SEVERAL_NS = 5_000_000_000  # time after a message for which its second source is reported
+_SEVERAL_NS = 5_000_000_000  # a second source is reported for this long after its newest message
 _TOO_LONG_NS = 60_000_000_000  # time for which a frame that is too long is reported
 
 
@@ -98,13 +98,18 @@ class CorrectionsIntake:
         self._waiting.append(_Waiting(frame, message.stamp_ns))
 
     def _is_of_the_source(self, message: Corrections, received_ns: int) -> bool:
-        """Whether a message is from the accepted source; accepts its source if that one is gone."""
-        is_gone = received_ns - self._heard_ns > _SOURCE_GONE_NS
-        if self._boot_id is None or is_gone:
+        """Whether a message is from the accepted source.
+
+        If the accepted source has fallen silent, the sender of this message is accepted instead.
+        """
+        is_silent = received_ns - self._heard_ns > _SOURCE_GONE_NS
+        if self._boot_id is None or is_silent:
             self._boot_id = message.boot_id
+
         if message.boot_id != self._boot_id:
             self._several_ns = received_ns
             return False
+
         self._heard_ns = received_ns
         return True
 
@@ -128,12 +133,18 @@ class CorrectionsIntake:
             return None
 
         fragment = self._fragments.popleft()
-        sent = self._sending
-        if not self._fragments and sent is not None:
-            if rtcm.is_observation(rtcm.number_of(sent.frame)):
-                self._observed_ns = max(sent.stamp_ns, self._observed_ns or sent.stamp_ns)
+        is_last_fragment = not self._fragments
+        if is_last_fragment and self._sending is not None:
+            self._note_sent(self._sending)
             self._sending = None
         return fragment
+
+    def _note_sent(self, sent: _Waiting) -> None:
+        """Keep the stamp of a frame that has been sent whole, if it contains observations."""
+        if not rtcm.is_observation(rtcm.number_of(sent.frame)):
+            return
+        if self._observed_ns is None or sent.stamp_ns > self._observed_ns:
+            self._observed_ns = sent.stamp_ns
 
     def _begin(self, now_ns: int) -> None:
         """Cut the next frame that is not too old by now into fragments."""
