@@ -83,9 +83,10 @@ def _law_words(telemetry: Telemetry) -> str:
     """Return to whom the vehicle gives way, and by how much; empty if to nobody."""
     if not telemetry.avoids or math.isnan(telemetry.intervention_m_s2):
         return ""
-    if telemetry.intervention_m_s2 <= _ACTIVE_M_S2:
-        return f" It gives way to {telemetry.avoids}."
-    return f" The law gives way to {telemetry.avoids} by {telemetry.intervention_m_s2:.1f} m/s²."
+    by_how_much = ""
+    if telemetry.intervention_m_s2 > _ACTIVE_M_S2:
+        by_how_much = f" by {telemetry.intervention_m_s2:.1f} m/s²"
+    return f" It gives way to {telemetry.avoids}{by_how_much}."
 
 
 def _neighbours(
@@ -130,22 +131,32 @@ def _walls(fleet: FleetConfig, position: Xyz, goal: Xyz) -> Iterator[tuple[float
             away_m = obstacle.distance_m(position)
             yield away_m, f"obstacle '{obstacle.name}', {away_m:.2f} m from it"
 
+    height_m = position[2]
     for area in flight_space_of(fleet).areas:
-        if areas.counts_at(area, position[2], position[2]):
+        if areas.counts_at(area, low_m=height_m, high_m=height_m):
             away_m = areas.nearest(area, position[0], position[1]).room_m - area.buffer_m
             if away_m < near_m:
                 yield away_m, f"the fence '{area.name}', {away_m:.2f} m from its buffer"
 
     fence = fleet.fleet.geofence_m
     for axis, value, (low, high) in zip("xyz", position, (fence.x, fence.y, fence.z), strict=True):
-        away_m, end = min((value - low, low), (high - value, high))
+        away_m = value - low
+        end = low
+        if high - value < away_m:
+            away_m = high - value
+            end = high
+
         is_floor = axis == "z" and end == low
         if away_m < near_m and not is_floor:
             yield away_m, f"the fence at {axis} = {end:g} m, {away_m:.2f} m from it"
 
 
 def _distance_m(point: Xyz, begin: Xyz, end: Xyz, height_share: float) -> float:
-    """Return the separation of a point from the straight way between two other points."""
+    """Return the separation of a point from the straight way between two other points.
+
+    It may be too small, but never too large. At the place of the way that is nearest when seen from
+    above, the way is taken to have every height between those of its ends.
+    """
     route = (end[0] - begin[0], end[1] - begin[1])
     length_squared_m2 = route[0] ** 2 + route[1] ** 2
     along = (point[0] - begin[0]) * route[0] + (point[1] - begin[1]) * route[1]
@@ -154,11 +165,7 @@ def _distance_m(point: Xyz, begin: Xyz, end: Xyz, height_share: float) -> float:
     if length_squared_m2 > 0.0:
         share = min(max(along / length_squared_m2, 0.0), 1.0)
 
-    # The way passes every height between its ends, so the nearest of them counts.
     low, high = sorted((begin[2], end[2]))
-    nearest = (
-        begin[0] + share * route[0],
-        begin[1] + share * route[1],
-        min(max(point[2], low), high),
-    )
+    nearest_height = min(max(point[2], low), high)
+    nearest = (begin[0] + share * route[0], begin[1] + share * route[1], nearest_height)
     return separation_m(point, nearest, height_share)
