@@ -63,7 +63,7 @@ def identify(
         headless: no console: progress in lines
         record: flight folder (default: flights/<time>)
         seed: seed of the manoeuvre, and of the emulator
-        box: half its width
+        box: half the width of the box in which the manoeuvre is flown
         json: a list with one object for each vehicle
         write: put the values into the fleet file of --fleet; its comments stay
     """
@@ -86,7 +86,7 @@ def identify(
         )
     refuse_wrong_seed(seed)
     if not box > 0.0:
-        raise ConfigError(f"--box is {box}; it must be a width in metres above 0.")
+        raise ConfigError(f"--box is {box}; half the width of the box must be more than 0 m.")
 
     folder = (record or new_folder()).absolute()
     path = write_manoeuvre(
