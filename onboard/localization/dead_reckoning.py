@@ -52,9 +52,10 @@ class DeadReckoning:
     is_on: bool = False  # whether the samples are so old that the estimate is dead reckoning
 
     # Published standard deviations of position [m] and velocity [m/s]. They begin with those of the
-    # last sample, and then that of the position grows. Without growth, vehicles that lost their
-    # poses at 2.5 m came nearer to each other. With a growth as fast as that of the error, the law
-    # commanded 10 m/s^2, which did more harm than the error.
+    # last sample, and then the standard deviation of the position grows. Without this growth,
+    # vehicles that lost their poses at a height of 2.5 m came nearer to each other than with it.
+    # With a growth as fast as that of the error, the law commanded 10 m/s^2, which did more harm
+    # than the error.
     std: tuple[float, float] = (0.0, 0.0)
 
     _mean_bias_m_s2: Vec3 = ZERO_3
@@ -101,14 +102,19 @@ class DeadReckoning:
             position = add_scaled(position, 0.5 * age_s * age_s, change)
             velocity = add_scaled(velocity, age_s, change)
 
-        # The height corrects position and speed with the gains of a critically damped filter: twice
-        # the bandwidth, and its square. PX4's vertical speed corrects the speed in addition.
+        # PX4's height corrects height and vertical speed as a critically damped filter of bandwidth
+        # W does: the height by 2 W dt, and the speed by W^2 dt, times the difference in height.
+        # PX4's vertical speed corrects the speed in addition.
         if vertical is not None:
-            height_step_m = _HEIGHT_RAD_S * dt_s * (vertical.height_m - position.z)
-            climbing_step_m_s = _CLIMB_RAD_S * dt_s * (vertical.climbing_m_s - velocity.z)
+            height_difference_m = vertical.height_m - position.z
+            speed_difference_m_s = vertical.climbing_m_s - velocity.z
+            step_m = _HEIGHT_RAD_S * dt_s * height_difference_m  # W dt times the difference
 
-            climbing_m_s = velocity.z + _HEIGHT_RAD_S * height_step_m + climbing_step_m_s
-            position = Vec3(position.x, position.y, position.z + 2.0 * height_step_m)
+            height_m = position.z + 2.0 * step_m
+            climbing_m_s = velocity.z + _HEIGHT_RAD_S * step_m
+            climbing_m_s += _CLIMB_RAD_S * dt_s * speed_difference_m_s
+
+            position = Vec3(position.x, position.y, height_m)
             velocity = Vec3(velocity.x, velocity.y, climbing_m_s)
 
         if is_on_ground:
@@ -121,5 +127,7 @@ class DeadReckoning:
     def _grown_std_m(self, age_s: float, dt_s: float) -> float:
         """Return the standard deviation of the position that is published after a tick."""
         std_before_m = self.std[0]
-        bound_m = max(std_before_m, _LARGEST_STD_M + _LARGEST_STD_M_S * age_s)
+        bound_m = _LARGEST_STD_M + _LARGEST_STD_M_S * age_s
+        if std_before_m >= bound_m:
+            return std_before_m  # it never shrinks
         return min(std_before_m + _STD_M_S * dt_s, bound_m)
