@@ -1,4 +1,4 @@
-"""Times in which the ground did not know how far a vehicle was from the others. Pure.
+"""Periods in which the ground did not know how far a vehicle was from the others. Pure.
 
 A distance that was not observed must not count as kept. A vehicle is seen while its true position
 or its telemetry is younger than KNOWN_S. When it is seen again, or when the flight is judged, a
@@ -16,13 +16,14 @@ from onboard.config.pair_separation import separation_m
 from onboard.tuples import Xyz
 
 KNOWN_S = 0.5  # age of a position up to which it counts as known
-MAX_KEPT = 200  # number of times that are kept; those with the smallest bounds
-# Largest observed speed over max_speed_m_s: to keep distances, the law may fly faster than that.
+MAX_KEPT = 200  # most periods that are kept: those with the smallest bounds
+# Largest observed speed, divided by max_speed_m_s. To keep distances, the law may fly faster than
+# max_speed_m_s.
 FASTEST_SHARE = 1.6
 
 
 class UnknownTime(Struct, frozen=True):
-    """A time in which the distance between two vehicles was not known."""
+    """A period in which the distance between two vehicles was not known."""
 
     vehicle: str  # the vehicle that was not seen
     other: str  # the vehicle to which it may have come nearest
@@ -32,7 +33,7 @@ class UnknownTime(Struct, frozen=True):
 
     @property
     def duration_s(self) -> float:
-        """The length of the time [s]."""
+        """The length of the period [s]."""
         return (self.end_ns - self.begin_ns) * 1e-9
 
 
@@ -57,16 +58,16 @@ def unknown_time(
     """Return how near a vehicle may have come to any other while it was not seen.
 
     Args:
-        before: last sighting of the vehicle before the time.
-        after: sighting at the end of the time; None while the vehicle is still unseen.
+        before: last sighting of the vehicle before the period.
+        after: sighting at the end of the period; None while the vehicle is still unseen.
         others: last sightings of all other vehicles.
-        now_ns: end of the time, on the ground's clock [ns].
+        now_ns: end of the period, on the ground's clock [ns].
         top_speed_m_s: largest speed of any vehicle [m/s].
         height_share: weight of a metre of height in a separation.
 
     Returns:
-        The time, with the other vehicle that it may have come nearest to; None if the vehicle was
-        seen all the time, or stood on the ground.
+        The period, with the other vehicle to which this one may have come nearest; None if this
+        vehicle was seen all the time, or stood on the ground.
     """
     if _is_seen(before, now_ns):
         return None
@@ -80,14 +81,16 @@ def unknown_time(
     for other in others:
         position_enu_m = before.position_enu_m
         if _is_seen(other, now_ns):
-            # The other is seen. Only this one has moved since it was seen.
+            # The other is seen. Only this one has moved since it was last seen.
             approach_ns = now_ns - before.seen_ns
         elif after is None:
-            # Both are still unseen. Each has moved since it was seen.
+            # Both are still unseen. Each has moved since it was last seen.
             approach_ns = (now_ns - before.seen_ns) + (now_ns - other.seen_ns)
         else:
-            # This one is seen again, the other is not. Backwards in time, this one moves from its
-            # new position and the other from its last one, to the moment when both were last seen.
+            # This one is seen again, the other is not. At a time t of the period, this one was
+            # within (now - t) of its new position, and the other within |t - its last sighting| of
+            # its last position, both times the top speed. The sum of the two is largest at the
+            # begin, when both were last seen.
             position_enu_m = after.position_enu_m
             begin_ns = min(before.seen_ns, other.seen_ns)
             approach_ns = (now_ns - begin_ns) + (other.seen_ns - begin_ns)
@@ -107,11 +110,11 @@ def unknown_time(
 
 
 def with_time(times: tuple[UnknownTime, ...], time: UnknownTime) -> tuple[UnknownTime, ...]:
-    """Return the times with one more; if there are too many, drop the one with the largest bound.
+    """Return the periods with one more; of too many, the one with the largest bound is dropped.
 
     Args:
-        times: times so far, oldest first.
-        time: the newest one.
+        times: periods so far, oldest first.
+        time: the newest period.
     """
     if len(times) < MAX_KEPT:
         return (*times, time)
