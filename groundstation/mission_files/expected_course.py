@@ -126,9 +126,8 @@ def resolved(intent: Intent, fleet: FleetConfig) -> Intent:
     names = fleet.select(intent.vehicles)
 
     if isinstance(intent, Goto):
-        own_names = fleet.select(list(intent.goals))
-        goals = dict(zip(own_names, intent.goals.values(), strict=True))
-        return structs.replace(intent, vehicles=own_names, goals=goals)
+        goals = positions_by_name(intent.goals, fleet)
+        return structs.replace(intent, vehicles=tuple(goals), goals=goals)
 
     if isinstance(intent, Land):
         is_everybody = intent.vehicles in ("all", ("all",))
@@ -146,6 +145,30 @@ def resolved(intent: Intent, fleet: FleetConfig) -> Intent:
             names = tuple(name for name in names if name in slots)
 
     return structs.replace(intent, vehicles=names)
+
+
+def positions_by_name(positions: Mapping[str, Xyz], fleet: FleetConfig) -> dict[str, Xyz]:
+    """Return positions with the names of their vehicles instead of indices.
+
+    Args:
+        positions: position of each vehicle, which the mission file names by name or by index.
+        fleet: the fleet file.
+
+    Raises:
+        ConfigError: a key names no vehicle or several, or a vehicle has two positions.
+    """
+    by_name: dict[str, Xyz] = {}
+    for key, position in positions.items():
+        names = fleet.select(key)
+        if len(names) != 1:
+            raise ConfigError(
+                f"'{key}' names {len(names)} vehicles for one position. Give each vehicle its own."
+            )
+        name = names[0]
+        if name in by_name:
+            raise ConfigError(f"{name} has two positions. Give each vehicle one.")
+        by_name[name] = position
+    return by_name
 
 
 def with_speed(

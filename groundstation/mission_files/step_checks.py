@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from groundstation.mission_files.expected_course import CourseStep
+from groundstation.mission_files.expected_course import CourseStep, positions_by_name
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.steps import (
     FaultStep,
@@ -100,13 +100,14 @@ def _check_paths(
 
 
 def _check_until(until: Until | None, fleet: FleetConfig, where: str) -> None:
-    """Refuse a condition about unknown vehicles."""
+    """Refuse a condition about unknown vehicles, or with a position for several vehicles."""
     if until is None:
         return
 
     try:
-        for vehicles in (until.vehicles, until.landed, until.flying, list(until.reached)):
+        for vehicles in (until.vehicles, until.landed, until.flying):
             fleet.select(vehicles)
+        positions_by_name(until.reached, fleet)
     except ConfigError as error:
         raise ConfigError(f"{where}: {error}") from None
 

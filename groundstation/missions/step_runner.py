@@ -16,6 +16,7 @@ from groundstation.fleet.state import FleetState
 from groundstation.mission_files.expected_course import (
     CourseStep,
     formation_paths,
+    positions_by_name,
     resolved,
     with_speed,
 )
@@ -242,8 +243,7 @@ def condition(until: Until, fleet: Fleet) -> WaitCondition:
     vehicles = select(until.vehicles)
     parts = []
     if until.reached:
-        names = fleet.config.select(list(until.reached))
-        goals = dict(zip(names, until.reached.values(), strict=True))
+        goals = positions_by_name(until.reached, fleet.config)
         parts.append(conditions.reached(by_vehicle(goals, fleet.state), until.within_m))
     if until.separation_above_m is not None:
         parts.append(conditions.separation_above(until.separation_above_m))

@@ -58,11 +58,18 @@ def make(fleet: FleetConfig, *steps: dict[str, Any], **tables: Any) -> Mission:
         ({"do": "wait", "until": {}}, "empty condition"),
         ({"do": "wait", "until": {"battery": 3}}, "step[1].until.battery"),
         ({"do": "wait", "until": {"landed": "mav9"}}, "mav9"),
+        ({"do": "wait", "until": {"reached": {"0-1": [0, 0, 1]}}}, "'0-1' names 2 vehicles"),
+        (
+            {"do": "wait", "until": {"reached": {"mav0": [0, 0, 1], "0": [1, 0, 1]}}},
+            "mav0 has two positions",
+        ),
         (
             {"do": "react", "when": {"vehicles": "mav0"}, "steps": [TO_RING], "then": [UP]},
             "empty condition",
         ),
         ({"do": "goto", "goals": {"mav9": [0, 0, 1]}}, "mav9"),
+        ({"do": "goto", "goals": {"all": [0, 0, 1]}}, "'all' names 3 vehicles"),
+        ({"do": "goto", "goals": {"mav0": [0, 0, 1], "0": [1, 0, 1]}}, "mav0 has two positions"),
         ({"do": "goto", "goals": {"mav0": [0, 0, 1], "mav1": [0.3, 0, 1]}}, "keeps"),
         ({**TO_RING, "name": "star"}, "star"),
         ({**TO_RING, "spacing_m": 0.0}, "step[1].spacing_m"),
