@@ -231,7 +231,7 @@ def _course_steps(
 ) -> Iterator[CourseStep]:
     """Yield a step, or the steps inside it, and change the fleet as they would change it."""
     if isinstance(step, BlockStep):
-        for inner, inner_key, count in _inner_steps(step, key):
+        for inner, inner_key, count in inner_steps(step, key):
             yield from _course_steps(
                 fleet, inner, inner_key, at_step, paths_of, path, times * count
             )
@@ -256,11 +256,15 @@ def _course_steps(
         at_step.is_known = False
 
 
-def _inner_steps(step: BlockStep, key: str) -> Iterator[tuple[MissionStep, str, int]]:
+def inner_steps(step: BlockStep, key: str) -> Iterator[tuple[MissionStep, str, int]]:
     """Yield the steps inside a step, each with its key and the number of times it is flown.
 
     A repetition is yielded once for its first time, and once more for all later times: from the
     second time on, the vehicles begin at the same positions.
+
+    Args:
+        step: a step that holds others.
+        key: its key in the mission file.
     """
     if isinstance(step, RepeatStep):
         counts = [1]

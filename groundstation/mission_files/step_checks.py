@@ -9,9 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from groundstation.mission_files.expected_course import CourseStep, positions_by_name
+from groundstation.mission_files.expected_course import (
+    CourseStep,
+    inner_steps,
+    positions_by_name,
+)
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.steps import (
+    BlockStep,
     FaultStep,
     FlyFormationStep,
     FollowPathStep,
@@ -35,8 +40,18 @@ def check_steps(mission: Mission) -> None:
         _check_course_step(course_step, mission)
 
     for index, step in enumerate(mission.steps):
-        if isinstance(step, ReactStep):
-            _check_until(step.when, mission.fleet, f"{mission.path}: 'step[{index}].when'")
+        _check_reactions(step, f"step[{index}]", mission)
+
+
+def _check_reactions(step: MissionStep, key: str, mission: Mission) -> None:
+    """Check the conditions of the reactions in a step, which the course does not contain."""
+    if not isinstance(step, BlockStep):
+        return
+
+    if isinstance(step, ReactStep):
+        _check_until(step.when, mission.fleet, f"{mission.path}: '{key}.when'")
+    for inner, inner_key, _ in inner_steps(step, key):
+        _check_reactions(inner, inner_key, mission)
 
 
 def _check_course_step(course_step: CourseStep, mission: Mission) -> None:

@@ -67,6 +67,16 @@ def make(fleet: FleetConfig, *steps: dict[str, Any], **tables: Any) -> Mission:
             {"do": "react", "when": {"vehicles": "mav0"}, "steps": [TO_RING], "then": [UP]},
             "empty condition",
         ),
+        (
+            {
+                "do": "repeat",
+                "times": 2,
+                "steps": [
+                    {"do": "react", "when": {"landed": "mav9"}, "steps": [TO_RING], "then": [LONG]}
+                ],
+            },
+            "step[1].steps[0].when",
+        ),
         ({"do": "goto", "goals": {"mav9": [0, 0, 1]}}, "mav9"),
         ({"do": "goto", "goals": {"all": [0, 0, 1]}}, "'all' names 3 vehicles"),
         ({"do": "goto", "goals": {"mav0": [0, 0, 1], "0": [1, 0, 1]}}, "mav0 has two positions"),
