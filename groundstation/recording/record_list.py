@@ -14,18 +14,19 @@ from onboard.config.fleet import ConfigError
 from onboard.plain_text import plain_line
 
 _MB = 1e6
-MAX_FOLDERS = 2_000
+MAX_FOLDERS = 2_000  # flights that a list shows
 MAX_CHANNELS = 400  # channels that the lines about one record show
 
 
 def flight_folders(folder: Path) -> list[Path]:
-    """Return the flight folders in a folder, the newest first; the folder itself may be one."""
-    found = [folder] if (folder / RECORD_NAME).is_file() else []
-    for path in folder.iterdir():
-        if len(found) < MAX_FOLDERS and (path / RECORD_NAME).is_file():
-            found.append(path)
+    """Return the newest flight folders in a folder, the newest first.
+
+    Args:
+        folder: folder of flight folders; it may be a flight folder itself.
+    """
+    found = [path for path in (folder, *folder.iterdir()) if (path / RECORD_NAME).is_file()]
     found.sort(key=lambda path: (path / RECORD_NAME).stat().st_mtime, reverse=True)
-    return found
+    return found[:MAX_FOLDERS]
 
 
 def summary(folder: Path) -> dict[str, Any]:

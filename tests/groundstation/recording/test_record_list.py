@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
 
 from groundstation.cli import main
+from groundstation.recording import record_list
 from groundstation.recording.record_list import channels, flight_folders, summary
 from tests.groundstation.report.made_up import rows, story, write
 
@@ -47,6 +49,21 @@ def test_the_list_names_flights_that_were_cut_off_and_runs_nothing_of_their_text
     assert "(cut off or damaged)" in text
     assert "FAILED" in text
     assert "\x1b" not in text
+
+
+def test_of_more_flights_than_are_listed_the_newest_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(record_list, "MAX_FOLDERS", 3)
+    for number in range(9):
+        record = tmp_path / f"flight{number}" / "flight.mcap"
+        record.parent.mkdir()
+        record.touch()
+        os.utime(record, (1000.0 + number, 1000.0 + number))
+
+    listed = [path.name for path in flight_folders(tmp_path)]
+
+    assert listed == ["flight8", "flight7", "flight6"]
 
 
 def test_the_list_goes_on_past_what_is_no_record(
