@@ -25,7 +25,6 @@ from onboard.security.credentials import Credentials, credentials_of, files_of
 from onboard.security.node_roles import NodeRole
 
 WAIT_S = 2.0  # enough for several attempts, since links are tried twice a second or more often
-_POLL_S = 0.05
 
 
 def keep_former(fleet: FleetConfig) -> None:
@@ -54,9 +53,9 @@ def running_authorities(fleet: FleetConfig, wait_s: float = WAIT_S) -> dict[str,
         wait_s: time for all nodes to answer.
 
     Returns:
-        Node -> "present" or "former", for all nodes that answer: vehicles, and the mocap relay or
-        the emulator. A missing node is off, cannot be reached, or has keys that this computer has
-        never had.
+        node -> "present" or "former", for all nodes that answer: vehicles, the mocap relay and the
+        emulator. A missing node is off, cannot be reached, or has keys that this computer has never
+        had.
 
     Raises:
         ConfigError: this computer's own keys are not valid.
@@ -71,10 +70,8 @@ def running_authorities(fleet: FleetConfig, wait_s: float = WAIT_S) -> dict[str,
         for former_folder in _former_authorities(fleet):
             _watch(fleet, _kept_credentials(former_folder, fleet), "former", seen, stack, wait_s)
 
-        deadline_s = time.monotonic() + wait_s
-        vehicles = set(fleet.enabled_names)
-        while time.monotonic() < deadline_s and not seen.keys() >= vehicles:
-            time.sleep(_POLL_S)
+        # Always the whole time: it is not known whether a mocap relay or an emulator runs.
+        time.sleep(wait_s)
 
     nodes = (*fleet.vehicles, NodeRole.MOCAP.value, NodeRole.EMULATOR.value)
     return {node: seen[node] for node in nodes if node in seen}

@@ -5,27 +5,35 @@ from __future__ import annotations
 import datetime
 import tomllib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
 
 from groundstation.cli import main
+from groundstation.keys.running import running_authorities
 from groundstation.keys.secured_fleet import secure_fleet
 from groundstation.processes.free_ports import toml_text, with_free_ports
 from onboard.bus.session import BusSession
 from onboard.config.fleet import FleetConfig, load_fleet
 from onboard.security.credentials import credentials_of
+from onboard.security.node_roles import NodeRole
 
 PAPER = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
 
 
 @contextmanager
 def _agent(fleet: FleetConfig, name: str) -> Iterator[None]:
+    with _node(fleet, name, fleet.vehicles[name].agent):
+        yield
+
+
+@contextmanager
+def _node(fleet: FleetConfig, name: str, endpoint: str) -> Iterator[None]:
     session = BusSession(
         namespace=fleet.namespace,
         node=name,
-        listen=[fleet.vehicles[name].agent],
+        listen=[endpoint],
         credentials=credentials_of(fleet, name),
     )
     session.start()
@@ -54,3 +62,21 @@ def test_a_node_that_was_forgotten_is_found(
     assert {
         oct(path.stat().st_mode & 0o777) for path in (tmp_path / "keys-former").rglob("*.key")
     } == {"0o600"}
+
+
+def test_a_mocap_relay_that_was_forgotten_is_found_although_all_vehicles_answer(
+    tmp_path: Path,
+) -> None:
+    paper = load_fleet(PAPER)
+    file = tmp_path / "fleet.toml"
+    file.write_text(toml_text(with_free_ports(tomllib.loads(paper.text), paper)), encoding="utf-8")
+    fleet = secure_fleet(str(file), datetime.datetime.now(datetime.UTC))
+    with ExitStack() as nodes:
+        nodes.enter_context(_node(fleet, NodeRole.MOCAP.value, fleet.pose_endpoints[0]))
+        assert main(["keys", "init", str(file), "--force"]) == 0
+        for name in fleet.enabled_names:
+            nodes.enter_context(_agent(fleet, name))
+
+        authorities = running_authorities(fleet)
+
+    assert authorities == {**dict.fromkeys(fleet.enabled_names, "present"), "mocap": "former"}
