@@ -53,18 +53,16 @@ def read_python(name: str) -> tuple[str, dict[str, Any]]:
 
     constants: dict[str, Any] = {}
     for node in tree.body:
-        if not isinstance(node, ast.Assign) or len(node.targets) != 1:
-            continue
-        target = node.targets[0]
-        if not isinstance(target, ast.Name) or target.id not in _CONSTANTS:
+        constant, value = _assigned(node)
+        if constant not in _CONSTANTS or value is None:
             continue
         try:
-            constants[target.id] = ast.literal_eval(node.value)
+            constants[constant] = ast.literal_eval(value)
         except (ValueError, TypeError, RecursionError, MemoryError):
             raise ConfigError(
-                f"{name}: '{target.id}' must be a plain literal. Write its value out."
+                f"{name}: '{constant}' must be a plain literal. Write its value out."
             ) from None
-        check_values(constants[target.id], name)
+        check_values(constants[constant], name)
     return text, constants
 
 
@@ -134,6 +132,25 @@ def arguments_of(
         name: _value(text, known[name].default, f"{where}: '{name}'")
         for name, text in given.items()
     }
+
+
+def _assigned(node: ast.stmt) -> tuple[str, ast.expr | None]:
+    """Return the name to which a statement assigns, and the value.
+
+    The name is empty for any other statement, and for one that assigns to several targets.
+    """
+    target: ast.expr | None = None
+    value: ast.expr | None = None
+    if isinstance(node, ast.Assign) and len(node.targets) == 1:
+        target = node.targets[0]
+        value = node.value
+    elif isinstance(node, ast.AnnAssign):  # with a type: EXPECT: dict[str, object] = {...}
+        target = node.target
+        value = node.value
+
+    if isinstance(target, ast.Name):
+        return target.id, value
+    return "", None
 
 
 def _is_mission(node: ast.stmt) -> bool:

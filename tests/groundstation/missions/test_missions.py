@@ -99,10 +99,12 @@ def test_python_missions_are_checked_without_being_run(tmp_path: Path, fleet: Fl
             load_mission(path, fleet)
 
     path = tmp_path / "ok.py"
-    path.write_text(
-        "EXPECT = {'all_landed': True}\nraise SystemExit\nasync def mission(fleet):\n    pass\n"
-    )
-    assert load_mission(path, fleet).expect.all_landed is True
+    for expect in ("EXPECT", "EXPECT: dict[str, object]"):
+        path.write_text(
+            f"{expect} = {{'all_landed': True}}\nraise SystemExit\n"
+            "async def mission(fleet):\n    pass\n"
+        )
+        assert load_mission(path, fleet).expect.all_landed is True
 
 
 def test_the_papers_paths_cross_so_that_they_collide_without_the_law() -> None:
