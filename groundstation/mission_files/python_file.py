@@ -1,7 +1,8 @@
-"""Python missions: they are first read as text without being run, and loaded only for a flight.
+"""Python missions: they are first read as text without being run, and then imported.
 
-A check must not run a stranger's code, so it reads ``FLEET``, ``EXPECT`` and ``FORMATIONS`` as
-literals. For the flight, :func:`load_function` runs the module and returns its mission function.
+``FLEET``, ``EXPECT`` and ``FORMATIONS`` are read as literals, so reading them runs no code. The
+import runs the module, for a flight and for ``covey check``: :func:`load_function` returns the
+mission function.
 """
 
 from __future__ import annotations
@@ -161,7 +162,8 @@ def _is_mission(node: ast.stmt) -> bool:
 def _value(text: str, default: Any, where: str) -> Any:
     """Return a written value converted to the type of its default.
 
-    Without a default, it becomes a Python literal if it is one, and a text otherwise.
+    For an argument without a default, the text is read as a Python literal; if it is none, it stays
+    a text.
     """
     if isinstance(default, str):
         return text
