@@ -67,7 +67,9 @@ _NOT_SIMULATED = (
 )
 _DRAIN_S = 60.0  # time in which PX4's own simulator uses a whole charge
 _READY_S = 8.0  # time of the vehicle until which the check waits for its readiness
+_MEETING_S = 3.0  # longest wait for the first heartbeat, after the first datagram
 _MAV_AUTOPILOT_PX4 = 12
+_MAV_COMP_ID_AUTOPILOT1 = 1
 
 
 class NobodyAnsweredError(RuntimeError):
@@ -163,17 +165,20 @@ def _meet(client: VehicleClient, terms: Terms) -> None:
         client.system_id = 1
         client.send_heartbeat()
 
-    def has_met() -> bool:
-        beats = client.received.of("HEARTBEAT")
-        return any(
-            beat.component_id == 1 and beat.message.autopilot == _MAV_AUTOPILOT_PX4
-            for beat in beats
-        )
-
-    if not client.listen(3.0, has_met):
+    client.listen(_MEETING_S, lambda: _system_id_of_px4(client) is not None)
+    system_id = _system_id_of_px4(client)
+    if system_id is None:
         raise NobodyAnsweredError
-    beats = client.received.of("HEARTBEAT")
-    client.system_id = next(beat for beat in beats if beat.component_id == 1).system_id
+    client.system_id = system_id
+
+
+def _system_id_of_px4(client: VehicleClient) -> int | None:
+    """Return the system id of the first PX4 that was heard; None if none was."""
+    for beat in client.received.of("HEARTBEAT"):
+        is_autopilot = beat.component_id == _MAV_COMP_ID_AUTOPILOT1
+        if is_autopilot and beat.message.autopilot == _MAV_AUTOPILOT_PX4:
+            return int(beat.system_id)
+    return None
 
 
 def _is_requested(group: FactGroup, report: FactReport) -> bool:

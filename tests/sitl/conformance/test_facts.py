@@ -9,6 +9,7 @@ import socket
 from pathlib import Path
 
 import pytest
+from pymavlink.dialects.v20 import common
 
 from groundstation.cli import main
 from sitl.conformance import suite
@@ -322,3 +323,18 @@ def test_the_suite_shares_no_code_with_the_emulator() -> None:
     ]
     assert foreign
     assert [line for line in foreign if not line.startswith("from sitl.conformance")] == []
+
+
+def test_an_autopilot_that_is_no_px4_is_not_taken_for_the_vehicle() -> None:
+    mav = common.MAVLink(None, srcSystem=7, srcComponent=1)
+    heartbeat = mav.heartbeat_encode(
+        common.MAV_TYPE_QUADROTOR, common.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 0
+    )
+    foreign = bytes(heartbeat.pack(mav))
+    wires = Wires()
+    wires.outgoing = lambda frame: (foreign, frame)
+    report = FactReport(matching(facts_of("1.16", FACTS).values(), ["mode.offboard-disarmed"]))
+
+    client = check(wires.companion(), None, report, Terms(), lambda _: None)
+
+    assert client.system_id == 1
