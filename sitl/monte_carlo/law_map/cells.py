@@ -237,9 +237,12 @@ def _held_distance_m(speed_m_s: float) -> float:
     A leg is a quintic of duration T. After the share s of its time its speed is 16 s^2 (1 - s)^2
     times its peak 15/8 D/T. The speed is at least :data:`_HELD_SHARE` of the peak while s differs
     from 1/2 by less than a half width.
+
+    The peak is to be the top speed, and the share of T near it is to last :data:`_HELD_S`.
     """
     half_width = math.sqrt(0.25 - math.sqrt(_HELD_SHARE) / 4.0)
-    return 8.0 / 15.0 * speed_m_s * _HELD_S / (2.0 * half_width)
+    duration_s = _HELD_S / (2.0 * half_width)
+    return 8.0 / 15.0 * speed_m_s * duration_s
 
 
 def commands(cell: Cell) -> list[str]:
