@@ -1,13 +1,13 @@
 """Somebody else's physics under the same flights: the multirotors of RotorPy.
 
 RotorPy (Folk, Paulos, Kumar: RotorPy: A Python-Based Multirotor Simulator with Aerodynamics for
-Education and Research, 2023) integrates a rigid body with four rotors, their lag and drag. The
-vehicle is its own preset of PX4's simulated quadrotor (px4_sihsim_quadx), whatever the fleet's type
-says about attitude and drag. It takes attitude and collective thrust, as PX4 does.
+Education and Research, 2023) integrates a rigid body with four rotors, their lag and drag. Every
+vehicle is RotorPy's preset of PX4's simulated quadrotor (px4_sihsim_quadx), whatever the fleet's
+type says about attitude and drag. It takes attitude and collective thrust, as PX4 does.
 
-Its own gains of the attitude saturate the rotors at small errors; those here give the lag of
-PX4's quadrotor. Messages, estimates, wind, gusts and the law are those of all other campaigns.
-There is no downwash.
+The attitude gains of the preset saturate the rotors at small errors. They are replaced by gains
+that give the lag of PX4's quadrotor. Messages, estimates, wind, gusts and the law are those of all
+other campaigns. There is no downwash.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from sitl.physics.wind import GUST_TIME_S, wandered
 _KP_ATTITUDE_1_S2 = 200.0
 _KD_ATTITUDE_1_S = 25.0  # divided by the gain above: the lag of the attitude, 0.125 s
 _FACING_EAST = (0.0, 0.0, 0.0, 1.0)  # quaternion of RotorPy: x, y, z, w
-# the order of RotorPy's quaternions, and the order of ours in those
-_XYZW = (1, 2, 3, 0)
-_WXYZ = (3, 0, 1, 2)
+# RotorPy's quaternions are x, y, z, w, and ours are w, x, y, z
+_XYZW = (1, 2, 3, 0)  # where RotorPy's components stand in ours
+_WXYZ = (3, 0, 1, 2)  # where our components stand in RotorPy's
 
 
 class RotorPyPhysics:
@@ -140,7 +140,7 @@ class RotorPyPhysics:
         state["x"] = state["x"] + TICK_S * state["v"]
 
     def _values(self, key: str) -> Array:
-        """Return a value of all states, (F, N, ...)."""
+        """Return one entry of the states of all vehicles, (F, N, ...)."""
         return np.array([[state[key] for state in flight] for flight in self._states])
 
     def keep(self, flights: IntArray) -> None:
@@ -171,7 +171,10 @@ def _imported() -> tuple[Any, dict[str, Any]]:
 def _differing(
     preset: dict[str, Any], perturbation: SimulatedErrors, draws: Array
 ) -> dict[str, Any]:
-    """Return the parameters of one vehicle, whose lag differs as that of the emulator's does."""
+    """Return the parameters of one vehicle: the preset, with its lag times a drawn factor.
+
+    The factor is that of the vehicles in :mod:`sitl.monte_carlo.vehicles`.
+    """
     lag_factor = 1.0 + perturbation.lag_mismatch * float(draws[0])
     return {
         **preset,
