@@ -190,7 +190,7 @@ def _print_table(
         console.print(
             f"In {len(refused)} of {len(records)} flights Covey's law took over, so they say "
             f"little of {setup.law}. "
-            f"In {first['scenario']} seed {first['seed']} it {first['law_refused']}."
+            f"In {first['scenario']} seed {first['seed']} {setup.law} {first['law_refused']}."
         )
 
     failed = [values for values in records if not results.is_flawless(values)]
