@@ -36,12 +36,13 @@ class Signs(Enum):
 def keys_of(
     fleet: FleetConfig, vehicles: Sequence[Vehicle], *, is_changed: bool
 ) -> dict[str, bytes]:
-    """Read the keys of vehicles that are on this computer.
+    """Read those keys of vehicles that this computer has.
 
     Args:
         fleet: the fleet file.
         vehicles: the vehicles.
-        is_changed: whether a key is to be set or removed: then each vehicle must have one here.
+        is_changed: whether keys are to be set or removed; then this computer must have the key of
+            each vehicle.
 
     Returns:
         name of a vehicle -> key.
@@ -69,7 +70,7 @@ def run(
         links: links to them, which receive messages with any signature.
         keys: name of a vehicle -> its key.
         action: whether to look only, to set the key, or to remove it.
-        old_key: the key that PX4 has now, if it is another one; or None.
+        old_key: the key that PX4 has now, where it is not the one in ``keys``; else None.
     """
 
     def run_one(link: VehicleLink) -> VehicleReport:
@@ -178,7 +179,8 @@ def _set(link: VehicleLink, signs: Signs) -> VehicleReport:
 def _looked_at(link: VehicleLink, signs: Signs) -> VehicleReport:
     """Return the report about whether a PX4 signs as the fleet file demands."""
     is_demanded = link.vehicle.mavlink_signing
-    is_fine = signs is (Signs.OURS if is_demanded else Signs.NOTHING)
+    demanded = Signs.OURS if is_demanded else Signs.NOTHING
+    is_fine = signs is demanded
     demand = ""
     if not is_fine:
         demand = f" The fleet file says mavlink_signing = {str(is_demanded).lower()}."
