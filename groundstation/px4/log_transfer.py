@@ -183,9 +183,11 @@ class FileTransfer:
         """
         self._sequence = (self._sequence + 1) & 0xFFFF
         for _ in range(_ATTEMPTS):
-            # with the same sequence number PX4 repeats its answer instead of acting twice
+            # When a request comes again with the same number, PX4 repeats its answer instead of
+            # acting twice. The answer has the next number.
             self._send_numbered(operation, offset, data, size or len(data))
-            answer = self._next_answer(operation, _ANSWER_S, sequence=self._sequence + 1)
+            answer_number = (self._sequence + 1) & 0xFFFF
+            answer = self._next_answer(operation, _ANSWER_S, sequence=answer_number)
             if answer is None:
                 continue
 
@@ -210,7 +212,10 @@ class FileTransfer:
     def _next_answer(
         self, operation: int, timeout_s: float, *, sequence: int | None = None
     ) -> bytes | None:
-        """Return the next payload that answers an operation; None if none comes in time."""
+        """Return the next payload that answers an operation; None if none comes in time.
+
+        With a sequence number, payloads with another number are passed over.
+        """
         while True:
             message = self._link.next_message(("FILE_TRANSFER_PROTOCOL",), timeout_s)
             if message is None:
@@ -219,7 +224,7 @@ class FileTransfer:
             number, _, kind, _, answered, _, _ = _HEAD.unpack_from(payload)
             if kind not in (_ACK, _NAK) or answered != operation:
                 continue
-            if sequence is None or number == sequence & 0xFFFF:
+            if sequence is None or number == sequence:
                 return payload
 
 
@@ -246,21 +251,19 @@ class LogData:
     def entries(self) -> list[LogEntry]:
         """Return the logs that PX4 has; an empty list if it has none or does not answer."""
         found: dict[int, LogEntry] = {}
-        count = 0  # number of logs of this PX4; 0 until it has sent it
+        has_all = False
 
         for _ in range(_ATTEMPTS):
             first = 0
             self._link.send("log_request_list", first, _ALL_LOGS)
-            while True:
+            while not has_all:
                 message = self._link.next_message(("LOG_ENTRY",), _SILENT_S)
                 if message is None or message.num_logs == 0:
                     break
 
-                count = min(message.num_logs, _MOST_LOGS)
                 found[message.id] = LogEntry(message.id, message.size, message.time_utc)
-                if len(found) >= count:
-                    break
-            if count and len(found) >= count:
+                has_all = len(found) >= min(message.num_logs, _MOST_LOGS)
+            if has_all:
                 break
         return list(found.values())
 
