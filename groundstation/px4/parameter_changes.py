@@ -116,7 +116,8 @@ def _trouble(changes: Sequence[ParameterChange], *, is_silent: bool, is_stored: 
         sentences.append(
             f"PX4 fell silent in the middle. Set and read back: {_listed(names[Outcome.SET])}."
             f" Sent and not confirmed: {_listed(names[Outcome.LOST])}."
-            f" Not sent: {_listed(names[Outcome.UNTOUCHED])}. PX4 has stored nothing for sure."
+            f" Not sent: {_listed(names[Outcome.UNTOUCHED])}."
+            " It is not certain that PX4 has stored any of them."
             " Run this once more when it is heard again."
         )
     if names[Outcome.REFUSED]:
