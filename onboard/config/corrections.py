@@ -149,7 +149,7 @@ def _source_problems(corrections: CorrectionsConfig, origin: Origin | None) -> I
         )
     if corrections.sends_position and origin is None:
         yield (
-            "'corrections.sends_position' needs the place: give fleet.origin as "
+            "'corrections.sends_position' needs the fleet's place on Earth: give fleet.origin as "
             "{ latitude_deg, longitude_deg, altitude_m }, or remove the key."
         )
 
