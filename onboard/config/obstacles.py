@@ -49,21 +49,27 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         is_inside = False
 
         for x1, y1, x2, y2, radius_m in self.capsules_enu_m:
+            along_x = x2 - x1
+            along_y = y2 - y1
+
             # nearest point of the segment, as a share of its length
-            length_2 = (x2 - x1) ** 2 + (y2 - y1) ** 2
+            length_squared = along_x**2 + along_y**2
             segment_share = 0.0
-            if length_2 > 0.0:
-                segment_share = ((x - x1) * (x2 - x1) + (y - y1) * (y2 - y1)) / length_2
+            if length_squared > 0.0:
+                segment_share = ((x - x1) * along_x + (y - y1) * along_y) / length_squared
             segment_share = min(1.0, max(0.0, segment_share))
 
-            to_east_m = x - x1 - segment_share * (x2 - x1)
-            to_north_m = y - y1 - segment_share * (y2 - y1)
+            to_east_m = x - x1 - segment_share * along_x
+            to_north_m = y - y1 - segment_share * along_y
             nearest_m = min(nearest_m, math.hypot(to_east_m, to_north_m) - radius_m)
 
-            # a position is inside if a ray to the east crosses the outline an odd number of times
-            crosses_height = (y1 > y) != (y2 > y)
-            if crosses_height and x < x1 + (y - y1) / (y2 - y1) * (x2 - x1):
-                is_inside = not is_inside
+            # A position is inside if a ray from it to the east crosses the outline an odd number of
+            # times.
+            has_ends_on_both_sides = (y1 > y) != (y2 > y)
+            if has_ends_on_both_sides:
+                crossing_x = x1 + (y - y1) / along_y * along_x
+                if x < crossing_x:
+                    is_inside = not is_inside
 
         return -nearest_m if is_inside else nearest_m
 
