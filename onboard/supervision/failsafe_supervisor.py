@@ -131,7 +131,10 @@ class FailsafeSupervisor:
         self.action = Action.GO_ON
 
     def move_refusal(self) -> str | None:
-        """Return why a move is refused: a condition demands more than slow flight. Else None."""
+        """Return a sentence about the condition that refuses a move; None if none does.
+
+        A condition refuses a move if it demands more than slow flight.
+        """
         demanded, condition = decide(Situation.FLYING, self.conditions - {Condition.ORDER_OVERDUE})
         if condition is None or demanded < Action.HOLD:
             return None
@@ -157,12 +160,16 @@ class FailsafeSupervisor:
         for condition in in_order(self.conditions - _QUIET):
             detail = self._details[condition] if condition in _NAMING else ""
             action = TABLE[situation, condition]
-            known = reported.get(condition)
-            strongest = action if known is None else max(action, known.action)
-            reported[condition] = _Reported(detail, strongest, now_ns)
+            previous = reported.get(condition)
+            if previous is None:
+                is_due = True
+                strongest = action
+            else:
+                is_due = action > previous.action or detail != previous.detail
+                strongest = max(action, previous.action)
 
-            is_known = known is not None and known.detail == detail and action <= known.action
-            if not is_known:
+            reported[condition] = _Reported(detail, strongest, now_ns)
+            if is_due:
                 due.append(self._report(condition, action))
 
         for condition in reported.keys() - self.conditions:
