@@ -142,9 +142,12 @@ def _spot(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
     if off_m <= OFF_SPOT_M or facts.has_flown:
         return OK, words
 
+    own_place = facts.place or vehicle.name
     for name in fleet.enabled_names:
+        if name == own_place:
+            continue
         other_spot_m = fleet.vehicles[name].start_enu_m[:2]
-        if name != (facts.place or vehicle.name) and math.dist(x_y_m, other_spot_m) < OFF_SPOT_M:
+        if math.dist(x_y_m, other_spot_m) < OFF_SPOT_M:
             return "swapped", {**words, "other": name}
     return "away", words
 
