@@ -105,10 +105,10 @@ def allocate(
     left = (cos_yaw * force.y - sin_yaw * force.x) / size
     up = force.z / size
 
-    # of the whole roll angle; positive, because `limit` keeps up > 0
+    # cosine of the roll angle itself, not of half of it; positive, because `limit` keeps up > 0
     cos_roll = math.sqrt(forward * forward + up * up)
 
-    # c and s: cosine and sine of half of roll, pitch and yaw, of which the quaternion is made
+    # The quaternion is made of c and s: cosine and sine of half of roll, pitch and yaw.
     c_roll, s_roll = _half(cos_roll, -left)
     c_pitch, s_pitch = _half(up / cos_roll, forward / cos_roll)
     c_yaw = math.cos(0.5 * yaw)
@@ -119,7 +119,7 @@ def allocate(
     y = c_yaw * s_pitch * c_roll + s_yaw * c_pitch * s_roll
     z = s_yaw * c_pitch * c_roll - c_yaw * s_pitch * s_roll
 
-    # both signs are the same attitude: w is never negative
+    # A quaternion and its negative are the same attitude. The one with w >= 0 is sent.
     sign = -1.0 if w < 0.0 else 1.0
     quaternion = (sign * w, sign * x, sign * y, sign * z)
     return AttitudeSetpoint(quaternion, size / GRAVITY_M_S2 * hover_frac)
