@@ -32,8 +32,8 @@ NODE_DAYS = 825
 AUTHORITY_KEY = "ca.key"  # name of the file in the folder of the keys
 
 _Key = ec.EllipticCurvePrivateKey | ed25519.Ed25519PrivateKey
-# certificates are valid from so much earlier, because clocks of companions without a network are
-# behind
+# A certificate is valid from this long before its issue, because the clock of a companion without a
+# network is behind.
 _EARLIER = datetime.timedelta(days=1)
 
 
@@ -64,7 +64,7 @@ def make_authority(folder: Path, fleet_name: str, now: datetime.datetime) -> Cer
     Args:
         folder: folder of the keys.
         fleet_name: name of the fleet, for the authority's common name.
-        now: present time, from which it is valid.
+        now: present time. The certificate is valid from a day before.
     """
     key = ec.generate_private_key(ec.SECP256R1())
     name = _name(f"{fleet_name} authority")
@@ -86,7 +86,8 @@ def load_authority(folder: Path) -> CertificateAuthority:
         folder: folder of the keys.
 
     Raises:
-        ConfigError: its key is not on this computer, is damaged, or other users can read it.
+        ConfigError: the authority's key is not on this computer, is damaged, belongs to another
+            certificate, or can be read by other users.
     """
     path = folder / AUTHORITY_KEY
     if not path.exists():
@@ -134,8 +135,8 @@ def issue(
         folder: folder of the keys.
         authority: the authority that signs the certificate.
         node: name of a vehicle or a role, which becomes the common name.
-        hosts: addresses and names at which other nodes reach it.
-        now: present time, from which it is valid.
+        hosts: addresses and names at which other nodes reach this node.
+        now: present time. The certificate is valid from a day before.
     """
     key = ed25519.Ed25519PrivateKey.generate()
     constraints = x509.BasicConstraints(ca=False, path_length=None)
@@ -186,7 +187,7 @@ def _write(path: Path, certificate: x509.Certificate) -> None:
 
 
 def _write_key(path: Path, key: _Key) -> None:
-    """Write a private key, which other users cannot read at any moment."""
+    """Write a private key to a file that other users cannot read at any moment."""
     pem = key.private_bytes(
         serialization.Encoding.PEM,
         serialization.PrivateFormat.PKCS8,
