@@ -60,8 +60,11 @@ def running_authorities(fleet: FleetConfig, wait_s: float = WAIT_S) -> dict[str,
     Raises:
         ConfigError: this computer's own keys are not valid.
     """
-    has_viewer = (folder_of(fleet) / files_of(NodeRole.VIEWER)[1]).exists()
-    present = credentials_of(fleet, NodeRole.VIEWER if has_viewer else NodeRole.GROUND)
+    own_role = NodeRole.GROUND
+    _, viewer_certificate, _ = files_of(NodeRole.VIEWER)
+    if (folder_of(fleet) / viewer_certificate).exists():
+        own_role = NodeRole.VIEWER
+    present = credentials_of(fleet, own_role)
 
     # The present authority is tried first, and the first one with which a node answers counts.
     seen: dict[str, str] = {}
