@@ -51,8 +51,8 @@ def demo(
     Args:
         mission: fly this mission instead
         vehicles: as many of the same drones form a ring instead
-        secure: with keys of its own: every link of the bus encrypted, both ends of it proven; so
-            flies a fleet that has keys anyway
+        secure: make keys for this flight: every link of the bus is encrypted, and both of its ends
+            prove who they are; a fleet that has keys always flies so
     """
     if secure and options.lockstep:
         raise ConfigError(
@@ -65,7 +65,8 @@ def demo(
     else:
         flown = _ring(mission, vehicles, options)
 
-    if options.lockstep or not (secure or flown.fleet.has_keys):
+    is_locked = secure or flown.fleet.has_keys
+    if options.lockstep or not is_locked:
         return fly_mission(flown, options, world, bus, is_simulated=True, has_free_ports=True)
 
     with tempfile.TemporaryDirectory(prefix="covey-demo-") as folder:
