@@ -142,7 +142,10 @@ class StatusBar(Bar):
             room = max(0, width - len(keys) - 2)
 
         # Only the sentence is cut, so that the number of further alarms stays visible.
-        text = theme.fit(text, min(cell_len(text), max(0, room - cell_len(more)))) + more
+        room_for_sentence = max(0, room - cell_len(more))
+        if cell_len(text) > room_for_sentence:
+            text = theme.fit(text, room_for_sentence)
+        text += more
         alarm = Segment(theme.fit(text, room), _alarm_style(worst))
         hint = Segment(f" {keys} ", theme.style(FAINT))
         if has_two_lines:
