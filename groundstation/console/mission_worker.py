@@ -21,7 +21,7 @@ _FLIES = "mission flies"
 _PASSED = "✔ mission passed"
 _FAILED = "✖ mission failed"
 
-# Exit statuses of failures before there was a verdict.
+# Exit statuses of failures that end the mission before its verdict.
 _STATUS_BROKEN = 1
 _STATUS_NO_CONNECTION = 2
 
@@ -202,5 +202,5 @@ def _exit_status(verdict: object) -> int:
 
 
 async def _awaited(function: MissionCall) -> object:
-    """Await the result of a call; a worker needs a coroutine, and not any awaitable."""
+    """Await what a function returns: a worker takes a coroutine, but no other awaitable."""
     return await function()
