@@ -1,7 +1,6 @@
 """The slots of a fleet's formations, from the fleet file itself, from shapes, drawings or files.
 
-Other rooms use the formations by this module: orders, missions and shows call
-:func:`formation_slots`.
+Orders, missions and shows get the slots of a formation from :func:`formation_slots`.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from onboard.config.fleet import ConfigError, FleetConfig, parking_distance_m
 from onboard.config.formation_shape import FormationShape
 from onboard.tuples import Xyz
 
-_SPACING_FACTOR = 1.15  # default spacing over the smallest distance that the law permits
+_SPACING_FACTOR = 1.15  # default spacing, divided by the smallest distance that the law permits
 _SAME_SPOT_M = 1e-6  # slots that are nearer than this are at one spot
 
 # shapes that need no more than the number of slots
@@ -147,7 +146,7 @@ def _outline(shape: FormationShape, count: int, path: str) -> Array:
 
 def _from_csv(file: str, count: int) -> Array:
     columns, numbers = read_columns(file)
-    if columns[:2] != ("x", "y") or columns[2:] not in ((), ("z",)):
+    if columns not in (("x", "y"), ("x", "y", "z")):
         raise ConfigError(
             f"{file}: the columns {', '.join(columns[:6])} are no slots. Name them x,y or x,y,z."
         )
