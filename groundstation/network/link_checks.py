@@ -176,7 +176,7 @@ def judged(fleet: FleetConfig, heard: Heard) -> Iterator[Diagnosis]:
             f"clock of {node}",
             error_s < _CLOCK_S,
             text,
-            "Wait some seconds; else its way here is too slow.",
+            f"Wait some seconds. If this stays, the network between here and {node} is too slow.",
         )
 
 
@@ -210,7 +210,7 @@ def _silent_vehicle(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
 def _old_s(fleet: FleetConfig) -> float:
     """Return the age [s] from which on a state is older than the fleet's margin allows for.
 
-    It contains a step of our own, in which a state waits until it is looked at.
+    A state may also wait here for one period of ours until it is looked at, so a period is added.
     """
     return max(_OLD_S, message_age_s(fleet) + _STEP_S)
 
@@ -227,7 +227,7 @@ def _arrivals(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
     age_s = _p99(heard.ages_s[name])
 
     bad = Grade.WARN
-    if received_share < _LEAST_SHARE or not numbers:
+    if received_share < _LEAST_SHARE:
         bad = Grade.FAIL
     return graded(
         name,
@@ -257,16 +257,15 @@ def _neighbours(name: str, fleet: FleetConfig, heard: Heard) -> Iterator[Diagnos
     bad = Grade.WARN
     if any(age_s >= silent_s for age_s in old.values()):
         bad = Grade.FAIL
-    listed = ", ".join(
-        f"{other} {1e3 * age_s:.0f} ms" for other, age_s in sorted((old or ages_s).items())
-    )
+    shown = old or ages_s  # without an old one all are shown
+    listed = ", ".join(f"{other} {1e3 * age_s:.0f} ms" for other, age_s in sorted(shown.items()))
     yield graded(
         f"{name} hears",
         not old,
         f"Age of the others' states (p99): {listed}.",
-        f"The fleet's margin is for {1e3 * old_s:.0f} ms, and older than {1e3 * silent_s:.0f} ms"
-        " they count as silent: improve the radio there, or declare it"
-        " ([radio] expected_delay_s, docs/network.md).",
+        f"The fleet's margin allows for {1e3 * old_s:.0f} ms. A vehicle whose newest state is older"
+        f" than {1e3 * silent_s:.0f} ms counts as silent. Improve the radio at {name}, or declare"
+        " its delay ([radio] expected_delay_s, docs/network.md).",
         bad=bad,
     )
 
@@ -297,11 +296,12 @@ def _round_trips(heard: Heard) -> Iterator[Diagnosis]:
     """
     trips_s = {}
     for (one, other), way_ns in heard.ways_ns.items():
-        is_both_ways = (other, one) in heard.ways_ns
+        if one >= other:
+            continue  # this pair is looked at the other way round
+        way_back_ns = heard.ways_ns.get((other, one))
         is_one_computer = heard.hosts.get(one) == heard.hosts.get(other)
-        # each pair once
-        if one < other and is_both_ways and not is_one_computer:
-            trips_s[one, other] = (way_ns + heard.ways_ns[other, one]) * 1e-9
+        if way_back_ns is not None and not is_one_computer:
+            trips_s[one, other] = (way_ns + way_back_ns) * 1e-9
 
     for (one, other), trip_s in sorted(trips_s.items(), key=lambda item: -item[1]):
         yield graded(
