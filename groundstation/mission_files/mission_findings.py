@@ -259,8 +259,8 @@ def _endurance(mission: Mission) -> Iterator[Finding]:
             fleet.fleet.battery_land_pct + _SPARE_PCT,
             "%",
             f"The mission takes about {needed_s:.0f} s, after which {name}'s battery of "
-            f"{hover_s:.0f} s has {{value}} left; {{relation}} {{bound}} is the level at which it "
-            "lands by itself, and some to spare",
+            f"{hover_s:.0f} s has {{value}} left; it needs {{relation}} {{bound}}, the level at "
+            "which it lands by itself and some to spare",
             "Make the mission shorter, or split it.",
             refuse_below=fleet.fleet.battery_land_pct,
         )
