@@ -96,7 +96,8 @@ def least_longest(costs: Array) -> float:
         came_from = np.full(count, -1)  # the column before each column in its chain; -1: none
         is_open = np.ones(count, dtype=bool)
 
-        # Dijkstra's search, with the largest cost of a chain instead of its length
+        # Dijkstra's search, with the largest cost of a chain instead of its length. It ends at the
+        # first column that no row has.
         while True:
             column = int(np.where(is_open, reach, np.inf).argmin())
             if row_of[column] < 0:
@@ -109,7 +110,8 @@ def least_longest(costs: Array) -> float:
 
         largest = max(largest, float(reach[column]))
 
-        # Each column of the chain gets the row of the column before it; the first gets this row.
+        # Each column of the chain gets the row of the column before it. The first column gets the
+        # new row.
         while came_from[column] >= 0:
             before = int(came_from[column])
             row_of[column] = row_of[before]
@@ -140,6 +142,7 @@ def least_sum(costs: Array) -> list[int]:
         came_from = np.full(count, -1)  # the column before each column in its chain; -1: none
         is_open = np.ones(count + 1, dtype=bool)
 
+        # The search ends at the first column that no row has.
         while row_of[column] >= 0:
             is_open[column] = False
             chain_row = row_of[column]
@@ -155,7 +158,8 @@ def least_sum(costs: Array) -> list[int]:
             reach[is_open[:count]] -= step
             column = following
 
-        # Each column of the chain gets the row of the column before it.
+        # Each column of the chain gets the row of the column before it. The chain begins at the
+        # additional column, which has the new row.
         while column != start:
             before = int(came_from[column])
             row_of[column] = row_of[before]
