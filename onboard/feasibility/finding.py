@@ -1,7 +1,7 @@
 """Findings of feasibility checks: a quantity, its bound, a status, a sentence and a remedy. Pure.
 
-A check computes one quantity of a fleet, and passes it to :func:`at_least` or :func:`at_most` with
-its bound. These functions decide the status and write the numbers into the sentence.
+A check computes one quantity of a fleet, and passes the quantity and its bound to :func:`at_least`
+or :func:`at_most`. These functions decide the status and write the numbers into the sentence.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Relation = Literal["at least", "at most"]
 # cannot change that.
 ORDER: tuple[Status, ...] = ("refused", "warning", "note", "ok")
 
-# a value that is beyond its bound by less counts as within it: that is rounding
+# A value that is beyond its bound by no more than this counts as within it, because of rounding.
 _ROUNDING = 1e-9
 
 
@@ -52,8 +52,8 @@ def worst(findings: Iterable[Finding]) -> Finding:
     Args:
         findings: at least one finding.
     Returns:
-        The finding with the worst status. Of several, the one nearest to its bound, or farthest
-        beyond it.
+        The finding with the worst status. If several have it, the finding whose value is nearest to
+        its bound, or farthest beyond it.
     """
     return min(findings, key=_margin)
 
