@@ -1,10 +1,10 @@
 """Check of the position that the base of the corrections reports. Pure.
 
 A receiver calculates its vehicle's position from the position that the base reports for itself. If
-that is wrong by ten metres, all vehicles fly ten metres aside. So a base is not trusted if it
-reports another position than the surveyed one. It is not trusted either if it moves, or is replaced
-by another base, while this vehicle flies. On the ground a new position is accepted, but no vehicle
-takes off until this position has been steady for a while.
+the base reports a position that is wrong by ten metres, all vehicles fly ten metres aside. So a
+base is not trusted if it reports another position than the surveyed one. A base is not trusted
+either if it moves, or is replaced by another base, while this vehicle flies. On the ground a new
+position is accepted, but no vehicle takes off until this position has been steady for a while.
 """
 
 from __future__ import annotations
@@ -45,12 +45,13 @@ class BaseWatch:
         if self.judgement.fault is not None:
             return False
 
-        if self.base is not None and self._is_another(position):
-            self._moved_ns = now_ns
-        if self.base is None or self._is_another(position):
+        is_first = self.base is None
+        if is_first or self._is_another(position):
             self.base = position
             latitude_deg, longitude_deg, _ = position.latitude_longitude_height
             self.base_deg = (latitude_deg, longitude_deg)
+            if not is_first:
+                self._moved_ns = now_ns
         return True
 
     def unsteady_s(self, now_ns: int) -> float | None:
