@@ -1,7 +1,7 @@
 """The tilt of a body compared with PX4's attitude: whose body it is, and how late its stamps are.
 
-PX4 measures with a gyroscope, so its attitude is late by no more than a few milliseconds, which the
-link takes. Mocap and PX4 both yield the direction of gravity in the body's own axes, which depends
+PX4 measures with a gyroscope, so its attitude is late only by the few milliseconds that the link
+takes. Mocap and PX4 both yield the direction of gravity in the body's own axes, which depends
 neither on a heading nor on the frame of the room. The body whose curve of that direction fits PX4's
 curve belongs to this PX4. The time shift at which the two curves fit best is the lag of the stamps.
 """
@@ -20,7 +20,7 @@ _STEP_S = 0.004  # between two samples of a curve, and between two lags that are
 _EARLIEST_S = -0.1  # least lag that is tried
 _LATEST_S = 0.3  # largest lag that is tried
 _SHORTEST_S = 2.0  # least time in which both curves must have samples
-_FEWEST_SAMPLES = 10  # of a curve
+_FEWEST_SAMPLES = 10  # least number of samples of each curve
 _SMALLEST_TILT_RAD = 0.008  # half a degree: ten times the noise of a mocap
 _SAME_CORRELATION = 0.85  # least correlation of two curves that belong to one body
 
@@ -29,7 +29,7 @@ _SAME_CORRELATION = 0.85  # least correlation of two curves that belong to one b
 class TiltFit:
     """Best fit of two curves of tilt."""
 
-    lag_s: float  # by which the body's stamps are later than PX4's
+    lag_s: float  # time by which the body's stamps are later than PX4's
     correlation: float  # at most 1
 
     @property
@@ -98,7 +98,7 @@ def _correlation(one: Array, other: Array) -> float:
 def _vertex(values: Array, index: int) -> float:
     """Return how far the true maximum lies from ``index``, in steps.
 
-    It is that of a parabola through the value at ``index`` and its two neighbours.
+    The maximum is that of the parabola through the value at ``index`` and its two neighbours.
     """
     if not 0 < index < values.size - 1:
         return 0.0
