@@ -53,7 +53,8 @@ class StepRunner:
     Args:
         mission: mission file, loaded and checked.
         fleet: fleet that flies it.
-        times: times of the world's clock at which steps start, by how they are written.
+        times: how the mission file writes a time of the world's clock -> the time. In simulated
+            time it is empty.
     """
 
     def __init__(self, mission: Mission, fleet: Fleet, times: Mapping[str, WorldTime]) -> None:
@@ -113,7 +114,7 @@ class StepRunner:
                 self._taking_part(self._mission.paths_of(step)),
                 lights=self._mission.lights_of(step),
                 on_lag=step.on_lag,
-                at=self._times.get(step.at, step.at),
+                at=self._start_of(step),
                 timeout_s=step.timeout_s,
             )
         elif isinstance(step, FlyFormationStep):
@@ -121,7 +122,7 @@ class StepRunner:
             await self._fleet.follow_path(
                 self._taking_part(paths),
                 on_lag=step.on_lag,
-                at=self._times.get(step.at, step.at),
+                at=self._start_of(step),
                 timeout_s=step.timeout_s,
             )
         elif isinstance(step, RepeatStep):
@@ -150,10 +151,14 @@ class StepRunner:
         await fleet.order(intent, step.timeout_s)
 
     async def _wait(self, step: WaitStep) -> None:
-        await self._fleet.countdown(self._times.get(step.at, step.at))
+        await self._fleet.countdown(self._start_of(step))
         await self._fleet.wait(step.duration_s)
         if step.until is not None:
             await self._fleet.until(condition(step.until, self._fleet), step.timeout_s)
+
+    def _start_of(self, step: WaitStep | FollowPathStep | FlyFormationStep) -> WorldTime | str:
+        """Return the time at which a step starts: as text where no times are known."""
+        return self._times.get(step.at, step.at)
 
     async def _side_by_side(self, step: ParallelStep, key: str) -> None:
         """Do branches at the same time; the first failure ends all branches."""
