@@ -1,8 +1,8 @@
 """The flight that a script connects with.
 
-A script connects with the real agents of its fleet unless another host is set. ``covey fly
-script`` and the lockstep fixture set one. So the same script can fly in simulated time,
-with emulated PX4s or with hardware.
+A script connects with a host. Unless a host has been set, it is the real agents of the script's
+fleet. ``covey fly script`` and the lockstep fixture set another host. So the same script can fly in
+simulated time, with emulated PX4s or with hardware.
 """
 
 from __future__ import annotations
