@@ -260,7 +260,7 @@ def _serial(endpoint: str, system_id: int) -> Any:
 def _receive_from_px4_only(link: Any) -> None:
     """Drop datagrams from any other address than PX4's.
 
-    The port is predictable, so that any sender could pretend to be the autopilot.
+    Our port is predictable, so any sender could pretend to be the autopilot.
     """
     host, port = link.destination_addr
     px4 = (socket.gethostbyname(host), port)
