@@ -124,9 +124,9 @@ def _wanted(folder: Path, fleet: FleetConfig, origin: Origin) -> list[_Address]:
     """Return the tiles that cover the fence, of the finest zoom whose tiles exist and are few."""
     for zoom in sorted(_zooms(folder), reverse=True):
         addresses = list(_covering(zoom, fleet, origin))
-        if len(addresses) <= MOST_TILES and any(
-            _path_of(folder, address).exists() for address in addresses
-        ):
+        if len(addresses) > MOST_TILES:
+            continue
+        if any(_path_of(folder, address).exists() for address in addresses):
             return addresses
     return []
 
@@ -201,13 +201,13 @@ def _path_of(folder: Path, address: _Address) -> Path:
 
 
 def _no_tiles_words(folder: Path, fleet: FleetConfig, origin: Origin) -> str:
-    """Return the refusal of a folder without a tile at the fence; it names one that would do."""
+    """Return the refusal of a folder without a tile at the fence, with a tile that would do."""
     zooms = [zoom for zoom in range(_MOST_ZOOM + 1) if _is_few(zoom, fleet, origin)]
     finest = next(_covering(zooms[-1], fleet, origin))
     return (
-        f"--tiles {folder}: no tile of it covers the fence. Wanted are PNGs by zoom, column and row"
-        f" counted from the north, such as {finest.zoom}/{finest.x}/{finest.y}.png, of one zoom up "
-        f"to {finest.zoom}."
+        f"--tiles {folder}: no tile of it covers the fence. Put the tiles of one zoom, "
+        f"{finest.zoom} or less, into it as ZOOM/COLUMN/ROW.png, with rows counted from the north, "
+        f"such as {finest.zoom}/{finest.x}/{finest.y}.png."
     )
 
 
@@ -223,7 +223,7 @@ def _png(path: Path) -> bytes:
     if len(data) < _HEADER_BYTES or not data.startswith(_PNG_BEGIN):
         raise ConfigError(f"{path} is no PNG. Export the tiles as PNG.")
 
-    # after the signature and the begin of the first chunk
+    # The size follows the signature and the begin of the first chunk.
     width_px, height_px = struct.unpack(">II", data[16:_HEADER_BYTES])
     if not 1 <= width_px <= _MOST_SIDE_PX or not 1 <= height_px <= _MOST_SIDE_PX:
         raise ConfigError(
