@@ -68,25 +68,25 @@ def channels(folder: Path) -> dict[str, int]:
     return dict(sorted(counts.items()))
 
 
-def list_line(one: dict[str, Any]) -> str:
-    """Return a flight as one line of a list."""
-    outcome = {True: "passed", False: "FAILED"}.get(one["has_passed"], "no verdict")
-    broken = "" if one["is_whole"] else "  (cut off or damaged)"
+def list_line(flight: dict[str, Any]) -> str:
+    """Return the :func:`summary` of a flight as one line of a list."""
+    outcome = {True: "passed", False: "FAILED"}.get(flight["has_passed"], "no verdict")
+    broken = "" if flight["is_whole"] else "  (cut off or damaged)"
     return (
-        f"{one['folder']:32s} {one['length_s']:8.1f} s {len(one['vehicles']):4d} vehicles"
-        f" {one['size_bytes'] / _MB:8.1f} MB  {outcome:10s} {one['mission']}{broken}"
+        f"{flight['folder']:32s} {flight['length_s']:8.1f} s {len(flight['vehicles']):4d} vehicles"
+        f" {flight['size_bytes'] / _MB:8.1f} MB  {outcome:10s} {flight['mission']}{broken}"
     )
 
 
-def info_lines(one: dict[str, Any], counts: dict[str, int]) -> list[str]:
-    """Return a flight and its channels as lines."""
-    length_s = max(one["length_s"], 1e-3)  # a record of a single stamp has no length
+def info_lines(flight: dict[str, Any], counts: dict[str, int]) -> list[str]:
+    """Return the :func:`summary` of a flight and the counts of its :func:`channels` as lines."""
+    length_s = max(flight["length_s"], 1e-3)  # a record of a single stamp has no length
     lines = [
-        f"{one['folder']}: {one['length_s']:.1f} s, {one['size_bytes'] / _MB:.1f} MB,"
-        f" {one['events']} events.",
-        f"Vehicles: {', '.join(map(plain_line, one['vehicles']))}.",
+        f"{flight['folder']}: {flight['length_s']:.1f} s, {flight['size_bytes'] / _MB:.1f} MB,"
+        f" {flight['events']} events.",
+        f"Vehicles: {', '.join(map(plain_line, flight['vehicles']))}.",
     ]
-    lines += [sentence for sentence in (one["verdict"], one["note"]) if sentence]
+    lines += [sentence for sentence in (flight["verdict"], flight["note"]) if sentence]
     lines.append(f"{'channel':32s} {'messages':>9s} {'a second':>9s}")
     for channel, count in list(counts.items())[:MAX_CHANNELS]:
         lines.append(f"{plain_line(channel)[:32]:32s} {count:9d} {count / length_s:9.1f}")
