@@ -66,7 +66,7 @@ _NOT_SIMULATED = (
     "motors: see --i-have-removed-the-propellers"
 )
 _DRAIN_S = 60.0  # time in which PX4's own simulator uses a whole charge
-_READY_S = 8.0  # time of the vehicle until which the check waits for its readiness
+_READY_S = 8.0  # until this time of its own clock the vehicle may become ready
 _MEETING_S = 3.0  # longest wait for the first heartbeat, after the first datagram
 _MAV_AUTOPILOT_PX4 = 12
 _MAV_COMP_ID_AUTOPILOT1 = 1
@@ -94,7 +94,7 @@ def check(
     say: Callable[[str], None],
     simulator_port: Port | None = None,
 ) -> VehicleClient:
-    """Measure the facts of a report; return the client, which has pace and system id.
+    """Measure the facts of a report; return the client, which knows the vehicle's pace and id.
 
     Args:
         port: link of the companion.
@@ -161,7 +161,7 @@ def is_simulated(client: VehicleClient) -> bool:
 def _meet(client: VehicleClient, terms: Terms) -> None:
     """Wait for a PX4, and store its system id in the client."""
     if not client.listen(terms.wait_s, lambda: client.received.datagrams > 0):
-        # The link may send only after it has received a datagram.
+        # The link may send only after it has received a datagram. PX4's default system id is 1.
         client.system_id = 1
         client.send_heartbeat()
 
