@@ -68,9 +68,10 @@ def _configuration(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) 
     if not facts.other_hashes:
         return OK, words
 
-    names, other_hash = next(iter(facts.other_hashes.items()))
+    name, other_hash = next(iter(facts.other_hashes.items()))
+    names = name
     if len(facts.other_hashes) > 1:
-        names = f"{names} (and {len(facts.other_hashes) - 1} more)"
+        names = f"{name} (and {len(facts.other_hashes) - 1} more)"
     return "differs", {**words, "names": names, "other": other_hash}
 
 
