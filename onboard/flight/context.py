@@ -74,8 +74,8 @@ class FlightContext:
     has_fallen: bool = False  # whether PX4 disarmed or restarted in this flight
     was_killed: bool = False  # whether an order to kill stops, or has stopped, the motors
     contact: ContactSigns = field(default_factory=ContactSigns)
-    # height of the goal when the poses stopped, to which the vehicle goes once they come again
-    seen_height_m: float = 0.0
+    # goal when the poses stopped, to whose height the vehicle goes once they come again
+    seen_goal: Goal = _NO_GOAL
 
     commands: list[Command] = field(default_factory=list)  # commands that the core has to take
 

@@ -269,7 +269,7 @@ def forget_kill(flight: FlightContext, view: FlightView) -> None:
 def sink(flight: FlightContext, view: FlightView) -> None:
     """Brake and go down by dead reckoning, which is good for a few seconds."""
     expect_contact(flight, view)
-    flight.seen_height_m = flight.goal_position_enu_m[2]
+    flight.seen_goal = flight.goal
     x, y, _ = stop_point(view, flight.vehicle, flight.fleet)
     _set_goal(flight, (x, y, flight.ground_z_m), 0.0)
 
@@ -277,18 +277,22 @@ def sink(flight: FlightContext, view: FlightView) -> None:
 def hold_again(flight: FlightContext, view: FlightView) -> None:
     """Stop here, at the height of the goal before dead reckoning."""
     x, y, _ = stop_point(view, flight.vehicle, flight.fleet)
-    _set_goal(flight, (x, y, flight.seen_height_m), 0.0)
+    _set_goal(flight, (x, y, flight.seen_goal.position_enu_m.z), 0.0)
 
 
 def resume(flight: FlightContext, view: FlightView) -> None:
     """Go on with the order that dead reckoning has interrupted, at the same speed."""
     order = flight.order
-    if order is None or order.position_enu_m is None:
+    if order is not None and order.kind == "follow_path":  # it skips the rest
+        seen = flight.seen_goal
+        _set_goal(flight, seen.position_enu_m, 0.0, seen.yaw_rad)
+    elif order is not None and order.position_enu_m is not None:
+        duration_s = max(0.0, order.duration_s)
+        _set_goal(flight, order.position_enu_m, duration_s, _ordered_yaw_rad(order))
+    else:
         climb_on(flight, view)
         return
 
-    duration_s = max(0.0, order.duration_s)
-    _set_goal(flight, order.position_enu_m, duration_s, _ordered_yaw_rad(order))
     if flight.is_slow:
         slow_down(flight, view)
 

@@ -271,8 +271,12 @@ def has_order(flight: FlightContext, view: FlightView) -> bool:
 
 
 def sees_again_on_leg(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether its position is measured again, and an order to move in progress."""
-    return not view.is_blind and flight.order is not None and flight.order.kind == "move"
+    """Return whether its position is measured again, and an order that leads it to a goal goes on.
+
+    An order to follow a path does so after a skip: a path itself ends without poses.
+    """
+    order = flight.order
+    return not view.is_blind and order is not None and order.kind in ("move", "follow_path")
 
 
 def sees_again_in_climb(flight: FlightContext, view: FlightView) -> bool:

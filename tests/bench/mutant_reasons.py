@@ -516,7 +516,6 @@ ACCEPTED = (
             ("step_ns: int = 0", "0 becomes larger"),
             ("steady_ns: int = 0", "0 becomes larger"),
             ("deadline_ns: int = 0", "0 becomes larger"),
-            ("seen_height_m: float = 0.0", "0.0 becomes larger"),
         ),
     ),
     Accepted(

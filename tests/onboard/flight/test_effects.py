@@ -281,7 +281,8 @@ def test_without_poses_it_sinks_to_the_ground_and_holds_later_where_it_was() -> 
     effects.sink(flight, _view(0.5, 0.5, 1.4))
     assert flight.goal.position_enu_m == pytest.approx((0.5, 0.5, 0.2))
     assert flight.goal.duration_s == 0.0
-    assert (flight.seen_height_m, flight.contact_z_m, flight.lowest_m) == (1.0, 1.4, math.inf)
+    assert flight.seen_goal.position_enu_m[2] == 1.0
+    assert (flight.contact_z_m, flight.lowest_m) == (1.4, math.inf)
 
     effects.hold_again(flight, _view(0.6, 0.5, 0.8))
     assert flight.goal.position_enu_m == pytest.approx((0.6, 0.5, 1.0))
@@ -297,6 +298,15 @@ def test_seeing_again_it_goes_on_with_its_move_at_its_pace(is_slow: bool, ordere
     assert flight.goal.yaw_rad == pytest.approx(math.pi / 2)
     slow_s = 3.0 / (0.25 * _VEHICLE.max_speed_m_s)
     assert flight.goal.duration_s == pytest.approx(slow_s if is_slow else max(0.0, ordered_s))
+
+
+def test_seeing_again_after_a_skip_it_goes_on_to_the_end_of_its_path() -> None:
+    end = Goal(Vec3(3.0, 0.0, 1.0), 0.0, 4, yaw_rad=1.5)
+    flight = _flight(order=_order("follow_path"), goal=end)
+    effects.sink(flight, _view(z=0.9))
+    flight.path.path = None  # another path is loaded already
+    effects.resume(flight, _view(z=0.8))
+    assert flight.goal._replace(sequence=0) == end._replace(sequence=0)
 
 
 @pytest.mark.parametrize("order", [None, _order("takeoff", height_m=2.0)])

@@ -16,7 +16,7 @@ from onboard.control.path import Path, path_id, point_at, to_bytes
 from onboard.estimation import wind
 from onboard.flight import state_machine
 from onboard.flight.path_flight import PATIENCE_S, OtherClock, PathFlight, other_clocks
-from onboard.flight.types import FlightView
+from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.failsafe_table import Action
 from tests.onboard.agent.rig import Rig, fleet
 
@@ -287,6 +287,22 @@ def test_a_skip_leads_straight_to_the_end_and_the_order_to_follow_the_path_is_do
     assert rig.telemetry is not None
     assert rig.telemetry.show_id == ""  # the others do not wait for it
     assert not rig.telemetry.is_path_paused
+    rig.run(12.0)
+    assert rig.outcomes()["show"] == "done"
+    assert rig.position[0] == pytest.approx(3.0, abs=0.1)
+
+
+def test_a_vehicle_that_skips_and_misses_poses_for_a_moment_still_goes_to_the_end() -> None:
+    rig = following(line(metres=3.0, duration_s=60.0))
+    rig.run(5.0)
+    assert rig.order("skip").is_accepted
+    rig.run(1.5)
+    rig.has_mocap = False
+    rig.run(0.4)
+    assert rig.core.flight.step is FlightStep.COASTING
+    rig.has_mocap = True
+    rig.run(1.0)
+    assert "show" not in rig.outcomes(), "it is not at the end of its path yet"
     rig.run(12.0)
     assert rig.outcomes()["show"] == "done"
     assert rig.position[0] == pytest.approx(3.0, abs=0.1)

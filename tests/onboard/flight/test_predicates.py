@@ -377,14 +377,15 @@ def test_a_descent_without_poses_has_to_have_begun(now_s: float, counts: bool) -
 
 
 @pytest.mark.parametrize("is_blind", [True, False])
-@pytest.mark.parametrize("kind", ["move", "takeoff", "land"])
+@pytest.mark.parametrize("kind", ["move", "follow_path", "takeoff", "land"])
 def test_what_goes_on_when_its_position_is_measured_again(is_blind: bool, kind: OrderKind) -> None:
     view = _view(is_blind=is_blind)
     flight = _flight(order=_order(kind))
     assert predicates.has_order(flight, view)
     assert predicates.is_blind(flight, view) is is_blind
     assert predicates.sees_again(flight, view) is not is_blind
-    assert predicates.sees_again_on_leg(flight, view) is (not is_blind and kind == "move")
+    is_on_leg = not is_blind and kind in ("move", "follow_path")
+    assert predicates.sees_again_on_leg(flight, view) is is_on_leg
     assert predicates.sees_again_in_climb(flight, view) is (not is_blind and kind == "takeoff")
     assert not predicates.has_order(_flight(), view)
     assert not predicates.sees_again_on_leg(_flight(), view)
