@@ -165,7 +165,8 @@ def _is_down(facts: TickFacts) -> bool:
     if not facts.mocap_required:
         # without a mocap a low height is no sign: PX4's own height errs by half a metre
         return facts.is_flying and facts.is_standing and facts.height_m < MAY_BE_DOWN_M
-    return facts.is_flying and facts.has_position and facts.height_enu_m < DOWN_HEIGHT_M
+    is_low = facts.height_above_floor_m < DOWN_HEIGHT_M
+    return facts.is_flying and facts.has_position and is_low
 
 
 def _has_clock_jumped(facts: TickFacts) -> bool:

@@ -81,7 +81,7 @@ class TickFacts(Struct, frozen=True, kw_only=True):
     has_position: bool = True  # known from poses or by dead reckoning
     position_age_s: float = 0.0  # age of the newest sample that was used
     position_stale_s: float = 0.0  # for how long the position has been stale
-    height_enu_m: float = 0.0  # in the fleet frame
+    height_above_floor_m: float = 0.0  # above the lowest ground that the fleet file knows
     height_m: float = 0.0  # above the ground where it took off
     is_standing: bool = False  # by thrust and vertical motion, without using its height
     mocap_required: bool = True  # False: it flies by PX4's own position

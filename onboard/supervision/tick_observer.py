@@ -11,6 +11,7 @@ from typing import Any
 
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
+from onboard.config.ground import floor_m
 from onboard.control.allocation import MAX_THRUST_FRAC
 from onboard.control.vertical import vertical_s
 from onboard.corrections import fix
@@ -75,6 +76,7 @@ class TickObserver:
         self._limits = fleet.fleet
         self._law_name = fleet.law.name
         self._vehicle = vehicle
+        self._floor_m = floor_m(fleet)
         self._own = own
         self._flight = flight
         self._fence = fence_of(fleet.fleet.geofence_m, vehicle)
@@ -189,7 +191,7 @@ class TickObserver:
             has_position=view.has_position,
             position_age_s=position_age_s,
             position_stale_s=position_stale_s,
-            height_enu_m=view.position_enu_m[2],
+            height_above_floor_m=view.position_enu_m[2] - self._floor_m,
             height_m=height_m,
             is_standing=contact.is_agreed_by_thrust(flight.contact, view),
             mocap_required=self._vehicle.mocap_required,

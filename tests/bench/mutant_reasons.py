@@ -388,7 +388,7 @@ ACCEPTED = (
         "the observer gives it at each tick",
         "supervision/tick_facts.py",
         (
-            ("height_enu_m: float = 0.0", "0.0 becomes larger"),
+            ("height_above_floor_m: float = 0.0", "0.0 becomes larger"),
             ("height_m: float = 0.0", "0.0 becomes larger"),
         ),
     ),

@@ -299,7 +299,7 @@ class Rig:
         if self.position[2] <= self.floor_m:
             self.position[2] = self.floor_m
             self.velocity = np.zeros(3)
-        elif self.position[2] > 0.05:
+        elif self.position[2] > self.floor_m + 0.05:
             self.has_flown = True
 
     # -- orders --

@@ -396,3 +396,22 @@ def test_a_vehicle_that_fell_stops_thrusting_instead_of_flying_on_from_the_groun
     assert rig.count(agent_commands.SendAttitude, quiet_ns) == 0
     assert rig.core.flight.state in ("failed", "landed")
     assert any(event.severity == "critical" for event in rig.events)
+
+
+def test_below_the_fleets_origin_a_flight_above_a_lower_ground_is_no_fall() -> None:
+    config = fleet()
+    fence = replace(config.fleet.geofence_m, z=(-1.5, 3.0))
+    start = replace(config.vehicles["mav0"], start_enu_m=(0.0, 0.0, -1.0))
+    lower = replace(
+        config,
+        vehicles={**config.vehicles, "mav0": start},
+        fleet=replace(config.fleet, geofence_m=fence),
+    )
+    core = AgentCore(lower, "mav0", boot_id=7)
+    rig = Rig(core=core, floor_m=-1.0, position=np.array([0.0, 0.0, -1.0]))
+    rig.until("ready")
+    assert rig.order("takeoff", order_id="up", height_m=0.0).is_accepted
+    rig.run(8.0)
+    assert rig.outcomes()["up"] == "done"
+    assert rig.core.flight.step is FlightStep.ARRIVED
+    assert rig.position[2] == pytest.approx(0.0, abs=0.05)
