@@ -59,7 +59,7 @@ class Row(NamedTuple):
 _START = (S.WAITING, S.READY, S.LANDED)
 _ARMED = (S.ARM_OFFBOARD, S.ARM_ARMING, S.ARMED, S.TAKEOFF_OFFBOARD, S.TAKEOFF_ARMING)
 _STARTING = tuple(step for step in _ARMED if step is not S.ARMED)
-_FREE = (S.CLIMB, S.LEG, S.PATH, S.ARRIVED, S.HOLDING, S.TAKEOVER)
+_FREE = (S.CLIMB, S.LEG, S.PATH, S.ARRIVED, S.HOLDING)
 _CAN_FOLLOW = (S.LEG, S.ARRIVED, S.HOLDING)
 _DOWN = (S.DESCENT, S.CONTACT)
 _BLIND = (S.COASTING, S.SINKING)
@@ -69,6 +69,7 @@ _PX4_MAY_LAND = (
     S.ARMED,
     S.LIFTOFF,
     *_FREE,
+    S.TAKEOVER,
     *_BLIND,
     *_DOWN,
 )
@@ -98,7 +99,10 @@ ORDERS = (
     Row(_FREE, E.HOLD, to=S.HOLDING, effect=effects.stop_here, reason="ordered"),
 
     # An agent that started while its vehicle flew, or that lost it, takes over from PX4's hold.
-    Row(_SILENT, E.HOLD, to=S.TAKEOVER, effect=effects.take_over, reason=S.TAKEOVER.text),
+    # Until PX4 confirms that, PX4 flies, so that only PX4 can land it. The heartbeat tells whether
+    # a pilot has taken it meanwhile.
+    Row((*_SILENT, S.TAKEOVER), E.HOLD, to=S.TAKEOVER, request=RequestHeartbeat(),
+        effect=effects.take_over, reason=S.TAKEOVER.text),
 
     # Hold, land and disarm all stop a start. Before PX4 confirms that it is armed they disarm it;
     # from then on they land it.
@@ -119,9 +123,9 @@ ORDERS = (
     Row((S.DISARMING,), E.LAND, when=p.px4_reports_the_ground),  # it stands, and is disarmed
     # This also holds after a kill, whose command may have been lost. The rows of LANDING tell a
     # fall from a landing. If PX4 hears sticks, it is asked first whether a pilot flies.
-    Row((*_SILENT, S.DISARMING), E.LAND, when=p.px4_hears_sticks, to=S.PX4_LANDING,
+    Row((*_SILENT, S.TAKEOVER, S.DISARMING), E.LAND, when=p.px4_hears_sticks, to=S.PX4_LANDING,
         request=RequestHeartbeat(), reason=sentences.ordered_or_killed),
-    Row((*_SILENT, S.DISARMING), E.LAND, to=S.PX4_LANDING, request=Px4Land(),
+    Row((*_SILENT, S.TAKEOVER, S.DISARMING), E.LAND, to=S.PX4_LANDING, request=Px4Land(),
         reason=sentences.ordered_or_killed),
 
     # CONTACT takes the thrust away, so that the vehicle stands even if PX4 sees a lift-off
@@ -159,13 +163,16 @@ FAILSAFES = (
 
     Row((S.LIFTOFF, *_FREE), E.FAILSAFE_LAND, to=S.DESCENT, effect=effects.descend, reason=CAUSE),
     Row((S.COASTING,), E.FAILSAFE_LAND, to=S.SINKING, reason=CAUSE),
+    Row((S.TAKEOVER,), E.FAILSAFE_LAND, when=p.px4_hears_sticks, to=S.PX4_LANDING,
+        request=RequestHeartbeat(), reason=CAUSE),
+    Row((S.TAKEOVER,), E.FAILSAFE_LAND, to=S.PX4_LANDING, request=Px4Land(), reason=CAUSE),
     Row(_PX4_MAY_LAND, E.FAILSAFE_PX4_LAND, when=p.px4_hears_sticks, to=S.PX4_LANDING,
         request=RequestHeartbeat(), reason=CAUSE),
     Row(_PX4_MAY_LAND, E.FAILSAFE_PX4_LAND, to=S.PX4_LANDING, request=Px4Land(), reason=CAUSE),
 
     Row((*_ARMED, S.DISARMING), E.FAILSAFE_DISARM, to=S.FAILSAFE_DISARMING,
         request=Disarm(), reason=CAUSE),
-    Row((*_ARMED, S.DISARMING, S.LIFTOFF, *_FREE, *_BLIND, *_DOWN, S.PX4_LANDING),
+    Row((*_ARMED, S.DISARMING, S.LIFTOFF, *_FREE, S.TAKEOVER, *_BLIND, *_DOWN, S.PX4_LANDING),
         E.FAILSAFE_STOP, to=S.FAILED, effect=effects.note_fall, reason=CAUSE),
 )
 
@@ -271,6 +278,8 @@ FLYING = (
     Row((S.HOLDING,), E.TICK, when=p.at_rest, ends=("done", sentences.holding)),
     Row((S.HOLDING,), E.TICK, when=p.rest_late, ends=("timed out", _REST_LATE)),
 
+    Row((S.TAKEOVER,), E.TICK, when=p.px4_left_its_hold, to=S.FAILED,
+        reason=sentences.left_its_hold, ends=("failed", sentences.left_its_hold)),
     Row((S.TAKEOVER,), E.TICK, when=p.px4_confirms_offboard, to=S.HOLDING,
         reason="ordered", ends=("done", "Taken over from PX4's hold; holding.")),
     Row((S.TAKEOVER,), E.TICK, when=p.px4_has_not_confirmed_in_time, to=S.FAILED,

@@ -239,6 +239,8 @@ def _wrong_step(order: Order, flight: FlightContext) -> str:
             return f"PX4 starts anew on the ground only, disarmed: it is {doing}."
         case "disarm":
             return _IN_AIR
+        case _ if flight.step is FlightStep.TAKEOVER:
+            return "It is being taken over from PX4's hold: wait until it holds, or order land."
         case "follow_path" if flight.step.situation is Situation.FLYING:
             return f"No path begins while it is {doing}: order hold first."
         case "land":

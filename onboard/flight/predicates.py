@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from onboard.flight import contact
+from onboard.flight import contact, takeover
 from onboard.flight.arrival import has_turned, is_at, is_at_rest, is_near
 from onboard.flight.context import FlightContext
 from onboard.flight.effects import LIFT_M, takeoff_height_m
@@ -71,6 +71,12 @@ def px4_confirms_offboard(flight: FlightContext, view: FlightView) -> bool:
     """Return whether a heartbeat since the step began says OFFBOARD."""
     is_offboard = view.snapshot.is_offboard and _is_confirmed(flight, view)
     return is_offboard and flight.seconds(view) > _LEAST_OFFBOARD_S
+
+
+def px4_left_its_hold(flight: FlightContext, view: FlightView) -> bool:
+    """Return whether a heartbeat since the step began says neither PX4's hold nor OFFBOARD."""
+    has_left = view.snapshot.mode not in (takeover.HOLD, "OFFBOARD")
+    return has_left and _is_confirmed(flight, view)
 
 
 def px4_confirms_armed(flight: FlightContext, view: FlightView) -> bool:

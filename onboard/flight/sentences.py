@@ -61,6 +61,12 @@ def lands_unless_killed(flight: FlightContext) -> str:
     return f"{flight.reason} It falls; PX4 lands it only if the kill did not reach its motors."
 
 
+def left_its_hold(flight: FlightContext, view: FlightView) -> str:
+    """Return the reason why a takeover has ended."""
+    mode = view.snapshot.mode or "unknown"
+    return f"PX4 left its hold before it was taken over (now {mode}): it flies without this agent."
+
+
 def still_armed(flight: FlightContext, view: FlightView) -> str:
     """Return the reason why an order to disarm or to kill has not been confirmed."""
     if view.snapshot.is_armed:

@@ -125,6 +125,79 @@ def test_a_px4_that_does_not_enter_offboard_is_left_alone() -> None:
     assert rig.count(agent_commands.SendAttitude, since_ns) == 0
 
 
+@pytest.mark.parametrize("after_s", [0.1, 2.0])
+def test_a_hold_again_during_the_takeover_is_done_only_when_px4_says_so(after_s: float) -> None:
+    rig = restarted()
+    rig.accepts_offboard = False
+    assert rig.order("hold", order_id="take").is_accepted
+    rig.run(after_s)
+    assert rig.order("hold", order_id="again").is_accepted
+    rig.run(2.0)
+    assert rig.outcomes()["take"] == "superseded"
+    assert "again" not in rig.outcomes(), "PX4 still flies it"
+    rig.accepts_offboard = True
+    rig.run(3.0)
+    assert rig.outcomes()["again"] == "done"
+    assert rig.core.flight.state == "holding"
+    assert rig.mode == "OFFBOARD"
+
+
+@pytest.mark.parametrize("accepts_offboard", [True, False])
+@pytest.mark.parametrize("after_s", [0.1, 0.5])
+def test_land_during_the_takeover_lands(after_s: float, accepts_offboard: bool) -> None:
+    rig = restarted()
+    rig.accepts_offboard = accepts_offboard
+    assert rig.order("hold").is_accepted
+    rig.run(after_s)
+    assert rig.order("land", order_id="land").is_accepted
+    rig.run(0.5)
+    assert rig.mode == "LAND", "PX4 flies it, and nobody else can land it"
+    assert rig.core.flight.state == "landing"
+
+
+def test_a_failsafe_that_lands_during_the_takeover_lets_px4_land() -> None:
+    rig = restarted()
+    rig.battery_frac = 0.1
+    rig.run(2.0)
+    assert rig.order("hold", order_id="take").is_accepted
+    rig.run(0.5)
+    assert rig.mode == "LAND"
+    assert rig.outcomes()["take"] == "failed"
+    assert rig.core.flight.reason == "Battery at the landing level: landing."
+
+
+def test_it_is_not_moved_before_it_is_taken_over() -> None:
+    rig = restarted()
+    assert rig.order("hold", order_id="take").is_accepted
+    rig.run(0.1)
+    reply = rig.order("move", position_enu_m=(0.0, 0.0, 1.0))
+    assert not reply.is_accepted
+    assert "taken over from PX4's hold" in reply.reason
+    rig.run(2.0)
+    assert rig.outcomes()["take"] == "done"
+
+
+@pytest.mark.parametrize("mode", ["POSCTL", "RTL"])
+@pytest.mark.parametrize("after_s", [0.0, 0.6])
+def test_who_flies_it_during_the_takeover_keeps_it(mode: str, after_s: float) -> None:
+    rig = restarted()
+    rig.accepts_offboard = False
+    if after_s == 0.0:
+        rig.mode = mode  # PX4's last heartbeat has said HOLD still
+    assert rig.order("hold", order_id="take").is_accepted
+    rig.run(after_s)
+    rig.mode = mode
+    rig.run(1.1)
+    taken_ns = rig.now_ns
+    rig.run(4.0)
+    assert rig.count(agent_commands.SetOffboard, taken_ns) == 0
+    if after_s == 0.0:
+        assert rig.count(agent_commands.SetOffboard) == 0
+    assert rig.outcomes()["take"] == "failed"
+    assert rig.core.flight.state == "failed"
+    assert f"now {mode}" in rig.core.flight.reason
+
+
 def test_a_vehicle_on_the_ground_is_not_taken_over() -> None:
     rig = ready_rig()
     reply = rig.order("hold")
