@@ -202,7 +202,7 @@ GROUND = (
     Row((S.REBOOTING,), E.TICK, when=p.px4_has_not_rebooted_in_time, to=S.WAITING,
         reason="", ends=("timed out", sentences.not_rebooted)),
 
-    Row((S.FAILSAFE_DISARMING,), E.TICK, when=p.px4_confirms_disarmed, to=S.WAITING),
+    Row((S.FAILSAFE_DISARMING,), E.TICK, when=p.px4_stays_disarmed, to=S.WAITING),
     Row((S.FAILSAFE_DISARMING,), E.TICK, when=p.px4_is_on_ground, request=Disarm()),
     Row((*_START, S.FAILSAFE_DISARMING), E.TICK, when=p.px4_flies_without_agent, to=S.FAILED,
         effect=effects.forget_kill, reason=sentences.FLIES_WITHOUT_AGENT),

@@ -70,6 +70,22 @@ def test_an_arming_that_was_on_its_way_is_disarmed_before_the_order_to_stop_ends
     assert rig.outcomes()["stop"] == "done"
 
 
+def test_an_arming_that_was_on_its_way_is_disarmed_after_a_failsafe_as_well() -> None:
+    rig = _in_step(FlightStep.TAKEOFF_ARMING)
+    rig.is_armed = False
+    rig.run(0.02)
+    rig.core.handle(agent_inputs.NodeChanged("ground-1", False), rig.now_ns)
+    rig.run(0.12)
+    assert rig.core.flight.step is FlightStep.FAILSAFE_DISARMING
+
+    rig.take([agent_commands.RequestHeartbeat()])  # PX4 says: disarmed
+    rig.run(0.02)
+    rig.is_armed = True  # it executes the arming late
+    rig.run(4.0)
+    assert not rig.is_armed
+    assert not rig.has_flown
+
+
 @pytest.mark.long
 def test_land_and_hold_during_lift_off_land() -> None:
     for kind in ("land", "hold"):
