@@ -96,6 +96,13 @@ _LONGEST_S = 0.1
 _ZERO = (0.0, 0.0, 0.0)
 _IN_AIR = (Landed.IN_AIR, Landed.TAKING_OFF, Landed.LANDING)
 _MAY_END = (Situation.GROUND, Situation.SILENT)  # situations in which the process may end
+# steps in these situations that first wait for PX4 to say that it is disarmed
+_DISARMS = (
+    FlightStep.DISARMED,
+    FlightStep.FAILSAFE_DISARMING,
+    FlightStep.FAILED_DISARMING,
+    FlightStep.KILLING,
+)
 
 
 class AgentCore:
@@ -448,10 +455,17 @@ class AgentCore:
             if fragment is not None:
                 requests.append(SendCorrections(fragment.flags, fragment.data))
 
-        if self._is_stopping and self.flight.step.situation in _MAY_END:
+        if self._is_stopping and self._may_end(view):
             requests.append(Exit())
 
         return requests
+
+    def _may_end(self, view: FlightView) -> bool:
+        """Return whether the process may end now; for PX4's word it waits some seconds at most."""
+        flight = self.flight
+        waited_long = predicates.px4_has_not_confirmed_in_time(flight, view)
+        is_disarming = flight.step in _DISARMS and not waited_long
+        return flight.step.situation in _MAY_END and not is_disarming
 
     def _is_airborne(self) -> bool:
         """Return whether the others have to expect this vehicle in the air."""

@@ -196,6 +196,45 @@ def test_asked_to_stop_on_the_ground_it_ends_at_once() -> None:
     assert rig.count(agent_commands.Exit) == 1
 
 
+def _lose_disarming(rig: Rig, for_s: float) -> None:
+    """Lose each request to disarm on its way to PX4, for that long from now on."""
+    since_ns = rig.now_ns
+    take = rig.take
+
+    def without_early_disarming(commands: list[agent_commands.Command]) -> None:
+        is_early = rig.now_ns - since_ns <= 1e9 * for_s
+        take([c for c in commands if not (is_early and isinstance(c, agent_commands.Disarm))])
+
+    rig.take = without_early_disarming  # type: ignore[method-assign]
+
+
+def test_asked_to_stop_when_armed_it_ends_after_px4_says_that_it_is_disarmed() -> None:
+    rig = ready_rig()
+    rig.order("arm")
+    rig.until("armed")
+    rig.core.handle(agent_inputs.ShutdownRequested(), rig.now_ns)
+    _lose_disarming(rig, for_s=1.0)
+    rig.run(1.0)
+    assert rig.is_armed
+    assert rig.count(agent_commands.Exit) == 0
+
+    rig.run(2.5)
+    assert not rig.is_armed
+    assert rig.count(agent_commands.Exit) >= 1
+
+
+def test_asked_to_stop_it_does_not_wait_long_for_a_px4_that_stays_armed() -> None:
+    rig = ready_rig()
+    rig.order("arm")
+    rig.until("armed")
+    rig.has_autopilot = False
+    rig.core.handle(agent_inputs.ShutdownRequested(), rig.now_ns)
+    rig.run(4.9)
+    assert rig.count(agent_commands.Exit) == 0
+    rig.run(0.2)
+    assert rig.count(agent_commands.Exit) >= 1
+
+
 def test_a_kill_in_the_air_is_a_critical_event_with_author_and_node_on_the_ground_it_is_none() -> (
     None
 ):
@@ -354,17 +393,8 @@ def test_a_failsafes_disarming_is_asked_for_until_px4_says_that_it_is_disarmed()
     rig = ready_rig()
     rig.order("arm")
     rig.until("armed")
-    since_ns = rig.now_ns
     rig.core.handle(agent_inputs.ShutdownRequested(), rig.now_ns)
-    take = rig.take
-
-    def without_early_disarming(commands: list[agent_commands.Command]) -> Any:
-        is_early = rig.now_ns - since_ns <= 3e9
-        return take(
-            [c for c in commands if not (is_early and isinstance(c, agent_commands.Disarm))]
-        )
-
-    rig.take = without_early_disarming  # type: ignore[method-assign]
+    _lose_disarming(rig, for_s=3.0)
     rig.run(6.0)
     assert not rig.is_armed
     asked = [when for when, command in rig.sent if isinstance(command, agent_commands.Disarm)]
