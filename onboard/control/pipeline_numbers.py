@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from onboard.avoidance.params import COVEY, PAPER, LawParams, law_params
 from onboard.config.fleet import FleetConfig
+from onboard.config.ground import floor_m
 from onboard.config.wind_limit import largest_push_m_s2
 from onboard.constants import GRAVITY_M_S2
 from onboard.control import allocation, backstepping, passing, sinking, trajectory
@@ -109,7 +110,10 @@ def pipeline_params(
             drag_1_s=drag_1_s,
             max_disturbance_m_s2=largest_push_m_s2(vehicle),
         ),
-        hover_thrust=hover_thrust.HoverThrustParams(configured_frac=hover_frac),
+        hover_thrust=hover_thrust.HoverThrustParams(
+            configured_frac=hover_frac,
+            min_height_m=float(floor_m(fleet)) + hover_thrust.LEAST_HEIGHT_M,
+        ),
         allocation=allocation.AllocationParams(
             max_tilt_rad=max_tilt_rad,
             fallback_hover_thrust_frac=hover_frac,

@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 from onboard.constants import GRAVITY_M_S2
 
+LEAST_HEIGHT_M = 0.3  # above the ground; nearer to it the estimate is frozen
+
 
 class HoverThrustParams(NamedTuple):
     """Speed and bounds of the estimate, and the limits beyond which it is frozen."""
@@ -23,7 +25,7 @@ class HoverThrustParams(NamedTuple):
     motor_lag_s: float = 0.05  # from the throttle to its thrust
 
     # outside these limits the estimate is frozen
-    min_height_m: float = 0.3
+    min_height_m: float = LEAST_HEIGHT_M  # in the fleet frame
     max_acceleration_m_s2: float = 2.0  # vertical; beyond it the model is too coarse
     min_cos_tilt: float = 0.5
     min_thrust_frac: float = 0.1
@@ -61,7 +63,7 @@ def step(
         cos_tilt: cosine of the tilt of the flown attitude [-].
         vertical_acceleration_m_s2: estimate, up positive, without gravity. If it is not finite, the
             estimate is frozen.
-        height_m: height above the ground. If it is not finite, the estimate is frozen.
+        height_m: height in the fleet frame. If it is not finite, the estimate is frozen.
         params: speed and bounds.
         dt_s: length of the tick.
         is_flying: False (on the ground, lifting off) freezes the estimate, but not the motors'

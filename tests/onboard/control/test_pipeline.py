@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from onboard.avoidance.params import OPEN_FENCE, Walls
 from onboard.config.fleet import load_fleet
@@ -100,6 +101,24 @@ def test_on_the_ground_there_is_no_thrust_and_nothing_is_learned():
     np.testing.assert_array_equal(tick.attitude.quaternion_wxyz, [1, 0, 0, 0])
     np.testing.assert_array_equal(memory.observer.disturbance_enu_m_s2, 0.0)
     assert all(command.duration_s == 0.0 for command in memory.law.commands)
+
+
+def test_the_hover_throttle_is_learned_at_the_same_height_above_a_lower_ground():
+    fence = replace(FLEET.fleet.geofence_m, z=(-2.0, 3.0))
+    vehicle = replace(FLEET.vehicles["mav0"], start_enu_m=(0.0, 0.0, -2.0))
+    lower = replace(
+        FLEET,
+        fleet=replace(FLEET.fleet, geofence_m=fence),
+        vehicles={**FLEET.vehicles, "mav0": vehicle},
+    )
+    low_params = pipeline.pipeline_params(lower, "mav0")._replace(law=PARAMS.law)
+
+    for height_m, is_learned in ((1.0, True), (0.2, False)):
+        _, usual = run(100, state_of([0.0, 0.0, height_m]), goal_of([0.0, 0.0, 2.0]))
+        low = state_of([0.0, 0.0, height_m - 2.0])
+        _, tick = run(100, low, goal_of([0.0, 0.0, 0.0]), params=low_params)
+        assert tick.hover_thrust_frac == pytest.approx(usual.hover_thrust_frac)
+        assert (abs(tick.hover_thrust_frac - 0.75) > 0.01) is is_learned
 
 
 def test_lift_off_tilts_gently_and_keeps_the_observer_frozen():
