@@ -102,8 +102,9 @@ def px4_has_not_confirmed_in_time(flight: FlightContext, view: FlightView) -> bo
 
 def px4_has_rebooted(flight: FlightContext, view: FlightView) -> bool:
     """Return whether PX4's clock began after this step did, and a heartbeat has come since."""
-    running_s = 1e-3 * view.snapshot.px4_boot_ms
-    is_new = 0.0 < running_s < flight.seconds(view)
+    boot_ms = view.snapshot.px4_boot_ms
+    began_ns = view.snapshot.attitude_ns - 1_000_000 * boot_ms
+    is_new = boot_ms > 0 and began_ns > flight.step_ns
     return is_new and _is_confirmed(flight, view)
 
 

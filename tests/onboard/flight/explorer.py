@@ -388,7 +388,8 @@ def _seen_silent(state: State) -> FlightView:
 
 def _seen_rebooted(state: State) -> FlightView:
     view = _view(state)
-    return structs.replace(view, snapshot=structs.replace(view.snapshot, px4_boot_ms=20))
+    anew = structs.replace(view.snapshot, px4_boot_ms=20, attitude_ns=view.now_ns)
+    return structs.replace(view, snapshot=anew)
 
 
 def _changed(world: World) -> Iterator[World]:

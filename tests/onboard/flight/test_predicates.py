@@ -138,7 +138,7 @@ def test_a_landing_by_px4_may_take_longer_only_where_its_height_is_known() -> No
 def test_px4_has_rebooted_when_its_clock_began_after_the_step(
     boot_ms: int, heard_s: float, has_rebooted: bool
 ) -> None:
-    view = _view(2.0, px4_boot_ms=boot_ms, heartbeat_ns=_ns(heard_s))
+    view = _view(2.0, px4_boot_ms=boot_ms, attitude_ns=_ns(2.0), heartbeat_ns=_ns(heard_s))
     assert predicates.px4_has_rebooted(_flight(), view) is has_rebooted
 
 

@@ -34,6 +34,7 @@ class Ground:
             landed=Landed.ON_GROUND,
             landed_ns=self.now_ns,
             px4_boot_ms=600_000,
+            attitude_ns=self.now_ns,
         )
 
     def view(self) -> FlightView:
@@ -57,7 +58,11 @@ class Ground:
         self.now_ns += round(seconds * 1e9)
         if px4:
             self.snapshot = structs.replace(
-                self.snapshot, heartbeat_ns=self.now_ns, landed_ns=self.now_ns, **px4
+                self.snapshot,
+                heartbeat_ns=self.now_ns,
+                landed_ns=self.now_ns,
+                attitude_ns=self.now_ns,
+                **px4,
             )
         state_machine.advance(self.flight, self.view())
 
@@ -115,6 +120,17 @@ def test_a_px4_that_goes_on_or_stays_away_is_named_as_such() -> None:
         assert outcome == "timed out"
         assert words in sentence
         assert ground.flight.step is FlightStep.WAITING
+
+
+def test_a_px4_that_had_run_for_seconds_only_and_stays_away_has_not_started_anew() -> None:
+    ground = Ground()
+    ground.snapshot = structs.replace(ground.snapshot, px4_boot_ms=5_000)
+    ground.order()
+    ground.pass_time(0.2, px4_boot_ms=5_200)  # it has yet to go down
+    ground.pass_time(6.0)  # silent for longer than it had run
+    assert not ground.outcomes
+    ground.pass_time(24.0)
+    assert [outcome for outcome, _ in ground.outcomes] == ["timed out"]
 
 
 def test_a_pilot_who_arms_meanwhile_ends_it() -> None:
