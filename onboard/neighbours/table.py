@@ -26,6 +26,7 @@ import numpy as np
 from onboard.arrays import Array, BoolArray
 from onboard.bus.schema import MocapPose, StateMessage, Telemetry
 from onboard.config.fleet import FleetConfig
+from onboard.config.ground import floor_m
 from onboard.config.pair_separation import separation_m
 from onboard.message_counts import MessageCounts
 from onboard.neighbours import subscription
@@ -56,7 +57,7 @@ STALE_S = 0.15
 
 # a tracker starts with the velocity of the neighbour's last message, if that is not older
 _VELOCITY_KNOWN_S = 1.0
-_ON_FLOOR_M = 0.15  # a body lower than this above its start stands on the ground
+_ON_FLOOR_M = 0.15  # a body lower than this above its start or the ground may stand there
 _MISSING_AFTER_S = 2.0
 _START_UP_NS = 2_000_000_000  # an agent that has just started has not heard all others yet
 
@@ -92,6 +93,7 @@ class NeighbourTable:
         self.silent_s = SILENT_S + self.watched_bodies.late_s  # limit for followed neighbours
         self._stale_s = STALE_S + self.watched_bodies.late_s
         self._height_share = fleet.fleet.height_share
+        self._floor_m = floor_m(fleet)
 
         is_successor = _is_successor(fleet, own_name, self.names)
         self.arrays: NeighbourArrays = empty(is_successor, self.silent_s)
@@ -269,13 +271,18 @@ class NeighbourTable:
         if silence_s < OVERDUE_S + self.watched_bodies.late_s:
             return True
 
-        floor_m = self.fleet.vehicles[self.names[index]].start_enu_m[2]
-        is_airborne = tracker.position_enu_m[2] > floor_m + _ON_FLOOR_M
+        is_airborne = not self._may_stand(index, tracker.position_enu_m[2])
         stamp_ns = min(tracker.stamp_ns, received_ns)
         arrays.set_state(index, stamp_ns, tracked_numbers(tracker), (is_airborne, False, False))
         self.watched_bodies.seen.add(index)
         self._forget_ages()
         return True
+
+    def _may_stand(self, index: int, height_m: float) -> bool:
+        """Return whether a body at a height may stand on the ground, or on what it started from."""
+        start_m = self.fleet.vehicles[self.names[index]].start_enu_m[2]
+        is_at_start = abs(height_m - start_m) <= _ON_FLOOR_M
+        return is_at_start or height_m <= self._floor_m + _ON_FLOOR_M
 
     def hear_other_pose(self, pose: MocapPose, received_ns: int) -> None:
         """Take a mocap pose of any body, to compare its vehicle's messages with it."""

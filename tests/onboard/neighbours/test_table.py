@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from onboard.bus.schema import MocapPose, StateMessage
 from onboard.neighbours.table import SILENT_S, NeighbourTable
@@ -206,6 +207,34 @@ def test_who_is_seen_only_is_silent_also_while_poses_are_late() -> None:
     assert table.bodies_to_watch(6 * S + 100_000_000, 0.2) == ()
     assert table.silent(6 * S + 100_000_000) == ("mav1", "mav2")
     assert table.heard_ages_s(6 * S + 100_000_000).tolist() == pytest.approx([1.1, 1.1])
+
+
+@pytest.mark.parametrize(
+    ("start_m", "height_m", "is_silent"),
+    [
+        (0.0, 0.2, True),
+        (0.0, 0.1, False),  # it may have landed
+        (1.0, 1.2, True),
+        (1.0, 0.9, False),  # it may stand on the table from which it started
+        (1.0, 0.6, True),  # it flies lower than that
+        (1.0, 0.1, False),
+    ],
+)
+def test_who_falls_silent_flies_where_neither_its_start_nor_the_ground_carries_it(
+    start_m: float, height_m: float, is_silent: bool
+) -> None:
+    config = fleet(("mav0", "mav1"))
+    mav1 = replace(config.vehicles["mav1"], start_enu_m=(1.5, 0.0, start_m))
+    table = NeighbourTable(replace(config, vehicles={**config.vehicles, "mav1": mav1}), "mav0")
+    table.hear(_state(position_enu_m=(2.0, 0.0, height_m)), 5 * S)
+    table.bodies_to_watch(2 * S, 0.02)
+    table.bodies_to_watch(6 * S, 0.02)
+    pose = MocapPose(
+        body="mav1", boot_id=1, sequence=1, stamp_ns=6 * S, is_tracked=True,
+        position_enu_m=(2.0, 0.0, height_m), quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
+    )  # fmt: skip
+    assert table.hear_pose(pose, 6 * S)
+    assert table.silent(6 * S) == (("mav1",) if is_silent else ())
 
 
 def test_the_body_of_a_silent_neighbour_is_watched_until_its_messages_come_regularly_again() -> (
