@@ -13,6 +13,9 @@ from onboard.flight.types import MUST_BE_ARMED, MUST_BE_OFFBOARD, FlightStep
 from onboard.safety.failsafe_table import Situation
 from onboard.supervision.tick_facts import ModeLoss
 
+# On the ground PX4 is asked for OFFBOARD in these steps, unless a pilot has armed it for himself.
+_STARTING = (FlightStep.ARM_OFFBOARD, FlightStep.TAKEOFF_OFFBOARD)
+
 
 @dataclass(slots=True)
 class OffboardMonitor:
@@ -51,7 +54,8 @@ class OffboardMonitor:
         self._has_landing_mode = False
         if flight.step not in MUST_BE_OFFBOARD:
             self._not_needed_ns = now_ns
-            return ModeLoss.NONE
+            is_starting = flight.step in _STARTING
+            return ModeLoss.BY_HAND if is_starting and is_flown_by_hand else ModeLoss.NONE
 
         if snapshot.heartbeat_ns <= self._not_needed_ns:
             return ModeLoss.NONE

@@ -9,9 +9,9 @@ import pytest
 
 from onboard import agent_commands, agent_inputs
 from onboard.autopilot import PILOT_MODES
-from onboard.bus.schema import BY_MISSION, TO_EVERYBODY
+from onboard.bus.schema import BY_MISSION, TO_EVERYBODY, OrderKind
 from onboard.flight.types import FlightStep
-from tests.onboard.agent.rig import Rig, copied, hovering_rig
+from tests.onboard.agent.rig import Rig, copied, hovering_rig, ready_rig
 from tests.onboard.flight.test_takeover import Held
 
 PILOTS = ("POSCTL", "ALTCTL", "STABILIZED")
@@ -150,6 +150,25 @@ def test_a_pilot_takes_a_vehicle_out_of_a_landing_of_px4_that_a_failsafe_has_beg
     rig.run(5.0)
     assert rig.core.flight.state == "failed"
     assert rig.count(agent_commands.Px4Land) == begun
+
+
+@pytest.mark.parametrize("kind", ["arm", "takeoff"])
+def test_a_pilot_who_arms_while_px4_is_asked_for_offboard_keeps_his_mode(kind: OrderKind) -> None:
+    rig = ready_rig()
+    rig.accepts_offboard = False
+    rig.has_sticks = True
+    rig.run(1.0)
+    rig.order(kind, order_id="start")
+    rig.run(0.5)
+    rig.mode = "POSCTL"
+    rig.is_armed = True
+    rig.run(1.1)  # until PX4's next heartbeat
+    known_ns = rig.now_ns
+    rig.run(5.0)
+    assert rig.count(agent_commands.SetOffboard, known_ns) == 0
+    assert rig.count(agent_commands.Arm) == 0
+    assert rig.core.flight.reason == "Flown by hand (POSCTL): disarming."
+    assert rig.outcomes()["start"] == "failed"
 
 
 def test_an_agent_that_starts_beside_a_pilot_leaves_him_alone() -> None:

@@ -65,6 +65,14 @@ def test_a_flight_loses_offboard_in_four_ways(
     assert Flown(step).tick(**changes) is loss
 
 
+@pytest.mark.parametrize("step", [FlightStep.ARM_OFFBOARD, FlightStep.TAKEOFF_OFFBOARD])
+def test_before_offboard_only_a_pilot_with_sticks_takes_a_vehicle(step: FlightStep) -> None:
+    assert Flown(step).tick(mode="HOLD", **STICKS) is ModeLoss.NONE
+    assert Flown(step).tick(mode="POSCTL") is ModeLoss.NONE
+    assert Flown(step).tick(mode="POSCTL", **STICKS, is_armed=False) is ModeLoss.NONE
+    assert Flown(step).tick(mode="POSCTL", **STICKS) is ModeLoss.BY_HAND
+
+
 def test_in_a_descent_a_px4_that_has_disarmed_is_down_and_not_lost() -> None:
     assert Flown(FlightStep.DESCENT).tick(is_armed=False) is ModeLoss.NONE
 
