@@ -133,6 +133,8 @@ class Inbox:
         now_ns = time.monotonic_ns()
         if isinstance(message, StateMessage):
             message = self.clock.state(name, message, now_ns)
+        else:
+            message = self.clock.telemetry(name, message, now_ns)
         self._append(agent_inputs.NeighbourReceived(message, now_ns))
 
     def _count_missing(self, name: str, sequence: int) -> None:

@@ -27,6 +27,7 @@ from onboard.bus.schema import (
     MocapPose,
     Order,
     StateMessage,
+    Telemetry,
 )
 from onboard.bus.topics import Topic
 
@@ -34,7 +35,7 @@ BEAT_S = 0.5  # from one clock message to the next
 _WARN_AFTER_NS = 5_000_000_000  # time from the first pose that cannot be used to the warning
 
 log = logging.getLogger("covey.clock")
-Stamped = TypeVar("Stamped", StateMessage, MocapPose, Corrections)
+Stamped = TypeVar("Stamped", bound=StateMessage | Telemetry | MocapPose | Corrections)
 
 
 def host_id() -> int:
@@ -73,6 +74,18 @@ class ClockNode:
 
     def state(self, node: str, message: StateMessage, received_ns: int) -> StateMessage:
         """Return a neighbour's state with its stamp on our clock.
+
+        Args:
+            node: the neighbour.
+            message: the message as received.
+            received_ns: its arrival, by our clock.
+        Returns:
+            the same object where the clock is shared, else a changed copy.
+        """
+        return self._on_own_clock(message, node, received_ns)
+
+    def telemetry(self, node: str, message: Telemetry, received_ns: int) -> Telemetry:
+        """Return a neighbour's telemetry with its stamp on our clock.
 
         Args:
             node: the neighbour.
