@@ -81,8 +81,8 @@ class Until(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     separation_above_m: float | None = None  # no two flying vehicles are nearer than this
     separation_below_m: float | None = None  # two vehicles are nearer than this
     battery_below_pct: float | None = None  # one of the vehicles has less charge than this
-    landed: Names | None = None  # these vehicles are down and disarmed
-    flying: Names | None = None  # these vehicles are in the air
+    landed: Names | None = None  # these vehicles are down and disarmed; "all": all that take part
+    flying: Names | None = None  # these vehicles are in the air; "all": all that take part
     fails: bool = False  # one of the vehicles has failed, lands unordered, or is silent in flight
     event: str | None = None  # an event with this code has come; "*": any warning or worse
 

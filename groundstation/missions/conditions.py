@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
+from groundstation.fleet.places import out_of_service
 from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
 from onboard.config.pair_separation import separation_m
 from onboard.tuples import Xyz
@@ -330,7 +331,8 @@ def _views(moment: FleetMoment, vehicles: Sequence[str] | str | None) -> dict[st
     """
     state = moment.state
     if vehicles is None:
-        return {name: view for name, view in state.vehicles.items() if name not in state.disabled}
+        out = state.disabled | out_of_service(state)
+        return {name: view for name, view in state.vehicles.items() if name not in out}
     return {name: state.vehicles[name] for name in _names(vehicles)}
 
 

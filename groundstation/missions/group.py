@@ -120,7 +120,7 @@ class Group:
         Raises:
             ConfigError: a vehicle is not in this group.
         """
-        if vehicles in ("all", ["all"]):
+        if vehicles in ("all", ["all"], ("all",)):
             lost = set() if with_lost else self.ground.still_lost()
             able = tuple(name for name in self.names if name not in lost)
             # If all are lost, all are ordered, so that the results tell why they refuse.
@@ -578,7 +578,7 @@ class Group:
 
     async def land(self, vehicles: Vehicles = "all", *, timeout_s: float = 40.0) -> Results:
         """Land and disarm."""
-        is_everybody = vehicles in ("all", ["all"])
+        is_everybody = vehicles in ("all", ["all"], ("all",))
         intent = Land(vehicles=self.select(vehicles, with_lost=True), is_everybody=is_everybody)
         return await self.order(intent, timeout_s)
 

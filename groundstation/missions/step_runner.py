@@ -37,7 +37,7 @@ from groundstation.mission_files.world_time import WorldTime
 from groundstation.missions import conditions
 from groundstation.missions.api import Fleet
 from groundstation.missions.conditions import WaitCondition
-from groundstation.orders.intents import GoalIntent, Goto, Intent, Names
+from groundstation.orders.intents import GoalIntent, Goto, Intent
 from groundstation.verdict.expectations import check
 from onboard.control.path import Path
 from onboard.tuples import Xyz
@@ -239,13 +239,10 @@ def condition(until: Until, fleet: Fleet) -> WaitCondition:
     Raises:
         ConfigError: a vehicle is unknown.
     """
+    vehicles = None
+    if until.vehicles is not None:
+        vehicles = fleet.select(until.vehicles, with_lost=True)
 
-    def select(names: Names | None) -> tuple[str, ...] | None:
-        if names is None:
-            return None
-        return vehicles_at(fleet.config.select(names), fleet.state)
-
-    vehicles = select(until.vehicles)
     parts = []
     if until.reached:
         goals = positions_by_name(until.reached, fleet.config)
@@ -257,9 +254,9 @@ def condition(until: Until, fleet: Fleet) -> WaitCondition:
     if until.battery_below_pct is not None:
         parts.append(conditions.battery_below(until.battery_below_pct, vehicles))
     if until.landed is not None:
-        parts.append(conditions.landed(select(until.landed)))
+        parts.append(conditions.landed(fleet.select(until.landed, with_lost=True)))
     if until.flying is not None:
-        parts.append(conditions.flying(select(until.flying)))
+        parts.append(conditions.flying(fleet.select(until.flying)))
     if until.fails:
         parts.append(conditions.fails(vehicles))
     if until.event is not None:

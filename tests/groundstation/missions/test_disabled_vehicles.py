@@ -14,6 +14,7 @@ from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import refused_findings
 from groundstation.missions.api import Fleet
 from groundstation.missions.beginning import without_empty_places
+from groundstation.missions.conditions import flying
 from groundstation.missions.runner import MissionRun
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.fake import telemetry as telemetry_of
@@ -116,3 +117,62 @@ def test_a_spare_is_checked_at_the_place_that_it_takes_and_not_at_its_own(
     flown_now = without_empty_places(over_the_spot_of_mav1(fleet), state)
     assert flown_now.fleet.enabled_names == ("mav0", "mav1")
     assert len(refused_findings(flown_now, is_simulated=False)) == 1
+
+
+async def test_a_wait_for_all_to_fly_does_not_wait_for_it(
+    fleet: FleetConfig, serviced: Any, bus: Any
+) -> None:
+    steps = [
+        {"do": "takeoff", "height_m": 1.0},
+        {"do": "wait", "until": {"flying": "all"}, "timeout_s": 2.0},
+        {"do": "land"},
+    ]
+    mission = mission_from_mapping({"schema": 1, "step": steps}, path="t.toml", fleet=fleet)
+    verdict = await asyncio.wait_for(MissionRun(mission, serviced).run(), 20.0)
+    assert verdict.passed, verdict.summary
+
+
+async def test_a_script_that_waits_for_all_to_fly_does_not_wait_for_it(
+    fleet: FleetConfig, serviced: Any
+) -> None:
+    flown = Fleet(serviced)
+    await flown.ready(5.0)
+    await flown.takeoff(1.0)
+    await flown.until(flying(), 2.0)
+    await flown.land()
+
+
+async def test_no_reaction_is_to_its_failure_or_to_its_empty_battery(
+    fleet: FleetConfig, serviced: Any, bus: Any
+) -> None:
+    bus.tell("mav1", state="failed", battery_frac=0.05)
+    to_middle = {"do": "goto", "goals": {"mav0": [0.0, 0.0, 1.0]}}
+    steps: list[dict[str, Any]] = [{"do": "takeoff", "height_m": 1.0}]
+    for when in ({"fails": True}, {"battery_below_pct": 30.0}):
+        step = {"do": "react", "when": when, "steps": [to_middle], "then": [{"do": "land"}]}
+        steps.append(step)
+    steps.append({"do": "land"})
+
+    mission = mission_from_mapping({"schema": 1, "step": steps}, path="t.toml", fleet=fleet)
+    verdict = await asyncio.wait_for(MissionRun(mission, serviced).run(), 20.0)
+    assert verdict.passed, verdict.summary
+    assert ordered(bus, "move") == ["mav0", "mav0"]
+    assert ordered(bus, "land") == ["mav0", "mav2"]
+
+
+async def test_a_wait_for_all_does_not_wait_for_whom_the_mission_goes_on_without(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    bus.misbehave = {"mav1": "fail"}
+    steps = [
+        {"do": "takeoff", "height_m": 1.0},
+        {"do": "wait", "until": {"flying": "all"}, "timeout_s": 2.0},
+        {"do": "land", "vehicles": "mav0,mav2"},
+        {"do": "wait", "until": {"landed": "all"}, "timeout_s": 2.0},
+    ]
+    mission = mission_from_mapping(
+        {"schema": 1, "step": steps, "on_failure": {"do": "go_on"}}, path="t.toml", fleet=fleet
+    )
+    verdict = await asyncio.wait_for(MissionRun(mission, client).run(), 20.0)
+    assert verdict.passed, verdict.summary
+    assert "takeoff" in {order.kind for name, order in bus.orders if name == "mav1"}
