@@ -21,6 +21,7 @@ from groundstation.mission_files.python_file import load_function
 from groundstation.mission_files.world_time import WorldTime, local_now
 from groundstation.missions.api import Fleet, NotReady, OrderFailed
 from groundstation.missions.beginning import begin_refusal, step_times, time_refusal
+from groundstation.missions.conditions import ConditionTimeout
 from groundstation.missions.countdown import CountdownEnded
 from groundstation.missions.hover_check import WindTooStrong
 from groundstation.missions.own_link import SILENT_S, silent_in_flight
@@ -47,6 +48,7 @@ _FAILURES = (
     FaultRefused,
     WindTooStrong,
     ConfigError,
+    ConditionTimeout,
     CountdownEnded,
 )
 

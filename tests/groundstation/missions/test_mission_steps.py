@@ -182,6 +182,7 @@ async def test_a_condition_that_does_not_come_true_fails_the_step_in_words(
     verdict = await MissionRun(make(fleet, UP, late, {"do": "land"}), client).run()
     assert verdict.exit_status == 1
     assert "below 50 % of battery" in verdict.summary
+    assert "Traceback" not in verdict.summary
     assert all(verdict.landed.values())
 
 
