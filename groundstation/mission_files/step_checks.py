@@ -7,6 +7,8 @@ only.
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Collection, Sequence
 
 from groundstation.mission_files.expected_course import (
@@ -125,6 +127,17 @@ def _check_until(until: Until | None, fleet: FleetConfig, where: str) -> None:
         positions_by_name(until.reached, fleet)
     except ConfigError as error:
         raise ConfigError(f"{where}: {error}") from None
+
+    numbers = {
+        "within_m": (until.within_m,),
+        "separation_above_m": (until.separation_above_m or 0.0,),
+        "separation_below_m": (until.separation_below_m or 0.0,),
+        "battery_below_pct": (until.battery_below_pct or 0.0,),
+        "reached": tuple(itertools.chain.from_iterable(until.reached.values())),
+    }
+    for name, values in numbers.items():
+        if not all(math.isfinite(value) for value in values):
+            raise ConfigError(f"{where}: '{name}' is not a finite number. Correct the value.")
 
 
 def _check_fault(step: FaultStep, fleet: FleetConfig, where: str) -> None:

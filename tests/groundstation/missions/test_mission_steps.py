@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import msgspec
@@ -35,6 +36,10 @@ def make(fleet: FleetConfig, *steps: dict[str, Any], **tables: Any) -> Mission:
     return mission_from_mapping(
         {"schema": 1, "step": list(steps), **RING, **tables}, path="test.toml", fleet=fleet
     )
+
+
+def reacting(when: dict[str, Any]) -> dict[str, Any]:
+    return {"do": "react", "when": when, "steps": [TO_RING], "then": [{"do": "land"}]}
 
 
 @pytest.mark.parametrize(
@@ -80,6 +85,15 @@ def make(fleet: FleetConfig, *steps: dict[str, Any], **tables: Any) -> Mission:
         ({"do": "goto", "goals": {"mav9": [0, 0, 1]}}, "mav9"),
         ({"do": "goto", "goals": {"all": [0, 0, 1]}}, "'all' names 3 vehicles"),
         ({"do": "goto", "goals": {"mav0": [0, 0, 1], "0": [1, 0, 1]}}, "mav0 has two positions"),
+        ({"do": "goto", "goals": {"0-1": [0, 0, 1]}}, "'0-1' names 2 vehicles"),
+        ({"do": "wait", "until": {"reached": {"0-1": [0, 0, 1]}}}, "'0-1' names 2 vehicles"),
+        ({"do": "wait", "until": {"separation_above_m": math.nan}}, "separation_above_m"),
+        ({"do": "wait", "until": {"reached": {"mav0": [math.nan, 0, 1]}}}, "reached"),
+        (
+            {"do": "repeat", "times": 2, "steps": [reacting({"landed": "mav9"})]},
+            "step[1].steps[0].when",
+        ),
+        ({**reacting({"fails": True}), "then": [reacting({"landed": "mav9"})]}, "then[0].when"),
         ({"do": "goto", "goals": {"mav0": [0, 0, 1], "mav1": [0.3, 0, 1]}}, "keeps"),
         ({**TO_RING, "name": "star"}, "star"),
         ({**TO_RING, "spacing_m": 0.0}, "step[1].spacing_m"),
