@@ -31,6 +31,7 @@ from onboard.tuples import Xyz
 PX4_VERSIONS = ("1.16", "1.17", "1.18")  # versions of PX4 with which Covey was measured
 
 _TICKS_PER_S = 50  # rate of the control loop
+_MOST_QUOTED = 40  # characters of a wrong word that a sentence repeats
 # height on top of the vertical separation for hovering above each other: the law acts 0.20 m early,
 # and vehicles hold their heights to some 0.05 m
 _BELOW_SEPARATION_M = 0.25
@@ -390,10 +391,10 @@ class FleetConfig(msgspec.Struct, frozen=True):
     def _names_of_span(self, part: str) -> list[str]:
         """Return the names of an index, ``3``, or of several, ``3-5``."""
         order = list(self.vehicles)
-        span = re.fullmatch(r"(\d+)(?:-(\d+))?", part)
+        span = re.fullmatch(r"(\d{1,6})(?:-(\d{1,6}))?", part)
         if span is None:
             raise ConfigError(
-                f"'{part}' is not a vehicle of fleet '{self.fleet.name}': it has "
+                f"'{part[:_MOST_QUOTED]}' is not a vehicle of fleet '{self.fleet.name}': it has "
                 f"{', '.join(order)}."
             )
 

@@ -148,6 +148,8 @@ NO_ORDERS = [
     "land mav9",
     "land 2-1",
     "land 0-7",
+    "land " + "9" * 5000,
+    "land " + "x" * 5000,
     "land mav0 mav1",
     "kill",
     "land all\nkill all",
