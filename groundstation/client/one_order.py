@@ -58,7 +58,7 @@ def _below_killed(client: FleetClient, intent: Kill, state_before: FleetState) -
     """Return which vehicles are below the killed ones, which were in the air before the kill."""
     vehicles = dict(client.state.vehicles)
     for name in intent.names:
-        if name in vehicles:
+        if name in state_before.vehicles:
             vehicles[name] = state_before.vehicles[name]
     state = structs.replace(client.state, vehicles=vehicles)
     return below_words(intent.names, client.fleet, state, client.now_ns())
@@ -71,7 +71,10 @@ def _are_all_heard(state: FleetState) -> bool:
 def _is_ready(client: FleetClient, state: FleetState, intent: Intent) -> bool:
     """Whether the vehicles are heard, and the operator is known if the order depends on it."""
     for name in intent.names:
-        if name in state.vehicles and state.vehicles[name].telemetry is None:
+        if name not in client.fleet.enabled_names and not intent.brings_down:
+            continue  # it is refused
+        view = state.vehicles.get(name)  # None: disabled by the fleet file, and not heard yet
+        if view is None or view.telemetry is None:
             return False
 
     if intent.verb in OPEN_TO_ALL or client.control.is_operator:

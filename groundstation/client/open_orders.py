@@ -190,9 +190,13 @@ class OpenOrders:
         if result.results[event.vehicle].is_final:
             self._open.pop(event.order_id, None)
 
+    def _view(self, vehicle: str) -> VehicleView:
+        """Return a vehicle as known now, also one that the fleet file disables and nobody hears."""
+        return self._views().get(vehicle, VehicleView(vehicle))
+
     def _has_lost_px4(self, vehicle: str, order: Order) -> bool:
         """Whether the agent of an armed vehicle does not hear PX4 and PX4 can take the order."""
-        telemetry = self._views()[vehicle].telemetry
+        telemetry = self._view(vehicle).telemetry
         if telemetry is None or order.kind not in _DIRECT:
             return False
         if not telemetry.is_armed:
@@ -325,7 +329,7 @@ class OpenOrders:
                 return
 
             # An agent that accepts a kill publishes this event itself.
-            if kind == "kill" and self._views()[vehicle].is_airborne:
+            if kind == "kill" and self._view(vehicle).is_airborne:
                 order = result.planned.orders[vehicle]
                 sentence = f"Killed in the air by order of {order.author} (from {order.node})."
                 self._publish_event("critical", "killed", sentence, vehicle)
@@ -381,7 +385,7 @@ class OpenOrders:
                 return True
 
             # After a stall, telemetry from after the begin that shows an order of this kind counts.
-            view = self._views()[vehicle]
+            view = self._view(vehicle)
             telemetry = view.telemetry if view.received_ns > begin_ns else None
             if has_stalled and telemetry is not None and telemetry.order_kind == kind:
                 return True
@@ -440,7 +444,7 @@ class OpenOrders:
 
     def _is_followed(self, result: OrderResult, vehicle: str) -> bool:
         """Whether telemetry shows that the agent follows the order, though no reply came."""
-        telemetry = self._views()[vehicle].telemetry
+        telemetry = self._view(vehicle).telemetry
         return telemetry is not None and telemetry.order_id == result.results[vehicle].order_id
 
     def _is_own_link_dead(self, result: OrderResult, vehicle: str) -> bool:
@@ -458,7 +462,7 @@ class OpenOrders:
             return False
 
         now_ns = self._feed.now_ns()
-        age_s = self._views()[vehicle].age_s(now_ns)
+        age_s = self._view(vehicle).age_s(now_ns)
         others = [view for name, view in self._views().items() if name != vehicle]
         is_another_up = any(view.is_armed for view in others)
         is_another_heard = any(view.age_s(now_ns) <= _QUIET_S for view in others)
@@ -491,7 +495,7 @@ class OpenOrders:
         while not result.results[vehicle].is_final:
             await asyncio.sleep(0.1 * LOST_END_S)
             now_ns = self._feed.now_ns()
-            view = self._views()[vehicle]
+            view = self._view(vehicle)
             telemetry = view.telemetry
 
             if telemetry is None or not view.is_fresh(now_ns):
@@ -539,7 +543,7 @@ class OpenOrders:
                 accepted_s = loop.time()
                 accepted_ns = self._feed.now_ns()
 
-            view = self._views()[vehicle]
+            view = self._view(vehicle)
             telemetry = view.telemetry if view.received_ns > accepted_ns else None
             px4_age_s = 0.0
             if telemetry is not None and telemetry.is_armed:
@@ -578,7 +582,7 @@ class OpenOrders:
 
         watch_s = _WATCH_KILL_S
         if kind == "land":
-            watch_s = _WATCH_LAND_S + descent_s(vehicle, self._views()[name])
+            watch_s = _WATCH_LAND_S + descent_s(vehicle, self._view(name))
         options: dict[str, Any] = {}
         if name in self._mavlink_keys:
             options["key"] = self._mavlink_keys[name]
@@ -586,7 +590,7 @@ class OpenOrders:
             # The order is from a mission, or to all. Only a person who names the vehicle lands it
             # although a pilot flies it.
             options["spares_pilot"] = True
-            telemetry = self._views()[name].telemetry
+            telemetry = self._view(name).telemetry
             options["was_flown_by_hand"] = telemetry is not None and telemetry.is_flown_by_hand
         answer = await asyncio.to_thread(
             self._send_direct,

@@ -281,10 +281,10 @@ def addressed(orders: Mapping[str, Order], state: FleetState | None) -> dict[str
 
     stamped = {}
     for name, order in orders.items():
-        telemetry = state.vehicles[name].telemetry
-        if telemetry is not None:
+        view = state.vehicles.get(name)  # None: disabled by the fleet file, and not heard
+        if view is not None and view.telemetry is not None:
             order = msgspec.structs.replace(
-                order, heard_boot_id=telemetry.boot_id, heard_ns=telemetry.stamp_ns
+                order, heard_boot_id=view.telemetry.boot_id, heard_ns=view.telemetry.stamp_ns
             )
         stamped[name] = order
     return stamped
