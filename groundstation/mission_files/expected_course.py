@@ -12,7 +12,7 @@ The avoidance law is not simulated: durations are those of vehicles that fly alo
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -169,6 +169,23 @@ def positions_by_name(positions: Mapping[str, Xyz], fleet: FleetConfig) -> dict[
             raise ConfigError(f"{name} has two positions. Give each vehicle one.")
         by_name[name] = position
     return by_name
+
+
+def refuse_disabled(names: Iterable[str], fleet: FleetConfig) -> None:
+    """Refuse vehicles that the fleet file disables; missions fly without them.
+
+    Args:
+        names: vehicles that a step names, or that its order goes to.
+        fleet: the fleet file.
+
+    Raises:
+        ConfigError: one of them is disabled.
+    """
+    for name in names:
+        if name not in fleet.enabled_names:
+            raise ConfigError(
+                f"{name} is not enabled in the fleet file. Set enabled = true, or name others."
+            )
 
 
 def with_speed(
@@ -339,6 +356,7 @@ def _with_order(
     """
     intent = _filled(resolved(written, fleet), fleet, before)
     planned = plan_order(intent, fleet, None, held=before.held, author="check", now_ns=0)
+    refuse_disabled(planned.orders, fleet)
     goals = {
         name: _position_after(written, before.positions[name], order.position_enu_m)
         for name, order in planned.orders.items()

@@ -15,6 +15,7 @@ from groundstation.mission_files.expected_course import (
     CourseStep,
     inner_steps,
     positions_by_name,
+    refuse_disabled,
 )
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.steps import (
@@ -117,14 +118,14 @@ def _check_paths(
 
 
 def _check_until(until: Until | None, fleet: FleetConfig, where: str) -> None:
-    """Refuse a condition about unknown vehicles, or with a position for several vehicles."""
+    """Refuse a condition about vehicles that do not fly, and one that no number can meet."""
     if until is None:
         return
 
     try:
         for vehicles in (until.vehicles, until.landed, until.flying):
-            fleet.select(vehicles)
-        positions_by_name(until.reached, fleet)
+            refuse_disabled(fleet.select(vehicles), fleet)
+        refuse_disabled(positions_by_name(until.reached, fleet), fleet)
     except ConfigError as error:
         raise ConfigError(f"{where}: {error}") from None
 

@@ -16,11 +16,12 @@ from groundstation.client.client import FleetClient
 from groundstation.client.direct_mavlink import DirectResult
 from groundstation.client.one_order import order_once
 from groundstation.fleet import state as fleet_state
+from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.orders.held_formation import HeldFormation
 from groundstation.orders.intents import INTENTS, Kill, Land
 from groundstation.orders.plan import plan_order
 from groundstation.orders.result import VehicleResult
-from onboard.config.fleet import FleetConfig, load_fleet
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from tests.groundstation.conftest import FakeBus
 from tests.groundstation.console.fake import telemetry
 
@@ -107,3 +108,19 @@ async def test_an_order_that_brings_it_down_ends_in_words_when_nobody_hears_it(
     result, _ = await _ordered_once(Land(vehicles=("mav2",)), is_heard=False)
     assert result.phase == "failed"
     assert "did not answer within 1 s" in result.sentence
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        {"do": "land", "vehicles": "mav2"},
+        {"do": "wait", "until": {"landed": "mav2"}},
+        {"do": "wait", "until": {"reached": {"mav2": [0, 0, 1]}}},
+    ],
+)
+def test_a_step_of_a_mission_that_names_it_is_refused_before_the_flight(
+    step: dict[str, Any],
+) -> None:
+    steps = [{"do": "takeoff", "height_m": 1.0}, step]
+    with pytest.raises(ConfigError, match="mav2 is not enabled in the fleet file"):
+        mission_from_mapping({"schema": 1, "step": steps}, path="t.toml", fleet=_fleet())
