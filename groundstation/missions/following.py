@@ -2,7 +2,8 @@
 
 Each follower gets a new goal twice a second: the position that the leader will have in a second,
 plus the follower's offset. The goals of all followers are one order, which is checked as a whole.
-During a pause no goals are sent, and the pause does not count towards the duration.
+During a pause no goals are sent, and the pause does not count towards the duration. Neither does
+time in which this ground hears nobody.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from groundstation.client.client import FleetClient
+from groundstation.fleet.state import FleetState
 from groundstation.missions.follow_pause import FollowPause
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.taken import FleetTaken
@@ -29,6 +31,7 @@ _PERIOD_S = 0.5
 _AHEAD_S = 1.0
 _MOVED_M = 0.1  # a goal that has moved less is not ordered again
 _REFUSED_S = 5.0  # longest time for which all goals may be refused
+_HEARD_S = 1.0  # longest wait for the leader's telemetry after this ground's link is back
 _INSIDE_M = 0.1  # smallest distance of goals from the fence
 _HOLD_S = 15.0  # longest wait for the hold at the end
 
@@ -65,6 +68,13 @@ async def follow(
     ground.follow_pauses.append(pause)
     try:
         while client.now_ns() < end_ns:
+            look_ns = client.now_ns()
+            if await ground.link.heard():
+                await client.wait_for(lambda state: _is_heard(client, state, leader), _HEARD_S)
+                end_ns += client.now_ns() - look_ns
+                accepted_goals = {}  # the last ones were sent into the silence
+                accepted_ns = client.now_ns()
+
             pause.look()
             if pause.is_paused:
                 end_ns += await pause.wait()
@@ -107,6 +117,10 @@ async def follow(
         if holding and ground.watch.look() is None and not pause.has_brought_home:
             results = await ground.order(Hold(vehicles=holding), _HOLD_S)
     return results
+
+
+def _is_heard(client: FleetClient, state: FleetState, leader: str) -> bool:
+    return state.vehicles[leader].is_fresh(client.now_ns())
 
 
 def _landed_by_mission(client: FleetClient, names: Iterable[str]) -> tuple[str, ...]:

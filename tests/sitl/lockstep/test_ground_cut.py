@@ -174,3 +174,14 @@ def test_a_person_who_lands_all_without_a_link_reaches_px4_after_a_second(
     results = flight.wait_for(order.wait(30.0))
     assert all(result.is_done for result in results.values()), results
     assert flight.time_s > begin_s + 1.0
+
+
+def test_followers_follow_again_when_the_link_is_back(lockstep, paper: FleetConfig) -> None:
+    flight = lockstep(paper, seed=1)
+    flight.takeoff(1.0)
+    cut_ground(flight, flight.time_s + 2.0, 3.0)
+
+    results = flight.wait_for(flight.fleet.follow("mav0", 8.0))
+
+    assert [result.phase for result in results.values()] == ["done", "done"]
+    assert len(sentences(flight, "own_link_back")) == 1
