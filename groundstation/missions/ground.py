@@ -128,7 +128,7 @@ class MissionGround:
 
         order = client.send(planned, is_by_mission=True)
         order.add_listener(functools.partial(self._note_arrival, order.planned))
-        ended = await self._end_of(order, timeout_s)
+        ended = await self.end_of(order, timeout_s)
         results = explained(ended, order.planned, client.fleet, client.state, client.now_ns())
 
         for name, message in order.planned.orders.items():
@@ -395,10 +395,17 @@ class MissionGround:
             if self.goes_on_without:
                 self.leave_out(name)
 
-    async def _end_of(self, order: OrderResult, timeout_s: float) -> Results:
+    async def end_of(self, order: OrderResult, timeout_s: float) -> Results:
         """Wait for the end of an order; time without this ground's own link does not count.
 
         An order that was sent into the silence is sent again when the link is back.
+
+        Args:
+            order: order that was sent.
+            timeout_s: longest wait [s].
+
+        Returns:
+            One result per vehicle.
         """
         wait_s = timeout_s
         while True:

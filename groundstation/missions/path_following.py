@@ -60,6 +60,9 @@ class PathGround(Protocol):
     ) -> Results:
         """Give an order and wait for its end."""
 
+    async def end_of(self, order: OrderResult, timeout_s: float) -> Results:
+        """Wait for the end of an order, and send it again when this ground's link was lost."""
+
     def counting(self, at: WorldTime, names: Sequence[str]) -> AbstractContextManager[Countdown]:
         """Begin a countdown, which ends with the block."""
 
@@ -209,7 +212,8 @@ async def _load(ground: PathGround, paths: Paths) -> None:
         orders = {
             name: own_parts[index] for name, own_parts in parts.items() if index < len(own_parts)
         }
-        results = await ground.client.order_paths("load_path", orders).wait(_LOAD_S)
+        order = ground.client.order_paths("load_path", orders)
+        results = await ground.end_of(order, _LOAD_S)
         _require_done(ground, results, "load_path")
 
 

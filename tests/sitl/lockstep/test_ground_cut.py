@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from msgspec.structs import replace
 
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.mission_files.mission import Mission
+from groundstation.paths.pieces import through
 from onboard.config.fleet import FleetConfig, load_fleet
 from sitl.lockstep.connections import BusSettings
 from sitl.lockstep.flight import GROUND, Lockstep
@@ -185,3 +187,21 @@ def test_followers_follow_again_when_the_link_is_back(lockstep, paper: FleetConf
 
     assert [result.phase for result in results.values()] == ["done", "done"]
     assert len(sentences(flight, "own_link_back")) == 1
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.4, 2.0])
+def test_paths_are_flown_when_the_link_is_back(
+    lockstep, paper: FleetConfig, after_s: float
+) -> None:
+    flight = lockstep(paper, seed=1)
+    flight.takeoff(1.0)
+    paths = {}
+    for name in paper.enabled_names:
+        x, y, z = flight.fleet[name].position_enu_m
+        points = np.array([[x, y, z + up_m, 0.0] for up_m in (0.0, 0.2, 0.4)])
+        paths[name] = through(points, np.full(3, 0.2))
+    cut_ground(flight, flight.time_s + after_s, 3.0)
+
+    results = flight.wait_for(flight.fleet.follow_path(paths))
+
+    assert [result.phase for result in results.values()] == ["done", "done", "done"]
