@@ -58,11 +58,13 @@ def reached(goals: Mapping[str, Xyz], within_m: float = ARRIVED_M) -> WaitCondit
         """Return the distance of each vehicle; infinite where its position is not known."""
         distances = {}
         for name, goal in goals.items():
-            position_enu_m = moment.state.vehicles[name].position_enu_m(moment.now_ns)
-            if position_enu_m is None:
-                distances[name] = math.inf
-            else:
-                distances[name] = math.dist(position_enu_m, goal)
+            view = moment.state.vehicles[name]
+            telemetry = view.telemetry
+            distances[name] = math.inf
+            if telemetry is None or not view.is_fresh(moment.now_ns):
+                continue
+            if telemetry.is_position_valid:  # where it was then, not where it should be now
+                distances[name] = math.dist(telemetry.position_enu_m, goal)
         return distances
 
     def holds(moment: FleetMoment) -> bool:

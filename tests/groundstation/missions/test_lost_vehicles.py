@@ -7,7 +7,13 @@ from typing import Any
 
 import pytest
 
-from groundstation.missions.conditions import FleetMoment, any_of, battery_below, fails
+from groundstation.missions.conditions import (
+    FleetMoment,
+    any_of,
+    battery_below,
+    fails,
+    reached,
+)
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.group import Group
 from onboard.config.fleet import FleetConfig
@@ -62,3 +68,19 @@ async def test_who_orders_nobody_but_the_lost_hears_why_they_refuse(group: Group
     group.ground.note_lost(dict.fromkeys(group.names, "failed"))
     group.ground.still_lost = lambda: group.ground.lost  # type: ignore[method-assign]
     assert group.select("all") == group.names
+
+
+async def test_a_goal_is_reached_when_a_vehicle_says_so_and_not_when_it_would_be_there_by_now(
+    group: Group, bus: Any
+) -> None:
+    goal = (0.0, 0.0, 1.0)
+    bus.tell("mav1", position_enu_m=(-0.5, 0.0, 1.0), velocity_enu_m_s=(1.0, 0.0, 0.0))
+    await asyncio.sleep(0.1)
+    arrival = reached({"mav1": goal})
+    heard_ns = group.state.vehicles["mav1"].received_ns
+    assert not arrival.holds(FleetMoment(group.state, heard_ns + 500_000_000, 0))
+
+    bus.tell("mav1", position_enu_m=(-0.1, 0.0, 1.0))
+    await asyncio.sleep(0.1)
+    assert arrival.holds(FleetMoment(group.state, group.client.now_ns(), 0))
+    assert not arrival.holds(FleetMoment(group.state, heard_ns + 3_000_000_000, 0))
