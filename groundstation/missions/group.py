@@ -641,7 +641,7 @@ class Group:
 
         Args:
             condition: condition to wait for.
-            timeout_s: longest wait [s].
+            timeout_s: longest wait [s]; time in which this ground hears nobody does not count.
 
         Raises:
             ConditionTimeout: the condition does not hold in time.
@@ -655,9 +655,17 @@ class Group:
         def holds(state: FleetState) -> bool:
             return condition.holds(moment(state))
 
-        if not await client.wait_for(holds, timeout_s):
-            value = condition.value(moment(client.state))
-            raise ConditionTimeout(f"Not {condition.words} within {timeout_s:g} s: {value}.")
+        link = self.ground.link
+        wait_s = timeout_s
+        while wait_s > 0.0:
+            lost_before_s = link.lost_s
+            if await client.wait_for(holds, wait_s):
+                return
+            await link.heard()
+            wait_s = link.lost_s - lost_before_s  # exactly this time is waited once more
+
+        value = condition.value(moment(client.state))
+        raise ConditionTimeout(f"Not {condition.words} within {timeout_s:g} s: {value}.")
 
     @contextlib.asynccontextmanager
     async def reacting(

@@ -8,6 +8,8 @@ from msgspec.structs import replace
 
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.mission_files.mission import Mission
+from groundstation.missions.conditions import reached
+from groundstation.orders.intents import Move
 from groundstation.paths.pieces import through
 from onboard.config.fleet import FleetConfig, load_fleet
 from sitl.lockstep.connections import BusSettings
@@ -205,3 +207,18 @@ def test_paths_are_flown_when_the_link_is_back(
     results = flight.wait_for(flight.fleet.follow_path(paths))
 
     assert [result.phase for result in results.values()] == ["done", "done", "done"]
+
+
+def test_a_wait_does_not_count_the_time_without_a_link(lockstep, paper: FleetConfig) -> None:
+    flight = lockstep(paper, seed=1)
+    flight.takeoff(1.0)
+    x, y, z = flight.fleet["mav0"].position_enu_m
+    goal = (x, y, z + 0.8)
+    cut_ground(flight, flight.time_s + 2.0, 5.0)
+
+    async def wait() -> None:
+        move = Move(vehicles=("mav0",), position_enu_m=goal, duration_s=4.0)
+        await flight.client.submit(move, is_by_mission=True)
+        await flight.fleet.until(reached({"mav0": goal}), timeout_s=5.0)
+
+    flight.wait_for(wait())
