@@ -425,9 +425,12 @@ class MissionGround:
                 return results
 
     def _send_again(self, order: OrderResult) -> bool:
-        """Send an order again to vehicles that did not answer; return whether there were any."""
+        """Send an order again to vehicles that did not answer; return whether there were any.
+
+        It is not sent again once somebody has taken the fleet in the silence.
+        """
         names = [name for name, result in order.results.items() if result.phase == "no answer"]
-        if not names:
+        if not names or self.watch.look() is not None:
             return False
 
         self.say(f"  The link is back: sent again to {', '.join(names)}.")

@@ -9,6 +9,7 @@ import pytest
 from groundstation import Fleet
 from groundstation.missions.taken import FleetTaken
 from onboard.config.fleet import FleetConfig
+from sitl.lockstep.flight import GROUND
 from tests.sitl.lockstep.taking import at_moment, crossing, pilot_takes, second_ground
 
 NAMES = ("mav0", "mav1", "mav2")
@@ -234,3 +235,25 @@ def test_disarm_in_the_first_centimetres_lands_at_once(
     assert sent.results["mav1"].is_done, sent.results
     assert highest_m < before_m + 0.3
     assert not flight.state.vehicles["mav1"].is_armed
+
+
+@pytest.mark.parametrize("verb", ["move"])
+def test_a_step_sent_into_a_silence_does_not_replace_an_order_that_came_in_it(
+    lockstep: Any, paper: FleetConfig, verb: str
+) -> None:
+    flight = lockstep(paper, seed=3)
+    ada = second_ground(flight)
+    flight.takeoff(1.0)
+    flight.fleet.ground.watch.begin()
+    begin_s = flight.time_s
+    flight.bus.partition([GROUND])
+    flight.at(begin_s + 2.5, lambda: ada.submit_now("hold all"))
+    flight.at(begin_s + 3.5, flight.bus.heal)
+
+    step = flight.fleet.land() if verb == "land" else flight.fleet.move((0.0, 1.2, 1.2))
+    with pytest.raises(FleetTaken, match="ada"):
+        flight.wait_for(step)
+
+    flight.run(3.0)
+    for name in NAMES:
+        assert flight.state.vehicles[name].telemetry.taken_order_kind == "hold", name
