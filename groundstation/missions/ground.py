@@ -16,6 +16,7 @@ from msgspec.structs import replace
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.places import out_of_service
+from groundstation.fleet.state import FleetState
 from groundstation.mission_files.world_time import WorldTime, time_words
 from groundstation.missions.countdown import Countdown, CountdownEnded, clock_words, count_down
 from groundstation.missions.follow_pause import FollowPause
@@ -32,6 +33,8 @@ from onboard.bus.schema import Order
 from onboard.tuples import Xyz
 
 _LOOK_S = 0.2  # period at which the end of a pause is looked for
+_HEARD_S = 0.5  # age of telemetry up to which a vehicle is heard
+_SILENCE_S = 0.7  # time after which telemetry that is older than that is stale
 
 
 class MissionGround:
@@ -411,6 +414,9 @@ class MissionGround:
         while True:
             lost_before_s = self.link.lost_s
             results = await order.wait(wait_s)
+            if any(result.phase == "no answer" for result in order.results.values()):
+                # A lost link shows only when the last telemetry of all is stale.
+                await self.client.wait_for(self._hears_somebody, _SILENCE_S)
             is_back = await self.link.heard()
             # The time without a link did not count, so exactly that time is waited once more.
             wait_s = self.link.lost_s - lost_before_s
@@ -423,6 +429,10 @@ class MissionGround:
                 return dict(order.results)
             if wait_s <= 0.0:
                 return results
+
+    def _hears_somebody(self, state: FleetState) -> bool:
+        now_ns = self.client.now_ns()
+        return any(view.age_s(now_ns) < _HEARD_S for view in state.vehicles.values())
 
     def _send_again(self, order: OrderResult) -> bool:
         """Send an order again to vehicles that did not answer; return whether there were any.

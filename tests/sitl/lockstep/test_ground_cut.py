@@ -222,3 +222,17 @@ def test_a_wait_does_not_count_the_time_without_a_link(lockstep, paper: FleetCon
         await flight.fleet.until(reached({"mav0": goal}), timeout_s=5.0)
 
     flight.wait_for(wait())
+
+
+def test_a_landing_sent_just_after_the_last_message_is_sent_again(
+    lockstep, paper: FleetConfig
+) -> None:
+    flight = lockstep(paper, seed=1)
+    flight.takeoff(1.0)
+    flight.bus.partition([GROUND])
+    flight.at(flight.time_s + 3.0, flight.bus.heal)
+
+    results = flight.wait_for(flight.fleet.land())
+
+    assert all(result.is_done for result in results.values()), results
+    assert sentences(flight, "direct_command") == []

@@ -237,7 +237,7 @@ def test_disarm_in_the_first_centimetres_lands_at_once(
     assert not flight.state.vehicles["mav1"].is_armed
 
 
-@pytest.mark.parametrize("verb", ["move"])
+@pytest.mark.parametrize("verb", ["move", "land"])
 def test_a_step_sent_into_a_silence_does_not_replace_an_order_that_came_in_it(
     lockstep: Any, paper: FleetConfig, verb: str
 ) -> None:
