@@ -333,6 +333,9 @@ def _motions(state: State) -> Iterator[tuple[str, State]]:
             after = _copy(state)
             after.flight.path.is_skipped = True
             yield "skips the rest of its path", _passed(after, 1, _TICK_NS)
+            after = _copy(state)
+            after.flight.path.time_s = _PATH.duration_s - 0.03  # its end comes at the second tick
+            yield "rests at the end", _passed(after, _SHORT_TICKS, _TICK_NS, _seen_at_goal)
             yield "left behind, lands", _passed(_left_behind(state, "land"), 1, _TICK_NS)
             yield "left behind, holds", _passed(_left_behind(state, "hold"), 1, _TICK_NS)
             after = _copy(state)
