@@ -61,13 +61,24 @@ class FleetWatch:
     def __init__(self, client: FleetClient) -> None:
         self.taken: Taken | None = None
         self._client = client
+        self._has_begun = False
         self._earlier_order_ids: dict[str, str] = {}  # vehicle -> newest order before the mission
 
     def begin(self) -> None:
         """Begin to watch for a mission; orders that the vehicles have already do not count."""
         self.taken = None
+        self._has_begun = True
+        self._earlier_order_ids.clear()
+        self._note_earlier_orders()
+
+    def _note_earlier_orders(self) -> None:
+        """Note the newest order of each vehicle that is heard for the first time.
+
+        One that is heard late, as after its agent's start, may have an order of an earlier flight.
+        """
         for name, view in self._client.state.vehicles.items():
-            self._earlier_order_ids[name] = _newest_order_id(view)
+            if view.telemetry is not None:
+                self._earlier_order_ids.setdefault(name, _newest_order_id(view))
 
     def look(self) -> Taken | None:
         """Return who has taken the fleet first; None while the mission has it.
@@ -77,6 +88,8 @@ class FleetWatch:
         if self.taken is not None:
             return self.taken
 
+        if self._has_begun:
+            self._note_earlier_orders()
         vehicles_by_order: dict[tuple[str, str], list[str]] = {}  # author and verb -> vehicles
         is_by_other = False
         for name, view in self._client.state.vehicles.items():

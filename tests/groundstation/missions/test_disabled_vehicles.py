@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
+import msgspec
 import pytest
 
+from groundstation.client.client import FleetClient
 from groundstation.client.preflight_page import as_text, page_of
 from groundstation.fleet import state as fleet_state
 from groundstation.mission_files.loading import mission_from_mapping
@@ -16,6 +18,7 @@ from groundstation.missions.api import Fleet
 from groundstation.missions.beginning import without_empty_places
 from groundstation.missions.conditions import flying
 from groundstation.missions.runner import MissionRun
+from groundstation.missions.taken import FleetWatch
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.fake import telemetry as telemetry_of
 
@@ -176,3 +179,25 @@ async def test_a_wait_for_all_does_not_wait_for_whom_the_mission_goes_on_without
     verdict = await asyncio.wait_for(MissionRun(mission, client).run(), 20.0)
     assert verdict.passed, verdict.summary
     assert "takeoff" in {order.kind for name, order in bus.orders if name == "mav1"}
+
+
+async def test_an_order_of_an_earlier_flight_to_a_vehicle_heard_late_does_not_end_a_mission(
+    fleet: FleetConfig, bus: Any
+) -> None:
+    off = msgspec.structs.replace(fleet.vehicles["mav2"], enabled=False)
+    without = msgspec.structs.replace(fleet, vehicles={**fleet.vehicles, "mav2": off})
+    client = FleetClient(without, author="tester", bus=bus)
+    await client.start()
+    bus.tell("mav0")
+    bus.tell("mav1")
+    assert await client.wait_for(lambda state: state.vehicles["mav1"].telemetry is not None, 5.0)
+    watch = FleetWatch(client)
+    watch.begin()
+
+    bus.tell("mav2", taken_order_id="ground-1-7", taken_order_kind="land", taken_order_from="ada")
+    assert await client.wait_for(lambda state: "mav2" in state.vehicles, 5.0)
+    assert watch.look() is None
+
+    bus.tell("mav2", taken_order_id="ground-1-8", taken_order_kind="hold", taken_order_from="ada")
+    assert await client.wait_for(lambda _: watch.look() is not None, 5.0)
+    await client.stop()
