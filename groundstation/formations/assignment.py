@@ -40,7 +40,7 @@ def nearest_slots(
 
     goals = np.array([slots[name] for name in names]) + np.array(centre)
     starts = np.array([positions[name] for name in names])
-    squares_m2 = ((starts[:, None] - goals[None]) ** 2).sum(-1)
+    squares_m2 = _squares_m2(starts, goals)
 
     # Forbid flights that are longer than the best assignment needs; then minimize the sum.
     is_allowed = squares_m2 <= least_longest(squares_m2) + _ROUNDING_M2
@@ -72,9 +72,24 @@ def spots_without_crossing(
 
     goals = np.array([spots[name][:2] for name in names])
     starts = np.array([positions[name][:2] for name in names])
-    squares_m2 = ((starts[:, None] - goals[None]) ** 2).sum(-1)
+    squares_m2 = _squares_m2(starts, goals)
     columns = least_sum(squares_m2)
     return {name: names[column] for name, column in zip(names, columns, strict=True)}
+
+
+def _squares_m2(starts: Array, goals: Array) -> Array:
+    """Return the squared flights from each start to each goal [m²], at most _FORBIDDEN.
+
+    Without that bound, the searches below would not end with a flight that is not finite.
+
+    Args:
+        starts: positions (N, D) [m].
+        goals: positions (N, D) [m].
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        squares_m2 = ((starts[:, None] - goals[None]) ** 2).sum(-1)
+    bounded_m2: Array = np.nan_to_num(np.minimum(squares_m2, _FORBIDDEN), nan=_FORBIDDEN)
+    return bounded_m2
 
 
 def least_longest(costs: Array) -> float:

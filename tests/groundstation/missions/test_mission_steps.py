@@ -205,3 +205,11 @@ async def test_a_branch_that_fails_ends_the_others(fleet: FleetConfig, client: A
     verdict = await MissionRun(make(fleet, UP, both), client).run()
     assert "below 50 % of battery" in verdict.summary
     assert all(verdict.landed.values())
+
+
+@pytest.mark.timeout(20)
+def test_a_formation_that_is_farther_away_than_numbers_reach_is_refused(
+    fleet: FleetConfig,
+) -> None:
+    with pytest.raises(ConfigError, match="outside the fence"):
+        make(fleet, UP, {**TO_RING, "position_enu_m": [1e200, 0, 1]})
