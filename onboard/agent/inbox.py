@@ -131,11 +131,8 @@ class Inbox:
         if is_own:
             return
         now_ns = time.monotonic_ns()
-        if isinstance(message, StateMessage):
-            message = self.clock.state(name, message, now_ns)
-        else:
-            message = self.clock.telemetry(name, message, now_ns)
-        self._append(agent_inputs.NeighbourReceived(message, now_ns))
+        on_own_clock = self.clock.from_neighbour(name, message, now_ns)
+        self._append(agent_inputs.NeighbourReceived(on_own_clock, now_ns))
 
     def _count_missing(self, name: str, sequence: int) -> None:
         """Count lost states by the gap of their sequence: a follower gets every state."""

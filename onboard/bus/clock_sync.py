@@ -36,6 +36,7 @@ _WARN_AFTER_NS = 5_000_000_000  # time from the first pose that cannot be used t
 
 log = logging.getLogger("covey.clock")
 Stamped = TypeVar("Stamped", bound=StateMessage | Telemetry | MocapPose | Corrections)
+FromNeighbour = TypeVar("FromNeighbour", bound=StateMessage | Telemetry)
 
 
 def host_id() -> int:
@@ -72,20 +73,8 @@ class ClockNode:
         """Subscribe to the others' clocks; the bus must be open."""
         self._bus.subscribe(Topic.CLOCK, "*", self._receive)
 
-    def state(self, node: str, message: StateMessage, received_ns: int) -> StateMessage:
-        """Return a neighbour's state with its stamp on our clock.
-
-        Args:
-            node: the neighbour.
-            message: the message as received.
-            received_ns: its arrival, by our clock.
-        Returns:
-            the same object where the clock is shared, else a changed copy.
-        """
-        return self._on_own_clock(message, node, received_ns)
-
-    def telemetry(self, node: str, message: Telemetry, received_ns: int) -> Telemetry:
-        """Return a neighbour's telemetry with its stamp on our clock.
+    def from_neighbour(self, node: str, message: FromNeighbour, received_ns: int) -> FromNeighbour:
+        """Return a neighbour's state or telemetry with its stamp on our clock.
 
         Args:
             node: the neighbour.
