@@ -29,7 +29,7 @@ import math
 from typing import NamedTuple
 
 from onboard.types import Goal, TrajectorySetpoint
-from onboard.vectors import ZERO_3, Vec3, add_scaled, is_finite, length, scaled, subtract
+from onboard.vectors import ZERO_3, Vec3, add, add_scaled, is_finite, length, scaled, subtract
 
 _NO_SEQUENCE = -(1 << 53)  # no goal has this sequence
 
@@ -81,17 +81,6 @@ class TrajectoryMemory(NamedTuple):
     sequence: int  # sequence of the goal
     rise_m: float  # height by which the leg rises between its ends
     rise_s: float  # duration of the rise, and of the descent from it
-
-
-class _Rise(NamedTuple):
-    """Motion above the level leg, per second of the leg's clock."""
-
-    height_m: float
-    velocity_m_s: float
-    acceleration_m_s2: float
-
-
-_NO_RISE = _Rise(0.0, 0.0, 0.0)
 
 
 class _Quintic(NamedTuple):
@@ -215,52 +204,62 @@ def _on_path(goal: Goal) -> tuple[TrajectoryMemory, TrajectorySetpoint]:
 def setpoint(memory: TrajectoryMemory) -> TrajectorySetpoint:
     """Return the setpoint at the leg's present time."""
     leg, tau = _present(memory)
-    rise = _rise(memory, memory.elapsed_s)
+    position = _position(leg, tau)
+    velocity = _velocity(leg, tau)
+    acceleration = _acceleration(leg, tau)
+
+    if memory.rise_m > 0.0:
+        rise, rise_tau = _rise(memory, memory.elapsed_s)
+        position = add(position, _position(rise, rise_tau))
+        velocity = add(velocity, _velocity(rise, rise_tau))
+        acceleration = add(acceleration, _acceleration(rise, rise_tau))
+
     rate = memory.clock_rate
-    return TrajectorySetpoint(
-        raised(_position(leg, tau), rise.height_m),
-        scaled(rate, raised(_velocity(leg, tau), rise.velocity_m_s)),
-        scaled(rate * rate, raised(_acceleration(leg, tau), rise.acceleration_m_s2)),
-    )
+    return TrajectorySetpoint(position, scaled(rate, velocity), scaled(rate * rate, acceleration))
 
 
 def setpoint_position(memory: TrajectoryMemory) -> Vec3:
     """Return only the position of the setpoint [m], ENU."""
     leg, tau = _present(memory)
-    return raised(_position(leg, tau), _rise(memory, memory.elapsed_s).height_m)
+    position = _position(leg, tau)
+    return Vec3(position.x, position.y, position.z + _risen_m(memory, memory.elapsed_s))
 
 
 def rise_soon_m(memory: TrajectoryMemory) -> float:
     """Return the height above the level leg [m] that is reached soon, at a clock rate of 1."""
-    return _rise(memory, memory.elapsed_s + _RISE_AHEAD_S).height_m
+    return _risen_m(memory, memory.elapsed_s + _RISE_AHEAD_S)
 
 
-def raised(value: Vec3, by: float) -> Vec3:
-    """Return a vector with more in its vertical component."""
-    return Vec3(value.x, value.y, value.z + by)
-
-
-def _rise(memory: TrajectoryMemory, elapsed_s: float) -> _Rise:
-    """Return the motion above the level leg, a time after its begin."""
+def _risen_m(memory: TrajectoryMemory, elapsed_s: float) -> float:
+    """Return the height above the level leg, a time after its begin."""
     if memory.rise_m == 0.0:
-        return _NO_RISE
+        return 0.0
+    rise, tau = _rise(memory, elapsed_s)
+    return _position(rise, tau).z
 
-    # up in the first rise_s, and down as in a mirror in the last
-    to_end_s = max(_RISE_END_SHARE * duration_s(memory) - elapsed_s, 0.0)
-    inside_s = min(elapsed_s, to_end_s)
-    if inside_s >= memory.rise_s:
-        return _Rise(memory.rise_m, 0.0, 0.0)
 
-    up = 1.0 if elapsed_s <= to_end_s else -1.0
-    tau = inside_s / memory.rise_s
-    r = 1.0 - tau
-    velocity = 30.0 * tau * tau * r * r / memory.rise_s
-    acceleration = 60.0 * tau * r * (1.0 - 2.0 * tau) / (memory.rise_s * memory.rise_s)
-    return _Rise(
-        height_m=memory.rise_m * (tau * tau * tau * (10.0 - 15.0 * tau + 6.0 * tau * tau)),
-        velocity_m_s=memory.rise_m * up * velocity,
-        acceleration_m_s2=memory.rise_m * acceleration,
+def _rise(memory: TrajectoryMemory, elapsed_s: float) -> tuple[_Quintic, float]:
+    """Return the motion above the level leg, a time after its begin, and the share of it flown.
+
+    It is a quintic up, and from the time at which the vehicle comes down another one back.
+    """
+    begin_m = ZERO_3
+    end_m = Vec3(0.0, 0.0, memory.rise_m)
+    since_s = elapsed_s
+
+    down_s = _RISE_END_SHARE * duration_s(memory) - memory.rise_s
+    if elapsed_s > down_s:
+        begin_m, end_m = end_m, begin_m
+        since_s = elapsed_s - down_s
+
+    rise = _Quintic(
+        begin_m=begin_m,
+        velocity_m_s=ZERO_3,
+        acceleration_m_s2=ZERO_3,
+        end_m=end_m,
+        duration_s=memory.rise_s,
     )
+    return rise, min(since_s / memory.rise_s, 1.0)
 
 
 def _present(memory: TrajectoryMemory) -> tuple[_Quintic, float]:
