@@ -71,6 +71,11 @@ GoalOrGoals = Xyz | Mapping[str, Xyz]
 _EVER_S = 1e9  # timeout of a wait that ends only with its condition
 
 
+def _are_all(vehicles: Vehicles) -> bool:
+    """Whether a step or a script means all vehicles by the word."""
+    return vehicles in ("all", ["all"], ("all",))
+
+
 class Group:
     """Vehicles of a fleet that are ordered together.
 
@@ -120,7 +125,7 @@ class Group:
         Raises:
             ConfigError: a vehicle is not in this group.
         """
-        if vehicles in ("all", ["all"], ("all",)):
+        if _are_all(vehicles):
             lost = set() if with_lost else self.ground.still_lost()
             able = tuple(name for name in self.names if name not in lost)
             # If all are lost, all are ordered, so that the results tell why they refuse.
@@ -578,8 +583,8 @@ class Group:
 
     async def land(self, vehicles: Vehicles = "all", *, timeout_s: float = 40.0) -> Results:
         """Land and disarm."""
-        is_everybody = vehicles in ("all", ["all"], ("all",))
-        intent = Land(vehicles=self.select(vehicles, with_lost=True), is_everybody=is_everybody)
+        names = self.select(vehicles, with_lost=True)
+        intent = Land(vehicles=names, is_everybody=_are_all(vehicles))
         return await self.order(intent, timeout_s)
 
     async def kill(self, vehicles: Vehicles, *, timeout_s: float = 5.0) -> Results:
