@@ -23,7 +23,7 @@ MAX_MESSAGE_AGE_S = 0.30  # extrapolating a silent neighbour for longer than thi
 MAX_PREDICTION_AGE_S = 0.80
 # How long an acceleration of a neighbour counts. Both react to each other's commands, so a command
 # that counts for long makes two vehicles with old messages swing against each other: with 0.25 s
-# and messages of 200 ms the commands were seven times as loud as with 0.08 s.
+# and messages of 200 ms the commands changed nearly four times as fast as with 0.08 s.
 MAX_COMMAND_AGE_S = 0.08  # its last command
 MAX_ACCELERATION_AGE_S = 0.25  # the estimated acceleration of one that does not cooperate
 LONGEST_LEAD_S = 1.0

@@ -243,8 +243,8 @@ def available_acceleration_m_s2(max_tilt_deg: float, hover_thrust_frac: float) -
 def delay_margin_m(age_s: float) -> float:
     """Return the margin [m] that old states require, on top of the one for the estimates' errors.
 
-    It is 0 up to :data:`USUAL_AGE_S`. It is a fit over simulated flights (swap16x and swap8 with
-    100 to 300 ms of delay and 30 % lost), and not a theorem.
+    It is 0 up to :data:`USUAL_AGE_S`. It is a fit over simulated flights (8 and 16 vehicles with
+    200 and 300 ms of delay, and 0 and 30 % lost), and not a theorem.
 
     Args:
         age_s: largest age of a neighbour's newest state.
