@@ -99,6 +99,7 @@ class Neighbour(NamedTuple):
     is_cooperative: bool  # False: it avoids nobody, so that this vehicle does all the avoiding
     is_paper_obstacle: bool  # the ring's successor, the only neighbour of the paper's law
     table_index: int  # among all neighbours that this vehicle knows, for the record
+    radius_m: float  # of a person's circle, to which the distance is kept; 0 for a vehicle
 
 
 class LawOutput(NamedTuple):

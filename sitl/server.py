@@ -15,9 +15,10 @@ import selectors
 import signal
 import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from msgspec.structs import asdict
 
 from onboard.bus.clock_sync import ClockNode
@@ -26,12 +27,14 @@ from onboard.bus.pose_publisher import PosePublisher
 from onboard.bus.schema import FaultOrder, MocapPose, OrderReply, Truth
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
-from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.config.fleet import FleetConfig, Person, Vehicle
+from onboard.config.people import body_of
 from onboard.security.credentials import credentials_of
 from onboard.security.mavlink_key import mavlink_key
 from onboard.security.node_roles import NodeRole
 from sitl.emulator.emulator import Emulator, Environment, VehicleSpec
 from sitl.emulator.mocap import Mocap, MocapSettings, Pose
+from sitl.emulator.walk import position_at
 from sitl.faults.catalogue import Fault, FaultError
 from sitl.mavlink.endpoints import (
     Address,
@@ -59,6 +62,7 @@ _LARGEST_BACKLOG_STEPS = 70
 TRUTH_EVERY_STEPS = 5  # every tick of the agents, 20 ms
 _REALTIME_PRIORITY = 5  # below the priority that the loops of agents may request
 _HOVER_S = 300.0  # hover time of a battery without a value in the fleet file
+_PEOPLE_SEED = 1  # their noise is not that of the vehicles
 _LONGEST_WAIT_S = 1e6  # longest time until an ordered fault begins
 
 
@@ -170,6 +174,7 @@ class Broadcast:
         emulator: emulator with the vehicles.
         vehicles: vehicles of the emulator, in its order.
         mocap: quality of the motion capture.
+        people: persons of the fleet file; the motion capture sees those that have a walk.
         seed: seed of the noise of the motion capture.
         boot_id: boot id of the sender.
         stamp_ns: function from simulated seconds to the stamp of a message.
@@ -184,6 +189,7 @@ class Broadcast:
         vehicles: Sequence[Vehicle],
         mocap: MocapSettings | None,
         *,
+        people: Mapping[str, Person] = {},
         seed: int,
         boot_id: int,
         stamp_ns: Callable[[float], int],
@@ -194,6 +200,11 @@ class Broadcast:
         self._names = [vehicle.name for vehicle in vehicles]
         self._bodies = [vehicle.mocap_body or vehicle.name for vehicle in vehicles]
         self._mocap = Mocap(len(vehicles), mocap, seed=seed, faults=emulator.disturbances.mocap)
+
+        self._people = {
+            body_of(name, person): person for name, person in people.items() if person.walk_enu_m
+        }
+        self._people_mocap = Mocap(len(self._people), mocap, seed=seed + _PEOPLE_SEED)
         self._boot_id = boot_id
         self._stamp_ns = stamp_ns
         self._source = source
@@ -205,7 +216,8 @@ class Broadcast:
         emulator = self._emulator
         position, velocity, attitude = emulator.world.truth_enu()
         delivered = self._mocap.step(emulator.time_s, position, attitude)
-        poses = [self._pose_message(pose) for pose in delivered]
+        poses = [self._pose_message(pose, self._bodies) for pose in delivered]
+        poses += self._poses_of_people(emulator.time_s)
 
         states = emulator.world.vehicles.states
         motion = emulator.world.vehicles.motion
@@ -228,10 +240,20 @@ class Broadcast:
         ]
         return poses, truths
 
-    def _pose_message(self, pose: Pose) -> MocapPose:
+    def _poses_of_people(self, time_s: float) -> list[MocapPose]:
+        if not self._people:
+            return []
+        walkers = self._people.values()
+        position = np.array([position_at(p.walk_enu_m, p.walk_m_s, time_s) for p in walkers])
+        attitude = np.tile([1.0, 0.0, 0.0, 0.0], (len(self._people), 1))
+        delivered = self._people_mocap.step(time_s, position, attitude)
+        bodies = list(self._people)
+        return [self._pose_message(pose, bodies) for pose in delivered]
+
+    def _pose_message(self, pose: Pose, bodies: Sequence[str]) -> MocapPose:
         self._sequence += 1
         return MocapPose(
-            body=self._bodies[pose.index],
+            body=bodies[pose.index],
             boot_id=self._boot_id,
             sequence=self._sequence,
             stamp_ns=self._stamp_ns(pose.time_s),
@@ -307,6 +329,7 @@ class Server:
             self.emulator,
             self._vehicles,
             mocap,
+            people=fleet.people,
             seed=seed,
             boot_id=time.time_ns() & 0x7FFFFFFF,  # another one at each start
             # The clock of the event loop is the monotonic one, from which all nodes take stamps.

@@ -128,6 +128,7 @@ class RecordedLaw:
             is_cooperative=_is_cooperative(other, stamp_s),
             is_paper_obstacle=False,
             table_index=0,
+            radius_m=0.0,
         )
 
 

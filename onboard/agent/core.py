@@ -75,6 +75,7 @@ from onboard.flight.path_flight import OtherClock, other_clocks
 from onboard.flight.types import FlightStep, FlightView
 from onboard.localization.odometry_forwarding import OdometryForwarder
 from onboard.localization.own_state import OwnEstimate, OwnState
+from onboard.neighbours.people import People
 from onboard.neighbours.table import NeighbourTable
 from onboard.preflight.preflight_reporter import PreflightReporter
 from onboard.safety.failsafe_table import Situation
@@ -143,6 +144,7 @@ class AgentCore:
             taken_corrections = fleet.corrections
         self.own = OwnState(vehicle, fleet.fleet.global_origin, taken_corrections)
         self.neighbours = NeighbourTable(fleet, vehicle_name)
+        self.people = People(fleet, first_index=len(self.neighbours.names))
         self.nodes = BusNodes(fleet, vehicle_name)
         self.corrections = _intake_of(taken_corrections)
         self._corrections_status: CorrectionsStatus | None = None  # at the newest tick
@@ -195,6 +197,10 @@ class AgentCore:
         self._battery_floor_frac = 0.0  # charge at which a simulated battery stops emptying
         self._clock_jump_ns = 0  # time of the last jump of our clock; 0 never
 
+        # other mocap bodies whose poses are needed: of vehicles, and all that were requested
+        self._watched_vehicles: tuple[str, ...] = ()
+        self._requested_bodies: tuple[str, ...] = ()
+
         # from the newest tick
         self._period_s = TICK_S  # time since the tick before
         self._ages_s: dict[str, float] = {}  # age of the state of each followed neighbour
@@ -237,6 +243,7 @@ class AgentCore:
         self.neighbours.place_contradicted(view.position_enu_m, now_ns)
         self._ages_s = self.neighbours.followed_ages_s(now_ns)
         self._distances_m = self.neighbours.distances_m(view.position_enu_m, now_ns)
+        self._distances_m |= self.people.distances_m(view.position_enu_m, now_ns)
 
         # How old are the corrections, and whose?
         if self.corrections is not None:
@@ -252,7 +259,7 @@ class AgentCore:
         state_machine.advance(self.flight, view)
 
         # How do we fly that?
-        neighbours = self.neighbours.snapshot(now_ns)
+        neighbours = self.people.beside(self.neighbours.snapshot(now_ns), now_ns)
         flight = self.flight
         tick = self.control.run(own.state, flight.goal, flight.step.control_mode, neighbours, dt_s)
         if flight.step.control_mode is ControlMode.FLYING and self._mismatch.is_due():
@@ -382,6 +389,7 @@ class AgentCore:
             is_airborne=self._is_airborne(),
             battery_floor_frac=self._battery_floor_frac,
             nearest_m=min(self._distances_m.values(), default=math.inf),
+            unseen_people=self.people.unseen(view.now_ns),
             # the last pass of the pipeline
             law_status=law_status,
             active_neighbour=active_neighbour,
@@ -401,6 +409,7 @@ class AgentCore:
             hover_frac=self.control.hover_frac,
             conditions=self.failsafes.conditions,
             corrections=self._corrections_status,
+            people_m=self.people.distances_m(view.position_enu_m, view.now_ns),
             place=self.flight.place,
         )
         state_machine.preflight_checked(self.flight, view, not self.preflight.not_ready)
@@ -440,7 +449,11 @@ class AgentCore:
 
         bodies = self.neighbours.bodies_to_watch(view.now_ns, view.position_age_s)
         if bodies is not None:
-            requests.append(WatchBodies(bodies))
+            self._watched_vehicles = bodies
+        watched = (*self.people.bodies, *self._watched_vehicles)
+        if watched != self._requested_bodies:
+            self._requested_bodies = watched
+            requests.append(WatchBodies(watched))
 
         if self.failsafes.reports.is_heartbeat_due(view.now_ns):
             requests.append(RequestHeartbeat())
@@ -512,7 +525,8 @@ class AgentCore:
         pose = received.pose
         self.preflight.hear(received)
         if pose.body != self.vehicle.body:
-            self.neighbours.hear_pose(pose, received.received_ns)
+            if not self.people.hear_pose(pose, received.received_ns):
+                self.neighbours.hear_pose(pose, received.received_ns)
             return []
 
         if not self.own.add_pose(pose, received.received_ns):

@@ -145,10 +145,10 @@ def law_status(tick: Tick) -> str:
 
 
 def neighbour_name(index: int, neighbours: NeighbourTable) -> str:
-    """Return the name of a neighbour; empty: there is none of this index."""
-    if not 0 <= index < len(neighbours.names):
+    """Return the name of a vehicle or person to avoid; empty: there is none of this index."""
+    if not 0 <= index < len(neighbours.avoided_names):
         return ""
-    return neighbours.names[index]
+    return neighbours.avoided_names[index]
 
 
 def tick_sample(result: TickResult, state: StateMessage, sources: TelemetrySources) -> TickSample:

@@ -18,6 +18,7 @@ from onboard.vectors import Vec2, dot_2, length_2
 
 MAX_OBSTACLES = 6  # the nearest ones count
 LARGEST_MARGIN_M = 5.0
+LARGEST_RADIUS_M = 5.0  # of a person's circle
 COINCIDENT_M = 1e-6  # two vehicles nearer than this are at one point: rows would divide by zero
 _STANDING_M_S = 1e-6  # a slower relative velocity has no direction
 SETTLED_M_S = 0.1  # a vehicle that intends to move no faster than this is not part of a crowd
@@ -226,7 +227,8 @@ def sink_limit(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> 
 def design_distance(own_margin_2_m2: float, neighbour: Neighbour, spacing: Spacing) -> float:
     """Return the distance d [m] to keep from a neighbour. DEVIATION D5, D12.
 
-    The distance grows where the estimates of the two are worse than those of a mocap.
+    The distance grows where the estimates of the two are worse than those of a mocap. From a person
+    it is kept to his circle.
 
     Args:
         own_margin_2_m2: :func:`margin_2` of this vehicle.
@@ -243,7 +245,11 @@ def design_distance(own_margin_2_m2: float, neighbour: Neighbour, spacing: Spaci
     if not neighbour.is_cooperative:
         margin_m += spacing.uncooperative_margin_m
 
-    return spacing.safety_distance_m + margin_m
+    radius_m = 0.0
+    if math.isfinite(neighbour.radius_m):
+        radius_m = min(max(neighbour.radius_m, 0.0), LARGEST_RADIUS_M)
+
+    return spacing.safety_distance_m + margin_m + radius_m
 
 
 def margin_2(position_std_m: float, velocity_std_m_s: float, spacing: Spacing) -> float:

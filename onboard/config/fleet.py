@@ -24,6 +24,7 @@ from onboard.config.fleet_config import parking_height_share as parking_height_s
 from onboard.config.law import LawConfig as LawConfig
 from onboard.config.law_import import OwnLaw as OwnLaw
 from onboard.config.mocap import MocapConfig as MocapConfig
+from onboard.config.people import Person as Person
 from onboard.config.radio import RadioConfig as RadioConfig
 from onboard.config.sitl import SitlProfile as SitlProfile
 from onboard.config.toml_reading import ConfigError as ConfigError
@@ -44,6 +45,7 @@ _KNOWN_KEYS = (
     "law",
     "mocap",
     "obstacles",
+    "people",
     "radio",
     "schema",
     "types",
@@ -110,6 +112,9 @@ def fleet_from_mapping(
     )
     written_fences = convert(data.get("fences", []), tuple[fences.Fence, ...], path, "fences")
     mocap = convert(data.get("mocap", {}), MocapConfig, path, "mocap")
+    people: dict[str, Person] = {}
+    for name, own in tables(data.get("people", {}), path, "people").items():
+        people[name] = convert(own, Person, path, f"people.{name}")
     radio: RadioConfig | None = None
     if "radio" in data:
         radio = convert(data["radio"], RadioConfig, path, "radio")
@@ -133,6 +138,7 @@ def fleet_from_mapping(
         obstacles=written_obstacles,
         fences=written_fences,
         mocap=mocap,
+        people=people,
         shapes=shapes,
         radio=radio,
         corrections=corrections,

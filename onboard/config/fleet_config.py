@@ -23,6 +23,7 @@ from onboard.config.formation_shape import FormationShape
 from onboard.config.law import LawConfig
 from onboard.config.law_import import OwnLaw, find_own_law
 from onboard.config.mocap import MocapConfig
+from onboard.config.people import Person, body_of
 from onboard.config.radio import RadioConfig
 from onboard.config.sitl import SitlProfile
 from onboard.config.toml_reading import ConfigError
@@ -205,6 +206,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
     obstacles: tuple[obstacles.Obstacle, ...] = ()
     fences: tuple[fences.Fence, ...] = ()  # areas to stay in or out of, inside the box
     mocap: MocapConfig = MocapConfig()
+    people: dict[str, Person] = {}  # persons with markers, by name
     # formations by shape; only the ground uses them, so they are not in the hash
     shapes: dict[str, FormationShape] = {}
     # the radio channel; only its expected lateness is in the hash
@@ -281,6 +283,8 @@ class FleetConfig(msgspec.Struct, frozen=True):
         # added only if present, so that files without them keep the hash of earlier versions
         if self.fences:
             parts.append(self.fences)
+        if self.people:
+            parts.append(self.people)
         if self.corrections is not None:
             parts.append(self.corrections.judged)
         values = msgspec.json.encode(parts, order="deterministic")
@@ -321,6 +325,11 @@ class FleetConfig(msgspec.Struct, frozen=True):
         return tuple(
             name for name, vehicle in self.vehicles.items() if vehicle.enabled is not False
         )
+
+    @property
+    def people_bodies(self) -> dict[str, str]:
+        """Mocap body of each person, by name."""
+        return {name: body_of(name, person) for name, person in self.people.items()}
 
     @property
     def simulator_endpoint(self) -> str:

@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from onboard.config import corrections, fences, folders, formation_shape, obstacles
+from onboard.config import corrections, fences, folders, formation_shape, obstacles, people
 from onboard.config import mocap as mocap_config
 from onboard.config import radio as radio_config
 from onboard.config import sitl as sitl_profile
@@ -92,6 +92,7 @@ def _problems(config: FleetConfig) -> Iterator[str]:
 
     bodies = {name: vehicle.body for name, vehicle in config.vehicles.items()}
     yield from mocap_config.problems(config.mocap, bodies)
+    yield from people.problems(config.people, bodies)
     yield from radio_config.problems(config.radio)
     yield from _corrections_problems(config)
 

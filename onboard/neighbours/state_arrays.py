@@ -42,6 +42,7 @@ _AGE = SCALAR_COLUMN["age_s"]
 _COOPERATES = SCALAR_COLUMN["is_cooperative"]
 _PAPER_OBSTACLE = SCALAR_COLUMN["is_paper_obstacle"]
 _TABLE_INDEX = SCALAR_COLUMN["table_index"]
+_RADIUS = SCALAR_COLUMN["radius_m"]
 
 # rows of NeighbourArrays.flags
 KNOWN = 0  # a state of the neighbour is known
@@ -242,4 +243,5 @@ def _neighbour(numbers: list[float]) -> Neighbour:
         is_cooperative=numbers[_COOPERATES] != 0.0,
         is_paper_obstacle=numbers[_PAPER_OBSTACLE] != 0.0,
         table_index=int(numbers[_TABLE_INDEX]),
+        radius_m=numbers[_RADIUS],
     )

@@ -88,6 +88,8 @@ class NeighbourTable:
         self.own_name = own_name
         self.names = tuple(name for name in fleet.vehicles if name != own_name)
         self.indices = {name: index for index, name in enumerate(self.names)}
+        # by the index of the law: these vehicles, and after them the persons (people.py)
+        self.avoided_names = (*self.names, *fleet.people)
 
         self.watched_bodies = WatchedBodies(fleet.expected_radio.lateness_s)
         self.silent_s = SILENT_S + self.watched_bodies.late_s  # limit for followed neighbours

@@ -61,6 +61,20 @@ def _radio(facts: PreflightFacts, fleet: FleetConfig) -> Judgement:
     return OK, words
 
 
+def _people(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
+    if not fleet.people:
+        return SKIP, {"reason": "for a fleet file without people"}
+    if not facts.people_m:
+        return OK, {"nearest": "No person is seen."}
+
+    name = min(facts.people_m, key=facts.people_m.__getitem__)
+    distance_m = facts.people_m[name]
+    required_m = fleet.fleet.safety_distance_m
+    if distance_m < required_m:
+        return "too near", {"name": name, "distance": distance_m, "required": required_m}
+    return OK, {"nearest": f"The nearest person, {name}, is {distance_m:.1f} m away."}
+
+
 def _configuration(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     words = {"hash": facts.config_hash}
     if vehicle.enabled is False:
@@ -176,6 +190,7 @@ def _kill_switch(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) ->
 FLIGHT_RULES = rules(
     {
         "neighbours": _neighbours,
+        "people": _people,
         "configuration": _configuration,
         "certificates": _certificates,
         "law": _law,

@@ -94,6 +94,8 @@ class PreflightFacts:
     hover_frac: float = math.nan  # hover throttle learned in flight
 
     # bus and computers
+    # person whom the mocap sees -> distance from this vehicle to his circle
+    people_m: Mapping[str, float] = field(default_factory=dict)
     radio: RadioMeasured | None = None  # None until enough states have come
     has_duplicate: bool = False  # whether another agent publishes for this vehicle
     # node -> largest error of its clock; inf: not measured

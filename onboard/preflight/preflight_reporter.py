@@ -7,7 +7,7 @@ of :meth:`PreflightReporter.due` once a second.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from onboard.agent_inputs import AgentInput
@@ -95,6 +95,7 @@ class PreflightReporter:
         hover_frac: float,
         conditions: Iterable[Condition] = (),
         corrections: CorrectionsStatus | None = None,
+        people_m: Mapping[str, float] | None = None,
         place: str = "",
     ) -> tuple[str, ...]:
         """Take one tick on the ground; return the sentences that refuse a take-off.
@@ -106,6 +107,7 @@ class PreflightReporter:
             hover_frac: hover throttle learned so far.
             conditions: conditions of the failsafe table that hold.
             corrections: status of the corrections; None: the vehicle uses none.
+            people_m: distance to the circle of each person whom the mocap sees.
             place: vehicle whose take-off spot this one uses; empty: its own.
         """
         self._observe(view, dt_s)
@@ -118,7 +120,12 @@ class PreflightReporter:
         self._state_ages.update(self._neighbours.followed_ages_s(now_ns))
         self._place = place or self._vehicle.name
         facts = self._gather(view, is_airborne, hover_frac)
-        self._facts = replace(facts, conditions=frozenset(conditions), corrections=corrections)
+        self._facts = replace(
+            facts,
+            conditions=frozenset(conditions),
+            corrections=corrections,
+            people_m=people_m or {},
+        )
         self.not_ready = all_rules.reasons(self._facts, self._fleet, self._vehicle)
         return self.not_ready
 

@@ -145,7 +145,8 @@ class NeighbourMonitor:
 
         least = _KEPT_OFF_SHARE * self._leg_ticks
         often = [index for index, count in self._kept_off.most_common(2) if count > least]
-        names = [self._table.names[index] for index in often if index < len(self._table.names)]
+        all_names = self._table.avoided_names
+        names = [all_names[index] for index in often if index < len(all_names)]
         if not names:
             return distance
         return f"{distance}, kept off by {' and '.join(names)}"

@@ -129,5 +129,5 @@ class TickFacts(Struct, frozen=True, kw_only=True):
     touched: str = ""  # vehicle that is nearer than one body diameter; empty: none
     is_law_infeasible: bool = False
     silent: tuple[str, ...] = ()  # were heard in the air, and are not heard any more
-    unseen: tuple[str, ...] = ()  # silent vehicles of which no mocap poses come
+    unseen: tuple[str, ...] = ()  # silent vehicles and persons of whom no mocap poses come
     heard_again: tuple[str, ...] = ()  # heard again within the last seconds

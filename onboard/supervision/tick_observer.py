@@ -234,7 +234,7 @@ class TickObserver:
             touched=touched,
             is_law_infeasible=context.law_status == LawStatus.INFEASIBLE,
             silent=silence.silent,
-            unseen=silence.unseen,
+            unseen=(*silence.unseen, *context.unseen_people),
             heard_again=silence.heard_again,
         )
 

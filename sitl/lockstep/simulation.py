@@ -71,6 +71,7 @@ class Simulation:
             self.emulator,
             vehicles,
             mocap,
+            people=fleet.people,
             seed=seed,
             boot_id=1,
             stamp_ns=lambda time_s: EPOCH_NS + round(time_s * 1e9),

@@ -28,7 +28,7 @@ from sitl.monte_carlo.mixed_fleet import MixedFleet
 from sitl.monte_carlo.noise import FlightNoise
 from sitl.monte_carlo.orders import FlightOrders
 from sitl.monte_carlo.radio import Radio
-from sitl.monte_carlo.scenarios import FlightPlan, OtherLaw
+from sitl.monte_carlo.scenarios import FlightPlan, OtherLaw, person_radii_m
 from sitl.monte_carlo.sensing import sensing
 from sitl.monte_carlo.vehicles import TICK_S
 
@@ -241,8 +241,13 @@ def _fly(
             states = np.where(lies.is_believed()[:, None], published_states, states)
 
         if radio is None and not is_alone:
-            is_intruder = np.isfinite(scripted).all(-1)
-            radio = Radio(states, is_intruder, setup.perturbation, fleet.expected_radio.lateness_s)
+            radio = Radio(
+                states,
+                np.isfinite(scripted).all(-1),
+                setup.perturbation,
+                fleet.expected_radio.lateness_s,
+                radius_m=person_radii_m(plans),
+            )
 
         is_frozen, is_mute = orders.lost(metrics.time_s)
         neighbours = batch.NEIGHBOUR.rows((*start.shape[:2], 0))

@@ -21,7 +21,7 @@ from onboard.rollout.rows import Rows
 from onboard.types import LawStatus
 from sitl.monte_carlo.campaign_settings import ErrorClass
 from sitl.monte_carlo.clutter import Outlines
-from sitl.monte_carlo.scenarios import FlightPlan
+from sitl.monte_carlo.scenarios import FlightPlan, person_radii_m
 from sitl.monte_carlo.vehicles import TICK_S, TrueMotions
 from sitl.physics.contacts import HEIGHT_OF_DIAMETER
 
@@ -147,6 +147,7 @@ class FlightMetrics:
             if plan.lie is not None:
                 self._counts[f, plan.lie.member] = False
         self._is_judged = self._judged_pairs(plans)
+        self._radius_m = self._pair_radii_m(plans)
 
         self._position = start_enu_m
         self._command = np.zeros((flights, count, 2))
@@ -188,6 +189,12 @@ class FlightMetrics:
             if plan.lie is not None:
                 is_judged[f] = (first != plan.lie.member) & (second != plan.lie.member)
         return is_judged
+
+    def _pair_radii_m(self, plans: Sequence[FlightPlan]) -> Array:
+        """Return the radii (F, P) of persons' circles, to which distances are measured."""
+        radii_m = person_radii_m(plans)
+        first, second = self._pairs
+        return np.asarray(np.maximum(radii_m[:, first], radii_m[:, second]))
 
     @property
     def time_s(self) -> float:
@@ -242,11 +249,12 @@ class FlightMetrics:
         first, second = self._pairs
         offset = position_enu_m[:, first] - position_enu_m[:, second]  # (F, P, 3)
         horizontal = offset[..., :2]
-        distance = np.sqrt(np.einsum("fpc,fpc->fp", horizontal, horizontal))
+        distance = np.sqrt(np.einsum("fpc,fpc->fp", horizontal, horizontal)) - self._radius_m
 
         # no distance from a liar is promised, so only the others are judged
         distance = np.where(self._is_judged, distance, np.inf)
-        touches = distance < self._body_m
+        # of a person and a vehicle, only the vehicle has half a body around the measured points
+        touches = distance < np.where(self._radius_m > 0.0, 0.5, 1.0) * self._body_m
         if self._height_share > 0.0:
             height = np.abs(offset[..., 2])
             distance = np.maximum(distance, self._height_share * height)
@@ -402,6 +410,7 @@ class FlightMetrics:
         self._counts = self._counts[flights]
         self._is_lost = self._is_lost[flights]
         self._is_judged = self._is_judged[flights]
+        self._radius_m = self._radius_m[flights]
 
         self._position = self._position[flights]
         self._command = self._command[flights]

@@ -30,6 +30,8 @@ class Radio:
         is_intruder: BoolArray,
         perturbation: SimulatedErrors,
         lateness_s: float = 0.0,
+        *,
+        radius_m: Array,
     ) -> None:
         """Begin with one message of each vehicle at every receiver.
 
@@ -40,12 +42,14 @@ class Radio:
             perturbation: delay, loss and silences.
             lateness_s: expected lateness of states, which is added to the time after which a
                 vehicle counts as silent.
+            radius_m: (F, N) radii of persons' circles, 0 for a vehicle.
         """
         first = batch.message(states, None)
         flights, count = first.shape[:2]
         self._perturbation = perturbation
         self._silent_s = SILENT_S + lateness_s
         self._is_intruder = is_intruder
+        self._radius_m = radius_m
 
         # a message can be received in the tick after the one in which it is published, or later
         self._delay_ticks = max(1, math.ceil(round(perturbation.delay_s / TICK_S, 6)))
@@ -94,7 +98,11 @@ class Radio:
                 inbox = np.where(is_tracked, tracked[:, None], inbox)
                 age_s = np.where(is_tracked, _TRACKED_AGE_S, age_s)
                 is_cooperative = is_cooperative & ~is_tracked
-        return batch.received(inbox, age_s, self._gathered, is_cooperative)
+        neighbours = batch.received(inbox, age_s, self._gathered, is_cooperative)
+        if self._radius_m.any():
+            flight = np.arange(len(self._radius_m))[:, None, None]
+            neighbours["radius_m"] = self._radius_m[flight, self._gathered]
+        return neighbours
 
     def _silent_senders(self, link_draws: Array, is_mute: BoolArray) -> BoolArray:
         """Return which vehicles (F, N) send nothing in this tick: mute ones and random silences."""
@@ -147,3 +155,4 @@ class Radio:
         self._age_s = self._age_s[flights]
         self._silence_s = self._silence_s[flights]
         self._is_intruder = self._is_intruder[flights]
+        self._radius_m = self._radius_m[flights]

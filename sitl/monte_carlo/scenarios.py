@@ -14,7 +14,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,7 +47,7 @@ KNOWN = (
     "form3, swapN (jittered) and swapNx (exact), randN and randNdA (A m^2 per vehicle), "
     "crossN@90, crossN@180, layersN (two swaps above each other), heightsN (pairs swap heights), "
     "climbN (half climbs through the way of the other), squeeze, forestN (through pillars), "
-    "gapN (both ways through a gap in a wall), intruderN@1, intruderN@2, "
+    "gapN (both ways through a gap in a wall), intruderN@1, intruderN@2, personN@1.5, "
     "lostN@frozen, lostN@silent, lostN@dead, and mix (the benchmark); "
     f"N is a number up to {_MAX_VEHICLES}"
 )
@@ -56,6 +56,7 @@ _TRIANGLE_SIDE_M = 1.6
 _PERMUTATIONS = tuple(itertools.permutations(range(3)))
 _RAND_SPACING_M = 1.4
 _CROSS_SPACING_M = 1.2
+_PERSON_RADIUS_M = 0.4
 _JITTER_STD_M = 0.05  # standard deviation of a start, per horizontal axis
 
 
@@ -83,6 +84,8 @@ class FlightPlan:
     earliest_s: float = 0.0  # the flight does not end before this time
     # (3,) velocity of the last vehicle, which then is no member of the fleet and avoids nobody
     intruder_m_s: Array | None = None
+    # of a person's circle: the last vehicle then stands for a person who walks; 0: a vehicle
+    intruder_radius_m: float = 0.0
     # index, time [s] and kind of a vehicle that is lost on the way
     lost: tuple[int, float, str] | None = None
     lie: MemberLie | None = None  # the false position of one vehicle
@@ -113,6 +116,13 @@ class FlightPlan:
         goals = self.goals_enu_m
         begins = np.concatenate([self.start_enu_m[None], goals[:-1]])
         return np.asarray(np.linalg.norm(goals - begins, axis=-1))
+
+
+def person_radii_m(plans: Sequence[FlightPlan]) -> Array:
+    """Return the radii (F, N) of persons' circles; 0 for a vehicle."""
+    radii_m = np.zeros((len(plans), plans[0].count))
+    radii_m[:, -1] = [each.intruder_radius_m for each in plans]
+    return radii_m
 
 
 def expand(names: Iterable[str]) -> list[str]:
@@ -502,6 +512,12 @@ def _intruder(name: str, seed: int, number: str | None, speed: str | None) -> Fl
     )
 
 
+def _person(name: str, seed: int, number: str | None, speed: str | None) -> FlightPlan:
+    """A person walks straight through a hovering formation."""
+    plan_of_intruder = _intruder(name, seed, number, speed)
+    return replace(plan_of_intruder, intruder_radius_m=_PERSON_RADIUS_M)
+
+
 def _lost(name: str, seed: int, number: str | None, kind: str | None) -> FlightPlan:
     """A jittered swap in which one vehicle is lost after 1 to 5 s.
 
@@ -537,5 +553,6 @@ _SCENARIOS: dict[str, Callable[..., FlightPlan]] = {
     r"forest(\d{1,4})?": _forest,
     r"gap(\d{1,4})?": _gap,
     r"intruder(\d{1,4})?(?:@(1|2))?": _intruder,
+    r"person(\d{1,4})?(?:@(0\.5|1|1\.5))?": _person,
     r"lost(\d{1,4})?(?:@(frozen|silent|dead))?": _lost,
 }

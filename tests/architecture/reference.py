@@ -15,7 +15,7 @@ from groundstation.formations.frame import FramePoint
 from groundstation.mission_files.steps import STEP_BOUNDS, STEPS, OnFailure, Until
 from groundstation.shows.gallery import ACCIDENTS, GALLERY, sentence_of
 from groundstation.verdict.expectations import EXPECT_MOST_M, Expect
-from onboard.config import formation_shape, mocap, radio, sitl
+from onboard.config import formation_shape, mocap, people, radio, sitl
 from onboard.config.fences import Fence, FenceCircle
 from onboard.config.fleet_config import FleetSection, Geofence, Origin, Vehicle
 from onboard.config.formation_shape import FormationShape, ShapeName
@@ -23,6 +23,7 @@ from onboard.config.law import LawConfig
 from onboard.config.law_import import GROUP
 from onboard.config.mocap import MocapConfig
 from onboard.config.obstacles import Circle, Obstacle
+from onboard.config.people import Person
 from onboard.config.radio import RadioConfig
 from onboard.config.validation import FLEET_BOUNDS, VEHICLE_BOUNDS, law_bounds
 from sitl.monte_carlo.open_benchmark import scene_file as scene_structs
@@ -172,6 +173,7 @@ def fleet_file() -> str:
             _table(FormationShape, formation_shape.BOUNDS),
         ),
         ("`[mocap]`", _table(MocapConfig, mocap.BOUNDS)),
+        ("`[people.NAME]`: mocap.md", _table(Person, people.BOUNDS)),
         ("`[radio]`", _table(RadioConfig, radio.BOUNDS)),
         ("`[[obstacles]]`", _table(Obstacle, {})),
         ("`circle` of an obstacle", _table(Circle, {})),

@@ -51,6 +51,7 @@ def neighbours(count: int, seed: int = 2) -> list[Neighbour]:
                 is_cooperative=True,
                 is_paper_obstacle=False,
                 table_index=index,
+                radius_m=0.0,
             )
         )
     return out

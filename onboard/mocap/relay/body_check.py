@@ -163,7 +163,7 @@ class MocapCheck:
     def __init__(self, fleet: FleetConfig, say: Callable[[str], None]) -> None:
         self.fleet = fleet
         self.say = say
-        self.statistics = MocapStatistics(bodies_of(fleet))
+        self.statistics = MocapStatistics(vehicles=bodies_of(fleet), people=fleet.people_bodies)
 
         agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
         self._bus = BusSession(

@@ -92,7 +92,10 @@ class MocapRelay:
 
         self._emulated = {fleet.vehicles[name].body for name in fleet.emulated_names}
         self.statistics = MocapStatistics(
-            {name: body for name, body in bodies_of(fleet).items() if body not in self._emulated}
+            vehicles={
+                name: body for name, body in bodies_of(fleet).items() if body not in self._emulated
+            },
+            people=fleet.people_bodies,
         )
 
         agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]

@@ -99,6 +99,7 @@ class MocapStatistics:
     """Statistics of all bodies of a source."""
 
     vehicles: Mapping[str, str]  # vehicle -> its body, for those that require a mocap
+    people: Mapping[str, str] = field(default_factory=dict)  # person of the fleet file -> body
     bodies: dict[str, BodyStatistics] = field(default_factory=dict)
     _window_ns: int = 0  # when the open window began
 
@@ -129,11 +130,16 @@ class MocapStatistics:
     def rows(self) -> Iterator[str]:
         """Yield a line for each body, those of vehicles first, and one for each finding."""
         owner = {body: vehicle for vehicle, body in self.vehicles.items()}
+        person_of = {body: person for person, body in self.people.items()}
         for name in sorted(self.bodies, key=lambda name: (name not in owner, name)):
             label = name
             if owner.get(name, name) != name:
                 label = f"{name} ({owner[name]})"
-            remark = "" if name in owner else " – no vehicle of the fleet"
+            remark = ""
+            if name in person_of:
+                remark = f" – a person, {person_of[name]}, whom the vehicles avoid"
+            elif name not in owner:
+                remark = " – no vehicle of the fleet, nobody avoids it"
 
             body = self.bodies[name]
             x, y, z = body.position_enu_m
@@ -149,7 +155,8 @@ class MocapStatistics:
     def findings(self) -> Iterator[str]:
         """Yield a sentence for each fault."""
         for flipped in self.bodies.values():
-            if flipped.flips:
+            is_person = flipped.name in self.people.values()  # whose heading is not used
+            if flipped.flips and not is_person:
                 yield (
                     f"body '{flipped.name}' turned {flipped.flips} times faster than a vehicle "
                     "can: "
@@ -157,7 +164,7 @@ class MocapStatistics:
                     "distances between markers differ."
                 )
 
-        others = sorted(set(self.bodies) - set(self.vehicles.values()))
+        others = sorted(set(self.bodies) - {*self.vehicles.values(), *self.people.values()})
         for vehicle, name in self.vehicles.items():
             body = self.bodies.get(name)
             if body is None:

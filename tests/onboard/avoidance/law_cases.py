@@ -78,6 +78,7 @@ def neighbour_of(position, velocity=ZERO_3, command=ZERO_3, **changes):
         is_cooperative=True,
         is_paper_obstacle=True,
         table_index=0,
+        radius_m=0.0,
     )
     return made._replace(**changes)
 
@@ -156,6 +157,7 @@ def random_neighbour(rng, index, spread):
         is_cooperative=bool(rng.random() < 0.8),
         is_paper_obstacle=bool(rng.random() < 0.5),
         table_index=index,
+        radius_m=0.0,
     )
 
 

@@ -41,6 +41,7 @@ def neighbours_at(*spots, **changes):
             is_cooperative=True,
             is_paper_obstacle=True,
             table_index=index,
+            radius_m=0.0,
         )._replace(**changes)
         for index, p in enumerate(spots)
     ]

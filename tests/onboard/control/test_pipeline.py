@@ -60,6 +60,7 @@ def neighbours_of(positions, velocities=None):
             is_cooperative=True,
             is_paper_obstacle=True,
             table_index=index,
+            radius_m=0.0,
         )
         for index, (p, v) in enumerate(zip(positions, velocities, strict=True))
     ]  # fmt: skip

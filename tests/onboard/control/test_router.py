@@ -172,6 +172,7 @@ def facing(x: float, intent_m_s: float, *, is_cooperative: bool = True) -> Neigh
         is_cooperative=is_cooperative,
         is_paper_obstacle=False,
         table_index=0,
+        radius_m=0.0,
     )
 
 

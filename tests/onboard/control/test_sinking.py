@@ -114,6 +114,7 @@ def test_above_another_it_sinks_only_as_far_as_it_can_stop(
         is_cooperative=True,
         is_paper_obstacle=False,
         table_index=0,
+        radius_m=0.0,
     )
     height_m = 1.0 + gap_m
     own = Climb(

@@ -13,7 +13,7 @@ import msgspec
 import pytest
 
 from onboard.autopilot import Refused
-from onboard.config.fleet import CorrectionsConfig, FleetConfig, load_fleet
+from onboard.config.fleet import CorrectionsConfig, FleetConfig, Person, load_fleet
 from onboard.corrections.status import BaseFault, BaseJudgement, CorrectionsStatus
 from onboard.preflight import all_rules
 from onboard.preflight.all_rules import RULES
@@ -69,6 +69,7 @@ FINE = PreflightFacts(
     is_airborne=False,
     has_recorder=True,
 )
+VISITED = msgspec.structs.replace(FLEET, people={"anna": Person(), "ben": Person()})
 OWN_LAW = msgspec.structs.replace(FLEET, law=msgspec.structs.replace(FLEET.law, name="mine:law"))
 VARIANT = msgspec.structs.replace(
     FLEET, law=msgspec.structs.replace(FLEET.law, rotation="violated")
@@ -279,6 +280,10 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ("neighbours", "lossy"): (
         {"radio": RadioMeasured(0.05, "mav0", 0.31, "mav2")},
         "mav2 31 % are lost or late; the fleet file expects 10",
+    ),
+    ("people", "too near"): (
+        {"fleet": VISITED, "people_m": {"ben": 3.0, "anna": 0.62}},
+        "anna is 0.62 m away",
     ),
     ("configuration", "disabled"): (
         {"vehicle": msgspec.structs.replace(VEHICLE, enabled=False)},

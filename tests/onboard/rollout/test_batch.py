@@ -49,6 +49,7 @@ def random_neighbours(rng: np.random.Generator) -> list[Neighbour]:
             is_cooperative=bool(rng.random() < 0.8),
             is_paper_obstacle=k == 0,
             table_index=k,
+            radius_m=0.0,
         )
         for k in range(int(rng.integers(0, 8)))
     ]

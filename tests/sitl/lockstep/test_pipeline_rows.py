@@ -7,6 +7,7 @@ import pytest
 from onboard.config.fleet import load_fleet
 from onboard.control import pipeline
 from onboard.control.control_mode import ControlMode
+from onboard.neighbours.state_arrays import SCALAR_COLUMN
 from onboard.neighbours.table import NeighbourTable
 from onboard.rollout import batch
 from onboard.rollout.rows import floats
@@ -41,6 +42,7 @@ def neighbour(east_m: float, age_s: float, index: int) -> Neighbour:
         is_cooperative=True,
         is_paper_obstacle=False,
         table_index=index,
+        radius_m=0.0,
     )
 
 
@@ -98,4 +100,5 @@ def test_a_snapshot_is_the_rows_of_its_neighbours() -> None:
     seen = table.snapshot(NOW_NS + PERIODS_NS[0])
     packed = floats(batch.NEIGHBOUR.packed(list(seen)))
     assert (packed == seen.rows).all()
-    assert [row[-1] for row in packed] == [0.0, 1.0], "the indices tell them apart"
+    indices = packed[:, SCALAR_COLUMN["table_index"]].tolist()
+    assert indices == [0.0, 1.0], "the indices tell them apart"

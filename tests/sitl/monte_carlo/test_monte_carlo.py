@@ -232,7 +232,10 @@ def test_message_is_as_old_as_it_says(delay_s, ticks):
 
     nobody = np.zeros((1, 2), bool)
     station = radio.Radio(
-        moved(0), nobody, campaign_settings.SimulatedErrors(delay_s=delay_s, loss_share=0.0)
+        moved(0),
+        nobody,
+        campaign_settings.SimulatedErrors(delay_s=delay_s, loss_share=0.0),
+        radius_m=np.zeros((1, 2)),
     )
     vehicles = campaign_settings.setup_for().fleet(2)
     pilots = rollout_batch.FleetPipeline(

@@ -1,0 +1,124 @@
+"""Persons with markers in the motion capture, as neighbours that avoid nobody. Pure.
+
+A person sends no messages. His row is the motion of his body, so the law takes him like a vehicle
+that does not cooperate, with two differences:
+
+    The distance is kept to his circle (``radius_m``), within which his arms and legs are.
+
+    He is as high as the fence, so that nobody flies over him, also where the fleet file allows
+    vehicles to fly above each other.
+
+A person whose poses have stopped is unseen: he is avoided where he was last. After a longer time he
+counts as gone, for instance because he has left the room or taken the markers off.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.bus.schema import MocapPose
+from onboard.config.fleet import FleetConfig
+from onboard.neighbours.judged import tracked_numbers
+from onboard.neighbours.mocap_tracker import BodyTracker
+from onboard.neighbours.state_arrays import (
+    KNOWN,
+    SCALAR_COLUMN,
+    NeighbourSnapshot,
+    empty,
+)
+from onboard.tuples import Xyz
+
+UNSEEN_S = 0.25  # a person whose newest pose is older is unseen
+GONE_S = 10.0  # and gone if it is older than this
+
+_Z = 2  # column of the height in a row
+
+
+class People:
+    """The persons of the fleet file, in its order.
+
+    Args:
+        fleet: the fleet file.
+        first_index: number of the vehicles in the table of the neighbours; persons are counted from
+            there.
+    """
+
+    def __init__(self, fleet: FleetConfig, first_index: int) -> None:
+        self.names = tuple(fleet.people)
+        self.bodies = tuple(fleet.people_bodies.values())
+        self._indices = {body: index for index, body in enumerate(self.bodies)}
+        self._radii_m = [person.radius_m for person in fleet.people.values()]
+        self._top_m = fleet.fleet.geofence_m.z[1]
+        self._late_s = fleet.expected_radio.lateness_s
+        self._trackers = [BodyTracker() for _ in self.names]
+
+        nobody_succeeds = np.zeros(len(self.names), dtype=bool)
+        self._arrays = empty(nobody_succeeds, UNSEEN_S)
+        self._arrays.numbers[:, SCALAR_COLUMN["table_index"]] += first_index
+        self._arrays.numbers[:, SCALAR_COLUMN["radius_m"]] = self._radii_m
+
+    def hear_pose(self, pose: MocapPose, received_ns: int) -> bool:
+        """Take a pose of any body; return whether it is a usable one of a person."""
+        index = self._indices.get(pose.body)
+        if index is None:
+            return False
+
+        tracker = self._trackers[index]
+        if not tracker.hear(pose, received_ns):
+            return False
+
+        numbers = list(tracked_numbers(tracker))
+        numbers[_Z] = self._top_m
+        numbers[_Z + 3] = 0.0  # his vertical velocity
+        stamp_ns = min(tracker.stamp_ns, received_ns)
+        flags = (True, False, False)  # in the air, not cooperative, announces nothing
+        self._arrays.set_state(index, stamp_ns, tuple(numbers), flags)
+        return True
+
+    def beside(self, vehicles: NeighbourSnapshot, now_ns: int) -> NeighbourSnapshot:
+        """Return the neighbours of one tick with the persons added after the vehicles."""
+        is_here = self._is_here(now_ns)
+        if not is_here.any():
+            return vehicles
+
+        rows = self._arrays.numbers[is_here].copy()
+        rows[:, SCALAR_COLUMN["age_s"]] = self._ages_s(now_ns)[is_here]
+        return NeighbourSnapshot(np.vstack([vehicles.rows, rows]))
+
+    def distances_m(self, position_enu_m: Xyz, now_ns: int) -> dict[str, float]:
+        """Return the horizontal distance [m] from a position to the circle of each person.
+
+        A person's position is extrapolated, for at most the time after which he is unseen.
+        """
+        x, y, _ = position_enu_m
+        ages_s = self._ages_s(now_ns).tolist()
+        is_here = self._is_here(now_ns).tolist()
+        rows = self._arrays.numbers[:, :6].tolist()
+
+        distances_m = {}
+        for index, name in enumerate(self.names):
+            if is_here[index]:
+                ahead_s = min(ages_s[index], UNSEEN_S)
+                east_m, north_m, _, east_m_s, north_m_s, _ = rows[index]
+                to_east_m = east_m + ahead_s * east_m_s - x
+                to_north_m = north_m + ahead_s * north_m_s - y
+                distances_m[name] = math.hypot(to_east_m, to_north_m) - self._radii_m[index]
+        return distances_m
+
+    def unseen(self, now_ns: int) -> tuple[str, ...]:
+        """Return the persons whose poses have stopped, and who are not gone yet."""
+        if not self.names:
+            return ()
+        is_unseen = self._is_here(now_ns) & (self._ages_s(now_ns) > UNSEEN_S + self._late_s)
+        return tuple(self.names[index] for index in np.flatnonzero(is_unseen))
+
+    def _ages_s(self, now_ns: int) -> Array:
+        """Return the age (P,) [s] of each person's newest pose."""
+        return np.asarray(np.maximum(now_ns - self._arrays.stamp_ns, 0) * 1e-9)
+
+    def _is_here(self, now_ns: int) -> np.ndarray:
+        """Return whether each person (P,) has been seen and is not gone."""
+        return np.asarray(self._arrays.flags[KNOWN] & (self._ages_s(now_ns) <= GONE_S))

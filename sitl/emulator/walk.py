@@ -1,0 +1,45 @@
+"""Persons who walk to and fro along their path, for the emulated motion capture. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+_BODY_HEIGHT_M = 1.7  # of the markers on a head
+
+Point = tuple[float, float]  # east, north
+Position = tuple[float, float, float]  # east, north, up
+
+
+def position_at(points: Sequence[Point], speed_m_s: float, time_s: float) -> Position:
+    """Return where a person is [m], ENU.
+
+    He begins at the first point of his walk, goes to the last one and back again.
+
+    Args:
+        points: points of the walk, at least one.
+        speed_m_s: speed of the walk.
+        time_s: time since the start.
+    """
+    there_m = sum(math.dist(begin, end) for begin, end in pairwise(points))
+    if there_m == 0.0:
+        return (*points[0], _BODY_HEIGHT_M)
+
+    walked_m = (speed_m_s * max(time_s, 0.0)) % (2.0 * there_m)
+    along_m = min(walked_m, 2.0 * there_m - walked_m)  # on the way back it shrinks
+    return (*_point_at(points, along_m), _BODY_HEIGHT_M)
+
+
+def _point_at(points: Sequence[Point], along_m: float) -> Point:
+    """Return the point at a distance from the first one, along the segments."""
+    left_m = along_m
+    for begin, end in pairwise(points):
+        length_m = math.dist(begin, end)
+        if left_m < length_m:
+            share = left_m / length_m
+            east_m = begin[0] + share * (end[0] - begin[0])
+            north_m = begin[1] + share * (end[1] - begin[1])
+            return east_m, north_m
+        left_m -= length_m
+    return points[-1]
