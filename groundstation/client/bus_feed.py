@@ -21,7 +21,7 @@ from onboard.bus.topics import Topic
 
 MAX_QUEUED = 20_000
 DELIVERY_PERIOD_S = 0.02
-# topics whose messages are folded into the fleet's state
+# topics whose messages are folded into the fleet's state; if the file has people, ALL_POSES as well
 FOLDED = (Topic.TELEMETRY, Topic.EVENT, Topic.TRUTH, Topic.PREFLIGHT)
 # frequent topics, whose messages wait on the bus
 _COLLECTED = (Topic.TELEMETRY, Topic.TRUTH, Topic.STATE, Topic.TICK, Topic.MOCAP)
@@ -35,6 +35,7 @@ class BusFeed:
     Args:
         bus: bus that is not open yet.
         on_batch: function for all messages since its last call, called on the event loop.
+        folded: topics whose messages the client folds into the fleet's state.
         recorded: further topics, whose messages only the sinks receive.
         clock_ns: the ground's monotonic clock [ns].
         on_delivery: function that is called on the event loop before each delivery of a bus that is
@@ -46,13 +47,15 @@ class BusFeed:
         bus: Bus,
         on_batch: Callable[[Sequence[ReceivedMessage]], None],
         *,
+        folded: Sequence[Topic],
         recorded: Sequence[Topic],
         clock_ns: Callable[[], int],
         on_delivery: Callable[[], object],
     ) -> None:
         self.bus = bus
         self._on_batch = on_batch
-        self._topics = (*FOLDED, *(topic for topic in recorded if topic not in FOLDED))
+        self._folded = frozenset(folded)
+        self._topics = (*folded, *(topic for topic in recorded if topic not in folded))
         self._clock_ns = clock_ns
         self._on_delivery = on_delivery
         self._sinks: list[Sink] = []
@@ -187,7 +190,7 @@ class BusFeed:
             self.put(NotUsed(refused=1))
         else:
             self.tell_sinks(topic, name, message)
-            if topic in FOLDED:
+            if topic in self._folded:
                 self.put(message)
 
     # -- event loop --------------------------------------------------------------------------------

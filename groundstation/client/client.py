@@ -15,7 +15,7 @@ from dataclasses import replace
 
 from msgspec import structs
 
-from groundstation.client.bus_feed import DELIVERY_PERIOD_S, BusFeed, Sink
+from groundstation.client.bus_feed import DELIVERY_PERIOD_S, FOLDED, BusFeed, Sink
 from groundstation.client.direct_mavlink import send_direct
 from groundstation.client.fault_orders import order_fault
 from groundstation.client.ground_node import session, user_name
@@ -106,9 +106,13 @@ class FleetClient:
         self._stall = OwnStall(stall_clock_ns)
         self._lateness = OwnStall(stall_clock_ns, least_s=LATE_S)
         self._loop_lateness = LoopLateness(clock_ns, DELIVERY_PERIOD_S)
+        folded = list(FOLDED)
+        if fleet.people:
+            folded.append(Topic.ALL_POSES)
         self._feed = BusFeed(
             bus,
             self._take_batch,
+            folded=folded,
             recorded=extra_topics,
             clock_ns=clock_ns,
             on_delivery=self._notice_lateness,

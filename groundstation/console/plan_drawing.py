@@ -19,7 +19,7 @@ from groundstation.console import theme
 from groundstation.console.canvas import Canvas
 from groundstation.console.history import FAR_M, History
 from groundstation.console.theme import BAD, FAINT, RULE, TEXT, WARN
-from groundstation.fleet.state import VehicleView
+from groundstation.fleet.state import PersonView, VehicleView
 from onboard.arrays import Array
 from onboard.config.areas import edges_of
 from onboard.config.fleet import FleetConfig
@@ -252,11 +252,21 @@ class PlanScene:
     fleet: FleetConfig
     history: History
     views: Sequence[VehicleView]
+    people: Sequence[PersonView]
     # results of :func:`drawn_position`; a vehicle without a position is not drawn
     positions_enu_m: Mapping[str, PointEnu]
     now_ns: int
     selected: str | None
     marked: frozenset[str]
+
+    @property
+    def places_of_people(self) -> dict[str, PointEnu]:
+        """Where each person was seen last."""
+        places = {}
+        for person in self.people:
+            if person.position_enu_m is not None and _is_plausible(person.position_enu_m):
+                places[person.name] = person.position_enu_m
+        return places
 
     @property
     def is_dense(self) -> bool:
@@ -292,6 +302,7 @@ def draw_fleet(canvas: Canvas, scene: PlanScene) -> None:
             _draw_goal(canvas, scene.window, view, position, theme.vehicle_colour(index))
 
     _draw_circles(canvas, scene, too_close)
+    _draw_people(canvas, scene)
     _draw_avoidance(canvas, scene)
     _draw_labels(canvas, scene, too_close)
 
@@ -360,6 +371,29 @@ def _draw_circles(canvas: Canvas, scene: PlanScene, too_close: set[str]) -> None
         canvas.circles(np.array(centres), radius, colour, gap)
 
 
+def _draw_people(canvas: Canvas, scene: PlanScene) -> None:
+    """Draw the circle of each person who was seen, with the name; dotted if he is not seen now."""
+    window = scene.window
+    for person in scene.people:
+        position = scene.places_of_people.get(person.name)
+        if position is None:
+            continue
+
+        gap = 1
+        colour = WARN
+        if not person.is_fresh(scene.now_ns):
+            gap = 3
+            colour = FAINT
+
+        radius_m = scene.fleet.people[person.name].radius_m
+        centre = window.dot(*position[:2])
+        canvas.circles(np.array([centre]), radius_m * window.scale, colour, gap)
+
+        name = theme.clean(person.name, 12)
+        column, row = window.cell(*position[:2])
+        canvas.text(column - cell_len(name) // 2, row, name, colour)
+
+
 def _draw_avoidance(canvas: Canvas, scene: PlanScene) -> None:
     """Draw an arrow from each vehicle that the law holds back to the vehicle that it avoids."""
     window = scene.window
@@ -372,7 +406,7 @@ def _draw_avoidance(canvas: Canvas, scene: PlanScene) -> None:
             continue
 
         # an obstacle, the fence or the tilt limit can hold it back, too: then nobody is named
-        other = scene.positions_enu_m.get(last.avoids)
+        other = scene.positions_enu_m.get(last.avoids, scene.places_of_people.get(last.avoids))
         is_held_back = last.law_status.lower() not in ("", "inactive")
         if other is not None and is_held_back:
             if scene.is_emphasised(view.name):

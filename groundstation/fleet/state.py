@@ -36,7 +36,15 @@ from groundstation.fleet.unknown_time import (
     with_time,
 )
 from onboard.bus.codec import Malformed
-from onboard.bus.schema import Event, Light, Message, PreflightReport, Telemetry, Truth
+from onboard.bus.schema import (
+    Event,
+    Light,
+    Message,
+    MocapPoses,
+    PreflightReport,
+    Telemetry,
+    Truth,
+)
 from onboard.bus.topics import TOPICS, Topic
 from onboard.config.fleet import FleetConfig
 from onboard.config.pair_separation import separation_m
@@ -49,6 +57,7 @@ GROUND_STALLED = "ground_stalled"  # code of the event that the ground itself ha
 DIRECT_DISARMED = "direct_disarmed"
 TELEMETRY_STALE_NS = int(TOPICS[Topic.TELEMETRY].stale_after_s * 1e9)
 PREFLIGHT_STALE_NS = int(TOPICS[Topic.PREFLIGHT].stale_after_s * 1e9)
+PERSON_STALE_NS = int(TOPICS[Topic.ALL_POSES].stale_after_s * 1e9)
 TRUTH_STALE_NS = int(TOPICS[Topic.TRUTH].stale_after_s * 1e9)
 _NEVER = -(1 << 62)  # time of something that has not happened, long before every other time [ns]
 # A message with a lower number than the last one counts as overtaken, and is dropped, if the
@@ -223,11 +232,25 @@ class VehicleView(Struct, frozen=True):
         return self.telemetry.is_airborne
 
 
+class PersonView(Struct, frozen=True):
+    """A person of the fleet file as the ground knows him."""
+
+    name: str
+    body: str  # in the motion capture
+    position_enu_m: Xyz | None = None  # where he was seen last; None: never
+    seen_ns: int = _NEVER
+
+    def is_fresh(self, now_ns: int) -> bool:
+        """Whether he was seen a moment ago."""
+        return now_ns - self.seen_ns < PERSON_STALE_NS
+
+
 class FleetState(Struct, frozen=True):
     """The whole fleet as the ground knows it."""
 
     # in the order of the fleet file; vehicles that the file disables are added when they are heard
     vehicles: Mapping[str, VehicleView]
+    people: tuple[PersonView, ...] = ()  # in the order of the fleet file
     events: tuple[LoggedEvent, ...] = ()  # the newest MAX_EVENTS, oldest first
     nodes: frozenset[str] = frozenset()  # liveliness tokens of the bus
     # smallest separation so far while one of the two flew, by telemetry, without ground truth
@@ -321,6 +344,7 @@ def initial(fleet: FleetConfig) -> FleetState:
     fastest_m_s = max((fleet.vehicles[name].max_speed_m_s for name in enabled), default=0.0)
     return FleetState(
         vehicles=MappingProxyType({name: VehicleView(name) for name in enabled}),
+        people=tuple(PersonView(name, body) for name, body in fleet.people_bodies.items()),
         disabled=frozenset(fleet.vehicles) - {*enabled},
         height_share=fleet.fleet.height_share,
         top_speed_m_s=FASTEST_SHARE * fastest_m_s,
@@ -353,6 +377,8 @@ def fold(state: FleetState, message: Message, now_ns: int) -> FleetState:
         return _fold_preflight(state, message, now_ns)
     if isinstance(message, Light):
         return _fold_light(state, message)
+    if isinstance(message, MocapPoses):
+        return _fold_poses(state, message, now_ns)
     if isinstance(message, Event):
         return _fold_event(state, message, now_ns)
     return state
@@ -370,6 +396,18 @@ def _fold_light(state: FleetState, message: Light) -> FleetState:
     if view is None:
         return state
     return _with(state, replace(view, light=message.colour))
+
+
+def _fold_poses(state: FleetState, message: MocapPoses, now_ns: int) -> FleetState:
+    """Keep where the motion capture sees the persons of the fleet file."""
+    seen = {pose.body: pose for pose in message.poses if pose.is_tracked}
+    people = []
+    for person in state.people:
+        if person.body in seen:
+            position_enu_m = seen[person.body].position_enu_m
+            person = replace(person, position_enu_m=position_enu_m, seen_ns=now_ns)
+        people.append(person)
+    return replace(state, people=tuple(people))
 
 
 def _fold_event(state: FleetState, message: Event, now_ns: int) -> FleetState:

@@ -21,7 +21,7 @@ from groundstation.console.plan_drawing import (
 )
 from groundstation.console.theme import clean
 from groundstation.console.widgets.lines import Lines
-from groundstation.fleet.state import FleetState, VehicleView
+from groundstation.fleet.state import FleetState, PersonView, VehicleView
 from onboard.config.fleet import FleetConfig
 
 _Span = tuple[float, float]  # least and greatest coordinate in metres
@@ -74,6 +74,7 @@ class PlanView(Lines, can_focus=True):
 
         self._background_picture: tuple[Window, Canvas] | None = None
         self._views: list[VehicleView] = []
+        self._people: tuple[PersonView, ...] = ()
         self._positions_enu_m: dict[str, PointEnu] = {}
         self._selected: str | None = None
         self._marked: tuple[str, ...] = ()
@@ -94,6 +95,7 @@ class PlanView(Lines, can_focus=True):
             return
 
         self._views = views
+        self._people = state.people
         self._now_ns = now_ns
         self._selected = selected
         self._marked = marked
@@ -197,6 +199,7 @@ class PlanView(Lines, can_focus=True):
             fleet=self.fleet,
             history=self.history,
             views=self._views,
+            people=self._people,
             positions_enu_m=self._positions_enu_m,
             now_ns=self._now_ns,
             selected=self._selected,

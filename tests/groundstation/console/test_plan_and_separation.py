@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -13,8 +14,9 @@ from groundstation.console.history import closest_pairs
 from groundstation.console.widgets.fleet_table import FleetTable
 from groundstation.console.widgets.plan_view import PlanView
 from groundstation.console.widgets.separation_view import SeparationView
-from groundstation.fleet.state import VehicleView
-from onboard.config.fleet import FleetConfig
+from groundstation.fleet.state import VehicleView, fold
+from onboard.bus.schema import MocapPose, MocapPoses
+from onboard.config.fleet import FleetConfig, Person
 from tests.groundstation.console.fake import telemetry
 from tests.groundstation.console.scenes import SteadyClient, crowd, fly
 from tests.groundstation.console.seeing import lines, plan_of, see, table_of
@@ -211,6 +213,36 @@ async def test_an_obstacle_stands_in_the_plan_with_its_name() -> None:
 
         await pilot.press("escape")
         assert table_of(app).has_focus
+
+
+async def test_a_person_is_drawn_where_the_motion_capture_sees_him() -> None:
+    fleet = msgspec.structs.replace(crowd(4, side_m=8.0), people={"anna": Person(radius_m=1.0)})
+    client = SteadyClient(fleet)
+    app = ConsoleApp(client.fleet, client)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.press("tab", "z")
+        await see(app, pilot)
+        assert "anna" not in "\n".join(lines(app, PlanView))
+
+        seen = MocapPose(
+            body="anna",
+            boot_id=1,
+            sequence=1,
+            stamp_ns=client.now_ns(),
+            is_tracked=True,
+            position_enu_m=(-1.0, -2.0, 1.7),
+            quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
+        )
+        client.state = fold(client.state, MocapPoses(poses=(seen,)), client.now_ns())
+        await see(app, pilot)
+        assert "anna" in "\n".join(lines(app, PlanView))
+        [person] = client.state.people
+        assert person.is_fresh(client.now_ns())
+        assert not person.is_fresh(client.now_ns() + 2_000_000_000)
+
+        lost = msgspec.structs.replace(seen, is_tracked=False, position_enu_m=(3.0, 3.0, 1.7))
+        client.state = fold(client.state, MocapPoses(poses=(lost,)), client.now_ns())
+        assert client.state.people == (person,), "who is not tracked stays where he was seen last"
 
 
 async def test_a_picture_that_has_not_changed_is_not_drawn_again(
