@@ -27,7 +27,12 @@ pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 BY_SATELLITES_ONLY = {"feels_for_ground"}
 
 # Rows that do nothing in any situation: their conditions are told to people, and that is all.
-ONLY_REPORTED = {Condition.LOOP_LATE, Condition.OWN_LAW_REFUSED, Condition.NEIGHBOUR_BACK}
+ONLY_REPORTED = {
+    Condition.LOOP_LATE,
+    Condition.OWN_LAW_REFUSED,
+    Condition.NEIGHBOUR_BACK,
+    Condition.CORRECTIONS_OLD,
+}
 
 
 @functools.cache
