@@ -29,8 +29,8 @@ class Transport(Protocol):
         """Wait for bytes.
 
         Returns:
-            The bytes, and the address of their sender if the transport knows it. The bytes are
-            empty after a second without any, and after :meth:`stop`.
+            The bytes, and the address of their sender if the transport knows it. After a second
+            without any, and after :meth:`stop`, the bytes are empty.
         """
 
     def send(self, data: bytes, address: Address | None) -> bool:
@@ -116,11 +116,16 @@ class _Serial:
 
     def receive(self) -> tuple[bytes, Address | None]:
         try:
-            if self._poll.poll(_SERIAL_WAIT_MS):
-                return os.read(self._descriptor, _LARGEST), None
+            if not self._poll.poll(_SERIAL_WAIT_MS):
+                return b"", None
+            data = os.read(self._descriptor, _LARGEST)
         except OSError:  # closed, or unplugged
+            data = b""
+
+        # an unplugged device is readable at all times, and has no bytes
+        if not data:
             time.sleep(_SERIAL_WAIT_MS * 1e-3)
-        return b"", None
+        return data, None
 
     def send(self, data: bytes, address: Address | None) -> bool:
         try:

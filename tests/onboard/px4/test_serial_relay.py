@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import select
+import time
 from collections.abc import Iterator
 
 import pytest
@@ -95,3 +96,10 @@ def test_a_device_that_is_unplugged_or_takes_no_bytes_blocks_nobody(line: Line) 
         line.command()
     line.relay.stop()
     line.relay.stop()
+
+
+def test_an_unplugged_device_costs_no_computing_time(line: Line) -> None:
+    line.unplug()
+    computed_s = time.process_time()
+    time.sleep(1.0)
+    assert time.process_time() - computed_s < 0.3
