@@ -172,7 +172,8 @@ class MavlinkRelay:
 
         # packets of another vehicle, or of another component of this one
         if packet.component_id != AUTOPILOT_COMPONENT or packet.system_id != self._ids.system:
-            if packet.number == _HEARTBEAT and packet.component_id == AUTOPILOT_COMPONENT:
+            is_autopilot = packet.component_id == AUTOPILOT_COMPONENT
+            if packet.number == _HEARTBEAT and is_autopilot and packet.is_right:
                 self.other_system_id = packet.system_id
             self.refused = replace(self.refused, others=self.refused.others + 1)
             return

@@ -135,6 +135,19 @@ def test_only_the_first_autopilot_with_the_right_ids_is_heard_and_all_else_is_co
         outsider.socket.recv(100)
 
 
+def test_a_damaged_heartbeat_names_no_other_autopilot(start) -> None:
+    bench = start()
+    relay = bench.relay
+    px4 = bench.sender()
+    damaged = bytearray(px4.beat())
+    until(lambda: len(bench.let_in) == 1)
+
+    damaged[5] = 73  # its system id
+    px4.send(bytes(damaged))
+    until(lambda: relay.refused.others + relay.refused.malformed == 1)
+    assert relay.other_system_id is None
+
+
 def test_a_relay_with_a_key_hears_what_is_freshly_signed_and_signs_what_it_sends(start) -> None:
     bench = start(KEY)
     px4 = bench.sender(key=KEY)
