@@ -7,6 +7,7 @@ not: containers that share a temporary folder have separate ports and common ser
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import re
@@ -16,6 +17,7 @@ from pathlib import Path
 
 from onboard.autopilot import LinkError
 
+_UDP = re.compile(r"udpin://(?P<host>.+):(?P<port>\d+)")
 _NAMESPACE = "/proc/self/ns/net"  # its inode identifies the network namespace, see namespaces(7)
 
 
@@ -40,24 +42,21 @@ class PortClaim:
         if self._lock_fd is not None:
             return
 
-        udp = re.fullmatch(r"udpin://(.+):(\d+)", self.endpoint)
         path = Path(tempfile.gettempdir()) / f"covey-{os.getuid()}-{_key(self.endpoint)}.lock"
         fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if udp is not None:
-                with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-                    probe.bind((udp[1], int(udp[2])))
-        except OSError as error:
+            is_in_use = _is_bound(self.endpoint)
+        except OSError:
+            is_in_use = True
+
+        if is_in_use:
             os.close(fd)
-            name = self.endpoint
-            if udp is not None:
-                name = f"UDP port {udp[2]} of {self.endpoint}"
             raise LinkError(
-                f"{name} is in use ({error.strerror}). Another agent or ground station is "
+                f"{_in_words(self.endpoint)} is in use. Another agent or ground station is "
                 "connected to this autopilot: stop it, or change 'autopilot' of this vehicle in "
                 "the fleet file."
-            ) from None
+            )
         self._lock_fd = fd
 
     def release(self) -> None:
@@ -65,6 +64,34 @@ class PortClaim:
         if self._lock_fd is not None:
             os.close(self._lock_fd)
             self._lock_fd = None
+
+
+def _is_bound(endpoint: str) -> bool:
+    """Return whether another socket is bound to the UDP port at which an endpoint listens."""
+    udp = _UDP.fullmatch(endpoint)
+    if udp is None:
+        return False
+
+    host = udp["host"].strip("[]")
+    try:
+        found = socket.getaddrinfo(host, int(udp["port"]), type=socket.SOCK_DGRAM)
+        family, _, _, _, address = found[0]
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            probe.bind(address)
+    except OSError as error:
+        # the relay meets all other errors, and reports them, when it opens the endpoint
+        return error.errno == errno.EADDRINUSE
+    except ValueError:  # the host cannot be a name
+        return False
+    return False
+
+
+def _in_words(endpoint: str) -> str:
+    """Return the resource of an endpoint for a sentence."""
+    udp = _UDP.fullmatch(endpoint)
+    if udp is None:
+        return endpoint
+    return f"UDP port {udp['port']} of {endpoint}"
 
 
 def _key(endpoint: str) -> str:

@@ -17,6 +17,7 @@ from typing import Protocol
 from onboard.serial_device import open_serial
 
 Address = tuple[str, int]  # host and port
+_LAST_PORT = 65_535
 _LARGEST = 65_535  # number of bytes that are received at once
 _SOCKET_WAIT = struct.pack("ll", 1, 0)  # one second, as C's struct timeval (s, us)
 _SERIAL_WAIT_MS = 200  # short, because closing a serial device does not end a waiting read
@@ -53,11 +54,14 @@ def open_transport(endpoint: str) -> Transport:
         ValueError: The endpoint is written wrongly.
         OSError: The endpoint cannot be opened.
     """
-    match = re.fullmatch(r"(udpin|udpout)://(.+):(\d{1,5})", endpoint)
+    match = re.fullmatch(r"(udpin|udpout)://(.+):(\d+)", endpoint)
     if match is None:
         return _Serial(endpoint)
 
-    address = (match[2].strip("[]"), int(match[3]))
+    port = int(match[3])
+    if port > _LAST_PORT:
+        raise ValueError(f"{port} is no port")
+    address = (match[2].strip("[]"), port)
     return _Datagrams(address, listens=match[1] == "udpin")
 
 

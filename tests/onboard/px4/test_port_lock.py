@@ -10,6 +10,7 @@ import pytest
 
 from onboard.autopilot import LinkError
 from onboard.px4 import port_lock
+from onboard.px4.mavsdk_link import Px4Link
 from onboard.px4.port_lock import PortClaim
 
 DEVICE = f"/dev/covey-test-{os.getpid()}"
@@ -75,3 +76,26 @@ def test_different_autopilots_do_not_hinder_each_other() -> None:
         claim.take()
     for claim in claims:
         claim.release()
+
+
+def test_a_port_of_an_ipv6_address_is_claimed_and_refused_while_another_program_has_it() -> None:
+    with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as other:
+        other.bind(("::1", 0))
+        claim = PortClaim(f"udpin://[::1]:{other.getsockname()[1]}")
+        with pytest.raises(LinkError, match="is in use"):
+            claim.take()
+    claim.take()
+    claim.release()
+
+
+@pytest.mark.parametrize("host", ["203.0.113.1", "nobody.invalid"])
+def test_an_address_of_another_computer_is_not_called_in_use(host: str) -> None:
+    link = Px4Link(f"udpin://{host}:28993", 1)
+    with pytest.raises(LinkError, match=r"cannot be opened .* Correct 'autopilot'"):
+        link.start()
+
+
+def test_a_port_that_cannot_exist_is_refused_in_words() -> None:
+    link = Px4Link("udpin://127.0.0.1:70000", 1)
+    with pytest.raises(LinkError, match="70000 is no port"):
+        link.start()
