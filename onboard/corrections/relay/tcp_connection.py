@@ -42,6 +42,8 @@ async def connected(
             )
     except TimeoutError:
         raise SourceError(f"{address} does not answer within {answer_s:g} s.") from None
+    except UnicodeError:
+        raise SourceError(f"{address} cannot be reached: {host} is no name of a host.") from None
     except OSError as error:
         raise SourceError(f"{address} cannot be reached: {reason(error)}.") from None
 
