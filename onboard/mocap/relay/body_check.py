@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from msgspec.structs import replace
 
 from onboard.arrays import Array
 from onboard.bus.clock_sync import ClockNode
@@ -228,9 +229,15 @@ class MocapCheck:
     def _hear_pose(self, _topic: Topic, _name: str, message: Message | Malformed) -> None:
         if not isinstance(message, MocapPose):
             return
+
+        received_ns = time.monotonic_ns()
+        pose = self._clock.pose(message, received_ns)
+        if pose is None:  # the clock of its source is not known
+            pose = replace(message, stamp_ns=received_ns)
+
         own_s = self._own_s(message.source, message.stamp_ns)
         with self._lock:
-            self.statistics.add(message)
+            self.statistics.add(pose)
             if message.is_tracked and own_s is not None:
                 samples = self._bodies.setdefault(message.body, deque(maxlen=_MAX_SAMPLES))
                 samples.append((own_s, message.quaternion_enu_flu_wxyz))

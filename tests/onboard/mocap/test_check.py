@@ -5,15 +5,25 @@ stamps lag.
 from __future__ import annotations
 
 import math
+import threading
+import time
 from collections import deque
+from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
-from onboard.mocap.relay.body_check import BodyFinding, Samples, judge
+from onboard.bus.clock_offsets import Clocks
+from onboard.bus.schema import ClockMessage
+from onboard.bus.session import BusSession
+from onboard.bus.topics import Topic
+from onboard.config.fleet import FleetConfig, load_fleet
+from onboard.mocap.relay.body_check import BodyFinding, MocapCheck, Samples, judge
 from onboard.mocap.relay.statistics import MocapStatistics
+from tests.onboard.bus.sessions import started, until
 from tests.onboard.mocap.test_latency import quaternions, smooth
-from tests.onboard.mocap.test_mocap_relay import body_pose
+from tests.onboard.mocap.test_mocap_relay import body_pose, fleet_file
 
 _VEHICLES = {"mav0": "a", "mav1": "b"}
 
@@ -101,3 +111,55 @@ def test_markers_that_look_alike_from_two_sides_are_named() -> None:
         )
     assert report.bodies["a"].flips == 4
     assert any("look alike from several sides" in line for line in report.findings())
+
+
+class _RelayOfAnotherComputer:
+    """Sends poses of body "a", with stamps by a clock that is ahead of this computer's."""
+
+    def __init__(self, fleet: FleetConfig, ahead_s: float) -> None:
+        self.bus = BusSession(
+            namespace=fleet.namespace, node="mocap", listen=[fleet.simulator_endpoint]
+        )
+        self._ahead_ns = round(ahead_s * 1e9)
+        self._clocks = Clocks("mocap", host=1)
+
+    def _now_ns(self) -> int:
+        return time.monotonic_ns() + self._ahead_ns
+
+    def send_for(self, duration_s: float) -> None:
+        self.bus.subscribe(Topic.CLOCK, "*", self._hear)
+        end_s = time.monotonic() + duration_s
+        while time.monotonic() < end_s:
+            self.bus.publish(Topic.CLOCK, "mocap", self._clocks.message(self._now_ns()))
+            pose = body_pose(1e-9 * self._now_ns(), 0.1 * math.sin(time.monotonic()))
+            self.bus.publish(Topic.MOCAP, "a", replace(pose, source="mocap"))
+            time.sleep(0.02)
+
+    def _hear(self, _topic: Topic, _name: str, message: object) -> None:
+        if isinstance(message, ClockMessage):
+            self._clocks.hear(message, self._now_ns())
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("ahead_s", [-3600.0, 3600.0])
+def test_a_body_counts_as_tracked_by_when_its_poses_arrive_whatever_the_relays_clock(
+    tmp_path: Path, ahead_s: float
+) -> None:
+    fleet = load_fleet(fleet_file(tmp_path, mav0="a"))
+    relay = _RelayOfAnotherComputer(fleet, ahead_s)
+    lines: list[str] = []
+    check = MocapCheck(fleet, lines.append)
+    stopped = threading.Event()
+    options = {"seconds": None, "every_s": 0.3, "stopped": stopped}
+    checking = threading.Thread(target=check.run, kwargs=options)
+
+    with started(relay.bus):
+        checking.start()
+        try:
+            relay.send_for(3.0)
+            assert "a" in check.statistics.bodies
+            assert not any("'a' is not tracked now" in line for line in lines)
+            assert until(lambda: any("'a' is not tracked now" in line for line in lines))
+        finally:
+            stopped.set()
+            checking.join()

@@ -33,7 +33,7 @@ _LEVEL = (1.0, 0.0, 0.0, 0.0)
 pytest.importorskip("motioncapture", reason="the optional package 'motioncapture' is not installed")
 
 
-def _fleet_file(
+def fleet_file(
     folder: Path, mocap: dict | None = None, *, emulated: Sequence[str] = (), **bodies: str
 ) -> Path:
     data = tomllib.loads(_PAPER.read_text())
@@ -86,7 +86,7 @@ def _command(path: Path, *more: str) -> list[str]:
 
 
 def test_the_process_puts_every_body_on_the_bus_and_ends_cleanly_on_ctrl_c(tmp_path: Path) -> None:
-    path = _fleet_file(tmp_path)
+    path = fleet_file(tmp_path)
     fleet = load_fleet(path)
     with _Ear(fleet) as ear:
         command = _command(path, "--source", "mock", "--seconds", "30")
@@ -111,7 +111,7 @@ def test_the_process_puts_every_body_on_the_bus_and_ends_cleanly_on_ctrl_c(tmp_p
 
 
 def test_two_relays_of_one_fleet_cannot_run(tmp_path: Path) -> None:
-    path = _fleet_file(tmp_path)
+    path = fleet_file(tmp_path)
     with subprocess.Popen(
         _command(path, "--source", "mock"), stdout=subprocess.PIPE, text=True
     ) as first:
@@ -142,7 +142,7 @@ def test_wrong_input_and_a_silent_system_have_a_sentence_and_a_status(
     tmp_path: Path, arguments: list[str], status: int, words: str
 ) -> None:
     found = subprocess.run(
-        _command(_fleet_file(tmp_path), *arguments), capture_output=True, text=True, timeout=60
+        _command(fleet_file(tmp_path), *arguments), capture_output=True, text=True, timeout=60
     )
     assert found.returncode == status
     assert words in found.stdout + found.stderr
@@ -160,7 +160,7 @@ def test_unknown_missing_unnameable_and_emulated_bodies_are_reported_and_the_res
     with NatNetServer(names, bodies) as server:
         table: dict = {"source": "motioncapture", "type": "optitrack", "hostname": "127.0.0.1"}
         table["options"] = {"port_command": server.port}
-        fleet = load_fleet(_fleet_file(tmp_path, table, emulated=["mav2"], mav2="third"))
+        fleet = load_fleet(fleet_file(tmp_path, table, emulated=["mav2"], mav2="third"))
         lines: list[str] = []
         relay = MocapRelay(fleet, lines.append)
         with _Ear(fleet) as ear:
