@@ -35,6 +35,11 @@ _SHOWN = (
     "ExecMainStatus",
     "MainPID",
 )
+# systemd's property ``SubState`` -> what the service does meanwhile, in words
+_ON_THE_WAY = {
+    "start": "is starting: its first tick has not run yet",
+    "stop-sigterm": "is stopping: in flight it lands first",
+}
 # systemd's property ``Result`` -> why a service does not run, in words
 _ENDED_BECAUSE = {
     "watchdog": "its control loop hung",
@@ -233,6 +238,11 @@ def status(service: Service) -> int:
         text = values.get("StatusText") or "no status yet"
         print(f"{service.unit} runs (process {values.get('MainPID')}{again}): {text}.")
         return EXIT_OK
+
+    on_the_way = _ON_THE_WAY.get(values.get("SubState", ""))
+    if on_the_way is not None:
+        print(f"{service.unit} {on_the_way}.")
+        return EXIT_FAILED
 
     result = values.get("Result", "")
     unknown = f"{result}, exit status {values.get('ExecMainStatus')}"

@@ -198,6 +198,22 @@ def test_a_folder_that_cannot_be_written_says_so(
             1,
             "exit-code, exit status 2",
         ),
+        (
+            "LoadState=loaded\nActiveState=activating\nSubState=start\nResult=success",
+            1,
+            "is starting: its first tick has not run yet",
+        ),
+        (
+            "LoadState=loaded\nActiveState=activating\nSubState=auto-restart\nResult=exit-code"
+            "\nExecMainStatus=1\nNRestarts=3",
+            1,
+            "exit-code, exit status 1",
+        ),
+        (
+            "LoadState=loaded\nActiveState=deactivating\nSubState=stop-sigterm\nResult=success",
+            1,
+            "is stopping: in flight it lands first",
+        ),
         ("LoadState=not-found", 2, "is not installed"),
     ],
 )
