@@ -23,6 +23,7 @@ bounds, these replace the known ones: the sender has probably started anew.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 from onboard.bus.schema import ClockMessage, HeardClock
@@ -72,7 +73,7 @@ class Peer:
         return low_ns, high_ns
 
     def raised_low(self, low_ns: int, now_ns: int) -> Peer:
-        """Return the peer with a new lower bound if that is narrower than the known one.
+        """Return the peer with a new lower bound if that is higher than the known one.
 
         Args:
             low_ns: bound that follows from a message that arrives now.
@@ -86,7 +87,7 @@ class Peer:
         return replace(self, low_ns=low_ns, low_at_ns=now_ns)
 
     def lowered_high(self, high_ns: int, at_ns: int) -> Peer:
-        """Return the peer with a new upper bound if that is narrower than the known one.
+        """Return the peer with a new upper bound if that is lower than the known one.
 
         Args:
             high_ns: bound that follows from the time at which one of our messages reached it.
@@ -119,7 +120,7 @@ class Clocks:
     host: int  # our own host id
     restarts: int = 0  # how often the bounds of a node were replaced after a contradiction
     _peers: dict[str, Peer] = field(default_factory=dict)
-    # node -> peer by messages that contradict the known one, and how many in a row agree on it
+    # node -> another peer, by messages that contradict the known one, and how many in a row agree
     _contradictions: dict[str, tuple[Peer, int]] = field(default_factory=dict)
     _sequence: int = 0
 
@@ -242,7 +243,7 @@ class Clocks:
     def _make_room(self, now_ns: int) -> bool:
         """Return whether one more node can be remembered.
 
-        If there are too many, one that was silent for a minute is forgotten.
+        If the table is full, a node that was silent for a minute is forgotten.
         """
         if len(self._peers) >= _MAX_NODES:
             oldest, peer = min(tuple(self._peers.items()), key=lambda item: item[1].received_ns)
@@ -344,7 +345,9 @@ class Clocks:
         for name, peer in tuple(self._peers.items()):
             if peer.host != self.host and now_ns - peer.received_ns < _FORGET_NS:
                 offset = self.offset_s(name, now_ns)
-                errors[name] = float("inf") if offset is None else offset[1]
+                errors[name] = math.inf
+                if offset is not None:
+                    _, errors[name] = offset
         return errors
 
 

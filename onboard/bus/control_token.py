@@ -22,9 +22,9 @@ CONTROL_CLAIMS: tuple[ControlClaim, ...] = get_args(ControlClaim)
 
 EMERGENCY: tuple[OrderKind, ...] = ("land", "hold", "kill")  # orders that end a flight or a path
 OPEN_TO_ALL: tuple[OrderKind, ...] = (*EMERGENCY, "pause")  # orders that anybody may send
-# Orders that are open to every ground of the person who operates, because a script or a mission
-# operates in its own process while its person watches from another one. To fly home, a move that
-# lands, is open in the same way.
+# Orders that are open to every ground of the person who operates. A script or a mission operates in
+# its own process, while its person watches from another one. A move that lands, to fly home, is
+# open in the same way.
 _OF_THE_PERSON: tuple[OrderKind, ...] = ("resume", "skip")
 
 # End of the sentence with which a vehicle refuses a mission's order, because that would replace a
@@ -67,8 +67,8 @@ class ControlToken:
         Args:
             other: token of the other ground.
         Returns:
-            True for the next term only. If any later term counted, nobody could take control from a
-            false claim with the last term.
+            True for the next term only. If every later term counted, a false claim with the last
+            term would keep control for ever.
         """
         return self.term == next_term(other.term)
 

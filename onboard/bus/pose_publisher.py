@@ -35,10 +35,10 @@ class PosePublisher:
         """
         self._bus.publish(Topic.MOCAP, pose.body, pose)
 
-        # All bodies are published when their time has come. They are also published if it is more
-        # than a period ahead, which shows that the stamps have jumped back.
         until_due_ns = self._due_ns - pose.stamp_ns
-        if not 0 <= until_due_ns <= _PERIOD_NS:
+        is_due = until_due_ns < 0
+        has_jumped_back = until_due_ns > _PERIOD_NS  # the stamps, for instance of a new source
+        if is_due or has_jumped_back:
             self._due_ns = pose.stamp_ns + _PERIOD_NS
             self._publish_together()
 

@@ -24,8 +24,8 @@ RefusalCode = Literal[
 class UntrustedOrder:
     """An order whose signature a fleet with keys does not accept: counted, answered, not obeyed.
 
-    In a flood of orders nobody is answered. A genuine order may be among them: its ground gets no
-    reply, and then sends land and kill straight to PX4.
+    In a flood of orders nobody is answered. The ground of a genuine order among them gets no reply;
+    it then sends land and kill straight to PX4.
     """
 
     code: RefusalCode  # for programs and for counts

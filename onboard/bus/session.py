@@ -37,8 +37,8 @@ from onboard.bus.topics import TOPICS, Delivery, Topic, key, topic_and_name
 from onboard.bus.zenoh_settings import Setting, of_client, of_node
 from onboard.native_threads import keep_thread_state
 
-# One thread for all network work: each of zenoh's five runtimes hands its work over to `net`. By
-# default each has a thread, and one of them wakes up another for every message, which costs more
+# One thread for all network work: zenoh's other runtimes hand their work over to `net`. By default
+# each runtime has a thread, and for every message one thread wakes up another, which costs more
 # than to read the message. Zenoh reads this variable when the first session opens.
 _RUNTIMES = (
     "rx: (handover: net)",
@@ -67,9 +67,9 @@ _URGENT = (Topic.STATE, Topic.MOCAP)
 # Topics that all others overtake: on a radio without free capacity they are dropped first.
 _LAST = (Topic.CORRECTIONS, Topic.LOG_PIECES)
 
-# Topics whose messages fit into one datagram. Over QUIC a larger message would not arrive at all,
-# so the messages of all other topics, such as ticks and preflight reports, are sent in streams. A
-# publisher with LATEST delivery drops a message in a stream, too, rather than wait.
+# Topics whose messages fit into one datagram. Over QUIC a larger message would not arrive in a
+# datagram, so all other topics, such as ticks and preflight reports, are sent in streams. In a
+# stream, too, a publisher with LATEST delivery drops a message rather than wait.
 _IN_DATAGRAMS = (Topic.STATE, Topic.FAR, Topic.MOCAP, Topic.ALL_POSES, Topic.TRUTH)
 
 

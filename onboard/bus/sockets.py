@@ -17,12 +17,12 @@ import threading
 
 _LINGER = struct.Struct("ii")  # C's struct linger: on or off, seconds
 
-# Times from one search for new sockets to the next: in general, and after some were found. A peer's
-# link is closed a second after its last message, hence always later than its socket is found here.
-# But connections of a stranger are closed at once: until their sockets are found here, each closing
-# holds up all other links. One search costs an agent, with about twenty open files, 0.1 ms.
-_PERIOD_S = 0.1
-_SOON_S = 0.01
+# The link of a silent peer is closed a second after its last message, so a search in time finds its
+# socket before that. The connection of a program that is no node is closed at once, and each such
+# closing holds up all other links until the socket is found. One search costs an agent, with about
+# twenty open files, 0.1 ms.
+_PERIOD_S = 0.1  # from one search for new sockets to the next
+_SOON_S = 0.01  # the same, after a search that found some
 
 
 class PromptSockets:

@@ -24,8 +24,9 @@ ROUTER_LEASE_MS = 500
 
 # Over QUIC the lease is a tenth longer, so that an outage of one second is over when the link is
 # closed. A closed link is opened anew at once, and a lost first packet would be repeated only a
-# second later. The last keep-alive came up to 0.11 s, their period, before the outage, so the link
-# is closed 0.99 s to 1.10 s after its begin: too early in one of ten such outages, by 0.01 s.
+# second later. The last keep-alive came up to 0.11 s before the outage, since that is the period of
+# keep-alives. So the link is closed 0.99 s to 1.10 s after the begin of the outage: in one of ten
+# outages of a second by up to 0.01 s too early.
 QUIC_LEASE_MS = 1100
 _KEEP_ALIVES = 10  # sent on a silent link in one lease
 
@@ -34,14 +35,15 @@ _KEEP_ALIVES = 10  # sent on a silent link in one lease
 # is closed meanwhile waits for its end.
 _OPEN_MS = 3000
 
-# The same with several routers: after this time the next one is tried.
+# Longest time to open a link to one of several routers; then the next router is tried.
 _ROUTER_OPEN_MS = 500
 
-# Longest round trips over which a link can be opened. Of _OPEN_MS, three of them over QUIC leave
-# 1.2 s, enough to repeat a first packet that was lost, and four over TLS leave 0.6 s.
+# Longest round trip over which a link can be opened within _OPEN_MS. Three such round trips over
+# QUIC leave 1.2 s, enough to repeat a lost first packet; four over TLS leave 0.6 s.
 LONGEST_ROUND_TRIP_S = 0.6
 
-# The same with several routers. Of _ROUTER_OPEN_MS hardly any time is left.
+# Longest round trip over which a link can be opened within _ROUTER_OPEN_MS, with hardly any time to
+# spare.
 LONGEST_ROUND_TRIP_OF_ROUTERS_S = 0.15
 LONGEST_ROUND_TRIP_OF_TLS_ROUTERS_S = 0.12
 
