@@ -29,8 +29,9 @@ class BusNodes:
 
     def update(self, node: str, is_alive: bool, now_ns: int) -> None:
         """Take the appearance or the end of a node."""
-        # Nodes named GROUND may give orders, as operator or not. Others show roles only.
-        if not node.startswith(GROUND):
+        # Grounds may give orders, as operator or not. Others show roles only.
+        first_word = node.partition("-")[0]
+        if first_word != GROUND:
             self.roles.see(node, is_alive)
             return
 

@@ -68,6 +68,9 @@ _KEYED = ("quic/", "tls/")  # schemes of endpoints whose links use keys
 # certificate authority
 _NODE_NAMES = ("ground", "viewer", "mocap", "corrections", "sitl", "router", "ca")
 
+# first words of the names of nodes that agents recognise by them
+_NODE_WORDS = ("ground", "watcher", "recorder", "sitl")
+
 _WITHOUT_SIGNING = ("1.16", "1.17")  # versions of PX4 that do not sign MAVLink
 
 
@@ -88,6 +91,7 @@ def _problems(config: FleetConfig) -> Iterator[str]:
     yield from _law_problems(config)
     for vehicle in config.vehicles.values():
         yield from _vehicle_problems(config, vehicle)
+    yield from _name_problems(config)
     yield from _double_problems(config)
 
     bodies = {name: vehicle.body for name, vehicle in config.vehicles.items()}
@@ -286,6 +290,17 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
             f"'vehicles.{name}.start_enu_m' {list(vehicle.start_enu_m)} lies outside "
             "fleet.geofence_m. Move the start or widen the fence."
         )
+
+
+def _name_problems(config: FleetConfig) -> Iterator[str]:
+    """Yield a sentence for each vehicle that agents would take for another kind of node."""
+    for name in config.vehicles:
+        first_word = name.partition("-")[0]
+        if first_word in _NODE_WORDS:
+            yield (
+                f"A vehicle is named '{name}', as nodes of the kind '{first_word}' are. Give it "
+                "another name."
+            )
 
 
 def _double_problems(config: FleetConfig) -> Iterator[str]:

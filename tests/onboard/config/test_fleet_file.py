@@ -125,6 +125,14 @@ def test_an_autopilot_s_endpoint_is_of_its_companion() -> None:
         fleet_from_mapping(data)
 
 
+@pytest.mark.parametrize("name", ["ground", "ground-east", "watcher-2", "recorder-a", "sitl-1"])
+def test_a_vehicle_whose_name_is_that_of_another_kind_of_node_is_refused(name: str) -> None:
+    data = paper_data()
+    data["vehicles"][name] = data["vehicles"].pop("mav2")
+    with pytest.raises(ConfigError, match=f"A vehicle is named '{name}'"):
+        fleet_from_mapping(data)
+
+
 def test_a_missing_key_of_a_vehicle_is_named() -> None:
     for key in ("system_id", "start_enu_m", "agent", "autopilot"):
         data = paper_data()
