@@ -7,11 +7,15 @@ can be flown again as paths of a mission.
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 from groundstation.recording.reader import Sample, is_number, is_vector, of_one_flight, read
 from onboard.config.fleet import ConfigError
 from onboard.frames import yaw_from_quaternion
+
+# Form of a vehicle's name. A record may come from anybody, and each name becomes that of a file.
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
 
 def flown_paths(folder: Path, rate_hz: float) -> dict[str, list[str]]:
@@ -42,10 +46,14 @@ def flown_paths(folder: Path, rate_hz: float) -> dict[str, list[str]]:
 def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> list[Path]:
     """Write a CSV file for each vehicle; return the files.
 
+    A vehicle whose name could lead out of the folder is left out.
+
     Raises:
         ConfigError: there is no record, or it has no positions.
     """
-    flown = flown_paths(folder, rate_hz)
+    flown = {
+        name: lines for name, lines in flown_paths(folder, rate_hz).items() if _NAME.fullmatch(name)
+    }
     if not flown:
         raise ConfigError(f"{folder}: the record has no positions.")
 

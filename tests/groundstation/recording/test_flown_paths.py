@@ -8,8 +8,11 @@ import pytest
 
 from groundstation.cli import main
 from groundstation.paths.path_files import load_path
+from groundstation.recording.flown_paths import write_csvs
+from onboard.bus.topics import Topic
 from onboard.control.path import point_at
-from tests.groundstation.recorded import record, spot
+from tests.groundstation.recorded import SECOND, record, spot, tick
+from tests.groundstation.recording.test_damaged_records import write
 
 
 def test_a_record_becomes_paths_that_lead_where_it_flew(tmp_path: Path) -> None:
@@ -23,3 +26,13 @@ def test_a_record_becomes_paths_that_lead_where_it_flew(tmp_path: Path) -> None:
     path = load_path(tmp_path / "csv" / "mav0.csv")
     assert point_at(path, 5.25).position_enu_m == pytest.approx(spot(0, 5.0), abs=0.02)
     assert main(["replay", str(tmp_path), "--csv", str(tmp_path / "none")]) == 2
+
+
+def test_a_name_in_a_record_never_leads_out_of_the_folder(tmp_path: Path) -> None:
+    names = ("mav0", "../outside", "/tmp/outside", "..")
+    write(tmp_path / "flight", [(Topic.TICK, name, tick(SECOND)) for name in names])
+
+    paths = write_csvs(tmp_path / "flight", tmp_path / "out" / "csv")
+
+    assert paths == [tmp_path / "out" / "csv" / "mav0.csv"]
+    assert list(tmp_path.rglob("*.csv")) == paths
