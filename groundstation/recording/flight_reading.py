@@ -25,7 +25,7 @@ import numpy as np
 
 from groundstation.recording.audit import TOPICS as ORDER_TOPICS
 from groundstation.recording.audit import trail_of
-from groundstation.recording.channels import from_json
+from groundstation.recording.channels import MAX_STAMP_NS, from_json
 from groundstation.recording.recorded_flight import (
     Flight,
     StateRows,
@@ -348,6 +348,10 @@ class _Collected:
 
     def add(self, raw: RawChannel) -> None:
         """Add the messages of one channel; those that cannot be decoded are counted."""
+        possible = _with_possible_stamps(raw)
+        self.malformed += len(raw.datas) - len(possible.datas)
+        raw = possible
+
         if raw.topic in ORDER_TOPICS:
             self._add_order_messages(raw)
             return
@@ -407,6 +411,20 @@ class _Collected:
                 self.malformed += 1
                 continue
             self.messages.append(RecordedMessage(stamp_ns, raw.topic, raw.name, message))
+
+
+def _with_possible_stamps(raw: RawChannel) -> RawChannel:
+    """Return the messages whose stamps fit into a signed number of 64 bits, as an array needs."""
+    if not raw.stamps_ns or (min(raw.stamps_ns) >= 0 and max(raw.stamps_ns) <= MAX_STAMP_NS):
+        return raw
+
+    stamps_ns = []
+    datas = []
+    for stamp_ns, data in zip(raw.stamps_ns, raw.datas, strict=True):
+        if 0 <= stamp_ns <= MAX_STAMP_NS:
+            stamps_ns.append(stamp_ns)
+            datas.append(data)
+    return raw._replace(stamps_ns=stamps_ns, datas=datas)
 
 
 # -- the flight ------------------------------------------------------------------------------------

@@ -8,10 +8,12 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from mcap.writer import Writer
 
 from groundstation.client.preflight_page import PageLine, VehiclePage, as_text
 from groundstation.figures.data import TOPICS, from_samples
 from groundstation.flights.mission_flight import clock_say
+from groundstation.recording.flight_reading import read_flight
 from groundstation.recording.flight_report import report
 from groundstation.recording.reader import read
 from groundstation.recording.writer import MAX_CHANNELS, RecordFiles, RecordWriter
@@ -66,6 +68,22 @@ def test_a_flipped_bit_never_ends_figures_or_report_with_an_exception(tmp_path: 
         path.write_bytes(damaged)
         report(tmp_path)
         from_samples(read(tmp_path, TOPICS), title="x", safety_distance_m=0.8)
+
+
+def test_a_stamp_beyond_64_bits_is_left_out_and_counted(tmp_path: Path) -> None:
+    with (tmp_path / "flight.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("covey.TickSample", "jsonschema", b"{}")
+        channel = writer.register_channel("tick/mav0", "json", schema)
+        for log_time_ns in (SECOND, 2 * SECOND, 2**63):
+            writer.add_message(channel, log_time_ns, b'{"period_s": 0.02}', log_time_ns)
+        writer.finish()
+
+    flight = read_flight(tmp_path)
+
+    assert flight.vehicles["mav0"].ticks.size == 2
+    assert "1 messages could not be decoded and are left out." in flight.notes
 
 
 def test_messages_of_another_shape_are_left_out(tmp_path: Path) -> None:
