@@ -135,5 +135,5 @@ def _former_folder(fleet: FleetConfig) -> Path:
 
 def _former_authorities(fleet: FleetConfig) -> list[Path]:
     """Return the folders of former authorities, the newest first."""
-    folders = _former_folder(fleet).glob("[0-9]*")
+    folders = [path for path in _former_folder(fleet).glob("[0-9]*") if path.name.isdecimal()]
     return sorted(folders, key=lambda path: int(path.name), reverse=True)

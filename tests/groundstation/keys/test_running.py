@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.cli import main
-from groundstation.keys.running import running_authorities
+from groundstation.keys.running import keep_former, running_authorities
 from groundstation.keys.secured_fleet import secure_fleet
 from groundstation.processes.free_ports import toml_text, with_free_ports
 from onboard.bus.session import BusSession
@@ -80,3 +80,20 @@ def test_a_mocap_relay_that_was_forgotten_is_found_although_all_vehicles_answer(
         authorities = running_authorities(fleet)
 
     assert authorities == {**dict.fromkeys(fleet.enabled_names, "present"), "mocap": "former"}
+
+
+def test_a_folder_of_another_name_beside_former_authorities_is_left_alone(tmp_path: Path) -> None:
+    fleet = _secured(tmp_path)
+    keep_former(fleet)
+    (tmp_path / "keys-former" / "1 (copy)").mkdir()
+
+    keep_former(fleet)
+
+    assert (tmp_path / "keys-former" / "2" / "viewer.pem").exists()
+
+
+def _secured(folder: Path) -> FleetConfig:
+    paper = load_fleet(PAPER)
+    file = folder / "fleet.toml"
+    file.write_text(toml_text(with_free_ports(tomllib.loads(paper.text), paper)), encoding="utf-8")
+    return secure_fleet(str(file), datetime.datetime.now(datetime.UTC))
