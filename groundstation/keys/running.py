@@ -37,7 +37,11 @@ def keep_former(fleet: FleetConfig) -> None:
     if not all(file.exists() for file in files):
         return
 
-    number = len(_former_authorities(fleet)) + 1
+    newest_first = _former_authorities(fleet)
+    number = 1
+    if newest_first:
+        number = int(newest_first[0].name) + 1
+
     former_folder = _former_folder(fleet) / str(number)
     make_key_folder(_former_folder(fleet))
     former_folder.mkdir(mode=0o700, exist_ok=True)

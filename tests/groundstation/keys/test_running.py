@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import shutil
 import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -12,7 +13,7 @@ import pytest
 
 from groundstation.cli import main
 from groundstation.keys.running import keep_former, running_authorities
-from groundstation.keys.secured_fleet import secure_fleet
+from groundstation.keys.secured_fleet import renew_authority, secure_fleet
 from groundstation.processes.free_ports import toml_text, with_free_ports
 from onboard.bus.session import BusSession
 from onboard.config.fleet import FleetConfig, load_fleet
@@ -80,6 +81,23 @@ def test_a_mocap_relay_that_was_forgotten_is_found_although_all_vehicles_answer(
         authorities = running_authorities(fleet)
 
     assert authorities == {**dict.fromkeys(fleet.enabled_names, "present"), "mocap": "former"}
+
+
+def test_a_former_authority_is_not_overwritten_after_an_older_one_was_removed(
+    tmp_path: Path,
+) -> None:
+    fleet = _secured(tmp_path)
+    keep_former(fleet)
+    keep_former(fleet)
+    former = tmp_path / "keys-former"
+    shutil.rmtree(former / "1")
+    kept = (former / "2" / "viewer.pem").read_bytes()
+
+    renew_authority(fleet, datetime.datetime.now(datetime.UTC))
+    keep_former(fleet)
+
+    assert (former / "2" / "viewer.pem").read_bytes() == kept
+    assert (former / "4" / "viewer.pem").read_bytes() != kept
 
 
 def test_a_folder_of_another_name_beside_former_authorities_is_left_alone(tmp_path: Path) -> None:
