@@ -65,6 +65,9 @@ def make_authority(folder: Path, fleet_name: str, now: datetime.datetime) -> Cer
         folder: folder of the keys.
         fleet_name: name of the fleet, for the authority's common name.
         now: present time. The certificate is valid from a day before.
+
+    Raises:
+        ConfigError: the files cannot be written.
     """
     key = ec.generate_private_key(ec.SECP256R1())
     name = _name(f"{fleet_name} authority")
@@ -137,6 +140,9 @@ def issue(
         node: name of a vehicle or a role, which becomes the common name.
         hosts: addresses and names at which other nodes reach this node.
         now: present time. The certificate is valid from a day before.
+
+    Raises:
+        ConfigError: the files cannot be written.
     """
     key = ed25519.Ed25519PrivateKey.generate()
     constraints = x509.BasicConstraints(ca=False, path_length=None)
@@ -183,7 +189,10 @@ def _address(host: str) -> x509.GeneralName:
 
 
 def _write(path: Path, certificate: x509.Certificate) -> None:
-    path.write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
+    try:
+        path.write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
+    except OSError as error:
+        raise _unwritable(path, error) from None
 
 
 def _write_key(path: Path, key: _Key) -> None:
@@ -193,7 +202,16 @@ def _write_key(path: Path, key: _Key) -> None:
         serialization.PrivateFormat.PKCS8,
         serialization.NoEncryption(),
     )
-    path.unlink(missing_ok=True)
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    with os.fdopen(descriptor, "wb") as file:
-        file.write(pem)
+    try:
+        path.unlink(missing_ok=True)
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(pem)
+    except OSError as error:
+        raise _unwritable(path, error) from None
+
+
+def _unwritable(path: Path, error: OSError) -> ConfigError:
+    return ConfigError(
+        f"{path} cannot be written ({error.strerror}). Correct its permissions, or make room."
+    )

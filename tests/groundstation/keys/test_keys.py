@@ -56,6 +56,18 @@ def test_a_second_call_changes_nothing_and_makes_what_is_missing(folder: Path) -
     assert {name for name in before if before[name] != after[name]} == {"mav1.key", "mav1.pem"}
 
 
+def test_a_key_that_cannot_be_written_is_refused_in_a_sentence(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    key = folder / "keys" / "mav1.key"
+    key.unlink()
+    (folder / "keys" / "mav1.pem").unlink()
+    key.mkdir()
+
+    assert main(["secure", str(folder / "fleet.toml")]) == 2
+    assert f"{key} cannot be written" in capsys.readouterr().err
+
+
 def test_the_place_of_the_keys_is_no_part_of_what_agents_compare(folder: Path) -> None:
     fleet = load_fleet(folder / "fleet.toml")
     data, path, _ = read_toml(folder / "fleet.toml", "fleet file")
