@@ -33,7 +33,11 @@ def interfaces() -> list[Diagnosis]:
 
     found = []
     for name in names:
-        if (_INTERFACES / name / "operstate").read_text().strip() == "down":
+        try:
+            state = (_INTERFACES / name / "operstate").read_text().strip()
+        except OSError:
+            continue  # no interface, such as bonding_masters, or one that was just removed
+        if state == "down":
             continue
 
         packets = _packets(name)

@@ -13,6 +13,7 @@ import msgspec
 import pytest
 
 from groundstation.cli import main
+from groundstation.network import network_interfaces
 from groundstation.network.diagnosis import Diagnosis, Grade, as_text
 from groundstation.network.link_checks import Heard, judged
 from groundstation.network.machine import machine
@@ -107,6 +108,14 @@ def test_this_computer_is_looked_at_in_one_line_each(
         "disk's speed",
     } <= set(names)
     assert len(names) == len(set(names))
+
+
+def test_an_entry_beside_the_interfaces_that_is_none_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "bonding_masters").touch()
+    monkeypatch.setattr(network_interfaces, "_INTERFACES", tmp_path)
+    assert [one.name for one in interfaces()] == ["network"]
 
 
 def test_keys_that_do_not_fit_are_a_fail_and_json_has_an_object_for_each_line(
