@@ -5,6 +5,7 @@ Most values are looked up; speeds are measured, each in less than a second.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import re
@@ -171,8 +172,12 @@ def _cores() -> Diagnosis:
 
 
 def _governor() -> Diagnosis:
-    files = _GOVERNORS.glob("cpu[0-9]*/cpufreq/scaling_governor")
-    governors = sorted({file.read_text().strip() for file in files})
+    found = set()
+    for file in _GOVERNORS.glob("cpu[0-9]*/cpufreq/scaling_governor"):
+        # the governor of a processor that is switched off cannot be read
+        with contextlib.suppress(OSError):
+            found.add(file.read_text().strip())
+    governors = sorted(found)
     if not governors:
         sentence = "The clock of the processor is not ours to set."
         return Diagnosis("CPU governor", Grade.OK, sentence)

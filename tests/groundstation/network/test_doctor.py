@@ -13,6 +13,7 @@ import msgspec
 import pytest
 
 from groundstation.cli import main
+from groundstation.network import machine as machine_checks
 from groundstation.network import network_interfaces
 from groundstation.network.diagnosis import Diagnosis, Grade, as_text
 from groundstation.network.link_checks import Heard, judged
@@ -116,6 +117,20 @@ def test_an_entry_beside_the_interfaces_that_is_none_is_left_out(
     (tmp_path / "bonding_masters").touch()
     monkeypatch.setattr(network_interfaces, "_INTERFACES", tmp_path)
     assert [one.name for one in interfaces()] == ["network"]
+
+
+def test_the_governor_of_a_processor_that_is_switched_off_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in (0, 1):
+        (tmp_path / f"cpu{number}" / "cpufreq").mkdir(parents=True)
+    (tmp_path / "cpu0" / "cpufreq" / "scaling_governor").write_text("powersave\n")
+    # Linux answers EBUSY for a processor that is off; a folder cannot be read as a file either
+    (tmp_path / "cpu1" / "cpufreq" / "scaling_governor").mkdir()
+    monkeypatch.setattr(machine_checks, "_GOVERNORS", tmp_path)
+
+    (governor,) = [one for one in machine() if one.name == "CPU governor"]
+    assert governor.sentence == "powersave."
 
 
 def test_keys_that_do_not_fit_are_a_fail_and_json_has_an_object_for_each_line(
