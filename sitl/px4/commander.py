@@ -200,7 +200,8 @@ class EmulatedPx4:
     def request(self, now_s: float, mode: Mode, text: str | None = None) -> CommandResult:
         """Enter a mode.
 
-        A disarmed PX4 accepts every mode. An armed one accepts only a mode that it can fly now.
+        A disarmed PX4 accepts every mode. An armed one accepts only a mode that it can fly now. It
+        accepts no mode after the termination of its flight.
 
         Args:
             now_s: present time.
@@ -212,7 +213,9 @@ class EmulatedPx4:
             # A landing always begins. Without a position it becomes a level descent.
             needs = ModeCondition.NOTHING
 
-        if self.is_armed and needs & ~self._available(now_s):
+        is_terminated = self.mode is Mode.TERMINATION
+        is_flyable = not needs & ~self._available(now_s)
+        if self.is_armed and (is_terminated or not is_flyable):
             self._say_mode_refused(now_s, mode)
             return CommandResult.TEMPORARILY_REJECTED
 

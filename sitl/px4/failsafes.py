@@ -324,6 +324,9 @@ class Failsafe:
 
     def step(self, now_s: float, inputs: FailsafeInputs, params: Parameters) -> bool:
         """Determine the present action; return whether PX4 announces it."""
+        if self.action is FailsafeAction.TERMINATE:
+            return False  # a termination does not end when its trigger is gone
+
         action_before = self.action
         present_before = self.present
 

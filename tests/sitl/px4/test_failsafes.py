@@ -226,6 +226,36 @@ def test_a_flight_is_terminated_on_command_only_while_armed() -> None:
     assert not pilot.actuation.motors_on  # setpoints do not bring it back
 
 
+@pytest.mark.parametrize("is_by_failsafe", [False, True])
+def test_no_mode_request_starts_the_motors_of_a_terminated_flight(is_by_failsafe: bool) -> None:
+    emu = emulator()
+    offboard_at_height(emu, 3.0, loss_action=6)
+    px4 = emu.autopilots[0]
+    if is_by_failsafe:
+        run_for(emu, 1.2)
+    else:
+        px4.request_termination(emu.time_s)
+    assert px4.mode is Mode.TERMINATION
+
+    for mode in (Mode.LAND, Mode.LOITER, Mode.OFFBOARD, Mode.STABILIZED):
+        assert px4.request(emu.time_s, mode) is CommandResult.TEMPORARILY_REJECTED, mode
+        run_for(emu, 0.04)
+        assert px4.mode is Mode.TERMINATION
+        assert not px4.actuation.motors_on
+
+
+def test_a_flight_terminated_without_setpoints_stays_terminated_when_they_come_back() -> None:
+    emu = emulator()
+    offboard_at_height(emu, 5.0, loss_action=6)
+    run_for(emu, 1.1)
+    px4 = emu.autopilots[0]
+    assert px4.mode is Mode.TERMINATION
+
+    run_for(emu, 0.3, streamer(emu, 0.9))
+    assert px4.mode is Mode.TERMINATION
+    assert not px4.actuation.motors_on
+
+
 def test_a_tilt_beyond_sixty_degrees_is_reported_and_flown_on() -> None:
     emu = emulator(px4="1.16")
     offboard_at_height(emu, 8.0)
