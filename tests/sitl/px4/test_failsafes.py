@@ -202,6 +202,16 @@ def test_every_row_names_parameters_that_exist_and_modes_that_are_distinct() -> 
     assert set(BY_NUMBERS.values()) == {mode for mode, row in MODES.items() if row.is_selectable}
 
 
+@pytest.mark.parametrize("name", ["MPC_Z_V_AUTO_UP", "MPC_XY_CRUISE", "MPC_LAND_SPEED"])
+@pytest.mark.parametrize("speed_m_s", [0.0, -1.0])
+def test_a_return_at_no_speed_takes_longer_than_a_battery(name: str, speed_m_s: float) -> None:
+    params = Parameters()
+    params.values.update({name: speed_m_s, "COM_FLTT_LOW_ACT": 3})
+    failsafe = Failsafe()
+    failsafe.step(0.0, replace(CALM, from_home_m=(20.0, 5.0), battery_left_s=3600.0), params)
+    assert failsafe.present == {"battery short of home"}
+
+
 @pytest.mark.parametrize(("action", "is_armed"), [(6, True), (7, False)])
 def test_termination_and_disarming_stop_the_motors_in_the_air(action: int, is_armed: bool) -> None:
     emu = emulator()
