@@ -34,6 +34,7 @@ _TAKEOFF_REACHED_M = 0.1
 _TAKEOFF_NEAR_M = 0.4
 _TAKEOFF_LATE_S = 6.5
 
+_MOST_TILT_DEG = 89.0  # upper limit of the tilt, whatever MPC_TILTMAX_AIR allows
 _RTL_NEAR_M = 0.5  # horizontal distance from home at which a return becomes a landing
 
 # The hover thrust is estimated below this vertical speed, with this time constant, within limits.
@@ -332,10 +333,10 @@ class ModeControl:
         if up_m_s is None:
             up_m_s = params["MPC_Z_VEL_MAX_UP"]
         limits = PositionLimits(
-            speed_m_s=params["MPC_XY_CRUISE"],
+            speed_m_s=max(0.0, params["MPC_XY_CRUISE"]),
             up_m_s=up_m_s,
             down_m_s=params["MPC_Z_VEL_MAX_DN"],
-            tilt_rad=math.radians(params["MPC_TILTMAX_AIR"]),
+            tilt_rad=math.radians(min(_MOST_TILT_DEG, max(0.0, params["MPC_TILTMAX_AIR"]))),
         )
 
         attitude, thrust_frac = self._control.step(

@@ -257,3 +257,14 @@ def test_a_position_setpoint_is_flown_to_in_offboard() -> None:
     run_for(emu, 12.0, send)
     north, east, down = emu.world.vehicles.states.position_ned_m[0].tolist()
     assert math.dist((north, east, down), (1.0, -2.0, -2.0)) < 1.2
+
+
+@pytest.mark.parametrize(("name", "value"), [("MPC_XY_CRUISE", -1.0), ("MPC_TILTMAX_AIR", 100.0)])
+def test_a_blind_descent_needs_no_sensible_limits(name: str, value: float) -> None:
+    emu = emulator()
+    offboard_at_height(emu, 2.0)
+    px4 = emu.autopilots[0]
+    px4.params.values[name] = value
+    run_for(emu, 1.5)
+    assert px4.mode is Mode.POSCTL
+    until(emu, lambda: px4.landed is LandedState.ON_GROUND, 30.0)
