@@ -225,6 +225,8 @@ class Emulator:
         self.has_global_origin[index] = False
         self.estimator.restart(index, self.time_s, self.world.vehicles.states.position_ned_m[index])
         self.key_stores[index].restart()
+        if self.flight_logs is not None:
+            self.flight_logs[index].restart()
         self.disturbances.boots[index] += 1
 
     def step(self) -> list[Collision]:

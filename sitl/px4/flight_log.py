@@ -201,6 +201,10 @@ class FlightLogs:
         if not autopilot.is_armed:
             self._open = None
 
+    def restart(self) -> None:
+        """End the log of the present flight, as a restart of PX4 does."""
+        self._open = None
+
     def _begin(self, autopilot: EmulatedPx4, time_us: int, unix_s: float) -> None:
         date = time.strftime("%Y-%m-%d/%H_%M_%S", time.gmtime(unix_s))
         infos = {"sys_name": "PX4", "ver_sw_release_str": autopilot.version.name, "ver_hw": "SITL"}

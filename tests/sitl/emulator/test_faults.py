@@ -211,6 +211,18 @@ def test_a_reboot_in_flight_stops_the_motors_forgets_and_counts_anew() -> None:
     assert emu.estimator.reset_counter(0) == 13
 
 
+def test_the_log_of_a_flight_ends_with_a_reboot() -> None:
+    emu = emulator()
+    (logs,) = emu.keep_logs()
+    run_for(emu, 5.0)
+    emu.autopilots[0].request_arm(emu.time_s, True, 0.0)
+    run_for(emu, 1.0)
+    size = len(logs.files[0].content)
+    emu.inject(parse("v0 autopilot_reboot"))
+    run_for(emu, 1.0)
+    assert len(logs.files[0].content) == size  # no sample with a time since the second start
+
+
 def test_a_drifting_clock_gains_or_loses() -> None:
     emu = emulator()
     emu.inject(parse("v0 clock_drift ms_per_s=-8 duration=10"))
