@@ -215,11 +215,16 @@ class Emulator:
     def reboot(self, index: int) -> None:
         """Start an autopilot anew, on the ground or in the air.
 
-        It keeps its parameters and the state of its battery, and nothing else.
+        It keeps its parameters and the state of its battery. Its faults and its pilot remain.
         """
         old = self.autopilots[index]
-        new = EmulatedPx4(params=old.params, boot_time_s=self.clock_s(index), battery=old.battery)
-        new.faults.extend(old.faults)
+        new = EmulatedPx4(
+            params=old.params,
+            boot_time_s=self.clock_s(index),
+            battery=old.battery,
+            faults=list(old.faults),
+            held_sticks=old.held_sticks,
+        )
         self.autopilots[index] = new
 
         self.has_global_origin[index] = False

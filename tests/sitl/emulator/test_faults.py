@@ -223,6 +223,16 @@ def test_the_log_of_a_flight_ends_with_a_reboot() -> None:
     assert len(logs.files[0].content) == size  # no sample with a time since the second start
 
 
+def test_a_pilot_is_heard_again_after_a_reboot() -> None:
+    emu = emulator()
+    run_for(emu, 5.0)
+    emu.inject(parse("v0 pilot"))
+    run_for(emu, 0.1)
+    emu.inject(parse("v0 autopilot_reboot"))
+    run_for(emu, 0.1)
+    assert emu.autopilots[0].has_sticks(emu.clock_s(0))
+
+
 def test_a_drifting_clock_gains_or_loses() -> None:
     emu = emulator()
     emu.inject(parse("v0 clock_drift ms_per_s=-8 duration=10"))
