@@ -11,7 +11,7 @@ import functools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -76,6 +76,15 @@ class Environment:
     error_scale: float = 1.0  # scale of the random errors of the estimates
     # Scale of the differences between vehicles of one type, see `sitl/physics/scatter.py`.
     vehicle_scatter: float = 1.0
+
+
+class LateVision(NamedTuple):
+    """One external position that has not arrived yet."""
+
+    arrival_s: float
+    vehicle_index: int
+    shown: Array  # position and heading (4,)
+    reset_count: int
 
 
 def _simulation_parameters(spec: VehicleSpec, origin: EarthPoint) -> dict[str, int | float]:
@@ -159,12 +168,11 @@ class Emulator:
         self.has_global_origin = [False] * len(specs)
         self.unix_start_s = _DEFAULT_DATE_S
 
-        # The newest external position and heading of each vehicle, and its newest reset counter.
+        # Newest external position and heading of each vehicle.
         self._shown = np.zeros((len(specs), 4))
-        self._shown_resets = [0] * len(specs)
-        # External positions that a fault delays: arrival time, index of the vehicle, position and
-        # heading.
-        self._late_vision: list[tuple[float, int, Array]] = []
+        # Reset counter of the newest external position that has arrived, per vehicle.
+        self._vision_resets = [0] * len(specs)
+        self._late_vision: list[LateVision] = []  # external positions that a fault delays
         self._applied: list[Actuation | None] = [None] * len(specs)
         self.receivers = [SatelliteReceiver() for _ in specs]
         # Shift of each estimate by a base station that reports a wrong position.
@@ -411,13 +419,10 @@ class Emulator:
 
         self._shown[index, :3] = position_ned_m
         self._shown[index, 3] = yaw_rad
-        if reset_count != self._shown_resets[index]:
-            self._shown_resets[index] = reset_count
-            self.estimator.begin_vision_anew(index)
 
         faults = self.disturbances.vision
         if faults.is_clear:
-            self._fuse(index, self._shown[index])
+            self._fuse(index, self._shown[index], reset_count)
             return
         if faults.is_lost(index):
             return
@@ -425,12 +430,17 @@ class Emulator:
         shown = faults.apply(self._shown, self.time_s, index)[index]
         delay_s = faults.delay_s(index)
         if delay_s > 0.0:
-            self._late_vision.append((self.time_s + delay_s, index, shown))
+            arrival_s = self.time_s + delay_s
+            self._late_vision.append(LateVision(arrival_s, index, shown, reset_count))
         else:
-            self._fuse(index, shown)
+            self._fuse(index, shown, reset_count)
 
-    def _fuse(self, index: int, shown: Array) -> None:
-        """Fuse an external position and heading (4,)."""
+    def _fuse(self, index: int, shown: Array, reset_count: int) -> None:
+        """Fuse an external position and heading (4,) that arrives with this reset counter."""
+        if reset_count != self._vision_resets[index]:
+            self._vision_resets[index] = reset_count
+            self.estimator.begin_vision_anew(index)
+
         delay_s = self.autopilots[index].params["EKF2_EV_DELAY"] / 1000.0
         yaw_error_rad = float(shown[3]) - float(self.world.vehicles.states.yaw_rad[index])
         self.estimator.fuse_vision(
@@ -439,11 +449,12 @@ class Emulator:
 
     def _fuse_late_vision(self) -> None:
         late = self._late_vision
-        self._late_vision = [entry for entry in late if entry[0] > self.time_s + _TIME_TOLERANCE_S]
-        for arrival_s, index, shown in late:
-            has_arrived = arrival_s <= self.time_s + _TIME_TOLERANCE_S
-            if has_arrived and not self.disturbances.is_hung[index]:
-                self._fuse(index, shown)
+        now_s = self.time_s + _TIME_TOLERANCE_S
+        self._late_vision = [entry for entry in late if entry.arrival_s > now_s]
+        for entry in late:
+            has_arrived = entry.arrival_s <= now_s
+            if has_arrived and not self.disturbances.is_hung[entry.vehicle_index]:
+                self._fuse(entry.vehicle_index, entry.shown, entry.reset_count)
 
     def _set_vision_level(self, index: int, *, has_velocity: bool) -> None:
         params = self.autopilots[index].params

@@ -298,6 +298,23 @@ def test_external_positions_can_freeze_jump_be_swapped_late_or_lost() -> None:
     assert lost.estimator.source[0] is Source.NONE
 
 
+@pytest.mark.parametrize("line", ["v0 vision_lost at=3", "v0 vision_late at=3 delay_s=0.5"])
+def test_a_reset_of_vision_takes_effect_when_its_message_arrives(line: str) -> None:
+    emu = emulator()
+    emu.inject(parse("v0 gps_loss"))
+    emu.inject(parse(line))
+    run_for(emu, 3.1, lambda: vision_follower(emu, 0, (1.0, 0.0, 0.0)))
+    resets = emu.estimator.reset_counter(0)
+
+    emu.vision(0, np.array([1.05, 0.0, 0.0]), reset_count=1)
+    run_for(emu, 0.3)
+    assert emu.estimator.source[0] is Source.VISION
+    assert emu.estimator.reset_counter(0) == resets
+    run_for(emu, 0.3)
+    jumps = 2 if "late" in line else 0  # in the plane and in height
+    assert emu.estimator.reset_counter(0) == resets + jumps
+
+
 def test_a_vehicle_that_holds_on_vision_stays_where_it_is_when_vision_jumps() -> None:
     emu = emulator(seed=5)
     emu.has_global_origin[0] = True
