@@ -273,16 +273,19 @@ def _setpoints(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) 
 
 
 def _wind_ramp(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
-    """Let the wind rise at the begin of the fault, and fall as quickly at its end."""
-    speed_m_s = 0.0
-    if is_on:
-        speed_m_s = fault.number("speed_m_s")
+    """Change the wind at the begin of the fault, and as quickly back at its end."""
+    wind = emulator.world.wind
+    over_s = fault.number("over_s")
+    if not is_on:
+        wind.change_mean(wind.settings.mean_enu_m_s, over_s)
+        return
 
     # A bearing counts clockwise from north. It is the direction from which the wind blows.
+    speed_m_s = fault.number("speed_m_s")
     from_rad = math.radians(fault.number("from_deg"))
     east_m_s = -speed_m_s * math.sin(from_rad)
     north_m_s = -speed_m_s * math.cos(from_rad)
-    emulator.world.wind.change_mean((east_m_s, north_m_s, 0.0), fault.number("over_s"))
+    wind.change_mean((east_m_s, north_m_s, 0.0), over_s)
 
 
 def _pilot(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:

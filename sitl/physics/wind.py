@@ -67,6 +67,7 @@ class Wind:
         step_s: time from one sample to the next.
 
     Attributes:
+        settings: wind at the start.
         is_calm: whether the air does not move.
         has_own_gusts: whether a vehicle has its own gusts.
         push_ned_m_s2: acceleration (n, 3) by the vehicles' own gusts in the last step.
@@ -82,7 +83,7 @@ class Wind:
         step_s: float = STEP_S,
     ) -> None:
         gusts = 1 if settings.is_common else count
-        self._settings = settings
+        self.settings = settings
         self._step_s = step_s
         self._rng = np.random.default_rng([seed, _AIR_STREAM])
         self._gust = np.zeros((gusts, 3))
@@ -134,7 +135,7 @@ class Wind:
         self._gust = wandered(
             self._gust,
             self._gust_std_m_s,
-            self._settings.gust_time_s,
+            self.settings.gust_time_s,
             self._step_s,
             self._draws[self._block_row],
         )

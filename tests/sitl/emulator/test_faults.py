@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sitl.emulator.emulator import Emulator
+from sitl.emulator.emulator import Emulator, Environment
 from sitl.emulator.mocap import Mocap, MocapSettings, Pose
 from sitl.faults.catalogue import FAULT_KINDS, Fault, FaultError, check, listing, parse
 from sitl.physics.vehicle import STEP_S
+from sitl.physics.wind import WindSettings
 from sitl.px4.estimator_errors import Source
 from sitl.px4.modes import Mode
 from tests.sitl.sitl_flying import EAST_WXYZ, emulator, height_m, run_for, streamer, until
@@ -231,6 +232,17 @@ def test_a_pilot_is_heard_again_after_a_reboot() -> None:
     emu.inject(parse("v0 autopilot_reboot"))
     run_for(emu, 0.1)
     assert emu.autopilots[0].has_sticks(emu.clock_s(0))
+
+
+def test_after_a_ramp_the_wind_blows_as_before() -> None:
+    before_enu_m_s = (4.0, 1.0, 0.0)
+    environment = Environment(wind=WindSettings(mean_enu_m_s=before_enu_m_s))
+    emu = Emulator(emulator().specs, environment=environment)
+    emu.inject(parse("v0 wind_ramp speed_m_s=9 over_s=1 duration=2"))
+    run_for(emu, 1.5)
+    assert emu.world.wind.mean_enu_m_s == pytest.approx((9.0, 0.0, 0.0))
+    run_for(emu, 2.0)
+    assert emu.world.wind.mean_enu_m_s == pytest.approx(before_enu_m_s)
 
 
 def test_a_drifting_clock_gains_or_loses() -> None:
