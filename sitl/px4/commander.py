@@ -281,8 +281,12 @@ class EmulatedPx4:
             return
 
         override_speed_1_s = self.params.values.get("MAN_OVERRIDE_SPD", -1.0)
-        if self.sticks.is_moving(override_speed_1_s):
-            self.request(now_s, Mode.POSCTL if self._has_local_position else Mode.ALTCTL)
+        if not self.sticks.is_moving(override_speed_1_s):
+            return
+        if self._has_local_position:
+            self.request(now_s, Mode.POSCTL)
+        else:
+            self.request(now_s, Mode.ALTCTL)
 
     def has_sticks(self, now_s: float) -> bool:
         """Whether the sticks of a pilot are received."""

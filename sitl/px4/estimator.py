@@ -571,14 +571,16 @@ class Estimator:
         """
         if not is_resting:
             self._rest_begin_s[index] = time_s
-        has_flown = time_s - self._rest_begin_s[index] < _REST_DETECTION_S
+        rested_s = time_s - self._rest_begin_s[index]
+        is_rest_detected = rested_s >= _REST_DETECTION_S
 
         has_vision = time_s - self._vision_time_s[index] < _VISION_GAP_S
         is_aided = has_vision or self.sees_satellites(index, time_s)
 
         had_source = self.source[index] is not Source.NONE
         was_drifting = bool(self._errors["is_drifting"][index])
-        is_drifting = has_flown and not is_aided and (was_drifting or had_source)
+        can_drift = not is_rest_detected and not is_aided
+        is_drifting = can_drift and (was_drifting or had_source)
         if is_drifting and not was_drifting:
             self._begin_drift(index)
         self._errors["is_drifting"][index] = is_drifting

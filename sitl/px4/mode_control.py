@@ -80,7 +80,8 @@ class ModeControl:
     _control: PositionControl = field(default_factory=PositionControl)
     _armed_time_s: float = 0.0
     _entry: AutopilotInputs | None = None  # inputs at the begin of the mode
-    # position for Hold, None: position at its begin; or where POSCTL holds, None: sticks are moved
+    # Position that Hold or POSCTL holds. None in Hold: the position at the begin of the mode is
+    # held. None in POSCTL: no position is held, and the sticks command a velocity.
     _hold_ned_m: Array | None = None
     _yaw_setpoint_rad: float | None = None  # None before the first heading of the mode
     _hover_thrust_frac: float = 0.5  # estimated in flight

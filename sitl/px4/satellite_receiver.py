@@ -62,7 +62,8 @@ class Assembly:
             data: data of the message.
             time_s: time of its arrival.
         """
-        # one bit, two bits for the number of the fragment, five bits for that of the frame
+        # Bit 0 says whether the frame is cut into fragments. Bits 1 and 2 are the number of the
+        # fragment, and bits 3 to 7 the number of the frame.
         is_cut = bool(flags & 1)
         number = flags >> 1 & 3
         sequence = flags >> 3 & 31
@@ -156,7 +157,7 @@ class SatelliteReceiver:
         if gap_s > LOST_WITHOUT_S:
             self._corrected_from_s = time_s
         elif gap_s > FLOAT_WITHOUT_S:
-            # the receiver still has RTK float, as if corrections had come for FLOAT_AFTER_S
+            # The receiver still has RTK float, for which FLOAT_AFTER_S of corrections suffice.
             self._corrected_from_s = time_s - FLOAT_AFTER_S
         self._newest_s = time_s
 

@@ -1,6 +1,7 @@
 """Sticks of a joystick or a radio control (MANUAL_CONTROL).
 
-The emulator uses the time of their newest sample, their positions, and whether the pilot moves one.
+The emulator uses the positions of the sticks, the time of the newest sample, and whether the pilot
+moves a stick.
 """
 
 from __future__ import annotations
