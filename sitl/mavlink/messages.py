@@ -469,7 +469,7 @@ def hil_actuator_controls(v: View) -> Values:
 
 
 def highres_imu(v: View) -> Values:
-    # This comes before the accelerometer, because both draw their noise from one generator.
+    # The gyros and the accelerometer draw their noise from one generator, in this order.
     sensed = v.sensed
     return (
         v.boot_us,

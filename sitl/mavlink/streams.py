@@ -53,8 +53,8 @@ _FIRST_S: dict[int, float] = {
     _HEARTBEAT: 1.3,
     ID_BY_NAME["ATTITUDE"]: 1.35,
     ID_BY_NAME["ATTITUDE_QUATERNION"]: 1.35,
-    # A real PX4 sends it 2 s earlier (facts.toml). Programs rely on it as the sign that PX4 can be
-    # armed, which is wrong in these 2 s.
+    # Programs take HOME_POSITION as the sign that PX4 can be armed. A real PX4 sends it 2 s too
+    # early for that (facts.toml).
     ID_BY_NAME["HOME_POSITION"]: BOOT_S,
 }
 # The begins of the streams of a link are distributed over this number of steps of the physics.
