@@ -78,10 +78,9 @@ class AgentShell:
         self.is_hung = False
         self._starts = 0
 
-        # For tests of shows: the delay with which it starts its path, as if its clock were behind,
-        # and whether it ignores the show clocks of the others.
-        self.path_delay_s = 0.0
-        self.follows_alone = False
+        # For tests of shows.
+        self.path_delay_s = 0.0  # delay with which it starts its path, as if its clock were behind
+        self.follows_alone = False  # whether it ignores the show clocks of the others
 
         self._inbox: deque[agent_inputs.AgentInput] = deque(maxlen=_MAX_INPUTS)
 
@@ -179,8 +178,8 @@ class AgentShell:
             """Return whether a real agent would have subscribed to this topic of that vehicle.
 
             It receives fast states of the vehicles that it follows, and slow states of the others.
-            This saves messages. What is already on its way while it begins or ends to follow a
-            vehicle is filtered once more on arrival.
+            This saves messages. The callbacks filter once more, because a message can be on its
+            way while the agent begins or ends to follow a vehicle.
             """
             if topic is Topic.STATE:
                 return other in self._followed
