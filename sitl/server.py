@@ -546,8 +546,8 @@ async def _serve(server: Server) -> None:
 def take_precedence() -> None:
     """Let this thread run before other processes, if this is permitted.
 
-    It applies to the threads that this thread starts as well. Real vehicles do not wait for a
-    computer either.
+    The threads that this thread starts later have the same precedence. Without it, other processes
+    would delay the flight of the emulated vehicles.
     """
     with contextlib.suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_REALTIME_PRIORITY))
