@@ -21,10 +21,17 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from groundstation.commands.fly import fly_mission
-from groundstation.commands.parameters import BusOptions, FlightOptions, LawName, WorldOptions
+from groundstation.commands.parameters import (
+    BusOptions,
+    FlightOptions,
+    LawName,
+    WorldOptions,
+    refuse_wrong_seed,
+)
 from groundstation.flights.flight_settings import new_folder
 from groundstation.mission_files.loading import load_mission
 from groundstation.shows.gallery import ACCIDENTS, GALLERY, gallery_mission, sentence_of
+from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_OK
 from sitl.lockstep.accidents import fly_both as fly_accident
 
@@ -41,8 +48,8 @@ def gallery(
 
     Args:
         name: of the mission; without it all are listed
-        record: flight folder (default: flights/<time>)
-        law: avoidance law instead of the fleet file's
+        record: flight folder (default: flights/<time>); not for an accident
+        law: avoidance law instead of the fleet file's; not for an accident
         seed: seed of everything random in the emulator
     """
     if name is None:
@@ -50,6 +57,12 @@ def gallery(
         return EXIT_OK
 
     if name in ACCIDENTS:
+        if record is not None or law is not None:
+            raise ConfigError(
+                f"'{name}' is an accident: it is flown twice with the laws of its own, and leaves"
+                " no record. Leave --record and --law out."
+            )
+        refuse_wrong_seed(seed)
         return fly_accident(load_mission(name), seed=seed)
 
     folder = record or new_folder()

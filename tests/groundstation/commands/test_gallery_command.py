@@ -19,3 +19,18 @@ def test_a_name_that_is_none_is_refused_with_those_that_are(
 ) -> None:
     assert main(["gallery", "nothing"]) == 2
     assert "dense-swap" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--record", "flights/london"], "--record"),
+        (["--law", "off"], "--law"),
+        (["--seed", "-1"], "--seed is -1"),
+    ],
+)
+def test_an_accident_refuses_options_that_it_does_not_obey(
+    options: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["demo", "gallery", "london", *options]) == 2
+    assert sentence in capsys.readouterr().err
