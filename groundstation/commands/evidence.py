@@ -38,6 +38,7 @@ from sitl.lockstep.campaign.evidence_campaign import (
     fly_campaign,
     planned_places,
     refuse_strong_wind,
+    refuse_unknown_fault,
 )
 
 _WHOLE_ROUNDS = 4
@@ -74,6 +75,7 @@ def evidence(
     """
     rounds = _rounds(quick, rounds)
     jobs = _jobs(jobs)
+    refuse_unknown_fault(only)
     config = load_fleet(fleet)
     flown_mission = load_mission(mission, config)
     config = flown_mission.fleet

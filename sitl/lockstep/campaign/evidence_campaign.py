@@ -78,6 +78,20 @@ def refuse_strong_wind(fleet: FleetConfig, wind_m_s: float) -> None:
         )
 
 
+def refuse_unknown_fault(only: str) -> None:
+    """Refuse a part of a name that no fault has.
+
+    Raises:
+        ConfigError: no name of a fault contains it.
+    """
+    names = [injection.name for injection in (*INJECTIONS, *FIELD_INJECTIONS)]
+    if not any(only in name for name in names):
+        raise ConfigError(
+            f"--only is '{only}', and no fault's name contains it. The faults are: "
+            f"{'; '.join(names)}."
+        )
+
+
 def fly_campaign(
     campaign: Campaign, kept: KeptFlights, *, jobs: int, say: Callable[[str], None]
 ) -> list[FlownCase]:
