@@ -92,8 +92,8 @@ class UdpPort:
         while len(datagrams) < _MOST_DATAGRAMS:
             try:
                 datagram, sender = self._socket.recvfrom(_LARGEST_DATAGRAM)
-            except (BlockingIOError, ConnectionRefusedError):
-                break
+            except OSError:
+                break  # no datagram is left, or the peer does not exist
             if not self._is_peer_given:
                 self._peer = sender
             datagrams.append(datagram)
@@ -104,8 +104,8 @@ class UdpPort:
         if self._peer is not None:
             try:
                 self._socket.sendto(datagram, self._peer)
-            except (BlockingIOError, ConnectionRefusedError):
-                return  # the peer does not exist, which shows later by its silence
+            except OSError:
+                return  # the peer cannot be reached, which shows later by its silence
 
     def another_sender(self) -> UdpPort:
         """Return a port of another address that sends to the same peer."""

@@ -23,6 +23,14 @@ def test_nobody_at_the_endpoint_is_exit_status_ten(capsys: pytest.CaptureFixture
     assert "nobody answered" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("host", ["255.255.255.255", "nowhere.invalid"])
+def test_an_address_to_which_nothing_can_be_sent_is_exit_status_ten(
+    host: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["sitl-check", f"udpout://{host}:14580", "--wait", "0.2"]) == 10
+    assert "nobody answered" in capsys.readouterr().out
+
+
 @pytest.mark.long
 def test_the_command_checks_a_running_emulator_over_udp_and_prints_json(emulator_port: int) -> None:
     facts = [
