@@ -114,7 +114,10 @@ def init(
     }
     answers = {key: value for key, value in options.items() if value is not None}
     if sys.stdin.isatty() and sys.stdout.isatty():
-        _ask_for_rest(answers)
+        try:
+            _ask_for_rest(answers)
+        except EOFError:  # Ctrl-D
+            raise KeyboardInterrupt from None
     made = starter(Answers(**answers))
 
     fleet_text = made.fleet_text
@@ -191,10 +194,8 @@ def _ask_for_rest(answers: dict[str, Any]) -> None:
     if answers["type"] not in type_names():
         _ask(answers, "mass_kg", "Mass with battery in kg", float)
 
-    if "spacing_m" not in answers:
-        word = input("Distance of the take-off spots in metres [enough for the law]: ").strip()
-        is_number = word.replace(".", "", 1).isdigit()
-        answers["spacing_m"] = float(word) if is_number else None
+    enough = "enough for the law"
+    _ask(answers, "spacing_m", "Distance of the take-off spots in metres", float, shown=enough)
 
 
 def _ask(
@@ -202,11 +203,21 @@ def _ask(
     key: str,
     question: str,
     kind: type[int] | type[float] | type[str] = str,
+    *,
+    shown: str = "",
 ) -> None:
-    """Ask until there is an answer of this kind, unless an option has given it."""
+    """Ask until there is an answer of this kind, unless an option has given it.
+
+    Args:
+        answers: the answers so far, to which this one is added.
+        key: key of the answer.
+        question: the question.
+        kind: type of the answer.
+        shown: words for the default; empty: its value.
+    """
     default = _default(key)
     while key not in answers:
-        word = input(f"{question} [{default}]: ").strip()
+        word = input(f"{question} [{shown or default}]: ").strip()
         if not word:
             answers[key] = default
             return

@@ -7,6 +7,7 @@ from __future__ import annotations
 import builtins
 import sys
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import get_args
 
@@ -128,6 +129,37 @@ def test_in_a_terminal_init_asks_for_what_no_option_says(
         "serial:///dev/ttyAMA0",
     ):
         assert part in text, part
+
+
+def _in_terminal(monkeypatch: pytest.MonkeyPatch, answer: Callable[[str], str]) -> None:
+    monkeypatch.setattr(builtins, "input", answer)
+    for stream in (sys.stdin, sys.stdout):
+        monkeypatch.setattr(stream, "isatty", lambda: True, raising=False)
+
+
+def test_an_end_of_the_input_ends_the_questions_and_writes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def end(_question: str) -> str:
+        raise EOFError
+
+    _in_terminal(monkeypatch, end)
+    assert cli.main(["init", str(tmp_path)]) == 130
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_spacing_that_is_no_number_is_asked_for_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spacings = iter(["1,5", "2.5"])
+
+    def answer(question: str) -> str:
+        return next(spacings) if "spots" in question else ""
+
+    _in_terminal(monkeypatch, answer)
+    assert cli.main(["init", str(tmp_path), "--name", "lab"]) == 0
+    assert "'1,5' is no number" in capsys.readouterr().out
+    assert next(spacings, None) is None
 
 
 def test_the_first_mission_flies() -> None:
