@@ -301,7 +301,7 @@ class LinkBank:
             "global_origin": origin,
             "px4_version": autopilot.version.number,
             "is_armed": autopilot.is_armed,
-            "mode": modes.mode_name(MODES[autopilot.mode].custom_mode),
+            "mode": modes.mode_name(MODES[autopilot.shown_mode].custom_mode),
             "is_failsafe": status == modes.STATUS_CRITICAL,
         }
 

@@ -16,6 +16,7 @@ from onboard.frames import enu_flu_from_ned_frd
 from onboard.px4.required_params import required_params
 from sitl.lockstep.simulation import Simulation
 from sitl.mavlink.view import View, measured_attitude
+from sitl.px4.modes import Mode
 from tests.oracles.rotation import quaternion_from_yaw, quaternion_multiply
 from tests.sitl.lockstep.conftest import ROOT
 
@@ -78,6 +79,20 @@ def test_a_command_is_answered_by_telemetry_only_and_arming_is_refused_without_s
     _run(simulation, 1.5)
     assert one.snapshot().mode == "OFFBOARD"
     assert not one.snapshot().is_armed
+
+
+def test_a_terminated_flight_shows_the_mode_that_this_version_of_px4_shows(paper) -> None:
+    for px4, shown in (("1.17", "MANUAL"), ("1.18", "OFFBOARD")):
+        changes = {"px4_version": px4}
+        vehicles = {
+            name: msgspec.structs.replace(vehicle, **changes)
+            for name, vehicle in paper.vehicles.items()
+        }
+        simulation = Simulation(msgspec.structs.replace(paper, vehicles=vehicles), seed=1)
+        autopilot = simulation.emulator.autopilots[0]
+        autopilot.intent = Mode.OFFBOARD
+        autopilot.mode = Mode.TERMINATION
+        assert simulation.links.heartbeat(0)["mode"] == shown, px4
 
 
 def test_connecting_applies_the_fleets_parameters_and_finds_none_wrong(simulation, paper) -> None:
