@@ -55,7 +55,7 @@ def report(
     if rehearse:
         if compare is not None:
             raise ConfigError("--rehearse and --compare both show ghosts. Give one of them.")
-        compare = _rehearsal(folder)
+        compare = _rehearsal(folder.parent if folder.is_file() else folder)
 
     try:
         written = write_page(folder, out, fleet_path=fleet, compared=compare, tiles=tiles)

@@ -97,3 +97,10 @@ def test_the_command_refuses_what_is_no_record(
 
     assert "this is no MCAP file" in capsys.readouterr().err
     assert not (tmp_path / "report.html").exists()
+
+
+def test_a_rehearsal_lies_beside_the_record_that_is_named(tmp_path: Path) -> None:
+    folder = write(tmp_path / "flight", rows(("mav0", "mav1")))
+    write(folder / "rehearsal", rows(("mav0", "mav1")))
+    assert main(["report", str(folder / "flight.mcap"), "--rehearse"]) == 0
+    assert (folder / "report.html").is_file()
