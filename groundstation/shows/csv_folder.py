@@ -50,7 +50,8 @@ def read_folder(folder: FilePath) -> Show:
     Raises:
         ConfigError: there are no CSVs or too many, or one of them is no path.
     """
-    files = sorted(folder.glob("*.csv"), key=lambda file: _natural(file.stem))
+    csvs = [file for file in folder.iterdir() if file.suffix.lower() == ".csv"]
+    files = sorted(csvs, key=lambda file: _natural(file.stem))
     if not 1 <= len(files) <= MOST_DRONES:
         raise ConfigError(
             f"{folder}: it has {len(files)} CSVs; a show has 1 to {MOST_DRONES}, one for each "

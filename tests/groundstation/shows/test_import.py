@@ -313,6 +313,15 @@ def test_times_of_a_refusal_are_those_of_the_show(tmp_path: Path) -> None:
     assert Converted(1.0, {}, {}, {}).own_time_words() == ""  # the same clock needs no words
 
 
+def test_the_ending_of_a_csv_may_be_in_capital_letters(tmp_path: Path) -> None:
+    folder = csvs(tmp_path / "plain", list(line_of(2).values()), 12.0)
+    show = tmp_path / "show.zip"
+    with zipfile.ZipFile(show, "w") as archive:
+        for file in folder.glob("*.csv"):
+            archive.write(file, f"{file.stem}.CSV")
+    assert len(read_show(show).drones) == 2
+
+
 def test_a_zip_of_csvs_is_a_show_and_a_bomb_or_an_empty_one_is_none(tmp_path: Path) -> None:
     folder = csvs(tmp_path / "plain", list(line_of(2).values()), 12.0)
     show = tmp_path / "show.zip"
