@@ -1,9 +1,9 @@
 """Opens MAVLink links from this computer to an autopilot.
 
 This is the only file of the ground that imports pymavlink, and it does so only when a link is
-opened. There are two kinds of links. A connection to PX4's ground link is kept for the next
-command. The vehicle's own link is opened as its agent opens it, and closed after use, so that the
-agent can open it again.
+opened. There are two kinds of links. A UDP link to PX4's ground link is kept for the next command.
+The vehicle's own link is opened as its agent opens it, and closed after use, so that the agent can
+open it again.
 """
 
 from __future__ import annotations
@@ -163,8 +163,14 @@ def _new_link(endpoint: str) -> Any:
 
 
 def keep_link(endpoint: str, link: Any) -> None:
-    """Keep the ground's link for its next command."""
-    _idle_links[endpoint] = link
+    """Keep the ground's link for its next command.
+
+    A TCP link is closed instead, because its other end may close it before the next command.
+    """
+    if endpoint.startswith("tcp://"):
+        link.close()
+    else:
+        _idle_links[endpoint] = link
 
 
 def open_as_companion(endpoint: str, system_id: int, key: bytes | None = None) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import pytest
@@ -215,3 +215,27 @@ def test_a_landing_of_a_person_by_name_asks_nothing() -> None:
         result = send_direct(f"udpout://127.0.0.1:{px4.port}", 1, "land", timeout_s=2.0)
     assert result.is_accepted
     assert set(commands) == {NAV_LAND}
+
+
+def test_a_tcp_link_that_the_other_side_has_closed_is_opened_anew() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(5.0)
+        port = server.getsockname()[1]
+
+        def answer_once() -> None:
+            connection, _ = server.accept()
+            connection.settimeout(0.5)
+            mav = common.MAVLink(None, srcSystem=1, srcComponent=1)
+            with connection, suppress(TimeoutError):
+                while data := connection.recv(2048):
+                    for message in mav.parse_buffer(data) or ():
+                        if message.get_type() == "COMMAND_LONG":
+                            connection.sendall(heartbeat(is_armed=False).pack(mav))
+
+        results = []
+        for _ in range(2):  # the router in between restarts after the first command
+            router = threading.Thread(target=answer_once, daemon=True)
+            router.start()
+            results.append(send_direct(f"tcp://127.0.0.1:{port}", 1, "kill", timeout_s=1.0))
+            router.join(2.0)
+    assert [result.is_disarmed for result in results] == [True, True], results
