@@ -16,12 +16,18 @@ the second case the flight is the recorded one until then, and only some changes
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
-from groundstation.flights.simulation_settings import SimulationSettings, timed_order, wind_of
+from groundstation.flights.simulation_settings import (
+    SimulationSettings,
+    refuse_wrong_settings,
+    timed_order,
+    wind_of,
+)
 from groundstation.processes.free_ports import toml_text
 from groundstation.starter.fleet_edit import edited
 from onboard.config.file_reading import toml_values
@@ -96,6 +102,7 @@ def changed(origin: FlightOrigin, changes: Sequence[Change], at_s: float | None)
         else:
             settings = _changed_in_flight(origin.settings, change, at_s)
             origin = origin._replace(settings=settings)
+    refuse_wrong_settings(origin.settings)
     return origin
 
 
@@ -114,7 +121,7 @@ def _changed_settings(settings: SimulationSettings, change: Change) -> Simulatio
     if change.key == "gust":
         return replace(settings, gust_m_s=_number(change))
     if change.key == "seed":
-        return replace(settings, seed=int(_number(change)))
+        return replace(settings, seed=_whole_number(change))
     if change.key.startswith(_BUS):
         name = change.key.removeprefix(_BUS)
         return replace(settings, bus={**settings.bus, name: _number(change)})
@@ -137,6 +144,8 @@ def _changed_in_flight(
     # raises if the value is wrong
     if change.key == "wind":
         wind_of(change.value)
+    elif change.key == "gust":
+        refuse_wrong_settings(replace(settings, gust_m_s=_number(change)))
     else:
         _number(change)
     return replace(settings, changes=(*settings.changes, f"{at_s:g} {change.text}"))
@@ -165,7 +174,7 @@ def _with_changed_plan(
 
 def _without(lines: tuple[str, ...], change: Change, noun: str) -> tuple[str, ...]:
     """Return lines without the one whose number, counted from 1, is the value of the change."""
-    number = int(_number(change))
+    number = _whole_number(change)
     if not 1 <= number <= len(lines):
         raise ConfigError(
             f"--what-if {change.text}: this flight has {len(lines)} {noun}, counted from 1."
@@ -180,7 +189,7 @@ def _without_step(origin: FlightOrigin, change: Change) -> str:
 
     values = toml_values(origin.mission_text, origin.settings.mission_path)
     steps = values.get("step", [])
-    number = int(_number(change))
+    number = _whole_number(change)
     if not 1 <= number <= len(steps):
         raise ConfigError(
             f"--what-if {change.text}: this mission has {len(steps)} steps, counted from 1."
@@ -218,6 +227,16 @@ def _value(text: str) -> Any:
 
 def _number(change: Change) -> float:
     try:
-        return float(change.value)
+        number = float(change.value)
     except ValueError:
-        raise ConfigError(f"--what-if {change.text}: this must be a number.") from None
+        number = math.nan
+    if not math.isfinite(number):
+        raise ConfigError(f"--what-if {change.text}: this must be a number.")
+    return number
+
+
+def _whole_number(change: Change) -> int:
+    number = _number(change)
+    if not number.is_integer():
+        raise ConfigError(f"--what-if {change.text}: this must be a whole number.")
+    return int(number)
