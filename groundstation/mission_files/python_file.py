@@ -86,7 +86,7 @@ def load_function(mission: Mission) -> MissionFunction:
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-    except (ImportError, NameError, TypeError, ValueError, AttributeError, OSError) as error:
+    except (Exception, SystemExit) as error:  # the user's code can raise anything
         raise ConfigError(
             f"{mission.path}: running it failed: {type(error).__name__}: {error}."
         ) from error
@@ -175,7 +175,7 @@ def _value(text: str, default: Any, where: str) -> Any:
 
     try:
         value = ast.literal_eval(text)
-    except (ValueError, SyntaxError):
+    except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError):
         value = text
 
     if isinstance(default, int):

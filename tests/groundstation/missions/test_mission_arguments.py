@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from groundstation.cli import main
-from groundstation.mission_files.python_file import arguments_of
+from groundstation.mission_files.loading import load_mission
+from groundstation.mission_files.python_file import arguments_of, load_function
 from onboard.config.fleet import ConfigError
 from sitl.lockstep.flight import Lockstep
 
@@ -58,6 +59,7 @@ def test_written_arguments_become_the_kinds_of_their_defaults() -> None:
         ),
         (_mission, {"height_m": "high"}, "must be a number"),
         (_mission, {"times": "1.5"}, "whole number"),
+        (_mission, {"times": "{[]: 1}"}, "whole number"),
         (_mission, {"is_calm": "perhaps"}, "true or false"),
         (_needing, {}, "--arg goal=VALUE"),
     ],
@@ -82,3 +84,22 @@ def test_the_command_line_and_a_test_give_arguments(
     with Lockstep("paper", seed=1) as flight:
         assert flight.fly(path, height_m=0.6, says="x").passed
         assert any(event.sentence == "0.6 1 'x' True" for event in flight.events)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("import os; os.environ['NO_SUCH_HALL']", "KeyError"),
+        ("1 / 0", "ZeroDivisionError"),
+        ("import sys; sys.exit('not today')", "SystemExit: not today"),
+        ("raise RuntimeError('no camera')", "RuntimeError: no camera"),
+    ],
+)
+def test_a_mission_that_cannot_be_imported_is_refused_in_words(
+    tmp_path: Path, line: str, words: str
+) -> None:
+    path = tmp_path / "m.py"
+    path.write_text(f"{line}\n{MISSION}", encoding="utf-8")
+    mission = load_mission(path)
+    with pytest.raises(ConfigError, match=f"running it failed: {words}"):
+        load_function(mission)
