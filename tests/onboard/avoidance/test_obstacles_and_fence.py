@@ -53,14 +53,6 @@ def test_a_goal_straight_behind_an_obstacle_is_reached_without_touching_it(shape
     assert nearest_to(fleet.obstacles[0], result.trace_enu_m) > 0.25 + 0.12
 
 
-@pytest.mark.long
-def test_without_rotation_a_vehicle_stands_in_front_of_the_obstacle_for_long():
-    turning, _ = fly_from_to((-2.5, 0.0), (2.5, 0.0), PILLAR)
-    result, fleet = fly_from_to((-2.5, 0.0), (2.5, 0.0), PILLAR, law={"rotation": "never"})
-    assert result.arrival_s[0, 0] > 1.5 * turning.arrival_s[0, 0]
-    assert nearest_to(fleet.obstacles[0], result.trace_enu_m) > 0.25 + 0.12
-
-
 def test_a_vehicle_sent_at_the_fence_stops_in_front_of_it():
     result, _ = fly_from_to((-2.0, 0.3), (30.0, 0.3), seeds=(0, 1, 2))
     assert result.trace_enu_m[..., 0].max() < 4.0
