@@ -25,6 +25,7 @@ from groundstation.processes.free_ports import toml_text, with_free_ports
 from onboard.autopilot import Version
 from onboard.config.earth import latitude_longitude_deg
 from onboard.config.fleet import FleetConfig, Vehicle, fleet_from_mapping
+from onboard.config.pair_separation import separations_m
 from onboard.px4.required_params import FAILSAFES, all_params
 from sitl.px4.parameters import DEFAULTS
 from tests.px4.build import Px4Build, Px4s, die_with_parent, free_instances
@@ -166,9 +167,11 @@ class Flight:
         return {name: np.array(values) for name, values in rows.items()}
 
     def closest_m(self) -> float:
-        """Smallest horizontal distance of two centres while one of the two flies, over the whole
-        flight.
+        """Smallest separation of two centres while one of the two flies, over the whole flight.
+
+        It is their horizontal distance if the fleet file has no vertical separation.
         """
+        height_share = self.fleet.fleet.height_share
         closest = math.inf
         for a, b in itertools.combinations(self.tracks().values(), 2):
             t = np.arange(max(a[0, 0], b[0, 0]), min(a[-1, 0], b[-1, 0]), 0.02)
@@ -176,8 +179,9 @@ class Flight:
                 [np.interp(t, one[:, 0], one[:, i]) for i in (1, 2, 3)] for one in (a, b)
             )
             is_flying = np.maximum(first[2], second[2]) > _AIRBORNE_M
-            distance = np.hypot(first[0] - second[0], first[1] - second[1])[is_flying]
-            closest = min(closest, float(distance.min(initial=math.inf)))
+            offset_m = np.stack(first, axis=-1) - np.stack(second, axis=-1)
+            apart_m = separations_m(offset_m, height_share)[is_flying]
+            closest = min(closest, float(apart_m.min(initial=math.inf)))
         return closest
 
     def down_after_s(self) -> float:

@@ -10,13 +10,26 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from onboard.autopilot import Version
+from onboard.config.fleet import FleetConfig
 from tests.px4.build import Px4Build, Px4s, free_instances, is_taken
-from tests.px4.flight import Flight, break_in, end, flying, order, told, verdict
+from tests.px4.flight import (
+    Flight,
+    break_in,
+    end,
+    fleet_of,
+    flying,
+    order,
+    told,
+    verdict,
+    written,
+)
 from tests.px4.pilot import Pilot
 from tests.px4.table import Table
 
@@ -49,6 +62,7 @@ all_landed = true
 [on_failure]
 do = "land"
 """
+_VERTICAL_M = 1.2  # of the fleet that passes on two heights
 _CROSSING_S = 3.0  # into the formation of the paper's mission
 _STATION = 14550
 _LEAST_M = 0.80  # the promise
@@ -100,6 +114,33 @@ def test_six_swap_across_a_ring(build: Px4Build, table: Table, tmp_path: Path) -
         table.add("six change places across a ring, twice", _success(flight))
         assert status == 0, flight.log
         assert flight.closest_m() >= 0.80
+
+
+def _on_two_heights(
+    count: int, folder: Path, instances: list[int], version: Version | None
+) -> FleetConfig:
+    """Write the fleet file of the ring, whose vehicles pass each other on two heights."""
+    data = tomllib.loads(fleet_of(count, folder, instances, version).text)
+    data["fleet"]["vertical_separation_m"] = _VERTICAL_M
+    data["fleet"]["geofence_m"]["z"] = [0.0, 4.0]
+    data["law"]["passing_heights"] = 2
+    return written(data, folder, instances)
+
+
+def test_six_swap_across_a_ring_on_two_heights(
+    build: Px4Build, table: Table, tmp_path: Path
+) -> None:
+    with flying(build, 6, tmp_path, _SWAPS, _on_two_heights) as flight:
+        status = end(flight)
+        highest_m = sorted(track[:, 3].max() for track in flight.tracks().values())
+        table.add(
+            "six change places across a ring, twice, and pass on two heights",
+            f"{_success(flight)}; three of them up to {highest_m[3]:.1f} m",
+        )
+        assert status == 0, flight.log
+        assert flight.closest_m() >= 0.80
+        assert highest_m[2] < 1.2 + 0.3
+        assert highest_m[3] > 1.2 + _VERTICAL_M
 
 
 def _success(flight: Flight) -> str:
