@@ -390,6 +390,11 @@ class OwnState:
         return wind.gust_std_m_s2(self._wind)
 
     @property
+    def strongest_gust_m_s2(self) -> float:
+        """The same of the gusts to expect: the strongest lately, or the usual ones of this wind."""
+        return wind.strongest_gust_std_m_s2(self._wind)
+
+    @property
     def gust_m_s(self) -> float:
         """Standard deviation of the gusts as a velocity of the air; NaN while no wind is known."""
         if math.isnan(self.wind_enu_m_s[0]):
