@@ -47,7 +47,7 @@ KNOWN = (
     "form3, swapN (jittered) and swapNx (exact), randN and randNdA (A m^2 per vehicle), "
     "crossN@90, crossN@180, layersN (two swaps above each other), heightsN (pairs swap heights), "
     "climbN (half climbs through the way of the other), squeeze, forestN (through pillars), "
-    "gapN (both ways through a gap in a wall), intruderN@1, intruderN@2, personN@1.5, "
+    "gapN (both ways through a gap in a wall), intruderN@1 to @3, personN@1.5, "
     "lostN@frozen, lostN@silent, lostN@dead, and mix (the benchmark); "
     f"N is a number up to {_MAX_VEHICLES}"
 )
@@ -552,7 +552,7 @@ _SCENARIOS: dict[str, Callable[..., FlightPlan]] = {
     r"squeeze": _squeeze,
     r"forest(\d{1,4})?": _forest,
     r"gap(\d{1,4})?": _gap,
-    r"intruder(\d{1,4})?(?:@(1|2))?": _intruder,
+    r"intruder(\d{1,4})?(?:@(1|2|3))?": _intruder,
     r"person(\d{1,4})?(?:@(0\.5|1|1\.5))?": _person,
     r"lost(\d{1,4})?(?:@(frozen|silent|dead))?": _lost,
 }
