@@ -56,24 +56,28 @@ class ContactSigns(Struct, frozen=True):
     slow_ns: int = 0  # its vertical speed is much slower than a fall with little thrust
 
 
-def observe(signs: ContactSigns, view: FlightView, has_mocap: bool) -> ContactSigns:
+def observe(
+    signs: ContactSigns, view: FlightView, *, has_mocap: bool, sinks_blind: bool
+) -> ContactSigns:
     """Return the signs of contact at this tick.
 
     Args:
         signs: signs of contact at the last tick.
         view: what the flight sees at this tick.
         has_mocap: whether a mocap measures the height, to millimetres.
+        sinks_blind: whether it descends without poses; single ones may come.
     """
     now_ns = view.now_ns
     height_m = view.position_enu_m[2]
 
-    if has_mocap and not view.is_blind:
+    is_blind = view.is_blind or sinks_blind
+    if has_mocap and not is_blind:
         is_still = abs(height_m - signs.height_m) < _STILL_M
         still_height_m = signs.height_m if is_still else height_m
     else:
         sinking_m_s = view.snapshot.velocity_local_ned_m_s[2]
         is_still = abs(sinking_m_s) < _STILL_PX4_M_S
-        if view.is_blind:
+        if is_blind:
             is_still = sinking_m_s < _BLIND_SINKS_M_S
         still_height_m = height_m
 

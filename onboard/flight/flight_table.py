@@ -187,7 +187,7 @@ BLIND = (
     Row((S.COASTING,), E.TICK, when=p.sees_again_on_leg, to=S.LEG, effect=effects.resume),
     Row((S.COASTING,), E.TICK, when=p.sees_again_in_climb, to=S.CLIMB, effect=effects.resume),
     Row((S.COASTING,), E.TICK, when=p.sees_again, to=S.HOLDING, effect=effects.hold_again),
-    Row((S.SINKING,), E.TICK, when=p.sees_again, to=S.DESCENT, effect=effects.descend),
+    Row((S.SINKING,), E.TICK, when=p.sees_again_for_long, to=S.DESCENT, effect=effects.descend),
     Row(_BLIND, E.TICK, when=p.touched_down_blind, to=S.CONTACT, effect=effects.expect_contact),
 )
 

@@ -34,6 +34,7 @@ _PATIENCE = 3.0  # a climb may also take this many times its planned duration
 _LIFTED_M = 0.05
 _ARRIVED_S = 0.5
 _MOVED_BY_GUSTS_S = 3.0
+_SEEN_S = 0.6  # for which poses must have come before a descent without them ends
 _REST_S = 0.3
 
 # landing
@@ -296,6 +297,15 @@ def sees_again(flight: FlightContext, view: FlightView) -> bool:
     return not view.is_blind
 
 
+def sees_again_for_long(flight: FlightContext, view: FlightView) -> bool:
+    """Return whether its position has been measured for a while again, in a descent without poses.
+
+    Poses that come and go would otherwise begin the descent, and the search for the signs of the
+    ground, anew each time.
+    """
+    return not view.is_blind and flight.steady_s(view) > _SEEN_S
+
+
 def falls(flight: FlightContext, view: FlightView) -> bool:
     """Return whether it falls from the height of its contact, so that it did not stand there."""
     fallen_m = flight.contact_z_m - view.position_enu_m[2]
@@ -416,6 +426,8 @@ def is_steady(flight: FlightContext, view: FlightView) -> bool:
             return is_at_rest(view, flight.vehicle)
         case FlightStep.DESCENT:
             return _is_kept_beside_its_goal(flight, view)
+        case FlightStep.SINKING:
+            return not view.is_blind
     return False
 
 

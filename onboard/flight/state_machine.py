@@ -181,7 +181,12 @@ def preflight_checked(flight: FlightContext, view: FlightView, is_ready: bool) -
 
 def advance(flight: FlightContext, view: FlightView) -> None:
     """Update the signs and times of this tick, and go on to the next step if one is due."""
-    flight.contact = contact.observe(flight.contact, view, flight.vehicle.mocap_required)
+    flight.contact = contact.observe(
+        flight.contact,
+        view,
+        has_mocap=flight.vehicle.mocap_required,
+        sinks_blind=flight.step is FlightStep.SINKING,
+    )
 
     height_m = view.position_enu_m[2]
     is_sinking = view.velocity_enu_m_s[2] <= 0.0

@@ -44,3 +44,36 @@ class Held:
         if self.checks == 0:
             return 0.0
         return (now_ns - self.since_ns) * 1e-9
+
+
+@dataclass(slots=True)
+class Recurring:
+    """Memory of a condition that comes and goes: a sum of the times for which it has held.
+
+    While the condition does not hold, the sum shrinks. So it grows only if the condition holds for
+    more than a share of the time.
+
+    Args:
+        forgotten_share: time by which the sum shrinks in each second without the condition [s].
+    """
+
+    forgotten_share: float
+    seconds: float = 0.0  # the sum
+    _last_ns: int = 0  # our time at the last check; 0 before the first one
+
+    def update(self, now_ns: int, holds: bool) -> None:
+        """Take a check.
+
+        Args:
+            now_ns: our clock.
+            holds: whether the condition has held since the last check.
+        """
+        passed_s = 0.0
+        if self._last_ns:
+            passed_s = max(now_ns - self._last_ns, 0) * 1e-9
+        self._last_ns = now_ns
+
+        if holds:
+            self.seconds += passed_s
+        else:
+            self.seconds = max(self.seconds - self.forgotten_share * passed_s, 0.0)

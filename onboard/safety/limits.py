@@ -11,6 +11,10 @@ import math
 POSITION_STALE_S = 0.2  # without poses for longer, a vehicle flies by dead reckoning
 POSITION_KNOWN_S = 0.5  # without poses for longer, and without dead reckoning, it is not known
 POSITION_LOST_S = 0.6  # without poses for longer, a vehicle lands
+# Poses that come and go: the times without them add up, and shrink by this share while poses come.
+# Above this sum a vehicle lands.
+FLICKER_S = 0.6
+FLICKER_FORGOTTEN_SHARE = 0.2
 NEIGHBOUR_BLIND_S = 0.25  # a neighbour counts as blind only after this: telemetry may be so late
 RECKONING_S = 6.0  # after this, dead reckoning is no better than PX4's own landing
 # Near others, dead reckoning is better for longer: PX4 avoids nobody, and its own reckoning is

@@ -21,6 +21,7 @@ from typing import Any
 from onboard.safety.failsafe_table import Condition
 from onboard.safety.limits import (
     AMONG_OTHERS_M,
+    FLICKER_S,
     LARGEST_PX4_ACCURACY_M,
     POSITION_LOST_S,
     POSITION_STALE_S,
@@ -119,7 +120,10 @@ def _names(field: str) -> Callable[[TickFacts], str]:
 
 def _is_lost(facts: TickFacts) -> bool:
     # with LIVE_CHECKS on top, a vehicle that has confirmed poses again after 0.6 s does not land
-    return facts.position_age_s > POSITION_LOST_S or facts.position_stale_s > STALE_FOR_S
+    if facts.position_age_s > POSITION_LOST_S or facts.position_stale_s > STALE_FOR_S:
+        return True
+    # poses that come and go: each time without them the vehicle drifts and sinks a little
+    return facts.position_age_s > POSITION_STALE_S and facts.position_flicker_s > FLICKER_S
 
 
 def _is_reckoned_for_too_long(facts: TickFacts) -> bool:

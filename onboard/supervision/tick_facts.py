@@ -81,6 +81,8 @@ class TickFacts(Struct, frozen=True, kw_only=True):
     has_position: bool = True  # known from poses or by dead reckoning
     position_age_s: float = 0.0  # age of the newest sample that was used
     position_stale_s: float = 0.0  # for how long the position has been stale
+    # sum of the times for which it was stale lately; see onboard/safety/held.py
+    position_flicker_s: float = 0.0
     height_above_floor_m: float = 0.0  # above the lowest ground that the fleet file knows
     height_m: float = 0.0  # above the ground where it took off
     is_standing: bool = False  # by thrust and vertical motion, without using its height

@@ -24,8 +24,8 @@ from onboard.safety.autopilot_monitor import AutopilotMonitor
 from onboard.safety.battery_monitor import BatteryMonitor
 from onboard.safety.failsafe_table import Situation
 from onboard.safety.geofence import FenceStatus, fence_of
-from onboard.safety.held import Held
-from onboard.safety.limits import POSITION_STALE_S
+from onboard.safety.held import Held, Recurring
+from onboard.safety.limits import FLICKER_FORGOTTEN_SHARE, POSITION_STALE_S
 from onboard.safety.report_confirmation import ReportConfirmation
 from onboard.safety.tracking_monitor import TrackingMonitor
 from onboard.supervision.neighbour_monitor import NeighbourMonitor
@@ -86,6 +86,7 @@ class TickObserver:
         self._touching_m = min(fleet.fleet.body_diameter_m, fleet.fleet.safety_distance_m)
 
         self._stale = Held()
+        self._flicker = Recurring(FLICKER_FORGOTTEN_SHARE)
         self._autopilot = AutopilotMonitor()
         self._offboard = OffboardMonitor()
         self._tracking = TrackingMonitor(vehicle.lag_s, MAX_THRUST_FRAC)
@@ -114,6 +115,7 @@ class TickObserver:
             position_stale_s = self._stale.seconds(now_ns)
         else:
             self._stale.end()
+        self._flicker.update(now_ns, position_age_s > POSITION_STALE_S)
         jumped_onto = ""  # name of the vehicle on whose position it has jumped
         if own.jumps >= _SWAP_JUMPS:
             jumped_onto = self._jumped_onto(now_ns)
@@ -191,6 +193,7 @@ class TickObserver:
             has_position=view.has_position,
             position_age_s=position_age_s,
             position_stale_s=position_stale_s,
+            position_flicker_s=self._flicker.seconds,
             height_above_floor_m=view.position_enu_m[2] - self._floor_m,
             height_m=height_m,
             is_standing=contact.is_agreed_by_thrust(flight.contact, view),

@@ -43,10 +43,16 @@ def _view(
     )
 
 
-def _observed(view: FlightView, *, has_mocap: bool = True, height_m: float = 2.0) -> ContactSigns:
+def _observed(
+    view: FlightView,
+    *,
+    has_mocap: bool = True,
+    sinks_blind: bool = False,
+    height_m: float = 2.0,
+) -> ContactSigns:
     """The signs of a tick, when all of them held before."""
     before = ContactSigns(height_m, _BEFORE_NS, _BEFORE_NS, _BEFORE_NS, _BEFORE_NS)
-    return contact.observe(before, view, has_mocap)
+    return contact.observe(before, view, has_mocap=has_mocap, sinks_blind=sinks_blind)
 
 
 def _lasted(**since_ms: float) -> ContactSigns:

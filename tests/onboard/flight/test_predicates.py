@@ -376,6 +376,13 @@ def test_a_descent_without_poses_has_to_have_begun(now_s: float, counts: bool) -
     assert not predicates.touched_down_blind(flight, high)
 
 
+def test_a_descent_without_poses_ends_when_they_have_come_for_a_while() -> None:
+    flight = _flight(step=FlightStep.SINKING)
+    assert not predicates.sees_again_for_long(flight, _view(0.5))
+    assert predicates.sees_again_for_long(flight, _view(0.7))
+    assert not predicates.sees_again_for_long(flight, _view(0.7, is_blind=True))
+
+
 @pytest.mark.parametrize("is_blind", [True, False])
 @pytest.mark.parametrize("kind", ["move", "follow_path", "takeoff", "land"])
 def test_what_goes_on_when_its_position_is_measured_again(is_blind: bool, kind: OrderKind) -> None:

@@ -262,6 +262,16 @@ JUST_NOT = [
     (Condition.POSITION_STALE, {"position_age_s": 0.2}, {"position_age_s": 0.201}),
     (Condition.POSITION_LOST, {"position_age_s": 0.6}, {"position_age_s": 0.601}),
     (Condition.POSITION_LOST, {"position_stale_s": 0.4}, {"position_stale_s": 0.401}),
+    (
+        Condition.POSITION_LOST,
+        {"position_age_s": 0.3, "position_flicker_s": 0.6},
+        {"position_age_s": 0.3, "position_flicker_s": 0.601},
+    ),
+    (
+        Condition.POSITION_LOST,
+        {"position_age_s": 0.2, "position_flicker_s": 0.9},
+        {"position_age_s": 0.201, "position_flicker_s": 0.9},
+    ),
     (Condition.POSITION_JUMPED, {"jumps": 2}, {"jumps": 3}),
     (
         Condition.LANDED_WRONG,

@@ -117,7 +117,8 @@ class Observed:
         }
         snapshot = Snapshot(**{**reported, **self.snapshot})
         view = FlightView(**{"now_ns": now_ns, "snapshot": snapshot, **self.view})
-        self.flies(contact=contact.observe(self.flight.contact, view, has_mocap=True))
+        signs = contact.observe(self.flight.contact, view, has_mocap=True, sinks_blind=False)
+        self.flies(contact=signs)
         own = OwnEstimate(
             state=None,
             attitude_wxyz=(1.0, 0.0, 0.0, 0.0),
@@ -188,6 +189,17 @@ def test_a_position_is_stale_from_two_tenths_of_a_second_on_and_for_as_long_as_i
     observed.view["position_age_s"] = 0.21
     observed.tick()
     assert observed.run(0.1).position_stale_s == pytest.approx(0.1)
+
+
+def test_times_without_poses_add_up_where_poses_come_and_go() -> None:
+    observed = Observed()
+    for age_s in (0.3, 0.0, 0.3, 0.0, 0.3):
+        observed.view["position_age_s"] = age_s
+        facts = observed.run(0.5)
+    # 0.5 s three times, less a fifth of the two spells between them
+    assert facts.position_flicker_s == pytest.approx(1.3, abs=0.05)
+    observed.view["position_age_s"] = 0.0
+    assert observed.run(7.0).position_flicker_s == 0.0
 
 
 def test_heights_are_those_above_the_fleets_ground_and_above_the_own() -> None:

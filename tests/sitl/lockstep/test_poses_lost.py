@@ -139,6 +139,34 @@ def test_poses_of_all_that_are_back_within_0_6_s_cost_nobody_the_flight(lockstep
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(
+    ("lost_s", "back_s", "whose"),
+    [
+        (0.36, 0.2, "all"),
+        pytest.param(0.36, 0.2, "mav1", marks=pytest.mark.long),
+        pytest.param(0.25, 0.2, "all", marks=pytest.mark.long),
+        pytest.param(0.3, 0.3, "all", marks=pytest.mark.long),
+        pytest.param(0.5, 0.5, "all", marks=pytest.mark.long),
+        pytest.param(0.5, 0.8, "mav1", marks=pytest.mark.long),
+    ],
+)
+def test_who_has_poses_that_come_and_go_lands_softly_and_disarms(
+    lockstep, paper, lost_s, back_s, whose
+) -> None:
+    flight = lockstep(paper, seed=1)
+    flight.takeoff(1.0)
+    names = paper.enabled_names if whose == "all" else (whose,)
+    period_s = lost_s + back_s
+    for spell in range(round(25.0 / period_s)):
+        for name in names:
+            flight.inject(Fault("mocap_lost", name, flight.time_s + spell * period_s, lost_s))
+
+    def are_landed(_: object) -> bool:
+        return all(flight.agents[name].core.flight.state == "landed" for name in names)
+
+    assert flight.until(are_landed, 20.0)
+
+
 def test_px4s_own_position_is_wrong_by_metres_soon_after(lockstep) -> None:
     errors_m: dict[int, list[float]] = {1: [], 3: [], 4: []}
     for seed in (1, 2):
