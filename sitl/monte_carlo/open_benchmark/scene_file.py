@@ -34,6 +34,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "goals_each": (1, 20),
     "jitter_m": (0.0, 1.0),
     "leaves_s": (0.0, 3600.0),
+    "person_radius_m": (0.0, 5.0),
     "within_s": (1.0, 3600.0),
 }
 # least area per drawn point, in squares of the spacing: denser points are hardly found by drawing
@@ -80,11 +81,13 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Intruder(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A vehicle of somebody else: it flies straight on and avoids nobody."""
+    """Somebody else who goes straight on and avoids nobody: a vehicle, or a person who walks."""
 
     start_enu_m: tuple[float, float]  # east, north
     velocity_enu_m_s: tuple[float, float]  # east, north
     leaves_s: float  # the flight does not end before this time
+    # a person's circle, to which all distances are measured; 0: a vehicle
+    person_radius_m: float = 0.0
 
 
 class Others(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -107,7 +110,7 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     errors: str = "mocap"  # accuracy of the estimates
     # values as --set of covey simulate takes them: delay, loss, wind, limits
     set: dict[str, float | int | bool | str] = {}
-    intruder: Intruder | None = None  # a vehicle of somebody else
+    intruder: Intruder | None = None  # a vehicle of somebody else, or a person
     blind: tuple[int, ...] = ()  # indexes of vehicles that hear nobody
     others: Others | None = None  # who flies by another law
     # time in which all must arrive; without it 5.5 times the straight-line time
@@ -199,6 +202,7 @@ def _problems(scene: Scene) -> Iterator[str]:
         yield from _number_problems(obstacle, "radius_m", "obstacles.")
     if scene.intruder is not None:
         yield from _number_problems(scene.intruder, "leaves_s", "intruder.")
+        yield from _number_problems(scene.intruder, "person_radius_m", "intruder.")
         for speed_m_s in scene.intruder.velocity_enu_m_s:
             key = "intruder.velocity_enu_m_s"
             yield from bound_problems(key, speed_m_s, -_LARGEST_M_S, _LARGEST_M_S)

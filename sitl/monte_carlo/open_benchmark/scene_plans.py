@@ -109,9 +109,11 @@ def plan(scene: Scene, seed: int, *, is_jittered: bool = True) -> FlightPlan:
 
     earliest_s = 0.0
     intruder_m_s = None
+    intruder_radius_m = 0.0
     if scene.intruder is not None:
         entry = np.array([scene.intruder.start_enu_m])
         intruder_m_s = np.array([*scene.intruder.velocity_enu_m_s, 0.0])
+        intruder_radius_m = scene.intruder.person_radius_m
         earliest_s = scene.intruder.leaves_s
         exit_ = entry + earliest_s * intruder_m_s[:2]
         start = np.concatenate([start, entry])
@@ -134,6 +136,7 @@ def plan(scene: Scene, seed: int, *, is_jittered: bool = True) -> FlightPlan:
         goal_enu_m=_raised(goals[0]),
         earliest_s=earliest_s,
         intruder_m_s=intruder_m_s,
+        intruder_radius_m=intruder_radius_m,
         obstacles=obstacles,
         later_goals_enu_m=later_goals,
         blind=scene.blind,

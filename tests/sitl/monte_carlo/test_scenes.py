@@ -172,3 +172,19 @@ def test_hovering_for_a_second_costs_a_second_of_hovering():
     calm = {"gust_m_s2": 0.0, "lag_mismatch": 0.0, "gain": 0.0}
     (one,) = flown(scene_of(placing=still, jitter_m=0.0, errors="none", set=calm))
     assert one.outcome.energy_hover_s == pytest.approx(one.outcome.duration_s, rel=0.01)
+
+
+WALKER = {"start_enu_m": [-5.0, 0.1], "velocity_enu_m_s": [1.0, 0.0], "leaves_s": 10.0}
+HOVERING = {"type": "listed", "start_enu_m": [[0.0, 0.0]], "goal_enu_m": [[0.0, 0.0]]}
+
+
+def test_the_distance_from_a_person_is_measured_and_kept_to_the_circle():
+    def nearest_m(law, radius_m):
+        intruder = {**WALKER, "person_radius_m": radius_m}
+        scene = scene_of(placing=HOVERING, intruder=intruder, jitter_m=0.0)
+        [one] = flown(scene, law=law)
+        return one.outcome.min_separation_m
+
+    assert nearest_m("off", 0.4) == pytest.approx(nearest_m("off", 0.0) - 0.4, abs=1e-9)
+    assert nearest_m("covey", 0.4) > 0.8
+    assert 0.8 < nearest_m("covey", 0.0) < nearest_m("covey", 0.4) + 0.4
