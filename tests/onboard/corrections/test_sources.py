@@ -187,8 +187,7 @@ async def test_nobody_at_the_address_is_a_sentence():
 @pytest.mark.parametrize("host", ["caster..example.org", f"{'x' * 64}.example.org"])
 async def test_a_host_that_cannot_be_a_name_is_a_sentence(host: str):
     with pytest.raises(SourceError, match="cannot be reached"):
-        async with aclosing(read_tcp(f"{host}:2101")) as source:
-            await anext(source)
+        await anext(read_tcp(f"{host}:2101"))
 
 
 async def test_a_caster_is_told_where_the_fleet_is():
