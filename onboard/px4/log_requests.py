@@ -4,7 +4,7 @@ A ground station sends the requests as whole MAVLink packets. MAVLink's file tra
 write, delete, and read every file of PX4's card. The agent forwards only what fetching a log needs:
 requests that list or read below PX4's log folders, and the requests of LOG_DATA, which only read.
 
-Layout of a file transfer payload after its three ids: sequence (2 bytes), session, operation, size,
+Layout of a file transfer payload: three ids, sequence (2 bytes), session, operation, size,
 operation that is answered, end of the burst, padding, offset (4 bytes), data. Source: MAVLink's
 documentation, "File Transfer Protocol".
 """
@@ -38,7 +38,7 @@ _LIST = 3
 _OPEN_TO_READ = 4
 _READ = 5
 _BURST = 15
-# They read or close the file that is open, which is a log.
+# These operations read or close the file that is open, which is a log.
 _WITHOUT_PATH = (_TERMINATE, _RESET, _READ, _BURST)
 
 

@@ -51,7 +51,8 @@ _COMPONENT_ID = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 # two links that start at the same time in one process sometimes crash MAVSDK 4.1
 _ONE_AT_A_TIME = threading.Lock()
 
-# PX4 has restarted if its clock went back by more than this; it tells no origin in its first second
+# PX4 has restarted if its clock went back by more than this. In the first second after its start it
+# sends no origin.
 _RESTARTED_MS = 500
 
 # Numbers of messages.
@@ -121,7 +122,7 @@ def _pose_covariance(std_m: float) -> list[float]:
 
 
 def _silent(*_: Any) -> bool:
-    """Keep MAVSDK from logging to stdout, which the agent uses; True: the line is dealt with."""
+    """Take a line of MAVSDK's log; with True MAVSDK does not print it to stdout."""
     return True
 
 
@@ -183,7 +184,7 @@ class Px4Link:
         # time of the last pose that was sent to PX4; at first the start, because another program
         # may have sent poses before
         self._poses_ns = 0
-        # whether a disarmed PX4 gets no poses, see settle_global_origin
+        # True: a disarmed PX4 gets no poses, see settle_global_origin
         self.withholds_poses = False
         # called on the relay's thread with PX4's replies to requests for its logs
         self.on_log_answer: Callable[[Packet], object] = _ignored
@@ -327,10 +328,10 @@ class Px4Link:
         return replace(known, last_packet_ns=newest_ns, system_id=self.system_id, **changes)
 
     def _has_restarted(self, clock_ms: int) -> bool:
-        """Return whether PX4's clock has begun anew; then its origin is another one.
+        """Return whether PX4's clock has begun anew; then its known origin does not count any more.
 
-        The first local positions come before the first attitude, and would be counted from the
-        origin of before: a vehicle that was carried meanwhile would report its old place.
+        Its local positions are then relative to a new origin. With the known origin, a vehicle that
+        was carried while it was off would seem to be at its old place.
         """
         before_ms = self._clock_ms
         self._clock_ms = clock_ms
@@ -369,7 +370,7 @@ class Px4Link:
         self._command(modes.CMD_ARM, 1.0)
 
     def disarm(self) -> None:
-        """Command to disarm; PX4 refuses in the air."""
+        """Command to disarm; in the air PX4 refuses it."""
         self._command(modes.CMD_ARM, 0.0)
 
     def kill(self) -> None:
@@ -393,7 +394,7 @@ class Px4Link:
         self._relay.send(number, payload)
 
     def send_corrections(self, flags: int, data: bytes) -> None:
-        """GPS_RTCM_DATA: PX4 hands it to its receiver, and acknowledges nothing."""
+        """GPS_RTCM_DATA: PX4 passes the data to its receiver, and acknowledges nothing."""
         self._send("GPS_RTCM_DATA", flags, len(data), data)
 
     def send_odometry(
@@ -563,7 +564,8 @@ class Px4Link:
     # -- wire --------------------------------------------------------------------------------------
 
     def _boot_ms(self) -> int:
-        return (time.monotonic_ns() - self._start_ns) // 1_000_000 & 0xFFFFFFFF
+        since_start_ms = (time.monotonic_ns() - self._start_ns) // 1_000_000
+        return since_start_ms & 0xFFFFFFFF
 
     def _command(self, command: int, param1: float = 0.0, param2: float = 0.0) -> None:
         """Send a command, without waiting for its answer."""

@@ -15,9 +15,9 @@ from onboard.autopilot import Landed
 from onboard.frames import enu_flu_from_ned_frd
 from onboard.px4 import modes
 
-# AUTOPILOT_VERSION.uid of a PX4 that was built for simulation is this number plus the system id
-# minus one. The number comes from the letters SIMULATIONID0000, which are BOARD_OVERRIDE_UUID of
-# PX4's board px4_sitl.
+# AUTOPILOT_VERSION.uid of a PX4 that was built for simulation and has system id 1; the next system
+# id has the next uid. The number comes from the letters SIMULATIONID0000, which are
+# BOARD_OVERRIDE_UUID of PX4's board px4_sitl.
 _SIMULATION_UID = 0x4954414C44494E4F
 _MOST_SYSTEM_IDS = 255
 _FIX_3D = 3  # GPS_FIX_TYPE of a three-dimensional fix; larger values are better fixes

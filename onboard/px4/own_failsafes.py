@@ -59,7 +59,7 @@ class OwnFailsafe:
 
     flags: tuple[str, ...]  # names that PX4's versions have for it
     holds: str  # condition under which it acts
-    acts: str  # what PX4 then does in OFFBOARD
+    acts: str  # reaction of PX4 in OFFBOARD
     treated: Treatment
     rows: tuple[Condition, ...]  # conditions of the agent's failsafe table that follow from it
     parameters: tuple[OwnParameter, ...]

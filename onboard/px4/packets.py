@@ -197,8 +197,8 @@ def cut(data: bytes) -> Iterator[Packet | int]:
     Args:
         data: a datagram, or bytes from a serial device, which may begin anywhere.
     Yields:
-        Each packet. If bytes are left at the end that are no whole packet, their number comes last.
-        It is negative if they cannot be the begin of a packet.
+        Each packet. If bytes are left at the end that are no whole packet, their number comes last;
+        as a negative number if they cannot be the begin of a packet.
     """
     start = 0
     while start < len(data):
@@ -225,7 +225,9 @@ def cut(data: bytes) -> Iterator[Packet | int]:
         if len(whole) < size:
             break
 
-        ids = header[5:] if magic == _MAGIC_2 else header[3:]  # system, component, number
+        ids = header[3:]  # system, component, number
+        if magic == _MAGIC_2:
+            ids = header[5:]
         yield Packet(
             system_id=ids[0],
             component_id=ids[1],

@@ -27,8 +27,8 @@ BATTERY_FLOOR = "SIM_BAT_MIN_PCT"
 _SILENCE = "COM_OF_LOSS_T"
 # the agent's landing level is above PX4's critical level by at least this
 _BATTERY_GAP_FRAC = 0.005
-# PX4's tilt limit is above max_tilt_deg by at least this: a commanded step is exceeded by a tenth,
-# and the rest is for gusts
+# PX4's tilt limit is above max_tilt_deg by at least this. After a commanded step the tilt
+# overshoots by a tenth; the rest is for gusts.
 _TILT_MARGIN_DEG = 15
 
 
@@ -56,7 +56,7 @@ class RequiredParam:
     before: Version = LAST  # first version of PX4 that does not have it any more
 
     def is_for(self, version: Version | None) -> bool:
-        """Whether a PX4 of this version has it; if the version is unknown, whether all have it."""
+        """Whether a PX4 of this version has it; for an unknown version, whether every PX4 does."""
         if version is None:
             return self.since == FIRST and self.before == LAST
         return self.since <= version < self.before
