@@ -16,8 +16,7 @@ log = logging.getLogger("covey.agent")
 class BackgroundQueue:
     """One thread that executes the submitted calls, one after the other.
 
-    To submit a call never blocks: when too many calls wait already, the new one is dropped and
-    counted.
+    :meth:`submit` never blocks. If too many calls wait already, the new one is dropped and counted.
 
     Args:
         name: name of the thread.

@@ -100,7 +100,7 @@ def is_disk_full() -> bool:
 def take_precedence() -> str:
     """Give the calling thread precedence over all programs; return a sentence about the result.
 
-    The other threads of the process get the next lower priority, because one that has Python's lock
+    The other threads of the process get a lower real-time priority. A thread that has Python's lock
     and waits for a processor holds up the loop, whatever the loop's priority is. Threads that start
     later get no precedence, since their work may wait.
     """

@@ -292,7 +292,7 @@ def logs(service: Service, *, follows: bool, lines: int) -> int:
 
 
 def verify(service: Service, text: str) -> str:
-    """Return systemd's objections to the unit; empty if it accepts it, or is not installed."""
+    """Return systemd's objections to the unit; empty if there are none, or without systemd."""
     if shutil.which("systemd-analyze") is None:
         return ""
     with tempfile.TemporaryDirectory() as folder:
