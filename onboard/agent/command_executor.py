@@ -135,5 +135,6 @@ class CommandExecutor:
 
         # The slow states come from all others, and from the own name: a state under the own name
         # shows another agent of the same vehicle.
-        slow_names = self._names - command.names | {self._name}
+        slow_names = self._names - command.names
+        slow_names.add(self._name)
         self._subscriptions.submit(self._bus.follow, Topic.FAR, slow_names, on_message)

@@ -75,6 +75,7 @@ from onboard.flight.path_flight import OtherClock, other_clocks
 from onboard.flight.types import FlightStep, FlightView
 from onboard.localization.odometry_forwarding import OdometryForwarder
 from onboard.localization.own_state import OwnEstimate, OwnState
+from onboard.message_counts import MessageCounts
 from onboard.neighbours.people import People
 from onboard.neighbours.table import NeighbourTable
 from onboard.preflight.preflight_reporter import PreflightReporter
@@ -97,7 +98,7 @@ _LONGEST_S = 0.1
 _ZERO = (0.0, 0.0, 0.0)
 _IN_AIR = (Landed.IN_AIR, Landed.TAKING_OFF, Landed.LANDING)
 _MAY_END = (Situation.GROUND, Situation.SILENT)  # situations in which the process may end
-# steps in these situations that first wait for PX4 to say that it is disarmed
+# steps of these situations in which the process stays until PX4 reports that it is disarmed
 _DISARMS = (
     FlightStep.DISARMED,
     FlightStep.FAILSAFE_DISARMING,
@@ -178,7 +179,9 @@ class AgentCore:
         self.odometry = OdometryForwarder()
         self._setpoints = SetpointOutput(vehicle, self.own, self.flight, self.failsafes)
         self._follower = NeighbourFollower(self.neighbours)
-        counts = [] if self.corrections is None else [self.corrections.counts]
+        counts: list[MessageCounts] = []
+        if self.corrections is not None:
+            counts.append(self.corrections.counts)
         sources = TelemetrySources(
             own=self.own,
             neighbours=self.neighbours,
@@ -353,23 +356,27 @@ class AgentCore:
     def _tick_context(self, view: FlightView, own: OwnEstimate) -> TickContext:
         """Return the values that the failsafes need besides the view and the flight."""
         control = self.control
+        last_pass = control.tick
+
+        # before the first pass of the pipeline
         law_status = 0
         active_neighbour = -1
         below_m = 0.0
         is_law_active = False
         setpoint_miss_m = 0.0
-        last_pass = control.tick
+
         if last_pass is not None:
             law = last_pass.law
             setpoint_enu_m = last_pass.setpoint.position_enu_m
             is_law_active = law.status != LawStatus.INACTIVE
-            miss = subtract(setpoint_enu_m, law.predicted_position_enu_m)
-            setpoint_miss_m = math.hypot(miss.x, miss.y)
             law_status = law.status
             active_neighbour = law.active_neighbour
             if control.waits_for != router.NOBODY:
                 active_neighbour = control.waits_for
+
             below_m = setpoint_enu_m.z - view.position_enu_m[2]
+            miss = subtract(setpoint_enu_m, law.predicted_position_enu_m)
+            setpoint_miss_m = math.hypot(miss.x, miss.y)
 
         return TickContext(
             own=own,
@@ -474,7 +481,10 @@ class AgentCore:
         return requests
 
     def _may_end(self, view: FlightView) -> bool:
-        """Return whether the process may end now; for PX4's word it waits some seconds at most."""
+        """Return whether the process may end now.
+
+        A process that has disarmed its PX4 waits for PX4's report, but for some seconds at most.
+        """
         flight = self.flight
         waited_long = predicates.px4_has_not_confirmed_in_time(flight, view)
         is_disarming = flight.step in _DISARMS and not waited_long

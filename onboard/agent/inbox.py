@@ -135,7 +135,10 @@ class Inbox:
         self._append(agent_inputs.NeighbourReceived(on_own_clock, now_ns))
 
     def _count_missing(self, name: str, sequence: int) -> None:
-        """Count lost states by the gap of their sequence: a follower gets every state."""
+        """Count the states that were lost between the last one of a neighbour and this one.
+
+        A followed neighbour sends each of its states to this vehicle.
+        """
         # before the first state none is missing
         last_sequence = self._sequences.get(name, sequence - self._state_ticks)
         missing = (sequence - last_sequence) // self._state_ticks - 1
@@ -180,12 +183,9 @@ class Inbox:
             self._malformed_received()
             return
         now_ns = time.monotonic_ns()
-        stamped = (self.clock.pose(pose, now_ns) for pose in message.poses)
-        self._append(
-            agent_inputs.AllPosesReceived(
-                tuple(pose for pose in stamped if pose is not None), now_ns
-            )
-        )
+        stamped = [self.clock.pose(pose, now_ns) for pose in message.poses]
+        usable = tuple(pose for pose in stamped if pose is not None)
+        self._append(agent_inputs.AllPosesReceived(usable, now_ns))
 
     def _corrections_received(
         self, _topic: Topic, _name: str, message: Message | Malformed

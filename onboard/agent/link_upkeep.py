@@ -152,8 +152,8 @@ class LinkUpkeep:
             if is_on_ground:
                 has_origin = self._link.settle_global_origin(sets_ours=self._vehicle.mocap_required)
 
-            # Parameters are read again on the ground only: after some time, for another version of
-            # PX4, and while there are problems, which may have been solved meanwhile.
+            # Parameters are read once, and again on the ground: after some time, for another
+            # version of PX4, and while there are problems, which may have been solved meanwhile.
             is_old = time.monotonic_ns() - read_ns > _READ_AGAIN_NS
             is_due = problems or version != read_for or is_old
             if problems is None or (is_due and is_on_ground):

@@ -45,7 +45,7 @@ PERIOD_NS = round(TICK_S * 1e9)
 _CHECKED_POSITION_HZ = 10.0  # rate of PX4's position where it is only checked
 _SATELLITES_HZ = 5.0
 _STATISTICS_TICKS = 25  # number of ticks between two reports of the loop's times
-_FAILED_TICKS_TO_LAND = 25  # number of failed ticks in a row after which PX4 is asked to land
+_FAILED_TICKS_TO_LAND = 25  # number of failed ticks in a row after which PX4 lands
 _TIDY_TICKS = 500  # number of ticks between two garbage collections, on the ground only
 _ROUTER_S = 1.0  # time of one search for a router; signals are handled between two searches
 
@@ -76,9 +76,11 @@ class AgentProcess:
             fleet, name, boot_id=time.time_ns() & 0x7FFFFFFF, clock=time.perf_counter
         )
 
-        # with a mocap PX4's own estimate is only checked
-        position_hz = _CHECKED_POSITION_HZ if vehicle.mocap_required else 1e9 / PERIOD_NS
-        satellites_hz = 0.0 if vehicle.mocap_required else _SATELLITES_HZ
+        position_hz = 1e9 / PERIOD_NS
+        satellites_hz = _SATELLITES_HZ
+        if vehicle.mocap_required:  # then PX4's own position is only checked
+            position_hz = _CHECKED_POSITION_HZ
+            satellites_hz = 0.0
         self._link = Px4Link(
             vehicle.autopilot,
             vehicle.system_id,

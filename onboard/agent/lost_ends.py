@@ -12,8 +12,8 @@ from collections.abc import Iterable
 from onboard.agent_commands import Command, Publish
 from onboard.bus.schema import Event
 
-_NOTICED_NS = 1_500_000_000  # a loss of a ground is noticed so late
-_WAIT_NS = 1_000_000_000  # a ground that is back receives events only after this time
+_NOTICED_NS = 1_500_000_000  # longest time from the loss of a ground until it is noticed
+_WAIT_NS = 1_000_000_000  # time after which a ground that is back receives events
 _MOST_ENDS = 8
 _MOST_GROUNDS = 16
 

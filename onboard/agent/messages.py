@@ -85,8 +85,8 @@ def state_message(identity: AgentIdentity, result: TickResult, sequence: int) ->
     state = result.tick.state
     law = result.tick.law
 
-    # What friction and wind do to a vehicle at the ground lasts a moment. Others take it for a
-    # motion that goes on, and flee from it.
+    # At the ground, friction and wind accelerate a vehicle for a moment. Others would expect this
+    # acceleration to go on, and flee from it.
     acceleration_enu_m_s2: Xyz = state.acceleration_enu_m_s2
     if result.may_touch_the_ground:
         acceleration_enu_m_s2 = (0.0, 0.0, 0.0)
@@ -320,8 +320,10 @@ def _correction_fields(corrections: CorrectionsStatus | None) -> dict[str, Any]:
     if corrections is None:
         return {}
     age_s = corrections.age_s
+    if math.isinf(age_s):  # none yet
+        age_s = math.nan
     return {
-        "corrections_age_s": age_s if math.isfinite(age_s) else math.nan,
+        "corrections_age_s": age_s,
         "base_id": corrections.base_id,
         "base_distance_m": corrections.base_distance_m,
     }

@@ -16,14 +16,14 @@ from onboard.bus.protocol import UntrustedOrder
 from onboard.bus.schema import Order
 from onboard.flight.order_checks import late_sentence
 
-FRESH_S = 5.0  # longest time from that telemetry to the order's arrival
+FRESH_S = 5.0  # longest time from the stamp of that telemetry to the order's arrival
 
-# The same for land, hold and kill: in an emergency the ground may have received nothing for long.
+# The same for land, hold and kill. In an emergency the ground's newest telemetry may be old.
 FRESH_EMERGENCY_S = 30.0
 _MAX_SEEN = 10_000  # number of orders that are remembered
 
-# The stamp of an order that is sent again is newer by at least this. The stamp is converted from
-# the sender's clock, with an error.
+# An order that is sent again has a stamp that is newer by at least this. The margin covers the
+# error of the conversion from the sender's clock.
 _AGAIN_S = 0.1
 
 

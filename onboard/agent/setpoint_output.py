@@ -51,7 +51,9 @@ class SetpointOutput:
             self._sent_ns = 0
             return []
 
-        silence_ns = view.now_ns - self._sent_ns if self._sent_ns else 0
+        silence_ns = 0
+        if self._sent_ns:
+            silence_ns = view.now_ns - self._sent_ns
         if silence_ns > self._loss_ns and step in MUST_BE_OFFBOARD:
             self._let_px4_land(view)
             return []

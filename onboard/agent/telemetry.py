@@ -25,8 +25,8 @@ _BATCH_TICKS = 10
 class TickMessages(NamedTuple):
     """Messages of one tick, in two parts that have different places among its commands."""
 
-    # This part goes before the events of the same tick: a receiver of an order's end then already
-    # has the state to which the order led.
+    # This part goes before the events of the same tick. So whoever receives the end of an order
+    # already has the state to which the order led.
     telemetry: list[Command]
     others: list[Command]  # this part goes after the setpoint
 

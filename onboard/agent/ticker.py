@@ -21,8 +21,9 @@ _WINDOW = 500  # ten seconds at 50 Hz
 class Ticker:
     """Calls ``on_tick`` every ``period_ns``, first at a multiple of the period plus ``offset_ns``.
 
-    ``missed_ticks`` counts the ticks that were missed; they are not repeated. ``late_ticks`` counts
-    the ticks whose period was longer than ``period_ns`` by more than ``late_ns``.
+    ``missed_ticks`` counts the times of the schedule without a tick: those during which an earlier
+    tick still ran. ``late_ticks`` counts the ticks whose period was longer than ``period_ns`` by
+    more than ``late_ns``.
     """
 
     def __init__(
