@@ -18,7 +18,7 @@ ANY_TIME_S = -math.inf  # limit of a cause that counts at once: any duration is 
 
 
 class _Watched:
-    """One fact of the table, for how long it has held, and the causes that depend on it."""
+    """One fact of the table, how long it has held, and the causes that depend on it."""
 
     __slots__ = ("above", "causes", "equals", "fact", "held")
 

@@ -68,13 +68,13 @@ PUSHED_ABOUT_S = 0.5
 DISTURBANCE_BOUND_S = 0.5
 
 INFEASIBLE_S = 0.1
-# When all vehicles have poses again, they learn this of each other only after about this time.
+# When all vehicles have poses again, each learns of the others' poses only after about this time.
 NEIGHBOUR_BLIND_OVER_S = 0.15
 BATTERY_UNKNOWN_S = 5.0  # on top of the 5 s after which a report counts as old
 
 LIVE_CHECKS = 5  # checks in a row after which the process itself cannot have slept
-# fewer for neighbours: their states come at 50 Hz from several senders, which shows that the
-# process did not sleep
+# the same for the silence of a neighbour, which takes fewer checks: the states of the others, which
+# come at 50 Hz, show that the process has not slept
 NEIGHBOUR_CHECKS = 2
 STALE_CHECKS = 5
 PREDICTED_CHECKS = 2
@@ -119,7 +119,8 @@ def _names(field: str) -> Callable[[TickFacts], str]:
 
 
 def _is_lost(facts: TickFacts) -> bool:
-    # with LIVE_CHECKS on top, a vehicle that has confirmed poses again after 0.6 s does not land
+    # LIVE_CHECKS adds a tenth of a second: a vehicle whose poses are back and confirmed after 0.6 s
+    # does not land
     if facts.position_age_s > POSITION_LOST_S or facts.position_stale_s > STALE_FOR_S:
         return True
     # poses that come and go: each time without them the vehicle drifts and sinks a little

@@ -28,8 +28,9 @@ _BACK_NS = 2_000_000_000  # time for which a neighbour is reported as heard agai
 _NEAR_M = 5.0  # a neighbour farther away along an axis is not checked
 _CLIMB_S = 0.5  # a climb or descent towards a neighbour is expected to go on for this time
 _BRAKE_SHARE = 0.8  # braking in the check of distances, as a share of that at the largest tilt
-_PREDICTED_SLACK_M = 0.03  # a predicted distance may be too small by this
-_KEPT_OFF_SHARE = 0.3  # share of a leg's ticks with the same avoided neighbour that is reported
+_PREDICTED_SLACK_M = 0.03  # a predicted distance may be below the safety distance by this
+# a neighbour is reported if the law avoided it in more than this share of a leg's ticks
+_KEPT_OFF_SHARE = 0.3
 
 # Largest plausible speed of a vehicle: it may fall or be blown away faster than it flies.
 _FASTEST_M_S = 15.0
@@ -39,8 +40,8 @@ _FASTEST_FACTOR = 3.0  # times its max_speed_m_s
 class Silence(NamedTuple):
     """Names of neighbours that became silent, or that are heard again."""
 
-    silent: tuple[str, ...]  # were heard in the air, and are not heard at this tick
-    unseen: tuple[str, ...]  # confirmed as silent, and without mocap poses
+    silent: tuple[str, ...]  # were heard in the air, and are silent at this tick
+    unseen: tuple[str, ...]  # have been silent for several ticks, and without mocap poses
     heard_again: tuple[str, ...]  # heard again within the last seconds
 
 
@@ -277,8 +278,8 @@ class NeighbourMonitor:
         above_it_m = z - other_z
         closing_m_s = (other_vz - vz) * math.copysign(1.0, above_it_m)
         height_left_m = abs(above_it_m) - _CLIMB_S * max(closing_m_s, 0.0)
-        # A neighbour that does not cooperate may come down, because it lands or falls, for
-        # instance. Below it the horizontal distance counts at all heights.
+        # A neighbour that does not cooperate may come down, for instance because it lands or falls.
+        # Below such a neighbour the horizontal distance counts at all heights.
         may_come_down_on_us = not row.is_cooperative and above_it_m < 0.0
         if height_left_m >= self._vertical_m and not may_come_down_on_us:
             return False

@@ -13,7 +13,7 @@ from onboard.flight.types import MUST_BE_ARMED, MUST_BE_OFFBOARD, FlightStep
 from onboard.safety.failsafe_table import Situation
 from onboard.supervision.tick_facts import ModeLoss
 
-# On the ground PX4 is asked for OFFBOARD in these steps, unless a pilot has armed it for himself.
+# In these steps, on the ground, the agent requests OFFBOARD of PX4, unless a pilot flies it.
 _STARTING = (FlightStep.ARM_OFFBOARD, FlightStep.TAKEOFF_OFFBOARD)
 
 
@@ -22,7 +22,7 @@ class OffboardMonitor:
     """Memory of the modes of one flight; call :meth:`update` every tick.
 
     Only a heartbeat says which mode PX4 is in, and it comes once a second. So a heartbeat counts
-    only when it is newer than the step of the flight that needs the mode.
+    only if it has come since the begin of the flight's step that needs the mode.
     """
 
     _not_needed_ns: int = 0  # last tick at which the flight did not need OFFBOARD
@@ -65,7 +65,9 @@ class OffboardMonitor:
             return ModeLoss.NONE
         if is_flown_by_hand:
             return ModeLoss.BY_HAND
-        return ModeLoss.FAILSAFE if snapshot.is_failsafe else ModeLoss.LEFT
+        if snapshot.is_failsafe:
+            return ModeLoss.FAILSAFE
+        return ModeLoss.LEFT
 
     def _while_px4_lands(self, snapshot: Snapshot, *, is_on_ground: bool) -> ModeLoss:
         is_landing = snapshot.mode == "LAND"

@@ -20,7 +20,7 @@ class TickContext(Struct, frozen=True, kw_only=True):
     # own process
     period_s: float = TICK_S  # since the last tick
     is_last_tick_finite: bool = True
-    law_refusal: str = ""  # why Covey's law flies instead of the user's law; empty: it does not
+    law_refusal: str = ""  # why Covey's law flies instead of the user's law; empty: no reason
     is_stopping: bool = False  # a shutdown of the agent was requested
     has_duplicate: bool = False  # another agent publishes for this vehicle
     is_disk_full: bool = False

@@ -36,15 +36,16 @@ from onboard.supervision.wind_monitor import WindMonitor
 from onboard.types import LawStatus
 
 _SLOW_TICKS = 5  # number of ticks between two collections of the slow facts
-# so many impossible samples in a row, this near to another vehicle, are a swap of two bodies
+# the mocap has swapped two bodies if this number of impossible samples in a row lie this near to
+# another vehicle
 _SWAP_JUMPS = 2
 _SWAP_RADIUS_M = 0.3
 
 # Below these heights the ground may carry the vehicle, so that it cannot follow its commanded
 # attitude.
 _TRACKED_ABOVE_M = 0.2
-_TRACKED_BLIND_ABOVE_M = 0.5  # without poses the estimated height may be too large
-# in a landing without a mocap, because PX4's height from satellites errs by 0.7 m
+_TRACKED_BLIND_ABOVE_M = 0.5  # by dead reckoning: the estimated height may be too large
+# in a landing without a mocap: PX4's height from satellites errs by 0.7 m
 _TRACKED_SATELLITES_ABOVE_M = 1.0
 _LONGEST_TICK_S = 0.1  # a longer tick counts as this long in the tracking
 
@@ -81,8 +82,8 @@ class TickObserver:
         self._flight = flight
         self._fence = fence_of(fleet.fleet.geofence_m, vehicle)
         self._areas = flight_space_of(fleet).areas
-        # Two bodies nearer than this touch. It is not more than the safety distance, because a
-        # collision is only suspected in a breach of that distance.
+        # Two bodies nearer than this touch. A collision is suspected only while the safety distance
+        # is breached, so this is not larger than that distance.
         self._touching_m = min(fleet.fleet.body_diameter_m, fleet.fleet.safety_distance_m)
 
         self._stale = Held()
@@ -158,7 +159,7 @@ class TickObserver:
 
         # the order, and the other vehicles
         overdue = flight.overdue(view)
-        if overdue == "":  # only its deadline has passed: what is left is told in its place
+        if overdue == "":  # late without a reason of its own
             overdue = neighbours.kept_off_by(flight.goal_position_enu_m, view)
         if step is FlightStep.LEG:
             neighbours.count_avoided(context.active_neighbour)
@@ -245,9 +246,10 @@ class TickObserver:
         """Whether the attitude does not follow, for another reason than a pilot.
 
         A pilot who takes the vehicle tilts it at will, and PX4 reports its mode only once a second.
-        So a heartbeat is requested, and the lost attitude counts after a heartbeat that has come
-        since it began. If that heartbeat reports another mode, `OffboardMonitor` finds that the
-        vehicle was taken over. For an upset vehicle no heartbeat is awaited.
+        So a heartbeat is requested. The attitude counts as lost only if a heartbeat has come since
+        it stopped to follow, or if no heartbeat comes at all. If that heartbeat reports another
+        mode, `OffboardMonitor` finds that the vehicle was taken over. For an upset vehicle no
+        heartbeat is awaited.
         """
         self.reports.is_heartbeat_wanted = False
         if self._tracking.is_upset or not self._tracking.is_attitude_lost:

@@ -6,9 +6,9 @@ that push the vehicle about. The first sign needs a known drag; the other two do
 The limit is one of the mean wind. The estimate is a mean over two seconds only, and gusts move it.
 So the wind counts as above its limit only if the estimate is higher than gusts explain.
 
-A rising wind counts by its expected value. The estimate lags three seconds behind, a landing takes
-three more, and the rise itself is seen late. So the wind is expected to rise for ten more
-seconds. If it would then need nearly all of the tilt, it counts as above its limit now.
+A wind that rises is expected to rise for ten more seconds: the estimate lags three seconds behind,
+a landing takes three more, and the rise itself is seen late. If the expected wind needs nearly all
+of the tilt, it counts as above its limit now.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from onboard.supervision.tick_context import TickContext
 _LOOK_S = 0.1  # time between two calls of look
 _RISE_S = 6.0  # time over which a rise of the mean is measured
 _GOES_ON_S = 10.0  # time for which a rise is expected to go on
-_SPENT_SHARE = 0.9  # this share of the wind that takes all of the tilt is too much
+_SPENT_SHARE = 0.9  # largest share of the wind that takes all of the tilt
 _SCATTER_TIME_S = 2.0  # averaging time of the squared scatter
 _RETURN_S = 3.0  # longest way back to the setpoint, after the law has moved the vehicle
 _AT_BOUND_SHARE = 0.99  # the observer is at its bound from this share of it on
@@ -106,9 +106,9 @@ class WindMonitor:
     def update(self, context: TickContext, dt_s: float) -> None:
         """Take one tick of a hover.
 
-        Gusts do not cause the distance from the setpoint while the law moves the vehicle, nor on
-        the way back. The way back ends where the vehicle is as near to its setpoint as it was
-        before, and after ``_RETURN_S`` at the latest.
+        While the law moves the vehicle, and on the way back, the distance from the setpoint is not
+        caused by gusts and does not count. The way back ends where the vehicle is as near to its
+        setpoint as it was before, and after ``_RETURN_S`` at the latest.
         """
         square_m2 = context.setpoint_miss_m * context.setpoint_miss_m
         if not math.isfinite(square_m2):
