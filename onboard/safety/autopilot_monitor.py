@@ -18,11 +18,11 @@ STANDSTILL_S = 0.15  # PX4 stood still if its clock has lost more than this agai
 REBOOT_MS = 1000  # PX4 was rebooted if its clock went back by more than this
 REPORTED_S = 2.0  # time for which a reboot or a standstill counts as a condition
 
-# A standstill is only believed after so many attitudes with the same shift: in the first ticks of a
-# process that was not scheduled for a while, all messages look old.
+# A standstill counts only after this number of attitudes in a row with the same shift. In the first
+# ticks of a process that was not scheduled for a while, all messages look old.
 _AGREEING_ATTITUDES = 5
 
-# PX4's clock may run this share slower than ours: that of a simulated PX4 does on a loaded machine.
+# PX4's clock may run slower than ours by this share, as in a simulation on a loaded machine.
 _CREEP = 0.2
 
 

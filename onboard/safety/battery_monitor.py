@@ -33,15 +33,15 @@ class BatteryMonitor:
 
     In ordinary flight the charge falls by about 0.2 % a second. The battery counts as falling if,
     at the present rate, less than half of the landing level would be left after the descent and a
-    reserve. PX4's simulated battery loses 1.7 % a second, but only down to a floor. Until the
-    charge is below that floor, at least the floor counts as left.
+    reserve. PX4's simulated battery loses 1.7 % a second, but only down to a floor. So while its
+    charge is above the floor, at least the floor will be left.
     """
 
     is_falling: bool = False  # once True, it stays True until the reset
     _past: deque[_BatterySample] = field(default_factory=deque)  # of the window, the oldest first
 
     def reset(self) -> None:
-        """Begin anew: on the ground a changed load would look like a falling battery."""
+        """Forget the flight. Samples from the ground, with another load, do not count."""
         self._past.clear()
         self.is_falling = False
 

@@ -168,35 +168,36 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     #                                                                          LANDING
 
     # -- own motion
-    # Own dead reckoning is better than PX4's for some seconds, and the others hear where it leads.
+    # Own dead reckoning is better than PX4's for some seconds, and the others get its positions.
     # PX4's landing avoids nobody, was 1 to 2.3 m off after 4 s, and ended two flights of five in a
     # collision. Whatever else holds, a flight without a position brakes and sinks (docs/flight.md).
     # If the poses are back in time, its order goes on.
     C.POSITION_STALE:          (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
     C.POSITION_LOST:           (REFUSE,  DISARM, LAND,     LAND,     LAND,     GO_ON, GO_ON),
     C.POSITION_LOST_LONG:      (REFUSE,  DISARM, PX4_LAND, PX4_LAND, PX4_LAND, GO_ON, GO_ON),
-    # On the ground it may be believed again: a vehicle can be carried there. Nobody starts from
-    # such a place. In the air, without these samples, the estimate continues on attitude and
-    # thrust, which is good enough for the 0.2 s until it counts as stale. Braking under the law is
-    # better than flying on.
+    # On the ground a jump may be true, because somebody has carried the vehicle: it does not take
+    # off yet. In the air the samples after a jump are not used. The estimate continues by attitude
+    # and thrust, which is good enough for the 0.2 s until it counts as stale. Braking under the law
+    # is better than flying on.
     C.POSITION_JUMPED:         (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
     C.MOCAP_SWAPPED:           (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
     C.MOCAP_FROZEN:            (REFUSE,  GO_ON,  LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
     # The estimate compensates the age, but its error grows with the speed.
     C.MOCAP_LATE:              (REFUSE,  GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
-    # PX4's own position runs away from then on: down by dead reckoning, out of the others' heights.
+    # From now on PX4's position drifts away. The vehicle goes down by dead reckoning, out of the
+    # heights of the others.
     C.SATELLITES_LOST:         (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
-    # No distance that the others keep covers the error. The vehicle lands before it is worse, under
-    # the law, by the position that it has.
+    # The error is larger than the margins that the others keep. The vehicle lands before the error
+    # grows, under the law, by the position that it has.
     C.POSITION_INACCURATE:     (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
-    # Late positions make it circle. They count as half a second old from then on, so that it stops
-    # circling; but how late they are is not known, so that it does not go on.
+    # Late positions make a vehicle circle. They count as half a second old from now on, which stops
+    # the circling. How late they really are is not known, so the flight does not go on.
     C.POSITION_UNFIT:          (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
-    # The others hear at once how far it may be off, and keep that much more. Where that is more
-    # than the fleet was planned with, it stops: its goal is somewhere else now.
+    # The others receive the new standard deviation at once, and keep larger margins. If it is
+    # larger than the fleet was planned with, the vehicle stops: its goal may be elsewhere now.
     C.FIX_COARSE:              (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
     C.FIX_FELL_BACK:           (REFUSE,  DISARM, GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
-    # Its corrections are not given to PX4 any more. What follows shows in the fix.
+    # PX4 does not get the corrections of this base any more. Their absence shows in the fix.
     C.BASE_FAULT:              (REFUSE,  DISARM, GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
     C.CORRECTIONS_OLD:         (GO_ON,   GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
 
@@ -208,34 +209,34 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     # the agent does not command it again.
     C.LEFT_OFFBOARD:           (GO_ON,   DISARM, STOP,     STOP,     STOP,     STOP,  GO_ON),
     C.PX4_FAILSAFE:            (GO_ON,   DISARM, STOP,     STOP,     STOP,     GO_ON, GO_ON),
-    # The kill switch was used: never arm again by itself. In a landing it is how the landing ends.
+    # The kill switch was used: the agent does not arm again. A landing ends in this way anyway.
     C.DISARMED:                (GO_ON,   GO_ON,  STOP,     STOP,     GO_ON,    GO_ON, GO_ON),
-    # It has forgotten modes, parameters that were not saved, and where its local origin was.
+    # PX4 has forgotten its mode, parameters that were not saved, and its local origin.
     C.REBOOTED:                (REFUSE,  DISARM, STOP,     STOP,     STOP,     STOP,  GO_ON),
     C.AUTOPILOT_SILENT:        (REFUSE,  STOP,   STOP,     STOP,     STOP,     STOP,  GO_ON),
-    # An agent cannot fly by such numbers. PX4's own failsafe is left, as for a silent PX4.
+    # The agent cannot fly by such numbers. PX4's own failsafe has to act, as for a silent PX4.
     C.AUTOPILOT_IMPOSSIBLE:    (REFUSE,  STOP,   STOP,     STOP,     STOP,     STOP,  GO_ON),
-    # Setpoints sent to it now would be obeyed late, all at once.
+    # PX4 would obey the setpoints of now late, all at once.
     C.AUTOPILOT_FROZEN:        (REFUSE,  STOP,   STOP,     STOP,     STOP,     STOP,  GO_ON),
-    # It flew on its last setpoint meanwhile, and its own failsafe is timed by the clock that stood
-    # still.
+    # PX4 has flown on its last setpoint meanwhile. Its own failsafe has not acted, because PX4's
+    # clock stood still.
     C.AUTOPILOT_BACK:          (GO_ON,   DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
-    # Attitude still arrives, so it follows setpoints. But its mode is not known any more.
+    # PX4's attitude still arrives, so PX4 follows setpoints. But its mode is not known any more.
     C.HEARTBEAT_LOST:          (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
-    # One wrong datagram ends no flight. From several on nobody knows which of two senders is PX4.
+    # One wrong datagram ends no flight. After several it is not clear which of two senders is PX4.
     C.REPORTS_CONTRADICT:      (REFUSE,  DISARM, GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
     C.REPORTS_CONTRADICT_LONG: (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
-    # A landing under the law ends by its own signs of contact, and by PX4's word that it is
+    # A landing under the law ends by its own signs of contact, and when PX4 reports that it is
     # disarmed.
     C.LANDED_UNKNOWN:          (REFUSE,  DISARM, GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
-    # A PX4 that believes to have landed disarms soon: the lower it is by then, the better.
+    # A PX4 that reports the ground disarms soon: the lower the vehicle is by then, the better.
     C.LANDED_WRONG:            (GO_ON,   GO_ON,  GO_ON,    LAND,     GO_ON,    GO_ON, GO_ON),
     # Our setpoints do not reach the motors. PX4's own landing does not depend on them.
     C.ATTITUDE_NOT_FOLLOWED:   (GO_ON,   GO_ON,  PX4_LAND, PX4_LAND, PX4_LAND, GO_ON, GO_ON),
     C.THRUST_SATURATED:        (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
     C.NOT_CLIMBING:            (GO_ON,   GO_ON,  GO_ON,    LAND,     GO_ON,    GO_ON, GO_ON),
-    # This is what a collision or a failed motor leaves. Thrust does not help, and PX4's failsafe
-    # for lost setpoints disarms.
+    # A vehicle lies like this after a collision or with a failed motor. Thrust does not help.
+    # PX4's failsafe for lost setpoints disarms.
     C.FALLEN:                  (GO_ON,   GO_ON,  GO_ON,    STOP,     GO_ON,    GO_ON, GO_ON),
 
     # -- own process
@@ -243,16 +244,18 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     C.LOOP_STALLED:            (GO_ON,   DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
     # PX4 has begun to land meanwhile: new setpoints would interrupt its landing.
     C.LOOP_STALLED_LONG:       (GO_ON,   DISARM, PX4_LAND, PX4_LAND, PX4_LAND, GO_ON, GO_ON),
-    # Wrong ages have rows of their own. The jump itself changes nothing in flight.
+    # Ages that are wrong after a jump have rows of their own. The jump itself changes nothing in
+    # flight.
     C.CLOCK_JUMPED:            (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
     C.NOT_FINITE:              (REFUSE,  GO_ON,  LAND,     LEVEL,    LEVEL,    GO_ON, GO_ON),
     C.NOT_FINITE_LONG:         (REFUSE,  DISARM, PX4_LAND, PX4_LAND, PX4_LAND, GO_ON, GO_ON),
-    # Covey's law was computed beside it all the time, so nothing is missing. The next flight begins
-    # with the own law again.
+    # Covey's law was computed at every tick as well, so it takes over at once. The next flight
+    # begins with the user's own law again.
     C.OWN_LAW_REFUSED:         (GO_ON,   GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
-    # No flight begins without a record, and none ends because of it.
+    # No flight begins without a record. A flight that has begun goes on without one.
     C.DISK_FULL:               (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
-    # On the ground neither flies. An agent in the air goes on, since the second one sends nothing.
+    # On the ground neither agent takes off. An agent in the air goes on, since the second one sends
+    # nothing.
     C.TWIN:                    (REFUSE,  DISARM, LAND,     GO_ON,    GO_ON,    GO_ON, GO_ON),
     C.SHUTDOWN:                (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
 
@@ -269,37 +272,40 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     C.ORDER_OVERDUE:           (GO_ON,   GO_ON,  GO_ON,    HOLD,     PX4_LAND, GO_ON, GO_ON),
 
     # -- other vehicles
-    # It lands, but under the law: PX4's landing would not keep away from the other vehicle.
+    # The landing is under the law: PX4's landing would not keep away from the other vehicle.
     C.COLLISION_SUSPECTED:     (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
-    # The law already separates them as hard as it can: a stop would only interrupt that.
+    # The law already separates the vehicles as hard as it can: a stop would only interrupt that.
     C.SEPARATION_BREACHED:     (REFUSE,  DISARM, GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
     C.SEPARATION_PREDICTED:    (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
     # No goal is pursued without avoidance.
     C.LAW_INFEASIBLE:          (GO_ON,   GO_ON,  LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
-    # Its position is not known. A vehicle that holds is at least where the others expect it.
+    # The neighbour's position is not known. A vehicle that holds is at least where the others
+    # expect it.
     C.NEIGHBOUR_UNSEEN:        (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
-    # It is avoided where the mocap measures it, with full responsibility on our side.
+    # The neighbour is avoided where the mocap measures it, by this vehicle alone.
     C.NEIGHBOUR_SILENT:        (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
-    # It is treated like a silent one.
+    # The neighbour is treated like a silent one.
     C.NEIGHBOUR_INVALID:       (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
-    # It brakes and sinks, and stands still from one moment to the next when it touches the ground.
-    # Whoever follows it at full speed could not stop then, and would not let it brake before.
+    # The neighbour brakes and sinks, and when it touches the ground it stands still at once. A
+    # vehicle that follows it at full speed could not stop then, and leaves it no room to brake.
     C.NEIGHBOUR_BLIND:         (REFUSE,  GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
-    # The responsibility is ours as well, but its next motion cannot be predicted.
+    # This vehicle alone avoids, and it cannot predict the neighbour's next motion.
     C.NEIGHBOUR_UNCOOPERATIVE: (REFUSE,  GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
-    # The same, and it is avoided where it says or where the mocap sees it, whichever is nearer.
+    # The same. The neighbour is avoided at the position that it reports or at the one that the
+    # mocap measures, whichever is nearer.
     C.NEIGHBOUR_IMPLAUSIBLE:   (REFUSE,  DISARM, GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
     C.NEIGHBOUR_STALE:         (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
-    # Its newest message gives its position, so it is believed at once.
+    # The neighbour's newest message gives its position, which is used at once.
     C.NEIGHBOUR_BACK:          (GO_ON,   GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
-    # It does not take off either. In flight nobody knows by which rules it avoids: all of the
-    # avoidance is left to us.
+    # The neighbour refuses to take off, too. In flight nobody knows by which rules it avoids, so
+    # this vehicle alone avoids.
     C.CONFIG_DIFFERS:          (REFUSE,  DISARM, GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
 
     # -- energy and space
     C.BATTERY_WARNING:         (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
     C.BATTERY_LOW:             (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
-    # It would be empty before the vehicle is down, if the landing waited for the landing level.
+    # If the landing waited for the landing level, the battery would be empty before the vehicle is
+    # down.
     C.BATTERY_FALLING:         (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
     # No flight goes on whose end nobody can foresee.
     C.BATTERY_UNKNOWN:         (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
@@ -310,12 +316,12 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     C.CEILING:                 (GO_ON,   GO_ON,  LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
 
     # -- air
-    # It lands while it can still choose where it goes. A hold costs the tilt that is left, and a
-    # wind that rises then carries it away.
+    # The vehicle lands while it can still choose where it goes. A hold would use up the tilt that
+    # is left, and a wind that rises further would carry the vehicle away.
     C.WIND_ABOVE:              (GO_ON,   GO_ON,  LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
-    # No distance that the others keep covers it, and a hold would scatter as much.
+    # The margins that the others keep do not cover such gusts, and a hold would scatter as much.
     C.PUSHED_ABOUT:            (GO_ON,   GO_ON,  GO_ON,    LAND,     GO_ON,    GO_ON, GO_ON),
-    # The slower it flies, the more of the tilt is left against the wind.
+    # The slower the vehicle flies, the more of the tilt is left against the wind.
     C.WIND_NEAR:               (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
     # The observer has learned as much as it may. The rest of the push moves the vehicle.
     C.DISTURBANCE_BOUND:       (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),

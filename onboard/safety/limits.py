@@ -15,10 +15,9 @@ POSITION_LOST_S = 0.6  # without poses for longer, a vehicle lands
 # Above this sum a vehicle lands.
 FLICKER_S = 0.6
 FLICKER_FORGOTTEN_SHARE = 0.2
-NEIGHBOUR_BLIND_S = 0.25  # a neighbour counts as blind only after this: telemetry may be so late
-RECKONING_S = 6.0  # after this, dead reckoning is no better than PX4's own landing
-# Near others, dead reckoning is better for longer: PX4 avoids nobody, and its own reckoning is
-# worse.
+NEIGHBOUR_BLIND_S = 0.25  # a neighbour is blind without poses for longer, as its telemetry says
+RECKONING_S = 6.0  # for longer, PX4's own landing is as good as dead reckoning
+# Near others dead reckoning is better for longer: PX4 avoids nobody, and its reckoning is worse.
 RECKONING_AMONG_OTHERS_S = 12.0
 AMONG_OTHERS_M = 5.0  # a vehicle nearer than this to another one is among others
 

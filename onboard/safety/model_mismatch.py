@@ -1,7 +1,8 @@
 """Detects in flight a vehicle whose lag or hover throttle differs from its fleet file. Pure.
 
 The disturbance observer has a model that applies the own commands after the configured lag. It
-gives the acceleration that the vehicle should have now. The measured attitude is regressed on it:
+gives the acceleration that the vehicle should have now. The acceleration that follows from the
+measured attitude is regressed on it:
 
     measured = gain (response - late rate) + bias        for x and y, with one gain and one late
 

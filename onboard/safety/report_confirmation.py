@@ -60,7 +60,8 @@ def _heartbeat_surprises(believed: Snapshot, new: Snapshot, expected: Expected) 
     if expected.is_armed and believed.is_armed and not new.is_armed:
         return True
 
-    has_left_mode = expected.mode != "" and believed.mode == expected.mode != new.mode
+    was_in_mode = expected.mode != "" and believed.mode == expected.mode
+    has_left_mode = was_in_mode and new.mode != expected.mode
     has_landed = not new.is_armed and new.landed is Landed.ON_GROUND
     return has_left_mode and not has_landed
 
@@ -80,7 +81,8 @@ def _attitude_agrees(known: Snapshot, new: Snapshot) -> bool:
     # the quaternions' product is the cosine of half the angle between them
     pairs = zip(known.quaternion_enu_flu_wxyz, new.quaternion_enu_flu_wxyz, strict=True)
     is_near = abs(sum(a * b for a, b in pairs)) > _SAME_TURN_COS
-    return is_near or new.attitude_ns - known.attitude_ns > _TURN_WITHIN_NS
+    is_after_a_gap = new.attitude_ns - known.attitude_ns > _TURN_WITHIN_NS
+    return is_near or is_after_a_gap
 
 
 def _clock_error_ms(known: Snapshot, new: Snapshot) -> float:
@@ -217,8 +219,8 @@ class ReportConfirmation:
     def is_heartbeat_due(self, now_ns: int) -> bool:
         """Return whether to ask PX4 for a heartbeat now; called at each tick.
 
-        It is so while a surprising heartbeat waits for another one, and while the flight has to
-        know the present mode.
+        A heartbeat is due while a surprising one waits for confirmation, and while the flight has
+        to know the present mode; but not if one was requested just before.
 
         Args:
             now_ns: our clock.

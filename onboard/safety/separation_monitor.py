@@ -11,7 +11,7 @@ from dataclasses import dataclass
 Xy = tuple[float, float]
 
 _HORIZON_S = 2.0  # how far ahead the passing of two vehicles is predicted
-_COMPARE_WITHIN_S = 0.25  # a state that comes later after the predicted time is not compared
+_COMPARE_WITHIN_S = 0.25  # longest time from a predicted time to the state that is compared
 _MISS_SHARE = 0.35  # weight of the newest comparison in the low-passed miss
 _MISS_M_S = 0.55  # predictions count as wrong from this low-passed miss on
 _LONGEST_LEAD_S = 1.0  # a prediction for a later time is not compared
