@@ -96,7 +96,7 @@ class PreflightInputs:
                 self.clock_bounds_s = {
                     node: bound_s
                     for node, bound_s in bounds_s.items()
-                    if not node.startswith((GROUND, WATCHER))
+                    if node.partition("-")[0] not in (GROUND, WATCHER)
                 }
             case NodeChanged(node, is_alive):
                 if is_alive:
