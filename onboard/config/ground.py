@@ -21,7 +21,7 @@ def ground_m(fleet: FleetConfig) -> float:
     It is that of the lowest start, or 0 if all vehicles start higher, for instance on tables.
     """
     starts_m = [fleet.vehicles[name].start_enu_m[2] for name in fleet.enabled_names]
-    return min(0.0, *starts_m)
+    return min([0.0, *starts_m])
 
 
 def floor_m(fleet: FleetConfig) -> float:

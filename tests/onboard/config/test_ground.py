@@ -1,0 +1,30 @@
+"""The height of the ground that a fleet file knows."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from onboard.agent.core import AgentCore
+from onboard.config.fleet import FleetConfig, fleet_from_mapping
+from onboard.config.ground import ground_m
+
+PAPER = Path(__file__).parents[3] / "configs/fleets/paper.toml"
+
+
+def fleet_with(**keys: Any) -> FleetConfig:
+    """The fleet of the paper, with these keys for all vehicles."""
+    data = tomllib.loads(PAPER.read_text())
+    for vehicle in data["vehicles"].values():
+        vehicle.update(keys)
+    return fleet_from_mapping(data)
+
+
+def test_an_agent_starts_and_reports_in_a_fleet_without_enabled_vehicles() -> None:
+    fleet = fleet_with(enabled=False)
+    assert ground_m(fleet) == 0.0
+    core = AgentCore(fleet, "mav0", boot_id=1)
+    for tick in range(1, 20):
+        core.tick(tick * 20_000_000)
+    assert any("disables this vehicle" in sentence for sentence in core.preflight.not_ready)
