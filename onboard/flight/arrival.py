@@ -25,7 +25,7 @@ _GUST_S2 = 0.25
 _GUST_S = 0.6
 
 _TURNED_RAD = math.radians(10.0)  # difference of the heading within which a turn is complete
-_REST_FACTOR = 1.5  # a vehicle holds below this times the speed that counts as arrived
+_REST_FACTOR = 1.5  # largest speed at rest, over the largest speed of a vehicle that has arrived
 _INSIDE_M = 0.05  # distance of a stop point from the fence
 
 # the baseline ends a climb or a descent within this time
@@ -50,9 +50,9 @@ def is_at(view: FlightView, goal_enu_m: Xyz, vehicle: Vehicle) -> bool:
     Both limits depend on the accuracy of its positions, and grow with the gusts.
     """
     moved_m, _ = moved_by_gusts(view.gust_m_s2)
-    if not math.dist(goal_enu_m, view.position_enu_m) < _near_m(vehicle) + moved_m:
-        return False
-    return math.hypot(*view.velocity_enu_m_s) < _slow_m_s(view, vehicle)
+    is_at_goal = math.dist(goal_enu_m, view.position_enu_m) < _near_m(vehicle) + moved_m
+    is_slow = math.hypot(*view.velocity_enu_m_s) < _slow_m_s(view, vehicle)
+    return is_at_goal and is_slow
 
 
 def is_near(view: FlightView, goal_enu_m: Xyz, vehicle: Vehicle) -> bool:
@@ -63,7 +63,9 @@ def is_near(view: FlightView, goal_enu_m: Xyz, vehicle: Vehicle) -> bool:
 def has_turned(view: FlightView, yaw_rad: float) -> bool:
     """Return whether the vehicle has turned to a heading; True if one heading is not known."""
     away_rad = math.remainder(view.yaw_rad - yaw_rad, 2.0 * math.pi)
-    return not abs(away_rad) > _TURNED_RAD  # True for NaN: a heading that is not known
+    if math.isnan(away_rad):
+        return True
+    return abs(away_rad) <= _TURNED_RAD
 
 
 def is_at_rest(view: FlightView, vehicle: Vehicle) -> bool:

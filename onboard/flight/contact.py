@@ -36,9 +36,9 @@ _LIGHT_SLOW_M_S = 0.7
 _STALLED_M = 0.30
 _STALLED_S = 1.5
 
-# Without poses the height is PX4's, which is wrong by up to a third of a metre. But a vehicle that
-# sinks at 0.8 m/s stops sinking when it meets the ground. PX4 may take the impact for a climb, so
-# rising counts as standing, too.
+# Without poses the height is PX4's, which is wrong by up to a third of a metre. The better sign is
+# that a vehicle, which sinks at 0.8 m/s, stops sinking when it meets the ground. PX4 may take the
+# impact for a climb, so rising counts as standing, too.
 _BLIND_LOW_M = 0.6  # below this height the ground may be
 _BLIND_SINKS_M_S = 0.25  # a vehicle that sinks more slowly than this stands
 _BLIND_STANDS_S = 0.26  # time after which it has landed
@@ -47,7 +47,7 @@ _BLIND_UNDER_GROUND_M = -1.0  # no error explains so low a height: the vehicle h
 
 
 class ContactSigns(Struct, frozen=True):
-    """Begin of each sign of contact: the last time at which the sign did not hold."""
+    """Begin of each sign of contact, as the last time at which the sign did not hold."""
 
     height_m: float = 0.0  # height at which the vehicle has been still
     still_ns: int = 0  # the vehicle does not move vertically

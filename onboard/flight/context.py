@@ -26,8 +26,8 @@ from onboard.tuples import Xyz
 from onboard.types import Goal
 from onboard.vectors import ZERO_3
 
-# Below this height above the ground, a vehicle that lands or lifts off does not promise to avoid
-# others: when it touches the ground it cannot move aside any more.
+# A vehicle that lands or lifts off below this height above the ground does not promise to avoid
+# others, since it cannot move aside any more once it touches the ground.
 _AVOIDS_ABOVE_M = 0.5
 
 _CONTACT_LIMIT_S = 8.0  # time after the contact within which PX4 has to confirm the landing

@@ -99,8 +99,8 @@ ORDERS = (
     Row(_FREE, E.HOLD, to=S.HOLDING, effect=effects.stop_here, reason="ordered"),
 
     # An agent that started while its vehicle flew, or that lost it, takes over from PX4's hold.
-    # Until PX4 confirms that, PX4 flies, so that only PX4 can land it. The heartbeat tells whether
-    # a pilot has taken it meanwhile.
+    # Until PX4 confirms OFFBOARD, PX4 flies, so only PX4 can land the vehicle. The heartbeat shows
+    # whether a pilot has taken the vehicle meanwhile.
     Row((*_SILENT, S.TAKEOVER), E.HOLD, to=S.TAKEOVER, request=RequestHeartbeat(),
         effect=effects.take_over, reason=S.TAKEOVER.text),
 
@@ -121,16 +121,17 @@ ORDERS = (
     # `home` is the only move that gets here, and only for a vehicle on its take-off spot.
     Row(_START, E.MOVE, ends=("done", sentences.STANDS_AT_HOME)),
     Row((S.DISARMING,), E.LAND, when=p.px4_reports_the_ground),  # it stands, and is disarmed
-    # This also holds after a kill, whose command may have been lost. The rows of LANDING tell a
-    # fall from a landing. If PX4 hears sticks, it is asked first whether a pilot flies.
+    # After a kill as well, since its command may have been lost. The rows of LANDING distinguish a
+    # fall from a landing. If PX4 hears sticks, a heartbeat is requested first, which shows whether
+    # a pilot flies.
     Row((*_SILENT, S.TAKEOVER, S.DISARMING), E.LAND, when=p.px4_hears_sticks, to=S.PX4_LANDING,
         request=RequestHeartbeat(), reason=sentences.ordered_or_killed),
     Row((*_SILENT, S.TAKEOVER, S.DISARMING), E.LAND, to=S.PX4_LANDING, request=Px4Land(),
         reason=sentences.ordered_or_killed),
 
     # CONTACT takes the thrust away, so that the vehicle stands even if PX4 sees a lift-off
-    # meanwhile. If PX4 does not report the ground any more, the vehicle lands: the order says that
-    # it has to come down.
+    # meanwhile. If PX4 does not report the ground any more, the vehicle lands, because the order
+    # means that it has to come down.
     Row((S.LIFTOFF,), E.DISARM, when=p.px4_reports_the_ground, to=S.CONTACT, request=Disarm(),
         effect=effects.expect_contact, reason="ordered"),
     Row((S.LIFTOFF, S.CLIMB), E.DISARM, to=S.DESCENT, effect=effects.descend,
@@ -158,7 +159,7 @@ FAILSAFES = (
     Row((S.ARRIVED,), E.FAILSAFE_HOLD, when=p.at_goal, to=S.HOLDING, reason=CAUSE),
     Row((S.CLIMB, S.LEG, S.PATH, S.ARRIVED), E.FAILSAFE_HOLD, to=S.HOLDING,
         effect=effects.stop_here, reason=CAUSE),
-    # Its order has failed, but it flies on without poses; it holds when poses come again.
+    # The order has failed, but the vehicle flies on without poses. It holds when poses come again.
     Row((S.COASTING,), E.FAILSAFE_HOLD, when=p.has_order, to=S.COASTING, reason=CAUSE),
 
     Row((S.LIFTOFF, *_FREE), E.FAILSAFE_LAND, to=S.DESCENT, effect=effects.descend, reason=CAUSE),
@@ -214,7 +215,7 @@ GROUND = (
     Row((S.DISARMING,), E.TICK, when=p.px4_has_not_confirmed_in_time, to=S.FAILED,
         reason=sentences.still_armed, ends=("timed out", sentences.still_armed)),
 
-    # The arming that this disarming has ended may still have been on its way.
+    # An arming that was requested before the disarming may take effect only now.
     Row((S.DISARMED,), E.TICK, when=p.px4_is_armed, to=S.DISARMING, request=Disarm()),
     Row((S.DISARMED,), E.TICK, when=p.px4_stays_disarmed, to=S.READY,
         ends=("done", sentences.DISARMED)),
@@ -263,7 +264,8 @@ FLYING = (
         effect=effects.descend, reason="ordered"),
     Row((S.LEG,), E.TICK, when=p.arrived, to=S.ARRIVED, ends=("done", sentences.at_position)),
 
-    # The order to follow the path goes on: it is done at the end of the leg, which is the path's.
+    # The order to follow the path stays in progress. It is done at the end of this leg, which is
+    # the end of the path.
     Row((S.PATH,), E.TICK, when=p.path_skipped, to=S.LEG, effect=effects.skip_to_end, reason=""),
     Row((S.PATH,), E.TICK, when=p.left_behind_to_land, to=S.DESCENT, effect=effects.descend,
         reason=sentences.left_behind, ends=("failed", sentences.left_behind)),
@@ -294,8 +296,8 @@ LANDING = (
     Row((S.DESCENT,), E.TICK, when=p.feels_for_ground, effect=effects.feel_for_ground),
     Row((S.DESCENT,), E.TICK, when=p.floor_is_lower, to=S.DESCENT, effect=effects.descend_further),
 
-    # PX4 disarms after a landing only when it has stood for seconds. A disarmed PX4 before that is
-    # the effect of the kill.
+    # After a landing PX4 disarms only when the vehicle has stood for seconds. If PX4 is disarmed
+    # earlier, the kill has had its effect.
     Row((S.PX4_LANDING,), E.TICK, when=p.falls_by_kill, to=S.FAILED,
         ends=("failed", sentences.falls_by_kill)),
     Row((S.PX4_LANDING,), E.TICK, when=p.kill_had_no_effect,

@@ -38,6 +38,7 @@ _NOT_ON_GROUND = (
 _FLYING_ORDERS = ("arm", "takeoff", "move", "follow_path")
 _AT_REST = (FlightStep.WAITING, FlightStep.READY, FlightStep.LANDED)
 _AT_HOME_M = 0.5  # largest horizontal distance from the take-off spot
+# steps in which the vehicle may still be in the air
 _MAY_BE_UP = {
     FlightStep.CONTACT,
     FlightStep.PX4_LANDING,

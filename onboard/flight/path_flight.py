@@ -47,7 +47,7 @@ AT_START_M = 0.5  # largest distance from the begin of the path at its order
 _RATE_SLEW_1_S = 0.5  # how fast the rate of the clock changes
 _RECOVERY = 0.1  # seconds of patience that a vehicle regains in each second in which it keeps up
 _AHEAD_GAIN_1_S = 1.0  # how much a clock slows down for each second that it is ahead
-_AHEAD_S = 0.05  # a clock may be ahead of the slowest by this without slowing down
+_AHEAD_S = 0.05  # a clock that is ahead of the slowest by less does not slow down
 
 _HEARD_NS = 1_500_000_000  # clocks in older telemetry are not compared
 _COMPARE_NS = 95_000_000  # time between two comparisons
@@ -86,7 +86,7 @@ class PathFlight:
     is_lagging: bool = False  # whether the lag is too large
     slow_until_ns: int = 0  # until this time a failsafe requests slow flight; 0: none does
     is_paused: bool = False  # whether an order has stopped the clock
-    is_skipped: bool = False  # whether an order has it fly straight to the end
+    is_skipped: bool = False  # whether an order lets it fly straight to the end
     used_s: float = 0.0  # part of the patience that is used up
 
     @property

@@ -1,8 +1,8 @@
 """Predicates of the flight table; docs/flight.md prints their names. Pure.
 
-Each function answers one question about the flight at this tick. "It" is the vehicle. No row names
-:func:`is_steady`: it says whether the condition that the step waits for holds at this tick, and the
-flight measures for how long that has lasted.
+Each function answers one question about the flight at this tick. In the docstrings "it" is the
+vehicle. No row names :func:`is_steady`, which says whether the condition that the step waits for
+holds at this tick. The flight measures for how long that condition has lasted.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ _SEEN_S = 0.6  # for which poses must have come before a descent without them en
 _REST_S = 0.3
 
 # landing
-_BEGUN_S = 0.3  # in the first moments of a descent nothing counts as its end
+_BEGUN_S = 0.3  # a descent does not end before this time
 _LATE_DESCENT_S = 1.0  # a descent is late by this much after its planned end
-_LOWER_FLOOR_S = 3.0  # so long after its planned end, the ground must be lower than expected
+_LOWER_FLOOR_S = 3.0  # if a descent lasts longer than planned by this, the ground is lower
 _CONTACT_HEIGHT_M = 0.06
 _FEELS_WITHIN_M = 0.3  # distance from the height at which the slow part of a landing begins
 _FALLEN_M = 0.10
@@ -211,7 +211,7 @@ def left_behind_to_land(flight: FlightContext, view: FlightView) -> bool:
 
 
 def left_behind(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether it has been behind its path for too long; if it need not land, it leaves."""
+    """Return whether it has been behind its path for too long, so that it leaves the show."""
     return flight.path.is_lost
 
 
@@ -279,16 +279,16 @@ def has_order(flight: FlightContext, view: FlightView) -> bool:
 
 
 def sees_again_on_leg(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether its position is measured again, and an order that leads it to a goal goes on.
+    """Return whether its position is measured again, with an order in progress that has a goal.
 
-    An order to follow a path does so after a skip: a path itself ends without poses.
+    An order to follow a path has a goal after a skip. Without a skip it has ended with the poses.
     """
     order = flight.order
     return not view.is_blind and order is not None and order.kind in ("move", "follow_path")
 
 
 def sees_again_in_climb(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether its position is measured again, and an order to take off in progress."""
+    """Return whether its position is measured again, with an order to take off in progress."""
     return not view.is_blind and flight.order is not None and flight.order.kind == "takeoff"
 
 
