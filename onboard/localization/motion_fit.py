@@ -5,21 +5,21 @@ they contradict it whenever the velocity changes. Such a vehicle flies by an old
 overshoots, and circles around its goal. There are two measures.
 
 * The lateness: PX4's velocity may change as attitude and throttle say now, or as they said 0.36 s
-  ago. Each of the two explanations misses the measured acceleration by a square. By how much less
-  the past misses it is added up over some seconds. Mean accelerations are left out, so that neither
-  wind nor a wrong thrust counts. In 273 flights of single vehicles with receivers in time the sum
-  stayed below 3.4 m^2/s^3: in up to 7 m/s of wind with gusts of up to 40 %, with errors as by
-  satellites and as by RTK. With real PX4s in simulation it stayed below 0.2. With receivers that
-  were half a second late it was above LATE_M2_S3 after 2 s.
+  ago. Both accelerations are compared with the measured one. The squared error of the present minus
+  that of the past is summed over some seconds, and the sum grows if positions are late. Mean
+  accelerations are left out, so that neither wind nor a wrong thrust counts. In 273 flights of
+  single vehicles with receivers in time the sum stayed below 3.4 m^2/s^3: in up to 7 m/s of wind
+  with gusts of up to 40 %, with errors as by satellites and as by RTK. With real PX4s in simulation
+  it stayed below 0.2. With receivers that were half a second late it was above LATE_M2_S3 after
+  2 s.
 * The miss: the root mean square of the horizontal innovations of the filter over a second. In 18
   flights with satellites and the errors of PX4's simulator it stayed below 0.13 m. With positions
   that were half a second late it was 0.2 m and more.
 
-Positions that drift slowly fit any motion, so they are not detected. Nor is a wrong heading: PX4
-turns the accelerations that it integrates like its heading. The velocity of 21 real PX4s in
-simulation showed 0.15 of the error of the heading, and their true velocity all of it. Errors of 16
-degrees looked like -6 to 9 over 8 s, where up to 12 are seen with a right heading. PX4 finds the
-error by itself.
+Positions that drift slowly fit any motion, so they are not detected. A wrong heading is not
+detected either, because PX4 turns the accelerations that it integrates by the same error. In
+simulations with 21 real PX4s, errors of 16 degrees looked like -6 to 9 degrees over 8 s, and a
+right heading like up to 12. PX4 finds the error by itself.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from dataclasses import dataclass, field
 
 from onboard.vectors import ZERO_3, Vec3, add_scaled, bounded, scaled, subtract
 
-# Positions that were found late count as old as this, and the filter remembers such times. A
-# vehicle that takes them for older than they are flies well; for newer, it goes on circling.
+# Late positions count as old as this; the filter remembers its states for as long. If they are in
+# fact newer, the vehicle flies well. If they are older, it goes on circling.
 LATE_BY_S = 0.5
 LATE_M2_S3 = 6.0
 
-_LAG_TICKS = 18  # from the present to the past of which the lateness asks: 0.36 s
+_LAG_TICKS = 18  # from the past acceleration to the present one: 0.36 s
 _MISS_S = 1.0  # averaging time of the miss
 _LATENESS_S = 5.0  # time constant with which the lateness is forgotten
 _MEAN_S = 2.0  # averaging time of the mean accelerations
-_LONGEST_S = 0.1  # over a longer gap the change of the velocity says nothing
+_LONGEST_S = 0.1  # the change of the velocity over a longer gap is not used
 _LARGEST_M_S2 = 10.0  # per axis; a larger acceleration is a jump of PX4's estimate
 
 
@@ -53,7 +53,7 @@ class MotionFit:
 
     drag_1_s: float = 0.0  # linear drag of the vehicle
     is_late: bool = False  # whether positions have been found late since the take-off
-    lateness_m2_s3: float = 0.0  # by how much less the past misses PX4's velocity
+    lateness_m2_s3: float = 0.0  # summed squared error of the present minus that of the past
     _mean_square_m2: float = 0.0
 
     # accelerations by attitude and throttle in the last ticks, oldest first
@@ -109,7 +109,7 @@ class MotionFit:
             self._compare(without_drag_m_s2, dt_s)
 
     def _compare(self, measured_m_s2: Vec3, dt_s: float) -> None:
-        """Add up by how much less the past misses a measured acceleration than the present."""
+        """Update the lateness by a measured acceleration."""
         now_m_s2 = self._driven_enu_m_s2[-1]
         then_m_s2 = self._driven_enu_m_s2[0]
 
@@ -118,16 +118,16 @@ class MotionFit:
         self._measured_mean_m_s2 = _moved(self._measured_mean_m_s2, measured_m_s2, share)
         self._driven_mean_m_s2 = _moved(self._driven_mean_m_s2, now_m_s2, share)
 
-        # without the means, so that this is no wind
+        # without the means, so that wind does not count
         changed_m_s2 = subtract(measured_m_s2, self._measured_mean_m_s2)
         by_now_m_s2 = subtract(now_m_s2, self._driven_mean_m_s2)
         by_then_m_s2 = subtract(then_m_s2, self._driven_mean_m_s2)
-        now_misses_m2_s4 = _square(subtract(changed_m_s2, by_now_m_s2))
-        then_misses_m2_s4 = _square(subtract(changed_m_s2, by_then_m_s2))
+        error_of_now_m2_s4 = _square(subtract(changed_m_s2, by_now_m_s2))
+        error_of_then_m2_s4 = _square(subtract(changed_m_s2, by_then_m_s2))
 
         kept_m2_s3 = (1.0 - dt_s / _LATENESS_S) * self.lateness_m2_s3
-        less_m2_s3 = dt_s * (now_misses_m2_s4 - then_misses_m2_s4)
-        self.lateness_m2_s3 = max(0.0, kept_m2_s3 + less_m2_s3)
+        added_m2_s3 = dt_s * (error_of_now_m2_s4 - error_of_then_m2_s4)
+        self.lateness_m2_s3 = max(0.0, kept_m2_s3 + added_m2_s3)
         self.is_late = self.is_late or self.lateness_m2_s3 > LATE_M2_S3
 
 

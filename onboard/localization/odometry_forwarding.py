@@ -20,14 +20,13 @@ from onboard.bus.schema import MocapPose
 from onboard.frames import enu_from_ned
 from onboard.tuples import Xyz
 
-# PX4 requires 30 to 50 Hz, and each message passes MAVSDK as text, which is slow.
-_PERIOD_NS = 30_000_000
+_PERIOD_NS = 30_000_000  # PX4 requires 30 to 50 Hz
 _EARLY_NS = 6_000_000  # a pose may be sent before it is due by this time
 
 _STD_M = 0.01  # standard deviation of a pose
 
-# After a longer gap PX4 has to restart: it stops fusing only after a second, but within that second
-# it drifts by a few decimetres.
+# After a longer gap PX4 has to restart its estimate. PX4 notices the missing poses only after a
+# second, in which the estimate drifts by a few decimetres.
 _GAP_NS = 300_000_000
 
 # Between two poses a vehicle moves at most by _STEP_M, plus _STEP_M_S for each second.

@@ -42,7 +42,7 @@ _FUTURE_NS = 5_000_000  # a stamp may be ahead of its arrival by this time
 _HEADING_TIME_S = 1.0  # time constant of the heading's offset
 _REJECTED_TO_RESTART = 10  # rejected samples in a row after which the filter restarts on the ground
 _WITHOUT_FIX_NS = 500_000_000  # satellites are lost after this time without a fix
-_BELIEVED_S = 0.1  # PX4's position is compared with the estimate if its sample is not older
+_BELIEVED_S = 0.1  # PX4's position is compared with an estimate whose newest sample is not older
 # noise between two positions of PX4, and the gate for their jumps; ACCURACIES has the slow error
 _PX4_POSITION_STD_M = 0.05
 _PX4_JUMP_GATE_M = 1.0
@@ -250,7 +250,7 @@ class OwnState:
             return
 
         if self.fit.is_late and kalman.remembers(memory, taken_s):
-            # PX4 sends positions as often as before, so the newest is not stale
+            # late positions still come as often as before, so that the estimate is not stale
             self._memory = self._memory._replace(last_age_s=min(memory.last_age_s, age_s))
 
         self._yaw_rad = sample.yaw_rad
@@ -265,13 +265,15 @@ class OwnState:
         age_s: float,
         is_on_ground: bool,
     ) -> kalman.KalmanMemory:
-        """Compare a position of PX4 with the own motion.
+        """Compare a position of PX4 with the own motion, and return the filter's memory.
 
-        When positions are found late, the estimate comes from positions that were taken for newer
-        ones: the returned memory doubts it.
+        When positions are found late, the estimate so far rests on positions that were older than
+        assumed. The returned memory then doubts it.
         """
         was_late = self.fit.is_late
-        expected_enu_m = kalman.position_at(memory, age_s + LATE_BY_S * was_late)
+        expected_enu_m = kalman.position_at(memory, age_s)
+        if was_late:
+            expected_enu_m = kalman.position_at(memory, age_s + LATE_BY_S)
         self.fit.step(
             innovation_m=vectors.subtract(sample.position_enu_m, expected_enu_m),
             velocity_enu_m_s=vectors.Vec3(*enu_from_ned(snapshot.velocity_local_ned_m_s)),

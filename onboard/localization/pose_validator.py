@@ -20,10 +20,10 @@ _LATE_SHARE = 0.2
 _NOISE_SHARE = 0.05
 _VELOCITY_SHARE = 0.3
 
-# After a jump, a sample may continue the path from before the jump. It is then accepted even if PX4
-# contradicts it, because a single wrong sample must not exclude the good ones after it. A sample
-# continues that path if it is nearer to it than _ON_PATH_M, and comes within _ON_PATH_S after the
-# last accepted sample.
+# After a jump, a sample may continue the path from before the jump. Such a sample is accepted even
+# if PX4 contradicts it, because a single wrong sample must not exclude the good ones after it. A
+# sample continues the path if its distance from the path is less than _ON_PATH_M, and if it comes
+# within _ON_PATH_S after the last accepted sample.
 _ON_PATH_M = 0.3
 _ON_PATH_S = 0.5
 

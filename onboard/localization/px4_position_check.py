@@ -32,7 +32,7 @@ _OFFSET_TIME_S = 1.0  # time constant of the offset of PX4's frame
 _ERROR_M = 0.3
 _ERROR_M_S2 = 0.02
 
-_NS = 1e-9  # seconds in a nanosecond
+_NS = 1e-9  # one nanosecond, in seconds
 
 
 @dataclass(slots=True)
