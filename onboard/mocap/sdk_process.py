@@ -47,10 +47,7 @@ _encoder = msgspec.msgpack.Encoder()
 
 
 def write_frame(pipe: int, frame: RawFrame) -> None:
-    """Write one frame, preceded by its length.
-
-    Both together are smaller than a pipe's atomic size, so they arrive whole or not at all.
-    """
+    """Write one frame, preceded by its length, both in one call."""
     data = _encoder.encode(frame)
     os.write(pipe, len(data).to_bytes(4, "little") + data)
 

@@ -159,8 +159,7 @@ class MocapStatistics:
             if flipped.flips and not is_person:
                 yield (
                     f"body '{flipped.name}' turned {flipped.flips} times faster than a vehicle "
-                    "can: "
-                    "its markers look alike from several sides. Move one marker, so that all "
+                    "can: its markers look alike from several sides. Move one marker, so that all "
                     "distances between markers differ."
                 )
 
