@@ -2,8 +2,8 @@
 
 A receiver calculates its vehicle's position from the position that the base reports for itself. If
 the base reports a position that is wrong by ten metres, all vehicles fly ten metres aside. So a
-base is not trusted if it reports another position than the surveyed one. A base is not trusted
-either if it moves, or is replaced by another base, while this vehicle flies. On the ground a new
+base is not trusted if it reports another position than the surveyed one. A base that moves, or is
+replaced by another base, while this vehicle flies is not trusted either. On the ground a new
 position is accepted, but no vehicle takes off until this position has been steady for a while.
 """
 

@@ -1,10 +1,10 @@
 """An RTCM frame as fragments for MAVLink's GPS_RTCM_DATA. Pure.
 
 A fragment has up to 180 bytes and one byte of flags: the lowest bit says that the frame is cut into
-several fragments, two bits are the fragment's number, and five bits count the frames. For a program
-that assembles them, a cut frame is complete with four fragments, or with a fragment that is not
-full and all before it. So a cut frame whose last fragment is full gets an empty fragment behind it,
-unless that would be the fifth.
+several fragments, two bits are the fragment's number, and five bits count the frames.
+
+A program that assembles a cut frame recognises its last fragment in two ways: it is the fourth one,
+or it is not full. So a shorter frame whose last fragment is full gets an empty fragment behind it.
 
 PX4 does not assemble frames: it passes every fragment on to its receiver, which checks the frame's
 checksum.

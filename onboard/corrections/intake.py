@@ -1,8 +1,8 @@
 """The corrections of one vehicle: from the bus, checked, in fragments to its PX4. Pure.
 
 PX4 does not get a message that is no frame, is old, comes from a second source, or belongs to a
-base that is not trusted. Its receiver then falls back to a worse fix, which the failsafes notice.
-PX4 gets nothing from a base until the base has reported its position.
+base that is not trusted. Without corrections PX4's receiver falls back to a worse fix, which the
+failsafes notice. PX4 gets nothing from a base until the base has reported its position.
 
 At each tick at most one fragment is sent, after the setpoint: 9 kB a second. A frame is sent whole
 before the next one begins. The number of frames that wait is bounded; the oldest are dropped, since
@@ -56,7 +56,8 @@ class CorrectionsIntake:
         self._boot_id: int | None = None  # boot id of the source whose messages are accepted
         self._heard_ns = 0  # arrival of the newest message from that source
         self._several_ns: int | None = None  # arrival of the newest message from another source
-        self._too_long = (0, 0)  # bytes of the newest frame that was too long, and its arrival
+        self._too_long_bytes = 0  # length of the newest frame that was too long; 0: none
+        self._too_long_ns = 0  # arrival of that frame
 
         self._waiting: deque[_Waiting] = deque()
         self._sending: _Waiting | None = None  # the frame of which some fragments have been sent
@@ -85,7 +86,8 @@ class CorrectionsIntake:
         if not rtcm.is_for_receivers(rtcm.number_of(frame)):
             return  # a maker's message for its own receivers is no fault, and is not counted
         if len(frame) > MOST_BYTES:
-            self._too_long = (len(frame), received_ns)
+            self._too_long_bytes = len(frame)
+            self._too_long_ns = received_ns
             self.counts.refused += 1
             return
         if not self._is_of_the_base(frame, received_ns, is_on_ground=is_on_ground):
@@ -179,9 +181,9 @@ class CorrectionsIntake:
                 base_distance_m = distance_m(self._watch.base_deg, vehicle_deg)
 
         several_ns = self._several_ns
-        too_long_bytes, too_long_ns = self._too_long
-        if now_ns - too_long_ns > _TOO_LONG_NS:
-            too_long_bytes = 0
+        too_long_bytes = 0
+        if now_ns - self._too_long_ns <= _TOO_LONG_NS:
+            too_long_bytes = self._too_long_bytes
         return CorrectionsStatus(
             age_s=age_s,
             base_id=base_id,

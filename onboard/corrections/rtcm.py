@@ -23,7 +23,7 @@ MOST_FRAME_BYTES = HEADER_BYTES + MOST_MESSAGE_BYTES + CHECKSUM_BYTES
 
 _RESERVED_BITS = 0xFC  # the bits of the second byte that are zero
 
-# Numbers of the messages of the standard for receivers. Those from 4001 on belong to makers, and
+# Numbers of the messages of the standard. Numbers from 4001 on belong to makers of receivers, and
 # only receivers of the same maker understand them; an example is the heading of a moving base.
 _NUMBERS = range(1001, 1231)
 _OBSERVATIONS = (range(1001, 1005), range(1009, 1013), range(1071, 1138))
@@ -186,7 +186,7 @@ def _bits(frame: bytes, first: int, width: int) -> int:
     """Return ``width`` bits of a frame's message, from bit ``first``, as a number without sign."""
     message = frame[HEADER_BYTES:-CHECKSUM_BYTES]
     begin = first // 8
-    end = -(-(first + width) // 8)
+    end = (first + width + 7) // 8  # rounded up to whole bytes
     value = int.from_bytes(message[begin:end], "big")
     bits_behind = 8 * end - first - width
     return value >> bits_behind & ((1 << width) - 1)

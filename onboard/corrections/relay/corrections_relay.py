@@ -84,7 +84,7 @@ class CorrectionsRelay:
         self.publisher = FramePublisher(self._bus)
         self._watch = BaseWatch(corrections)
         self._cutter = FrameCutter()
-        self._problem = ""  # newest problem of the source that was printed; empty: none since
+        self._problem = ""  # problem of the source that was printed last; empty after a frame
         self._has_frame = False  # at least one frame has arrived
         self._observed_s = -math.inf  # arrival of the newest observations
 

@@ -4,7 +4,7 @@ Pyrtcm calculates the checksum. Its reader of streams is not used: a preamble in
 noise, or a byte that got lost on a cable, would make it skip a kilobyte of good frames. Here, after
 a candidate with a wrong checksum, the search continues one byte behind its preamble.
 
-So each false preamble costs a checksum, and an attacker could send nothing but preambles. So the
+Each false preamble costs a checksum, and an attacker could send nothing but preambles. So the
 number of bytes in checksums is limited to a few for each byte that arrives. Beyond this limit the
 search skips whole candidates.
 """
@@ -74,7 +74,10 @@ class FrameCutter:
                 continue
 
             self.bad_checksums += 1
-            self._skip(1 if self._budget_bytes > 0 else size)
+            if self._budget_bytes > 0:
+                self._skip(1)
+            else:
+                self._skip(size)
 
         self._budget_bytes = min(self._budget_bytes, _LARGEST_BUDGET_BYTES)
         return frames

@@ -86,9 +86,11 @@ async def read_ntrip(
 
             if request.position is not None:
                 sending = asyncio.create_task(_send_positions(writer, request.position))
-            is_chunked = answer.headers.get("transfer-encoding", "").lower() == "chunked"
             body = _Body(reader, answer.rest, silence_s)
-            async for data in body.chunks() if is_chunked else body.plain():
+            stream = body.plain()
+            if answer.headers.get("transfer-encoding", "").lower() == "chunked":
+                stream = body.chunks()
+            async for data in stream:
                 yield data
             raise SourceError(f"{request.address} has ended the stream.")
         except (OSError, asyncio.IncompleteReadError) as error:
