@@ -3,9 +3,9 @@
 Every vehicle publishes its state twice: 50 times a second for its followers and 5 times a second
 for all others. A vehicle follows the neighbours in reach, and in any case the nearest few.
 
-From the others it receives the slow messages only, also from vehicles that are silent or have no
-position yet: the first slow message tells where such a vehicle is. If it followed all of them, it
-would fill a radio channel that has lost their messages because it was full.
+From the others it receives the slow messages only. Vehicles that are silent or have no position yet
+are among the others: their first slow message gives their position. If they were all followed,
+their states would fill a radio channel that may have lost their messages because it was full.
 """
 
 from __future__ import annotations
@@ -75,6 +75,7 @@ def select(
     """
     by_distance = sorted(distances_m, key=distances_m.__getitem__)
 
+    # distances, reduced for the neighbours that are followed already
     reduced_m = {}
     for name, distance_m in distances_m.items():
         is_followed = name in followed

@@ -299,11 +299,11 @@ class NeighbourTable:
             self.judged.seen[index] = Seen(pose.stamp_ns, pose.position_enu_m)
 
     def forget_carried_away(self, own_place: str, now_ns: int) -> None:
-        """Forget where vehicles stood that another one has replaced, unless they still say it.
+        """Forget where replaced vehicles stood, unless they still publish a position.
 
-        Who orders a swap has carried the replaced vehicle away, and the other one stands on its
-        spot. A vehicle that is silent, or does not know its position, would be avoided at the
-        place where it was last.
+        At a swap a person carries the replaced vehicle away, and its stand-in stands on its spot. A
+        replaced vehicle that is silent, or does not know its position, would otherwise be avoided
+        at the position where it was last.
 
         Args:
             own_place: place of the own vehicle in the fleet; mostly its own name.

@@ -70,7 +70,7 @@ class WatchedBodies:
     ) -> bool:
         """Return whether a vehicle's message is so late that its body is watched.
 
-        A vehicle out of reach gives a reason only if it was in the air.
+        A vehicle that is not followed counts only if it was in the air.
 
         Args:
             index: index of the vehicle.
