@@ -54,7 +54,8 @@ class TiltComparison:
     """
 
     difference_rad: float = 0.0  # angle between both directions, low-passed
-    differed_when_tilted: bool = False  # whether they did when last tilted by hand
+    # whether the directions differed when a person last tilted the vehicle
+    differed_when_tilted: bool = False
     _by_mocap: Xyz | None = None  # direction by the mocap, low-passed; None before the first tick
     _by_px4: Xyz | None = None  # the same by PX4
 

@@ -90,9 +90,9 @@ def fit_frame(
         )
         residual_m2 += math.dist(turned_m, seen_xy_m) ** 2
 
-    # If the residuals show that the vehicles were placed less accurately than std_m, they count
-    # instead. The degrees of freedom are two for each spot, minus one for the turn and two for the
-    # shift.
+    # If the residuals show that the vehicles were placed less accurately than std_m, the residuals
+    # count instead of std_m. The degrees of freedom are two for each spot, minus one for the turn
+    # and two for the shift.
     freedom = 2 * count - 3
     spot_std_m = max(std_m, math.sqrt(residual_m2 / freedom))
     return FrameFit(
