@@ -1,7 +1,8 @@
 """Parameter files in the format of QGroundControl.
 
 A row holds vehicle id, component id, name, value and type, separated by tabs. A file holds all
-parameters of one vehicle, or of several, which differ in their MAVLink ids.
+parameters of one vehicle, or of several, which differ in their MAVLink ids. QGroundControl also
+saves parameters of other components, such as a gimbal; they are left out.
 """
 
 from __future__ import annotations
@@ -110,7 +111,7 @@ def read_file(path: Path) -> dict[int, dict[str, Value]]:
     text = read_text(path, PARAMETER_FILE)
     vehicles: dict[int, dict[str, Value]] = {}
     for number, line in enumerate(text.splitlines(), 1):
-        if not line.strip() or line.startswith("#"):
+        if not line.strip() or line.startswith("#") or _is_of_another_component(line):
             continue
 
         row = _row(line)
@@ -131,6 +132,12 @@ def read_file(path: Path) -> dict[int, dict[str, Value]]:
     if not vehicles:
         raise ConfigError(f"{path} holds no parameters. Give a file of covey px4 params --dump.")
     return vehicles
+
+
+def _is_of_another_component(line: str) -> bool:
+    """Return whether a row belongs to a component other than the autopilot."""
+    columns = line.split("\t")
+    return len(columns) == _COLUMNS and columns[1].isdecimal() and int(columns[1]) != _AUTOPILOT
 
 
 def _row(line: str) -> _Row | None:

@@ -68,6 +68,12 @@ def test_another_file_is_refused_with_its_line(tmp_path: Path, text: str, words:
         read_file(path)
 
 
+def test_parameters_of_other_components_of_a_vehicle_are_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "saved_by_qgroundcontrol.params"
+    path.write_text("1\t1\tA\t1\t6\n1\t154\tA\t2\t6\n1\t154\tGMB_MODE\t3\t2\n", encoding="utf-8")
+    assert read_file(path) == {1: {"A": 1}}
+
+
 def test_values_of_one_vehicle_alone_are_no_difference() -> None:
     rows, left_out = differences(
         {"MAV_SYS_ID": 1, "CAL_ACC0_ID": 7, "A": 0.1, "B": 1, "NEW": 2.0},
