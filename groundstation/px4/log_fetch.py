@@ -291,17 +291,14 @@ def _fetched(link: LogLink, log: VehicleLog, target: Path, vehicle: str, progres
     part = target.with_name(target.name + _PART_SUFFIX)
     begin_s = time.monotonic()
     with part.open("ab+") as file:
-        count_before = _usable_bytes(link, log, file)
+        count_before = _usable_bytes(link, log, file, part)
         pieces = Pieces(log.size, count_before)
         download = _Download(file, pieces, lambda count: progress(vehicle, count, log.size))
 
         methods = _by_all_methods(link, log, download)
 
     if not pieces.is_whole:
-        raise IncompleteError(
-            f"{part} has {pieces.bytes_in_order} of {log.size} bytes, then PX4 gave out nothing"
-            " more. Run this once more: it goes on there."
-        )
+        raise _incomplete(part, pieces.bytes_in_order, log)
     part.replace(target)
 
     if count_before:
@@ -342,14 +339,29 @@ def _by_all_methods(link: LogLink, log: VehicleLog, download: _Download) -> list
     return methods
 
 
-def _usable_bytes(link: LogLink, log: VehicleLog, file: BinaryIO) -> int:
-    """Return the number of bytes from an earlier fetch; the bytes of another log are removed."""
+def _incomplete(part: Path, count: int, log: VehicleLog) -> IncompleteError:
+    return IncompleteError(
+        f"{part} has {count} of {log.size} bytes, then PX4 gave out nothing more."
+        " Run this once more: it goes on there."
+    )
+
+
+def _usable_bytes(link: LogLink, log: VehicleLog, file: BinaryIO, part: Path) -> int:
+    """Return the number of bytes from an earlier fetch; the bytes of another log are removed.
+
+    Raises:
+        IncompleteError: PX4 does not say whether they are of this log; they are kept.
+    """
     count = file.seek(0, 2)
     if count and count <= log.size:
         file.seek(0)
         known = file.read(_HEAD_BYTES)
-        if known == _head(link, log)[: len(known)]:
-            file.seek(0, 2)
+        file.seek(0, 2)
+
+        head = _head(link, log)
+        if len(head) < len(known):
+            raise _incomplete(part, count, log)
+        if head.startswith(known):
             return count
     file.truncate(0)
     return 0

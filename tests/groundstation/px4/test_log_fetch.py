@@ -189,6 +189,19 @@ def test_the_part_of_another_flight_is_not_continued(tmp_path: Path) -> None:
     assert (tmp_path / "a.ulg").read_bytes() == logs.files[0].content
 
 
+def test_a_part_is_kept_when_px4_is_silent_as_the_fetch_begins(tmp_path: Path) -> None:
+    logs = card(50_000)
+    (log,) = listed(CardLink(logs), 1)
+    part = bytes(logs.files[0].content[:30_000])
+    (tmp_path / "a.ulg.part").write_bytes(part)
+
+    silent = CardLink(logs, has_files=False, has_data=False)
+    with pytest.raises(IncompleteError, match="has 30000 of"):
+        fetched(silent, log, tmp_path / "a.ulg")
+
+    assert (tmp_path / "a.ulg.part").read_bytes() == part
+
+
 def test_what_px4_does_not_give_out_is_said_and_kept_as_a_part(tmp_path: Path) -> None:
     logs = card(20_000)
     link = CardLink(logs, has_data=False)
