@@ -55,7 +55,8 @@ class Heard:
     hosts: dict[str, int] = field(default_factory=dict)  # node -> its computer
     # node on another computer -> error of its clock
     clock_errors_s: dict[str, float] = field(default_factory=dict)
-    # vehicle -> numbers of its states that arrived
+    boot_ids: dict[str, int] = field(default_factory=dict)  # vehicle -> start of its agent
+    # vehicle -> numbers of its states that arrived since the start of its agent
     sequences: dict[str, set[int]] = field(default_factory=lambda: defaultdict(set))
     # vehicle -> ages of its states when they arrived here
     ages_s: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
@@ -131,6 +132,9 @@ def _keep(
     now_ns = time.monotonic_ns()
     if isinstance(message, StateMessage):
         sent_ns = clock.clocks.own_ns(name, message.stamp_ns, now_ns)
+        if heard.boot_ids.get(name) != message.boot_id:
+            heard.boot_ids[name] = message.boot_id
+            heard.sequences[name].clear()  # an agent that has restarted counts from 0
         heard.sequences[name].add(message.sequence)
         heard.ages_s[name].append((now_ns - sent_ns) * 1e-9)
     elif isinstance(message, Telemetry):

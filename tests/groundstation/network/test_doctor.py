@@ -13,14 +13,18 @@ import msgspec
 import pytest
 
 from groundstation.cli import main
+from groundstation.client.ground_node import session
+from groundstation.network import link_checks, network_interfaces
 from groundstation.network import machine as machine_checks
-from groundstation.network import network_interfaces
 from groundstation.network.diagnosis import Diagnosis, Grade, as_text
 from groundstation.network.link_checks import Heard, judged
 from groundstation.network.machine import machine
 from groundstation.network.network_interfaces import interfaces
+from onboard.bus.clock_sync import ClockNode
+from onboard.bus.control_token import WATCHER
 from onboard.config.fleet import load_fleet
 from onboard.config.radio import RadioConfig
+from tests.onboard.state_messages import state_message
 
 PAPER = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
 SECONDS = 4.0
@@ -91,6 +95,20 @@ def test_each_fault_of_a_link_is_said_with_a_remedy(heard: Heard, make_telemetry
     assert "66.3 % are lost" in found["mav0"].sentence
     assert "7 malformed, 2 refused" in found["mav1 did not use"].sentence
     assert "on the bus, but publishes nothing" in found["mav2"].sentence.lower()
+
+
+def test_an_agent_that_restarts_meanwhile_has_lost_nothing(heard: Heard) -> None:
+    fleet = load_fleet(PAPER)
+    bus = session(fleet, WATCHER)
+    clock = ClockNode(bus)
+    heard.sequences["mav0"].clear()
+    for boot_id, numbers in ((1, range(5000, 5050)), (2, range(100))):
+        for number in numbers:
+            state = state_message(vehicle="mav0", boot_id=boot_id, sequence=number)
+            link_checks._keep(heard, bus, clock, "mav0", state)
+
+    (found,) = [one for one in judged(fleet, heard) if one.name == "mav0"]
+    assert "0.0 % are lost" in found.sentence
 
 
 def test_this_computer_is_looked_at_in_one_line_each(
