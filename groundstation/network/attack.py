@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from groundstation.network.attempts import AttackContext, NoProofError, attempts, spare_vehicle
-from groundstation.network.fleet_copy import CopyFlight, copy_of, flying
+from groundstation.network.fleet_copy import CopyFlight, copied_names, copy_of, flying
 from groundstation.network.intruder import Intruders
 from groundstation.processes.supervisor import ProcessError
 from onboard.config.fleet import ConfigError, FleetConfig
@@ -112,10 +112,10 @@ def attack_copies(fleet: FleetConfig, *, is_long: bool, only: str = "", say: Say
             f"{fleet.path}: an attack needs two vehicles, one of which loses its key."
             " Enable another."
         )
-    selected = [attempt for attempt in attempts(fleet.enabled_names) if only in attempt.name]
-    if not selected:
-        names = "\n  ".join(attempt.name for attempt in attempts(fleet.enabled_names))
-        raise ConfigError(f"No try has '{only}' in its name. There are:\n  {names}")
+    attempt_names = [attempt.name for attempt in attempts(copied_names(fleet))]
+    if not any(only in name for name in attempt_names):
+        listed = "\n  ".join(attempt_names)
+        raise ConfigError(f"No try has '{only}' in its name. There are:\n  {listed}")
 
     if not fleet.has_keys:
         say(

@@ -42,6 +42,11 @@ _MEASURE_PERIOD_S = 0.2
 _NOT_COPIED = ("emulated", "enabled", "mavlink_signing")
 
 
+def copied_names(fleet: FleetConfig) -> tuple[str, ...]:
+    """Return the names of the vehicles that a copy has, besides the spare one."""
+    return fleet.enabled_names[:_MOST_VEHICLES]
+
+
 def copy_of(fleet: FleetConfig, folder: Path, *, is_locked: bool) -> FleetConfig:
     """Write a copy of a fleet for this machine, with keys of its own or without any.
 
@@ -50,7 +55,7 @@ def copy_of(fleet: FleetConfig, folder: Path, *, is_locked: bool) -> FleetConfig
         folder: folder of the copy, which is created.
         is_locked: whether the copy gets keys.
     """
-    names = fleet.enabled_names[:_MOST_VEHICLES]
+    names = copied_names(fleet)
     data = tomllib.loads(fleet.text)
     data["vehicles"] = _vehicles(fleet, names, data["vehicles"])
     data["formations"] = _formations(fleet, names)

@@ -10,6 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import common
 
 from groundstation.cli import main
+from groundstation.network.attack import attack_copies
 from groundstation.network.fleet_copy import SPARE, copy_of
 from groundstation.network.mavlink_frames import (
     HEARTBEAT,
@@ -22,7 +23,7 @@ from groundstation.network.order_attempts import kept_back
 from groundstation.processes.free_ports import is_local
 from onboard.bus.control_token import ControlToken
 from onboard.bus.schema import Order
-from onboard.config.fleet import load_fleet
+from onboard.config.fleet import ConfigError, load_fleet
 from tests.groundstation.console.fake import telemetry
 
 PAPER = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
@@ -60,6 +61,12 @@ def test_a_fleet_of_one_vehicle_has_nobody_whose_key_could_be_lost(
     (tmp_path / "one.toml").write_text(text, encoding="utf-8")
     assert main(["attack", str(tmp_path / "one.toml")]) == 2
     assert "needs two vehicles" in capsys.readouterr().err
+
+
+def test_an_attempt_with_the_key_of_a_vehicle_that_is_not_copied_is_refused() -> None:
+    last = load_fleet("twelve").enabled_names[-1]
+    with pytest.raises(ConfigError, match="No try has"):
+        attack_copies(load_fleet("twelve"), is_long=False, only=f"{last}'s key", say=print)
 
 
 def test_fleets_are_copied_with_a_vehicle_more_and_without_what_is_not_here(tmp_path: Path) -> None:
