@@ -46,9 +46,10 @@ def start_fleet(
         # If an endpoint is in use, a router runs there already, which serves this fleet, too.
         if is_free_endpoint(endpoint):
             words = ["groundstation", "router", path, "--endpoint", endpoint]
-            processes.start(f"router{number}", words)
+            processes.start(f"router{number}", words, ends_last=True)
 
-    processes.start(EMULATOR, ["sitl", "--fleet", path, "--seed", str(seed), *emulator_options])
+    words = ["sitl", "--fleet", path, "--seed", str(seed), *emulator_options]
+    processes.start(EMULATOR, words, ends_last=True)
 
     if fleet.corrections is not None:
         # emulated vehicles have no real base station, so the source is an invented one

@@ -77,6 +77,7 @@ class StartedProcess:
     name: str
     process: subprocess.Popen[bytes]
     log: Path  # file with its output
+    ends_last: bool = False  # whether it ends after the others, which need it until then
 
     @property
     def has_ended(self) -> bool:
@@ -136,12 +137,13 @@ class Processes:
         """Process ids by name, including those of processes that have ended."""
         return {started.name: started.process.pid for started in self._started}
 
-    def start(self, name: str, arguments: Sequence[str]) -> None:
+    def start(self, name: str, arguments: Sequence[str], *, ends_last: bool = False) -> None:
         """Start ``python -m ...`` with its output in ``<name>.log``.
 
         Args:
             name: name of the process.
             arguments: arguments after ``python -m``.
+            ends_last: whether :meth:`stop` ends it after all others.
 
         Raises:
             ProcessError: the process cannot be started.
@@ -163,7 +165,7 @@ class Processes:
             raise ProcessError(
                 f"{name} cannot be started ({error}). Is there disk space and memory left?"
             ) from None
-        self._started.append(StartedProcess(name, process, log))
+        self._started.append(StartedProcess(name, process, log, ends_last))
 
     def dead(self) -> list[StartedProcess]:
         """Return the processes that have ended before they were stopped."""
@@ -206,8 +208,8 @@ class Processes:
     async def stop(self, timeout_s: float = STOP_TIMEOUT_S) -> list[str]:
         """End all processes with SIGTERM, and those that remain with SIGKILL.
 
-        The process that was started first, the emulator, ends last, because an agent in the air
-        lands before it ends, and needs the emulator for that.
+        An agent in the air lands before it ends, and needs the emulator for that. So the emulator
+        and the routers end last.
 
         Args:
             timeout_s: longest wait for the end after SIGTERM.
@@ -217,7 +219,9 @@ class Processes:
         """
         self._is_stopping = True
         killed = []
-        for group in (self._started[1:], self._started[:1]):
+        first = [started for started in self._started if not started.ends_last]
+        last = [started for started in self._started if started.ends_last]
+        for group in (first, last):
             for started in group:
                 _signal_group(started.process, signal.SIGTERM)
             try:

@@ -76,7 +76,7 @@ def _running(folder: Path) -> Iterator[tuple[FleetConfig, Processes]]:
     fleet = _fleets(folder)
     processes = Processes(folder)
     try:
-        processes.start("emulator", ["sitl", "--fleet", fleet.path])
+        processes.start("emulator", ["sitl", "--fleet", fleet.path], ends_last=True)
         processes.start("real", ["sitl", "--fleet", str(folder / "real.toml")])
         for name in fleet.enabled_names:
             processes.start(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 import socket
@@ -25,6 +26,20 @@ from groundstation.processes.supervisor import ProcessError, Processes
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
 
 SLEEPER = "print('ready: here', flush=True)\nimport time\ntime.sleep(60)\n"
+LANDS_BEFORE_IT_ENDS = """
+import signal, time
+
+def end(*_):
+    print("told to end", flush=True)
+    time.sleep(0.3)
+    print("landed", flush=True)
+    time.sleep(0.3)
+    raise SystemExit(0)
+
+signal.signal(signal.SIGTERM, end)
+print("ready", flush=True)
+time.sleep(60)
+"""
 STUBBORN = "import signal\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\n" + SLEEPER
 
 
@@ -122,6 +137,24 @@ async def test_a_process_that_ignores_sigterm_is_killed(
     pid = pid_of(processes)
     assert await processes.stop(timeout_s=0.2) == ["stubborn"]
     assert not is_running(pid)
+
+
+async def test_routers_and_emulator_end_after_the_agents(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    processes = Processes(tmp_path)
+    slow = module(tmp_path, LANDS_BEFORE_IT_ENDS, monkeypatch)
+    for name in ("router0", "sitl"):
+        processes.start(name, [slow], ends_last=True)
+    processes.start("mav0", [slow])
+    for name in processes.names:
+        await processes.wait_for_line(name, "ready", 10.0)
+
+    stopping = asyncio.create_task(processes.stop())
+    await processes.wait_for_line("mav0", "landed", 10.0)
+    for name in ("router0", "sitl"):
+        assert "told to end" not in (tmp_path / f"{name}.log").read_text()
+    assert await stopping == []
 
 
 async def test_a_process_that_ends_early_is_told_with_the_end_of_its_log(
