@@ -15,7 +15,7 @@ from groundstation.fleet.state import NodeSeen, NotUsed, ReceivedMessage
 from onboard.bus.clock_offsets import Clocks
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
-from onboard.bus.protocol import Bus
+from onboard.bus.protocol import Bus, BusError
 from onboard.bus.schema import Message
 from onboard.bus.topics import Topic
 
@@ -95,7 +95,11 @@ class BusFeed:
             return
 
         self._loop = asyncio.get_running_loop()
-        await asyncio.to_thread(self._open)
+        try:
+            await asyncio.to_thread(self._open)
+        except BusError:
+            self._loop = None
+            raise
         if not self.bus.is_simulated:
             # Agents on other hosts need this ground's clock to check the deadline of an order.
             self._clock = self._loop.create_task(self._clock_node.keep())

@@ -21,7 +21,7 @@ from groundstation.client.mavlink_port import mavutil_address
 from groundstation.orders.grammar import OrderError
 from groundstation.processes.free_ports import with_free_ports
 from onboard.bus.codec import Malformed
-from onboard.bus.protocol import UntrustedOrder
+from onboard.bus.protocol import BusError, UntrustedOrder
 from onboard.bus.schema import Event, Order, OrderReply, TickBatch
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
@@ -32,6 +32,29 @@ from tests.groundstation.recorded import tick
 @pytest.fixture
 def private_fleet(fleet: FleetConfig) -> FleetConfig:
     return fleet_from_mapping(with_free_ports(tomllib.loads(fleet.text), fleet))
+
+
+async def test_a_bus_that_could_not_be_opened_is_not_started_and_is_opened_by_a_second_call(
+    private_fleet: FleetConfig,
+) -> None:
+    endpoint = private_fleet.vehicles["mav0"].agent
+    taken = BusSession(
+        namespace=private_fleet.namespace, node="taken", listen=[endpoint], connect=[]
+    )
+    bus = BusSession(namespace=private_fleet.namespace, node="mav0", listen=[endpoint], connect=[])
+    client = FleetClient(private_fleet, bus=bus)
+    taken.start()
+    try:
+        with pytest.raises(BusError):
+            await client.start()
+        assert not client.is_started
+    finally:
+        taken.stop()
+
+    await client.start()
+    assert client.is_started
+    client.announce_recording(True)
+    await client.stop()
 
 
 async def test_an_agent_on_a_real_bus_is_seen_ordered_and_heard(
