@@ -33,6 +33,7 @@ _ONBOARD_CONTROLLER = 18
 _NO_AUTOPILOT = 8
 
 _MAX_DATAGRAM = 65_535
+_LAST_PORT = 65_535
 
 # PX4 always answers to the address that sent to it first. So a link is kept for the next command,
 # and every process of this computer sends from the same port, which is computed from PX4's port. If
@@ -56,12 +57,12 @@ def mavutil_address(endpoint: str) -> str:
     Raises:
         ValueError: the text is not such an endpoint.
     """
-    match = re.fullmatch(r"(udpin|udpout|tcp)://(.+:\d+)", endpoint)
-    if match is None:
+    match = re.fullmatch(r"(udpin|udpout|tcp)://(.+):(\d{1,5})", endpoint)
+    if match is None or int(match[3]) > _LAST_PORT:
         raise ValueError(
             f"'{endpoint}' is no direct endpoint; write it as udpout://127.0.0.1:18570"
         )
-    return f"{match[1]}:{match[2]}"
+    return f"{match[1]}:{match[2]}:{match[3]}"
 
 
 def is_of_autopilot(message: Any, system_id: int) -> bool:

@@ -239,3 +239,9 @@ def test_a_tcp_link_that_the_other_side_has_closed_is_opened_anew() -> None:
             results.append(send_direct(f"tcp://127.0.0.1:{port}", 1, "kill", timeout_s=1.0))
             router.join(2.0)
     assert [result.is_disarmed for result in results] == [True, True], results
+
+
+def test_a_port_that_does_not_exist_is_said_instead_of_failing() -> None:
+    answer = send_direct("udpout://127.0.0.1:99999", 1, "kill", timeout_s=0.1)
+    assert not answer.has_answered
+    assert "cannot be opened" in answer.sentence
