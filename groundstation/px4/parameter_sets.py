@@ -232,6 +232,8 @@ def _restore(link: VehicleLink, values: Mapping[str, Value]) -> VehicleReport:
     before = read_whole(link)
     if isinstance(before, str):
         return VehicleReport(name, False, f"nothing was changed. {before}")
+    if link.link.is_armed():  # since the backup began
+        return VehicleReport(name, False, f"nothing was changed. {ARMED}")
 
     required = []
     for parameter, value in values.items():

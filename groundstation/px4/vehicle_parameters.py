@@ -152,6 +152,9 @@ def _set(
 ) -> VehicleParams:
     """Set parameters of one vehicle; return its state afterwards."""
     assert link.link is not None
+    if link.link.is_armed():  # since the backup began
+        return replace(state, trouble=ARMED)
+
     before = {row.demand.name: row.value for row in state.rows}
     changes, trouble = write_all(link.link, required, before)
 

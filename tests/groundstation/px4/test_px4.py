@@ -20,7 +20,15 @@ from groundstation.cli import main
 from groundstation.client.autopilot_link import AutopilotLink, LinkSilentError
 from groundstation.px4 import vehicle_info
 from groundstation.px4.parameter_changes import Outcome, store, write_all
-from groundstation.px4.vehicle_parameters import ParameterState, VehicleParams, exit_status
+from groundstation.px4.parameter_sets import restore
+from groundstation.px4.vehicle_links import VehicleLink
+from groundstation.px4.vehicle_parameters import (
+    ParameterState,
+    VehicleParams,
+    exit_status,
+    read_one,
+    set_all,
+)
 from onboard.config.fleet import FleetConfig, load_fleet
 from onboard.px4.port_lock import PortClaim
 from onboard.px4.required_params import RequiredParam, all_params, differences, required_params
@@ -217,6 +225,41 @@ def test_an_armed_vehicle_is_read_but_never_set(
     assert "nothing was changed. It is armed" in capsys.readouterr().out
 
     assert not list(Path.cwd().glob("px4-*.params"))  # nothing was changed, nothing is to be undone
+
+
+class ArmedMeanwhile(AutopilotLink):
+    """A link to a PX4 that was armed after the command had begun."""
+
+    def __init__(self) -> None:
+        self.endpoint = "udpin://127.0.0.1:14540"
+        self.written: list[str] = []
+
+    def is_armed(self, timeout_s: float = 1.0) -> bool:
+        return True
+
+    def read(self, name: str) -> float:
+        return 0.0
+
+    def read_all(self) -> dict[str, float | int]:
+        return {"MPC_Z_P": 1.0}
+
+    def write(self, name: str, value: float) -> float:
+        self.written.append(name)
+        return value
+
+
+def test_a_vehicle_that_is_armed_meanwhile_is_not_set(fleet: FleetConfig, tmp_path: Path) -> None:
+    px4 = ArmedMeanwhile()
+    link = VehicleLink(fleet.vehicles["solo"], px4, is_armed=False)
+
+    (state,) = set_all([link], [read_one(link, fleet)], tmp_path / "before.params")
+    assert "It is armed" in state.trouble
+
+    file = tmp_path / "other.params"
+    file.write_text("3\t1\tMPC_Z_P\t0.8\t9\n", encoding="utf-8")
+    (report,) = restore([link], file, tmp_path / "second.params")
+    assert report.headline.startswith("nothing was changed. It is armed")
+    assert px4.written == []
 
 
 def test_without_an_answer_the_status_is_10_and_the_sentence_says_what_to_do(
