@@ -200,11 +200,13 @@ def _result(name: str, with_keys: Outcome, without_keys: Outcome | None) -> Atte
     elif isinstance(without_keys, str):
         remark = without_keys
 
+    # without an attempt on the copy without keys, something else than keys stops it
+    is_proof = without_keys is None or without_keys is True
     return AttemptResult(
         name=name,
         with_keys=with_keys if isinstance(with_keys, bool) else None,
         without_keys=without_keys if isinstance(without_keys, bool) else None,
-        is_right=with_keys is False and (without_keys is True or without_keys is None),
+        is_right=with_keys is False and is_proof,
         remark=remark,
     )
 

@@ -62,8 +62,8 @@ _AUTHOR = "intruder"  # author of an attempt's orders
 _SAMPLES = tuple(
     topic for topic, spec in TOPICS.items() if spec.delivery in (Delivery.LATEST, Delivery.RELIABLE)
 )
-# The message that is published under every topic. A light belongs to no other topic, so a receiver
-# there counts it as malformed, and never uses it.
+# The message that is published under every topic. Under any topic but its own, a light counts as
+# malformed, so no receiver uses it.
 _PROBE = Light(vehicle=_AUTHOR, stamp_ns=0, colour=(1, 2, 3))
 
 _ARRIVAL_S = 1.0  # a published message that is allowed arrives within this time
@@ -73,7 +73,7 @@ _PERIOD_S = 0.05  # period of repeated messages and packets
 _FLOOD_HZ = 10_000
 _FLOOD_BURST = 100  # messages between two checks of the time
 _GROUND_SYSTEM_ID = 255  # MAVLink system id of a ground station
-_TO_ANOTHER_ID = 17  # added to a vehicle's system id, it gives that of another system
+_TO_ANOTHER_ID = 17  # a vehicle's system id plus this number is the id of another system
 
 
 @dataclass(slots=True)
@@ -168,7 +168,10 @@ def spare_vehicle(context: AttackContext) -> BusSession:
         context.arrived.add((topic, name))
 
     def keep_order(order: object, _reply: object) -> None:
-        context.orders.append(order.author if isinstance(order, Order) else "")
+        author = ""
+        if isinstance(order, Order):
+            author = order.author
+        context.orders.append(author)
 
     for topic in _SAMPLES:
         node.subscribe(topic, "*", keep_sample)
@@ -252,8 +255,8 @@ def _attempts_to_disturb(first: str, last: str) -> Iterator[Attempt]:
             partial(_plays_px4, vehicle=first, id_offset=0),
         ),
         ("MAVLink: SETUP_SIGNING in flight", partial(_sets_signing_key, vehicle=first)),
-        # This one is the last: when a vehicle claims to be where another one is, the other one
-        # lands, since the two may have touched.
+        # The forged states come last, because they may end a flight: when a vehicle claims to be
+        # where another one is, the other one lands, since the two may have touched.
         (f"{last}'s key: forged states of itself", partial(_lies, identity=last)),
     ):
         yield Attempt(name, gets_in, is_stopped_without_keys=True)
@@ -315,13 +318,16 @@ def _exceeds_role(context: AttackContext, identity: str) -> bool:
 
     It got in if anything arrives that the holder of the key must not publish.
     """
-    role = NodeRole(identity) if identity in set(NodeRole) else NodeRole.VEHICLE
+    role = NodeRole.VEHICLE
+    if identity in set(NodeRole):
+        role = NodeRole(identity)
     own_name = NODES.get(role, identity)
     names = (own_name, "attacked")
 
     with context.joined(identity, own_name, SPARE) as node:
         keys = [(topic, name) for topic in _SAMPLES for name in names]
         arrived = _arrivals(context, node, keys)
+        # The spare vehicle answers no order; whether this one arrived is in context.orders.
         is_obeyed(node, SPARE, order_of(node, "land"), _ARRIVAL_S)
 
     if context.has_keys and not arrived:
@@ -371,6 +377,10 @@ def _floods(context: AttackContext) -> bool:
 
 
 def _sends_malformed(context: AttackContext, identity: str) -> bool:
+    """Publish lights as telemetry, which is malformed.
+
+    It got in if the fleet is disturbed, or if no vehicle counts the malformed messages.
+    """
     with context.joined(identity, identity, *context.flight.names[:-1]) as node:
         _send_often(node, Topic.SLOW_TELEMETRY, identity, context.duration_s(2.0, 100.0))
 

@@ -30,12 +30,12 @@ def key_checks(fleet: FleetConfig) -> list[Diagnosis]:
     found = []
     expiry: dict[str, datetime.datetime] = {}  # node whose key is here and valid -> its expiry
     for node in nodes_of(fleet):
-        _, certificate, key = (folder / name for name in files_of(node))
-        if not key.exists():
+        _, certificate_name, key_name = files_of(node)
+        if not (folder / key_name).exists():
             continue
         try:
             credentials_of(fleet, node, now)
-            expiry[node] = read_certificate(str(certificate)).not_valid_after_utc
+            expiry[node] = read_certificate(str(folder / certificate_name)).not_valid_after_utc
         except ConfigError as error:
             found.append(Diagnosis(f"keys of {node}", Grade.FAIL, str(error)))
 
@@ -49,7 +49,7 @@ def key_checks(fleet: FleetConfig) -> list[Diagnosis]:
         found.append(Diagnosis("keys", Grade.FAIL, sentence, "Copy this node's: docs/keys.md"))
         return found
 
-    first = min(expiry, key=expiry.__getitem__)
+    first = min(expiry, key=lambda node: expiry[node])
     words = end_words(expiry[first], now)
     found.append(
         graded(

@@ -261,7 +261,9 @@ def _neighbours(name: str, fleet: FleetConfig, heard: Heard) -> Iterator[Diagnos
     bad = Grade.WARN
     if any(age_s >= silent_s for age_s in old.values()):
         bad = Grade.FAIL
-    shown = old or ages_s  # without an old one all are shown
+    shown = ages_s
+    if old:
+        shown = old
     listed = ", ".join(f"{other} {1e3 * age_s:.0f} ms" for other, age_s in sorted(shown.items()))
     yield graded(
         f"{name} hears",
@@ -278,16 +280,18 @@ def _unused_messages(name: str, heard: Heard) -> Iterator[Diagnosis]:
     """Yield the finding about messages that a vehicle could not use while we listened."""
     first = heard.first[name]
     last = heard.last[name]
+    # a restarted agent counts from 0 again
     counts = [max(0, getattr(last, field) - getattr(first, field)) for field in _UNUSED_FIELDS]
     words = in_words(*counts)
     if not words:
         return
 
     malformed, refused, _, _ = counts
+    has_foreign = malformed > 0 or refused > 0
     tolerated = (1.0 - _GOOD_SHARE) * _STATES_HZ * heard.seconds
     yield graded(
         f"{name} did not use",
-        malformed == refused == 0 and sum(counts) < tolerated,
+        not has_foreign and sum(counts) < tolerated,
         f"Of the last {heard.seconds:.0f} s: {words}.",
         "Refused or malformed ones are of another version, or of a stranger: docs/threats.md",
     )

@@ -111,8 +111,9 @@ def now(hold: Order, _last: Telemetry) -> Order:
 def kept_back(hold: Order, last: Telemetry) -> Order:
     """Return an order to locate the vehicle, of the operator's node, as if kept for 10 s.
 
-    It replaces the one to hold, which is an emergency: that may be older. Without the name of the
-    operator's node the vehicle would refuse it for its sender, and not for its age.
+    It replaces the order to hold. A hold is an emergency, so a vehicle accepts one that is older.
+    The new order bears the name of the operator's node: a vehicle refuses the orders of other nodes
+    whatever their age.
     """
     node = hold.node
     operator = parse_control_token(last.operator)
