@@ -189,22 +189,34 @@ def listed(link: LogLink, newest: int) -> list[VehicleLog]:
         link: link to its PX4.
         newest: number of logs.
     """
+    logs = _listed_by_file_transfer(link, newest)
+    if logs is not None:
+        return logs
+
+    entries = LogData(link).entries()
+    entries.sort(key=lambda entry: (entry.unix_s, entry.number), reverse=True)
+    return [
+        VehicleLog(name=_name_of(entry), size=entry.size, number=entry.number)
+        for entry in entries[:newest]
+    ]
+
+
+def _listed_by_file_transfer(link: LogLink, newest: int) -> list[VehicleLog] | None:
+    """Return the newest logs of a vehicle; None if its PX4 does not list them by file transfer."""
     transfer = FileTransfer(link)
     try:
         transfer.reset()
-        for root in _ROOTS:
-            try:
-                return _listed_in(transfer, root, newest)
-            except TransferRefused:
-                continue  # this PX4 has another root folder
     except (TransferSilent, TransferRefused):
-        pass  # no file transfer: list by LOG_DATA
+        return None
 
-    entries = sorted(LogData(link).entries(), key=lambda one: (one.unix_s, one.number))
-    return [
-        VehicleLog(name=_name_of(entry), size=entry.size, number=entry.number)
-        for entry in reversed(entries)
-    ][:newest]
+    for root in _ROOTS:
+        try:
+            return _listed_in(transfer, root, newest)
+        except TransferRefused:
+            continue  # this PX4 has another root folder
+        except TransferSilent:
+            return None
+    return None
 
 
 def _listed_in(transfer: FileTransfer, root: str, newest: int) -> list[VehicleLog]:
@@ -315,8 +327,8 @@ def _by_all_methods(link: LogLink, log: VehicleLog, download: _Download) -> list
     """
     pieces = download.pieces
     sessions = 0
-    count_by_file = 0
-    count_by_data = 0
+    count_by_file = 0  # bytes by file transfer
+    count_by_data = 0  # bytes by LOG_DATA
     failures = 0
     while not pieces.is_whole and failures < _MOST_FAILURES:
         before = pieces.bytes_in_order
@@ -328,7 +340,10 @@ def _by_all_methods(link: LogLink, log: VehicleLog, download: _Download) -> list
         if not pieces.is_whole:
             _by_log_data(link, log, download)
         count_by_data += pieces.bytes_in_order - between
-        failures = 0 if pieces.bytes_in_order > before else failures + 1
+
+        failures += 1
+        if pieces.bytes_in_order > before:
+            failures = 0
 
     methods = []
     if count_by_file:
@@ -395,7 +410,10 @@ def _by_file_transfer(link: LogLink, path: str, download: _Download) -> int:
             _read_on(transfer, download)
         except (TransferRefused, TransferSilent):
             pass  # PX4 has ended the session: open the file once more
-        failures = 0 if pieces.bytes_in_order > before else failures + 1
+
+        failures += 1
+        if pieces.bytes_in_order > before:
+            failures = 0
 
     # close the session; if this fails, PX4 closes it by itself after a while
     with contextlib.suppress(TransferRefused, TransferSilent):
@@ -438,23 +456,32 @@ def _by_log_data(link: LogLink, log: VehicleLog, download: _Download) -> None:
         begin, end = pieces.gap
         for piece in data.read(number, begin, end - begin):
             download.take(piece)
-        failures = 0 if pieces.bytes_in_order > before else failures + 1
+
+        failures += 1
+        if pieces.bytes_in_order > before:
+            failures = 0
     data.stop()
 
 
 def _number_of(data: LogData, log: VehicleLog, download: _Download) -> int | None:
     """Return the number that LOG_DATA gives a log of the card; None if it cannot be found.
 
-    LOG_ENTRY contains only size and date of the last change. So all logs of at least this size are
-    candidates (PX4 may still write), and their first bytes must be the same.
+    LOG_ENTRY contains only size and date of the last change. So the log is recognised by its first
+    bytes, or by its size if no byte of it has come yet. Larger logs are compared as well, because
+    PX4 may still have written after the log was listed.
     """
-    known = download.head()
     candidates = [entry for entry in data.entries() if entry.size >= log.size]
     candidates.sort(key=lambda entry: (entry.size, -entry.unix_s))
+
+    known = download.head()
+    if not known:
+        for entry in candidates:
+            if entry.size == log.size:
+                return entry.number
+        return None
+
     for entry in candidates:
-        if not known and entry.size == log.size:
-            return entry.number
         head = b"".join(piece.data for piece in data.read(entry.number, 0, _HEAD_BYTES))
-        if known and head[: len(known)] == known:
+        if head.startswith(known):
             return entry.number
     return None

@@ -5,8 +5,7 @@ early (v1.16 does so after some seconds, without a message). It also has only on
 link, which may still be open from before. So the session is reset before a file is opened, and
 missing bytes are requested again, from their offset. LOG_DATA is slower, and needs no session.
 
-Layout of a payload of FTP: sequence (2 bytes), session, operation, size, answered operation,
-whether a burst is complete, padding, offset (4 bytes), data (up to 239 bytes). It is described in
+A payload of FTP has a head (:class:`_Head`) and up to 239 bytes of data. It is described in
 MAVLink's documentation, "File Transfer Protocol".
 """
 
@@ -17,7 +16,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple, Protocol
 
 _PAYLOAD_BYTES = 251
-_HEAD = struct.Struct("<HBBBBBxI")
+_HEAD = struct.Struct("<HBBBBBxI")  # the fields of _Head, with a byte of padding before the last
 _MOST_DATA = _PAYLOAD_BYTES - _HEAD.size
 
 # operations
@@ -56,6 +55,18 @@ class Piece(NamedTuple):
 
     offset: int
     data: bytes
+
+
+class _Head(NamedTuple):
+    """Head of a payload of FTP."""
+
+    sequence: int
+    session: int
+    operation: int
+    size: int  # number of bytes of data
+    answered_operation: int
+    is_complete: int  # whether a burst is complete
+    offset: int
 
 
 class FileEntry(NamedTuple):
@@ -167,11 +178,11 @@ class FileTransfer:
             answer = self._next_answer(_BURST, _SILENT_S)
             if answer is None:
                 return
-            _, _, operation, size, _, is_complete, piece_offset = _HEAD.unpack_from(answer)
-            if operation != _ACK:
+            head = _head_of(answer)
+            if head.operation != _ACK:
                 return
-            yield Piece(piece_offset, answer[_HEAD.size : _HEAD.size + min(size, _MOST_DATA)])
-            if is_complete:
+            yield Piece(head.offset, _data_of(answer))
+            if head.is_complete:
                 return
 
     def _ask(self, operation: int, *, offset: int = 0, data: bytes = b"", size: int = 0) -> bytes:
@@ -191,11 +202,13 @@ class FileTransfer:
             if answer is None:
                 continue
 
-            _, _, kind, count, _, _, _ = _HEAD.unpack_from(answer)
-            content = answer[_HEAD.size : _HEAD.size + min(count, _MOST_DATA)]
-            if kind == _NAK:
-                raise TransferRefused(content[0] if content else 0)
-            return content
+            content = _data_of(answer)
+            if _head_of(answer).operation != _NAK:
+                return content
+            error = 0
+            if content:
+                error = content[0]
+            raise TransferRefused(error)
         raise TransferSilent
 
     def _send(self, operation: int, *, offset: int, data: bytes, size: int) -> None:
@@ -204,7 +217,11 @@ class FileTransfer:
 
     def _send_numbered(self, operation: int, offset: int, data: bytes, size: int) -> None:
         session = 0
-        head = _HEAD.pack(self._sequence, session, operation, size, 0, 0, offset)
+        answered_operation = 0
+        is_complete = 0
+        head = _HEAD.pack(
+            self._sequence, session, operation, size, answered_operation, is_complete, offset
+        )
         payload = (head + data[:_MOST_DATA]).ljust(_PAYLOAD_BYTES, b"\0")
         network = 0
         self._link.send("file_transfer_protocol", network, payload)
@@ -221,11 +238,21 @@ class FileTransfer:
             if message is None:
                 return None
             payload = bytes(message.payload)
-            number, _, kind, _, answered, _, _ = _HEAD.unpack_from(payload)
-            if kind not in (_ACK, _NAK) or answered != operation:
+            head = _head_of(payload)
+            is_answer = head.operation in (_ACK, _NAK)
+            if not is_answer or head.answered_operation != operation:
                 continue
-            if sequence is None or number == sequence:
+            if sequence is None or head.sequence == sequence:
                 return payload
+
+
+def _head_of(payload: bytes) -> _Head:
+    return _Head(*_HEAD.unpack_from(payload))
+
+
+def _data_of(payload: bytes) -> bytes:
+    size = min(_head_of(payload).size, _MOST_DATA)
+    return payload[_HEAD.size : _HEAD.size + size]
 
 
 def _entry(listed: bytes) -> FileEntry | None:
@@ -235,7 +262,10 @@ def _entry(listed: bytes) -> FileEntry | None:
     is_plain = name not in ("", ".", "..") and "/" not in name and name.isprintable()
     if kind not in (b"F", b"D") or not is_plain:
         return None
-    return FileEntry(name, int(size) if size.isdecimal() else 0, kind == b"D")
+    size_bytes = 0
+    if size.isdecimal():
+        size_bytes = int(size)
+    return FileEntry(name, size_bytes, is_folder=kind == b"D")
 
 
 class LogData:

@@ -14,7 +14,7 @@ from onboard.px4.required_params import RequiredParam, Value
 _STORE_S = 5.0  # longest wait for the confirmation that parameters are stored
 _STORE_ANSWER_S = 0.5  # longest wait for the answer to one request
 _STORE_PAUSE_S = 0.1  # pause between two requests
-_SECOND_WRITE_S = 0.5  # time for the writing that the second request has begun
+_SECOND_WRITE_S = 0.5  # time that PX4 gets for the writing that follows the second request
 _ACCEPTED = 0  # MAV_RESULT_ACCEPTED
 
 
@@ -85,9 +85,9 @@ def write_all(
         )
 
     has_set = any(change.outcome is Outcome.SET for change in changes)
-    is_stored = True  # there is nothing to store
-    if has_set:
-        is_stored = not is_silent and store(link.request_storage, _STORE_S)
+    is_stored = not has_set  # without a change there is nothing to store
+    if has_set and not is_silent:
+        is_stored = store(link.request_storage, _STORE_S)
     return changes, _trouble(changes, is_silent=is_silent, is_stored=is_stored)
 
 

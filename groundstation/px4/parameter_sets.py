@@ -204,7 +204,7 @@ def restore(links: Sequence[VehicleLink], path: Path, backup: Path) -> list[Vehi
             " Select others with --vehicles, or give their own file."
         )
 
-    # one that is not heard is among them: `save` then says why its PX4 does not answer
+    # Vehicles that are not heard are among them: `save` says why their PX4s do not answer.
     to_restore = [link for link in links if link.vehicle.system_id in sets and not link.is_armed]
     troubles, _ = save(to_restore, backup)
 

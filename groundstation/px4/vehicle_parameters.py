@@ -177,8 +177,8 @@ def save(links: Sequence[VehicleLink], path: Path) -> tuple[dict[str, str], dict
         path: path of the file.
 
     Returns:
-        Vehicle -> why it is not in the file, empty if it is; vehicle in the file -> number of its
-        parameters.
+        Two mappings. The first has for each vehicle why it is not in the file; empty if it is. The
+        second has for each vehicle in the file the number of its parameters.
 
     Raises:
         ConfigError: the file cannot be written.

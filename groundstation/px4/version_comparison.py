@@ -100,7 +100,10 @@ def compare(fleet: FleetConfig, old: str, new: str, measured: MeasuredPx4) -> Co
     new_name, new_note = measured.nearest(new_version)
     vehicles = _enabled(fleet)
 
-    notes = [note[0].upper() + note[1:] + "." for note in (old_note, new_note) if note]
+    notes = []
+    for note in (old_note, new_note):
+        if note:
+            notes.append(f"{note[0].upper()}{note[1:]}.")
     notes += _lag_notes(vehicles, new_name, measured)
 
     steps = _versions_between(old_name, new_name, measured)
@@ -131,7 +134,7 @@ def _version(text: str, measured: MeasuredPx4) -> Version:
 def _versions_between(old: str, new: str, measured: MeasuredPx4) -> tuple[str, ...]:
     """Return the versions from one to the other, without the older of the two.
 
-    Their changes together are the difference of the two versions.
+    The changes that each of these versions brought, taken together, separate old from new.
     """
     first, last = sorted((measured.versions.index(old), measured.versions.index(new)))
     return measured.versions[first + 1 : last + 1]
@@ -226,9 +229,12 @@ def _changed_defaults(
     def sentences(vehicle: Vehicle) -> Iterator[str]:
         demanded = _demanded(fleet, vehicle, new)
         for name, (older, newer) in changed.items():
-            before, after = older, newer
+            before = older
+            after = newer
             if is_downgrade:
-                before, after = newer, older
+                before = newer
+                after = older
+
             effect = ""
             if name in demanded:
                 effect = f"; the fleet demands {demanded[name].value:g}, so nothing changes"
