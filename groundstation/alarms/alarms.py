@@ -404,8 +404,9 @@ def _of_vehicle(
         kinds -= implied_by(kinds)
     for kind in kinds:
         yield _alarm(kind, name, is_flying=is_flying, what=_what(kind, telemetry))
-    for text in unknown:
-        yield _alarm(GroundCondition.UNKNOWN, name, is_flying=is_flying, what=plain(text))
+    if unknown:
+        texts = ", ".join(plain(text) for text in unknown)
+        yield _alarm(GroundCondition.UNKNOWN, name, is_flying=is_flying, what=texts)
 
     if is_flying and telemetry.law == "off":
         yield _alarm(GroundCondition.LAW_OFF, name, is_flying=True)

@@ -92,6 +92,17 @@ def test_a_condition_that_this_console_does_not_know_is_shown_in_the_vehicles_wo
     assert alarm.sentence == "mav2: propeller [2J missing"
 
 
+def test_of_several_conditions_that_this_console_does_not_know_all_are_shown(
+    ground: Ground3,
+) -> None:
+    ground.all_hear()
+    ground.hear(conditions=("rotor iced", "parachute open"))
+    ground.update()
+    (text,) = ground.texts()
+    assert "rotor iced" in text
+    assert "parachute open" in text
+
+
 def test_all_well_is_no_alarm(ground: Ground3) -> None:
     ground.all_hear()
     assert ground.kinds() == []
