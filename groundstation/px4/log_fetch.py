@@ -296,6 +296,7 @@ def _fetched(link: LogLink, log: VehicleLog, target: Path, vehicle: str, progres
     Raises:
         ArmedInBetween, IncompleteError, OSError: it was not fetched completely.
     """
+    target = _without_another_flight(link, log, target)
     if target.exists() and target.stat().st_size == log.size:
         return f"{target}: is here already"
 
@@ -317,6 +318,24 @@ def _fetched(link: LogLink, log: VehicleLog, target: Path, vehicle: str, progres
         methods.insert(0, f"{count_before / _MB:.2f} MB were here")
     took_s = time.monotonic() - begin_s
     return f"{target}: {log.size / _MB:.2f} MB in {took_s:.0f} s, {'; '.join(methods)}"
+
+
+def _without_another_flight(link: LogLink, log: VehicleLog, target: Path) -> Path:
+    """Return a path at which there is no log of another flight.
+
+    A PX4 that does not know the date may use a name again, for instance on a new card. A file that
+    begins as this log does is an earlier part of it.
+    """
+    path = target
+    number = 1
+    while path.exists() and path.stat().st_size != log.size:
+        with path.open("rb") as file:
+            known = file.read(_HEAD_BYTES)
+        if known == _head(link, log)[: len(known)]:
+            break
+        number += 1
+        path = target.with_name(f"{target.stem}-{number}{SUFFIX}")
+    return path
 
 
 def _by_all_methods(link: LogLink, log: VehicleLog, download: _Download) -> list[str]:

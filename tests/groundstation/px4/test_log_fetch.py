@@ -202,6 +202,33 @@ def test_a_part_is_kept_when_px4_is_silent_as_the_fetch_begins(tmp_path: Path) -
     assert (tmp_path / "a.ulg.part").read_bytes() == part
 
 
+def test_a_log_of_another_flight_with_the_same_name_is_kept(tmp_path: Path) -> None:
+    # a PX4 that does not know the date begins again with sess001/log001 on a new card
+    target = tmp_path / "mav0-sess001_log001.ulg"
+    old = card(0, 3_000).files[1].content
+    target.write_bytes(old)
+    logs = card(5_000)
+    link = CardLink(logs)
+    (log,) = listed(link, 1)
+    said = fetched(link, log, target)
+    new_target = tmp_path / "mav0-sess001_log001-2.ulg"
+    assert said.startswith(f"{new_target}: ")
+    assert target.read_bytes() == old
+    assert new_target.read_bytes() == logs.files[0].content
+    assert fetched(link, log, target) == f"{new_target}: is here already"
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_log_that_has_grown_since_is_fetched_anew(tmp_path: Path) -> None:
+    logs = card(5_000)
+    link = CardLink(logs)
+    (log,) = listed(link, 1)
+    (tmp_path / "a.ulg").write_bytes(logs.files[0].content[:3_000])
+    fetched(link, log, tmp_path / "a.ulg")
+    assert (tmp_path / "a.ulg").read_bytes() == logs.files[0].content
+    assert list(tmp_path.iterdir()) == [tmp_path / "a.ulg"]
+
+
 def test_what_px4_does_not_give_out_is_said_and_kept_as_a_part(tmp_path: Path) -> None:
     logs = card(20_000)
     link = CardLink(logs, has_data=False)
