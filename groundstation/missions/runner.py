@@ -266,6 +266,7 @@ class MissionRun:
             await self.fleet.ready(_STILL_READY_S)
 
         self.client.forget_distances()
+        self._observations.earlier_touchdowns = self.client.state.touchdowns
         self._observations.begin_ns = self.client.now_ns()
         self.fleet.ground.watch.begin()
         self._has_begun = True

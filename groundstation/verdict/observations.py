@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import msgspec
 
 from groundstation.fleet.state import FleetState, VehicleView
+from groundstation.fleet.touchdown import Touchdown
 from onboard.config.fleet import FleetConfig
 from onboard.tuples import Xyz
 
@@ -51,6 +52,7 @@ class FlightObservations:
     arrivals: list[Arrival]
     begin_ns: int  # begin of the first step, on the ground's monotonic clock
     end_ns: int
+    earlier_touchdowns: Collection[Touchdown] = ()  # contacts with the ground before the begin
     left_out: Collection[str] = ()  # vehicles that the mission went on without
     left_out_orders: Sequence[str] = ()  # orders that the operator has left out, in words
     # vehicles that do not fly although their last order left them flying, each with a sentence
@@ -63,6 +65,15 @@ class FlightObservations:
     # whether vehicles may fly at the end: the fleet was taken, or the mission was not begun
     is_left_flying: bool = False
     pilots: Collection[str] = ()  # vehicles that were flown by hand at the end
+
+    @property
+    def touchdowns(self) -> list[Touchdown]:
+        """Contacts with the ground in this flight, oldest first; simulation only."""
+        return [
+            touchdown
+            for touchdown in self.state.touchdowns
+            if touchdown not in self.earlier_touchdowns
+        ]
 
 
 def arrival_of(step: str, view: VehicleView, goal: Xyz, now_ns: int) -> Arrival:

@@ -160,7 +160,7 @@ def judge(
         record=record,
         vertical_separation_m=fleet.fleet.vertical_separation_m,
         unknown_times=unknown_times,
-        touchdowns=_landing_speeds(state, fleet, begin_ns),
+        touchdowns=_landing_speeds(flown, begin_ns),
         collided=collided,
     )
 
@@ -337,7 +337,7 @@ def _unknown_sentence(times: Sequence[UnknownTime], begin_ns: int) -> str:
 def _hard_landings(flown: FlightObservations) -> str:
     """Return a sentence about simulated vehicles that came down too hard, or fell."""
     hard = []
-    for touchdown in flown.state.touchdowns:
+    for touchdown in flown.touchdowns:
         name = touchdown.vehicle
         vehicle = flown.fleet.vehicles[name]
 
@@ -352,17 +352,18 @@ def _hard_landings(flown: FlightObservations) -> str:
     return f"{'. '.join(hard)}."
 
 
-def _landing_speeds(state: FleetState, fleet: FleetConfig, begin_ns: int) -> list[LandingSpeed]:
+def _landing_speeds(flown: FlightObservations, begin_ns: int) -> list[LandingSpeed]:
     """Return the contacts with the ground as the verdict writes them."""
+    vehicles = flown.fleet.vehicles
     return [
         LandingSpeed(
             vehicle=touchdown.vehicle,
             time_s=round((touchdown.stamp_ns - begin_ns) * 1e-9, 2),
             speed_m_s=round(touchdown.speed_m_s, 3),
-            limit_m_s=touchdown.limit_m_s(fleet.vehicles[touchdown.vehicle]),
+            limit_m_s=touchdown.limit_m_s(vehicles[touchdown.vehicle]),
             had_thrust=touchdown.had_thrust,
         )
-        for touchdown in state.touchdowns
+        for touchdown in flown.touchdowns
     ]
 
 

@@ -431,6 +431,16 @@ async def test_a_vehicle_that_hits_the_ground_in_its_landing_has_not_landed_as_o
     assert judge(flown, run.mission.expect).passed is not had_thrust
 
 
+async def test_a_hard_landing_before_a_mission_does_not_count_for_it(
+    fleet: FleetConfig, client: Any
+) -> None:
+    client._state = replace(client.state, touchdowns=(Touchdown("mav1", 1, 0.9),))
+    verdict = await MissionRun(make(fleet, [*HOP, {"do": "land"}], expect=EXPECT), client).run()
+
+    assert verdict.passed
+    assert not verdict.touchdowns
+
+
 async def test_an_expect_step_stops_the_mission_where_it_fails(
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:
