@@ -43,7 +43,7 @@ _RESULTS = {
 _ACCEPTED = (0, 5)  # values of MAV_RESULT for "accepted" and "in progress"
 # PX4's main modes in which a pilot's sticks fly: MANUAL, ALTCTL, POSCTL, ACRO, STABILIZED,
 # RATTITUDE and ALTITUDE_CRUISE
-_PILOT_MODES = (1, 2, 3, 5, 7, 8, 11)
+PILOT_MODES = (1, 2, 3, 5, 7, 8, 11)
 _REQUEST_MESSAGE = 512
 _SET_MESSAGE_INTERVAL = 511
 _HEARTBEAT_ID = 0
@@ -249,7 +249,7 @@ def _is_flown_by_hand(link: Any, system_id: int, *, otherwise: bool) -> bool:
             has_heartbeat = True
             is_armed = bool(message.base_mode & ARMED_FLAG)
             was_pilots_mode = is_pilots_mode
-            is_pilots_mode = is_armed and message.custom_mode >> 16 & 0xFF in _PILOT_MODES
+            is_pilots_mode = is_armed and message.custom_mode >> 16 & 0xFF in PILOT_MODES
             if not is_pilots_mode:
                 return False
             if not was_pilots_mode:

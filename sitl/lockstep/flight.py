@@ -18,7 +18,7 @@ from typing import Any, TypeVar, cast
 from msgspec.structs import replace
 
 from groundstation.client.client import FleetClient
-from groundstation.client.direct_mavlink import DirectKind, DirectResult
+from groundstation.client.direct_mavlink import PILOT_MODES, DirectKind, DirectResult
 from groundstation.fleet.state import FleetState
 from groundstation.fleet.touchdown import Touchdown
 from groundstation.mission_files.loading import load_mission
@@ -44,7 +44,7 @@ from sitl.lockstep.connections import BusSettings
 from sitl.lockstep.lockstep_record import LockstepRecord
 from sitl.lockstep.simulated_event_loop import VirtualLoop
 from sitl.lockstep.simulation import EPOCH_NS, Simulation
-from sitl.px4.modes import BLIND_DESCENT, CommandResult, Mode
+from sitl.px4.modes import MODES, CommandResult, Mode
 
 GROUND = "ground-1"
 _DIRECT_DELAY_S = 0.01
@@ -403,7 +403,6 @@ class Lockstep:
         emulator = self.simulation.emulator
         system_ids = [spec.system_id for spec in emulator.specs]
         index = system_ids.index(system_id)
-        px4 = emulator.autopilots[index]
         is_hung = emulator.disturbances.is_hung
 
         await asyncio.sleep(_DIRECT_DELAY_S)
@@ -412,21 +411,25 @@ class Lockstep:
             sentence = f"PX4 did not answer at {endpoint} within {timeout_s:g} s either"
             return DirectResult(False, False, sentence, has_answered=False)
 
-        is_flown_by_hand = px4.mode in BLIND_DESCENT and px4.has_sticks(emulator.time_s)
+        px4 = emulator.autopilots[index]
+        now_s = emulator.clock_s(index)
+        is_pilots_mode = MODES[px4.shown_mode].main in PILOT_MODES
+        is_flown_by_hand = is_pilots_mode and px4.has_sticks(now_s)
         if spares_pilot and px4.is_armed and is_flown_by_hand:
             return DirectResult(False, False, "a pilot flies it by hand", is_flown_by_hand=True)
 
         if kind == "land":
-            answer = px4.request(emulator.time_s, Mode.LAND)
+            answer = px4.request(now_s, Mode.LAND)
         else:
-            answer = px4.request_arm(emulator.time_s, False, _FORCE)
+            answer = px4.request_arm(now_s, False, _FORCE)
         is_accepted = answer is CommandResult.ACCEPTED
 
-        # PX4 reports once a second whether it is armed
+        # PX4 reports once a second whether it is armed; a restart replaces the emulated one
         if is_accepted:
             end_s = emulator.time_s + watch_s
-            while px4.is_armed and emulator.time_s < end_s:  # noqa: ASYNC110 - see above
+            while px4.is_armed and emulator.time_s < end_s:
                 await asyncio.sleep(1.0)
+                px4 = emulator.autopilots[index]
 
         is_disarmed = is_accepted and not px4.is_armed and not is_hung[index]
         sentence = f"PX4 {answer.name.lower().replace('_', ' ')} it"

@@ -11,6 +11,8 @@ from groundstation.mission_files.loading import load_mission
 from groundstation.missions.api import OrderFailed
 from onboard.config.fleet import FleetConfig
 from sitl.faults.catalogue import Fault
+from sitl.px4.modes import Mode
+from sitl.px4.sticks import CENTRED
 
 MISSION = Path(__file__).parents[3] / "configs" / "missions" / "paper.toml"
 
@@ -81,3 +83,29 @@ def test_a_mission_lands_a_vehicle_whose_px4_died_within_four_seconds(
     assert (direct[0] - begin_ns) * 1e-9 < died_s + 4.0
     gaps_s = [(later - earlier) * 1e-9 for earlier, later in pairwise(direct)]
     assert min(gaps_s, default=60.0) > 8.0, "each waits for PX4's own answer"
+
+
+def test_the_direct_path_sees_that_a_px4_that_has_restarted_is_disarmed(
+    lockstep, paper: FleetConfig
+) -> None:
+    flight = lockstep(paper, seed=4)
+    flight.takeoff(1.0)
+    system_id = paper.vehicles["mav1"].system_id
+    begin_s = flight.time_s
+    flight.inject(Fault("autopilot_reboot", "mav1", at_s=begin_s + 1.0))
+    answer = flight.wait_for(flight._send_directly("", system_id, "land", watch_s=20.0))
+    assert answer.is_disarmed
+    assert flight.time_s - begin_s < 5.0
+
+
+def test_a_descent_without_a_position_is_landed_though_sticks_are_heard(
+    lockstep, paper: FleetConfig
+) -> None:
+    flight = lockstep(paper, seed=4)
+    flight.takeoff(1.0)
+    system_id = paper.vehicles["mav1"].system_id
+    px4 = flight.simulation.emulator.autopilots[flight.simulation.names.index("mav1")]
+    px4.mode = Mode.DESCEND  # shown as AUTO.LAND
+    px4.take_sticks(flight.time_s, CENTRED)
+    answer = flight.wait_for(flight._send_directly("", system_id, "land", spares_pilot=True))
+    assert not answer.is_flown_by_hand
