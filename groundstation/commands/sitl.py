@@ -16,7 +16,7 @@ Exit status: 0 ended by an interrupt; 2 wrong input or a port in use, nothing wa
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
@@ -35,6 +35,15 @@ from sitl.physics.wind import WindSettings
 from sitl.server import Server, run, simulator_bus
 
 _LARGEST = 30.0  # largest wind, gusts and scales
+# option -> its lowest and its highest value
+_BOUNDS = {
+    "mocap-noise-m": (0.0, 10.0),
+    "mocap-latency-s": (0.0, 10.0),
+    "mocap-dropouts-per-s": (0.0, 1000.0),
+    "mocap-dropout-s": (0.0, 3600.0),
+    "truth-offset-m": (-1e6, 1e6),
+    "ftp-dies-after-kb": (0, 1_000_000_000),
+}
 
 
 def sitl(
@@ -111,6 +120,16 @@ def sitl(
     if not all(0.0 <= value <= _LARGEST for value in (gust_m_s, gust_s, error_scale)):
         raise ConfigError("--gust-m-s, --gust-s and --error-scale must lie between 0 and 30.")
 
+    _check_bounds(
+        {
+            "mocap-noise-m": mocap_noise_m,
+            "mocap-latency-s": mocap_latency_s,
+            "mocap-dropouts-per-s": mocap_dropouts_per_s,
+            "mocap-dropout-s": mocap_dropout_s,
+            "truth-offset-m": truth_offset_m,
+            "ftp-dies-after-kb": ftp_dies_after_kb,
+        }
+    )
     mocap = MocapSettings(
         noise_m=mocap_noise_m,
         latency_s=mocap_latency_s,
@@ -132,12 +151,27 @@ def sitl(
             environment=Environment(wind, has_common_errors=common_errors, error_scale=error_scale),
             injected=[catalogue.parse(line) for line in fault],
             px4=px4,
-            file_session_bytes=1000 * max(0, ftp_dies_after_kb),
+            file_session_bytes=1000 * ftp_dies_after_kb,
         )
         run(server)
     except (StartError, SpawnError, FaultError) as error:
         raise ConfigError(str(error)) from None
     return EXIT_OK
+
+
+def _check_bounds(values: Mapping[str, float]) -> None:
+    """Refuse values of options outside their bounds.
+
+    Args:
+        values: option -> value.
+
+    Raises:
+        ConfigError: a value is outside.
+    """
+    for option, value in values.items():
+        low, high = _BOUNDS[option]
+        if not low <= value <= high:
+            raise ConfigError(f"--{option} is {value:g}; it must lie between {low:g} and {high:g}.")
 
 
 def _select(

@@ -173,6 +173,31 @@ def test_an_address_of_a_ground_station_that_is_none_is_refused_in_words(
     assert "Write it as 127.0.0.1:14550" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("--mocap-noise-m", "nan"),
+        ("--mocap-noise-m", "-1"),
+        ("--mocap-latency-s", "nan"),
+        ("--mocap-latency-s", "-0.1"),
+        ("--mocap-dropouts-per-s", "inf"),
+        ("--mocap-dropout-s", "-1"),
+        ("--truth-offset-m", "nan"),
+        ("--ftp-dies-after-kb", "-1"),
+    ],
+)
+def test_a_number_that_nothing_can_be_emulated_with_is_refused(
+    setup: Setup,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    option: str,
+    value: str,
+) -> None:
+    monkeypatch.setattr("groundstation.commands.sitl.run", lambda server: None)
+    assert main(["sitl", "--fleet", str(setup.fleet), "--no-bus", f"{option}={value}"]) == 2
+    assert f"{option} is {value}" in capsys.readouterr().err
+
+
 def test_a_port_in_use_is_refused_in_words(
     setup: Setup, capsys: pytest.CaptureFixture[str]
 ) -> None:
