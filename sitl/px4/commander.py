@@ -122,6 +122,8 @@ class EmulatedPx4:
             since_boot_s = now_s - self.boot_time_s
 
         needs = MODES[self.intent].needs
+        if self.failsafe.is_terminated:
+            needs = MODES[Mode.TERMINATION].needs
         readiness = Readiness(
             since_boot_s=since_boot_s,
             needs=needs,
@@ -427,6 +429,8 @@ class EmulatedPx4:
                 shown = MODES[flyable].custom_mode
                 self.journal.say(now_s, "failsafe", shown, FailsafeAction.LAND)
             mode = flyable
+        elif self.failsafe.is_terminated:
+            mode = Mode.TERMINATION
 
         if mode is self.mode:
             return

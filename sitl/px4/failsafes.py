@@ -296,7 +296,7 @@ FAILSAFE_TRIGGERS: tuple[FailsafeTrigger, ...] = (
 
 @dataclass(slots=True)
 class Failsafe:
-    """The failsafes of one armed vehicle."""
+    """The failsafes of one vehicle."""
 
     action: FailsafeAction = FailsafeAction.NONE  # present action
     delayed: FailsafeAction = FailsafeAction.NONE  # action that follows the present Hold
@@ -309,9 +309,15 @@ class Failsafe:
         """Whether a failsafe has taken the vehicle out of the mode that was requested."""
         return self.action > FailsafeAction.WARN
 
+    @property
+    def is_terminated(self) -> bool:
+        """Whether a failsafe has ended the flight; only a restart of PX4 ends that."""
+        return self.action is FailsafeAction.TERMINATE
+
     def reset(self) -> None:
-        """End every action, on arming and on disarming."""
-        self.action = FailsafeAction.NONE
+        """End every action but a termination, on arming and on disarming."""
+        if not self.is_terminated:
+            self.action = FailsafeAction.NONE
         self.delayed = FailsafeAction.NONE
         self.present = frozenset()
         self._latched.clear()
@@ -325,8 +331,8 @@ class Failsafe:
 
     def step(self, now_s: float, inputs: FailsafeInputs, params: Parameters) -> bool:
         """Determine the present action; return whether PX4 announces it."""
-        if self.action is FailsafeAction.TERMINATE:
-            return False  # a termination does not end when its trigger is gone
+        if self.is_terminated:
+            return False
 
         action_before = self.action
         present_before = self.present

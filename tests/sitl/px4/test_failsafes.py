@@ -266,6 +266,24 @@ def test_a_flight_terminated_without_setpoints_stays_terminated_when_they_come_b
     assert not px4.actuation.motors_on
 
 
+def test_after_a_termination_by_a_failsafe_only_a_restart_lets_it_be_armed_again() -> None:
+    emu = emulator()
+    offboard_at_height(emu, 2.0, loss_action=6)
+    px4 = emu.autopilots[0]
+    until(emu, lambda: not px4.is_armed, 12.0)
+    assert px4.request(emu.time_s, Mode.LOITER) is CommandResult.ACCEPTED
+    run_for(emu, 0.5)
+    assert px4.mode is Mode.TERMINATION
+    assert "this mode cannot be armed in" in px4.arming_obstacles(emu.time_s)
+    assert px4.request_arm(emu.time_s, True, 0.0) is CommandResult.TEMPORARILY_REJECTED
+
+    emu.reboot(0)
+    run_for(emu, 5.0)
+    px4 = emu.autopilots[0]
+    assert px4.request(emu.time_s, Mode.LOITER) is CommandResult.ACCEPTED
+    assert px4.request_arm(emu.time_s, True, 0.0) is CommandResult.ACCEPTED
+
+
 def test_a_tilt_beyond_sixty_degrees_is_reported_and_flown_on() -> None:
     emu = emulator(px4="1.16")
     offboard_at_height(emu, 8.0)
