@@ -169,7 +169,7 @@ def _state(heard: _Messages) -> str:
         words.append(known.landed.name.lower().replace("_", " "))
     if known.battery_ns:
         words.append(f"battery {known.battery_frac:.0%}, {known.battery_voltage_v:.1f} V")
-    if "HEARTBEAT" in heard and heard["HEARTBEAT"].system_status == modes.STATUS_CRITICAL:
+    if "HEARTBEAT" in heard and heard["HEARTBEAT"].system_status in modes.FAILSAFE_STATUSES:
         words.append("in a failsafe")
     return ", ".join(words)
 

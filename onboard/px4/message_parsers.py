@@ -94,7 +94,7 @@ def _heartbeat(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
         "heartbeat_ns": arrival_ns,
         "is_armed": bool(int(fields["base_mode"]) & modes.BASE_MODE_ARMED),
         "mode": modes.mode_name(int(fields["custom_mode"])),
-        "is_failsafe": int(fields["system_status"]) == modes.STATUS_CRITICAL,
+        "is_failsafe": int(fields["system_status"]) in modes.FAILSAFE_STATUSES,
     }
 
 

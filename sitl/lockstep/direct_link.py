@@ -302,7 +302,7 @@ class LinkBank:
             "px4_version": autopilot.version.number,
             "is_armed": autopilot.is_armed,
             "mode": modes.mode_name(MODES[autopilot.shown_mode].custom_mode),
-            "is_failsafe": status == modes.STATUS_CRITICAL,
+            "is_failsafe": status in modes.FAILSAFE_STATUSES,
         }
 
 
