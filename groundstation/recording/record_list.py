@@ -70,7 +70,11 @@ def channels(folder: Path) -> dict[str, int]:
 
 def list_line(flight: dict[str, Any]) -> str:
     """Return the :func:`summary` of a flight as one line of a list."""
-    outcome = {True: "passed", False: "FAILED"}.get(flight["has_passed"], "no verdict")
+    outcome = "no verdict"
+    if flight["has_passed"] is True:
+        outcome = "passed"
+    elif flight["has_passed"] is False:
+        outcome = "FAILED"
     broken = "" if flight["is_whole"] else "  (cut off or damaged)"
     return (
         f"{flight['folder']:32s} {flight['length_s']:8.1f} s {len(flight['vehicles']):4d} vehicles"
@@ -84,7 +88,7 @@ def info_lines(flight: dict[str, Any], counts: dict[str, int]) -> list[str]:
     lines = [
         f"{flight['folder']}: {flight['length_s']:.1f} s, {flight['size_bytes'] / _MB:.1f} MB,"
         f" {flight['events']} events.",
-        f"Vehicles: {', '.join(map(plain_line, flight['vehicles']))}.",
+        f"Vehicles: {', '.join(plain_line(name) for name in flight['vehicles'])}.",
     ]
     lines += [sentence for sentence in (flight["verdict"], flight["note"]) if sentence]
     lines.append(f"{'channel':32s} {'messages':>9s} {'a second':>9s}")

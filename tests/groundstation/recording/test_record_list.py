@@ -91,3 +91,11 @@ def test_paths_are_written_as_csv(flights: Path, tmp_path: Path) -> None:
     lines = (tmp_path / "out" / "mav0.csv").read_text().splitlines()
     assert lines[0] == "t,x,y,z,yaw"
     assert len(lines) > 15
+
+
+def test_a_verdict_that_is_neither_true_nor_false_is_listed_as_none(
+    flights: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (flights / "first" / "verdict.json").write_text('{"passed": []}')
+    assert main(["log", "list", str(flights)]) == 0
+    assert "no verdict" in capsys.readouterr().out
