@@ -50,8 +50,10 @@ def rows(topic: Topic, name: str, message: Message, received_ns: int) -> list[Ch
     """
     if isinstance(message, TickBatch):
         return [_row(f"{topic.value}/{name}", tick, received_ns) for tick in message.ticks]
-    first = REPLY if isinstance(message, OrderReply) else topic.value
-    return [_row(f"{first}/{name}", message, received_ns)]
+    recorded_topic: str = topic.value
+    if isinstance(message, OrderReply):
+        recorded_topic = REPLY
+    return [_row(f"{recorded_topic}/{name}", message, received_ns)]
 
 
 def as_mapping(message: Message) -> dict[str, Any]:
@@ -145,10 +147,10 @@ def _nan_for_null(value: Any) -> Any:
 def json_schema(kind: type[Message]) -> bytes:
     """Return the JSON schema of a kind, as an object with named fields.
 
-    It has only the words that viewers know: each field has one type, and the items of an array
-    have one as well. Viewers refuse a whole channel for one other word. A field that these words
-    cannot describe is left out, which JSON schema allows; its values are in the messages all the
-    same. That a value may be null is not said either.
+    Viewers know few words of JSON schema: one type for each field, and one for the items of an
+    array. They refuse a whole channel for one other word. So a field that these words cannot
+    describe is left out of the schema, but not out of the messages; JSON schema allows that. The
+    schema also does not say that a value may be null.
     """
     hints = get_type_hints(kind)
     properties: dict[str, Any] = {}
@@ -173,7 +175,7 @@ def _row(channel: str, message: Message, received_ns: int) -> ChannelRow:
 
 
 def _in_plain_words(schema: dict[str, Any]) -> dict[str, Any] | None:
-    """Return the schema of a value in the words that viewers know; None if they do not do."""
+    """Return the schema of a value in the words that viewers know; None if they cannot say it."""
     if "anyOf" in schema:
         return _common(schema["anyOf"])
     if "enum" in schema:
@@ -190,7 +192,10 @@ def _in_plain_words(schema: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def _common(schemas: list[dict[str, Any]]) -> dict[str, Any] | None:
-    """Return one schema in the words that viewers know for all of these, null aside."""
+    """Return one schema, in the words that viewers know, that fits all of these but null.
+
+    Returns None if their types differ.
+    """
     found = [_in_plain_words(one) for one in schemas if one.get("type") != "null"]
     first = found[0]
     if first is None or any(one is None or one["type"] != first["type"] for one in found):

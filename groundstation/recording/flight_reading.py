@@ -18,7 +18,7 @@ import itertools
 from array import array
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
@@ -232,6 +232,14 @@ def _numbers(values: Sequence[Any], size: int) -> Array:
         return np.array(parts, np.float64)
 
 
+class _AgeBlock(NamedTuple):
+    """Ages of the same neighbours at consecutive ticks."""
+
+    neighbours: tuple[str, ...]
+    first_tick: int  # index
+    parts_s: list[Array]  # each of shape (ticks, neighbours)
+
+
 class _Ages:
     """Ages of the neighbours' states at each tick.
 
@@ -240,34 +248,43 @@ class _Ages:
     """
 
     def __init__(self) -> None:
-        # each block: neighbours, index of its first tick, and ages (ticks, neighbours) in parts
-        self._blocks: list[tuple[tuple[str, ...], int, list[Array]]] = []
+        self._blocks: list[_AgeBlock] = []
 
     def add(self, first_tick: int, ages_of_ticks_s: list[dict[str, _Number]]) -> None:
         """Add the ages at consecutive ticks."""
         tick = first_tick
         # the tuple of a tick's ages is that of its keys: the neighbours' names
         for names, group in itertools.groupby(ages_of_ticks_s, key=tuple):
-            if not self._blocks or self._blocks[-1][0] != names:
-                self._blocks.append((names, tick, []))
+            if not self._blocks or self._blocks[-1].neighbours != names:
+                self._blocks.append(_AgeBlock(names, tick, []))
             rows_s = [tuple(ages_s.values()) for ages_s in group]
-            self._blocks[-1][2].append(_numbers(rows_s, len(names)))
+            self._blocks[-1].parts_s.append(_numbers(rows_s, len(names)))
             tick += len(rows_s)
 
     def by_neighbour(self, ticks: int) -> dict[str, Array]:
         """Return the age of each neighbour's state (ticks,); NaN at ticks without it."""
         by_name: dict[str, Array] = {}
-        for names, first, parts in self._blocks:
-            ages_s = np.concatenate(parts)
-            for column, name in enumerate(names):
+        for block in self._blocks:
+            ages_s = np.concatenate(block.parts_s)
+            end_tick = block.first_tick + len(ages_s)
+            for column, name in enumerate(block.neighbours):
                 if name not in by_name:
                     if len(by_name) >= MAX_VEHICLES:
                         continue
                     by_name[name] = np.full(ticks, np.nan)
-                by_name[name][first : first + len(ages_s)] = ages_s[:, column]
+                by_name[name][block.first_tick : end_tick] = ages_s[:, column]
         for neighbour_ages_s in by_name.values():
             neighbour_ages_s[~(np.abs(neighbour_ages_s) <= LARGEST)] = np.nan
         return by_name
+
+
+class _TelemetryTexts(NamedTuple):
+    """The texts of one telemetry message."""
+
+    state: str
+    mode: str
+    order_kind: str
+    fix: str
 
 
 class _VehicleRows:
@@ -284,8 +301,7 @@ class _VehicleRows:
 
         self.avoided: list[str] = []  # the avoided neighbour at each tick; empty: none
         self.ages = _Ages()
-        # state, mode, order and fix in each telemetry message
-        self.texts: list[tuple[str, str, str, str]] = []
+        self.texts: list[_TelemetryTexts] = []  # of each telemetry message
         self.law = ""
         self.config_hash = ""
         self.preflight: PreflightReport | None = None
@@ -303,7 +319,7 @@ class _VehicleRows:
         stamps_ns, rows = _rows_of(_TELEMETRY, stamps_ns, datas)
         self.telemetry.add(stamps_ns, rows)
         for row in rows:
-            texts = (row.state, row.mode, row.order_kind, row.fix)
+            texts = _TelemetryTexts(row.state, row.mode, row.order_kind, row.fix)
             # the same texts come ten times a second: use one object for all of them
             if self.texts and self.texts[-1] == texts:
                 texts = self.texts[-1]
@@ -534,10 +550,10 @@ def _span(collected: _Collected, record_begin_ns: int) -> _Span:
     if not stamps_ns.size:
         return _Span(record_begin_ns, record_begin_ns)
 
-    # Each pause begins a new piece; the piece with the most stamps is the flight.
-    pauses = np.flatnonzero(np.diff(stamps_ns) > MAX_PAUSE_S * 1e9) + 1
-    bounds = [0, *pauses.tolist(), stamps_ns.size]
-    pieces = list(itertools.pairwise(bounds))
+    # The stamps are divided at each long pause; the piece with the most stamps is the flight.
+    begins_after_pause = np.flatnonzero(np.diff(stamps_ns) > MAX_PAUSE_S * 1e9) + 1
+    bounds = [0, *begins_after_pause.tolist(), stamps_ns.size]
+    pieces = itertools.pairwise(bounds)  # index of the first stamp, and index after the last one
     first, after_last = max(pieces, key=lambda piece: piece[1] - piece[0])
 
     begin_ns = int(stamps_ns[first])
@@ -558,7 +574,9 @@ def _vehicles(
         has_values = rows.ticks.stamps_ns.size or rows.telemetry.stamps_ns.size
         if has_values or rows.truth.stamps_ns.size:
             flown[name] = rows
-    in_file = [] if fleet is None else [name for name in fleet.vehicles if name in flown]
+    in_file = []
+    if fleet is not None:
+        in_file = [name for name in fleet.vehicles if name in flown]
     order = [*in_file, *sorted(set(flown) - set(in_file))]
 
     numbers = {name: number for number, name in enumerate(order)}
@@ -600,10 +618,10 @@ def _telemetry(rows: _VehicleRows, span: _Span) -> TelemetryRows:
     texts = [rows.texts[number] for number in kept]
     return TelemetryRows(
         time_s=time_s,
-        states=[text[0] for text in texts],
-        modes=[text[1] for text in texts],
-        orders=[text[2] for text in texts],
-        fixes=[text[3] for text in texts],
+        states=[text.state for text in texts],
+        modes=[text.mode for text in texts],
+        orders=[text.order_kind for text in texts],
+        fixes=[text.fix for text in texts],
         law=rows.law,
         config_hash=rows.config_hash,
         **rows.telemetry.columns(kept),

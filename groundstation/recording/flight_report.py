@@ -100,27 +100,37 @@ def report(folder: Path, height_share: float = 0.0, from_ns: int = 0) -> FlightR
     )
 
 
-_Row = tuple[int, list[float], bool, bool]  # stamp, position, is on the ground, is collided
+class _TruthRow(NamedTuple):
+    """One sample of a vehicle's ground truth."""
+
+    stamp_ns: int
+    position_enu_m: list[float]
+    is_on_ground: bool
+    is_collided: bool
 
 
-def _row(truth: Sample) -> _Row:
+def _row(truth: Sample) -> _TruthRow:
     values = truth.values
-    is_on_ground = bool(values.get("is_on_ground"))
-    is_collided = bool(values.get("is_collided"))
-    return truth.stamp_ns, values["position_enu_m"], is_on_ground, is_collided
+    return _TruthRow(
+        stamp_ns=truth.stamp_ns,
+        position_enu_m=values["position_enu_m"],
+        is_on_ground=bool(values.get("is_on_ground")),
+        is_collided=bool(values.get("is_collided")),
+    )
 
 
-def track(rows: list[_Row]) -> TrueMotion:
+def track(rows: list[_TruthRow]) -> TrueMotion:
     """Return the motion of one vehicle from its rows, sorted, and each stamp once."""
-    all_stamps_ns = np.array([row[0] for row in rows], dtype=np.int64)
+    all_stamps_ns = np.array([row.stamp_ns for row in rows], dtype=np.int64)
     stamps_ns, first = np.unique(all_stamps_ns, return_index=True)
 
-    positions_enu_m = np.array([rows[index][1] for index in first], dtype=np.float64)
+    kept = [rows[index] for index in first]
+    positions_enu_m = np.array([row.position_enu_m for row in kept], dtype=np.float64)
     return TrueMotion(
         stamp_ns=stamps_ns,
         position_enu_m=positions_enu_m.reshape(-1, 3),
-        is_on_ground=np.array([rows[index][2] for index in first], dtype=np.bool_),
-        is_collided=any(row[3] for row in rows),
+        is_on_ground=np.array([row.is_on_ground for row in kept], dtype=np.bool_),
+        is_collided=any(row.is_collided for row in rows),
     )
 
 

@@ -39,11 +39,11 @@ MAX_KEYFRAMES = 20_000
 MEMORY_NS = 60_000_000_000
 # When another vehicle is followed, its ticks of so much time are read at once.
 TICKS_NS = 20_000_000_000
-_SLICE_S = 0.02  # a seek works so long, and then other tasks draw the console
+_SLICE_S = 0.02  # longest work of a seek without a break, in which other tasks draw the console
 _MAX_PLAY_S = 4.0 * _SLICE_S  # one call of Replay.play works no longer than this
 _MAX_ELAPSED_S = 1.0  # one call of Replay.play makes up for no longer pause than this
-# While the record plays, a jump back skips events that are less than this behind. Otherwise jumps
-# in a row would all lead to the same event, because the replay has passed it again meanwhile.
+# While the record plays, a jump back skips events that are less than this behind. After a jump to
+# an event the replay passes that event at once, so the next jump would lead to it again.
 _BACK_NS = 1_000_000_000
 _FOLDED = frozenset(("telemetry", "truth", "event", "preflight"))  # topics of the fleet's state
 _WITH_TICKS = _FOLDED | {"tick"}

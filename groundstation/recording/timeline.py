@@ -528,7 +528,7 @@ class _Span:
 def _bounds_ns(
     spans: Mapping[str, _Span], shifts_ns: Mapping[str, int], now_ns: int
 ) -> tuple[int, int]:
-    """Return begin and end [ns] of a chunk on the common clock; the end is below 0 if it is empty.
+    """Return begin and end [ns] of a chunk on the common clock; 0 and -1 if it is empty.
 
     Only stamps near the time of the chunk count, because its first or last stamp may be absurd.
 
@@ -555,9 +555,8 @@ class _Stamps:
     """Stamps of every clock in every chunk, from which the shifts of the clocks follow.
 
     The time of a clock in a chunk is the stamp of the middle message of the channel with most
-    messages. So a message that came late, with an old stamp, shifts no clock. If a known clock has
-    only a single message in a chunk, that message shifts it only if the single message of a later
-    chunk agrees.
+    messages. So a message that came late, with an old stamp, shifts no clock. A single message of a
+    known clock in a chunk shifts that clock only if the single message of a later chunk agrees.
     """
 
     def __init__(self) -> None:
@@ -633,7 +632,8 @@ class _Stamps:
             changes = self._changed_shifts_ns(
                 spans, common, now_ns, earliest_ns, latest_ns, shifts_ns
             )
-            first_shifts = {clock: 0 for clock in spans if clock not in {**shifts_ns, **changes}}
+            known = shifts_ns.keys() | changes.keys()
+            first_shifts = {clock: 0 for clock in spans if clock not in known}
             if changes or first_shifts:
                 shifts_ns = {**shifts_ns, **changes, **first_shifts}
 
@@ -676,8 +676,9 @@ class _Stamps:
             apart_ns = span.middle_ns - now_ns
             if clock in shifts_ns and not self._is_confirmed(clock, span, apart_ns):
                 continue
-            is_apart = abs(apart_ns) > CLOCK_APART_NS
-            changes[clock] = apart_ns if is_apart else 0
+            changes[clock] = 0
+            if abs(apart_ns) > CLOCK_APART_NS:
+                changes[clock] = apart_ns
         return changes
 
     def _now_ns(self, span: _Span, before_ns: int) -> int:
@@ -691,13 +692,15 @@ class _Stamps:
         """
         is_lone = span.message_count == 1
         is_late = span.middle_ns < before_ns
-        return before_ns if is_lone and is_late else span.middle_ns
+        if is_lone and is_late:
+            return before_ns
+        return span.middle_ns
 
     def _is_confirmed(self, clock: str, span: _Span, apart_ns: int) -> bool:
         """Return whether a known clock was really changed.
 
-        A chunk with a single message of the clock does not prove that, because the message may just
-        be late; a second such message with the same difference does.
+        A single message of the clock in a chunk does not prove a change, because it may just be
+        late. A single message in a later chunk with the same difference proves it.
         """
         if span.message_count > 1:
             self._lone_offs_ns.pop(clock, None)

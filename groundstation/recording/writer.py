@@ -160,7 +160,7 @@ class RecordWriter:
         except OSError as error:
             self._fail(failure_sentence(self.folder, error))
         finally:
-            # Any other exception is our own mistake; its trace goes to the log.
+            # An exception other than OSError is our own mistake; its trace goes to the log.
             if not is_finished and self.failure is None:
                 self._fail(
                     "The record ended by a mistake of Covey's own. The flight goes on without it."
