@@ -36,6 +36,16 @@ async def _needing(fleet: Any, goal: Any) -> None:
     """Have one that must be given."""
 
 
+@pytest.mark.parametrize("line", ["{}['x']", "1 / 0", "assert False", "raise SystemExit(3)"])
+def test_a_mission_that_fails_while_it_is_loaded_is_refused_in_words(
+    tmp_path: Path, line: str
+) -> None:
+    file = tmp_path / "broken.py"
+    file.write_text(f"{MISSION}\n{line}\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match="running it failed"):
+        load_function(load_mission(file))
+
+
 def test_written_arguments_become_the_kinds_of_their_defaults() -> None:
     given = {"height_m": "1.5", "times": "3", "says": "7", "is_calm": "no"}
     assert arguments_of(_mission, given, "m.py") == {
