@@ -138,6 +138,8 @@ class EmulatedPx4:
 
     def system_status(self, now_s: float) -> SystemStatus:
         """Return HEARTBEAT.system_status."""
+        if self.mode is Mode.TERMINATION:
+            return SystemStatus.FLIGHT_TERMINATION
         if self.is_failsafe:
             return SystemStatus.CRITICAL
         if self.is_armed:

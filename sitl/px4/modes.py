@@ -39,6 +39,7 @@ class SystemStatus(IntEnum):
     STANDBY = 3
     ACTIVE = 4
     CRITICAL = 5
+    FLIGHT_TERMINATION = 8
 
 
 class CommandResult(IntEnum):

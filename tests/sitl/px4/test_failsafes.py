@@ -266,6 +266,17 @@ def test_a_flight_terminated_without_setpoints_stays_terminated_when_they_come_b
     assert not px4.actuation.motors_on
 
 
+@pytest.mark.parametrize("px4", ["1.16", "1.18"])
+def test_a_terminated_flight_shows_so_in_its_heartbeat(px4: str) -> None:
+    emu = emulator(px4=px4)
+    offboard_at_height(emu, 2.0, loss_action=6)
+    pilot = emu.autopilots[0]
+    until(emu, lambda: pilot.mode is Mode.TERMINATION, 3.0)
+    assert pilot.system_status(emu.time_s) == 8  # MAV_STATE_FLIGHT_TERMINATION
+    until(emu, lambda: not pilot.is_armed, 12.0)
+    assert pilot.system_status(emu.time_s) == 8
+
+
 def test_after_a_termination_by_a_failsafe_only_a_restart_lets_it_be_armed_again() -> None:
     emu = emulator()
     offboard_at_height(emu, 2.0, loss_action=6)
