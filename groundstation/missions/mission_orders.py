@@ -30,6 +30,7 @@ from onboard.config.fleet import ConfigError
 from onboard.plain_text import listed
 
 _ONLY_WATCHES = "This ground only watches: open one that may order."
+_FLIES_ALREADY = "A mission flies already. Write: stop"
 _MOST_NAMED = 12  # mission files that a sentence names
 _MOST_PROBLEMS = 2  # clock problems that the question before a countdown names
 _READY_S = 10.0  # longest wait until all vehicles are ready
@@ -159,8 +160,20 @@ class MissionOrders:
 
         if at is None or self._ask is None:
             return self._begin_run(run)
-        self._ask(lambda: countdown_question(run, at), lambda: self._begin_asked(run))
+        self._ask(lambda: self._question(run, at), lambda: self._begin_asked(run))
         return ""
+
+    def _question(self, run: MissionRun, at: WorldTime) -> CountdownQuestion:
+        """Return the question before a countdown, which may not begin while another mission flies.
+
+        Args:
+            run: run of the mission, which has not begun.
+            at: time at which it begins.
+        """
+        question = countdown_question(run, at)
+        if not self.is_flying:
+            return question
+        return question._replace(reasons=[_FLIES_ALREADY, *question.reasons])
 
     def take_off_in_waves(self, intent: Takeoff) -> str:
         """Fly a take-off in waves as a mission of one step; if a vehicle fails, the others hold.
@@ -189,7 +202,7 @@ class MissionOrders:
     def _begin_run(self, run: MissionRun) -> str:
         """Fly a mission; return why it is refused, or an empty string."""
         if not self._begin(lambda: self._fly(run), lambda: self._line_of(run)):
-            return "A mission flies already. Write: stop"
+            return _FLIES_ALREADY
         self._run = run
         return ""
 

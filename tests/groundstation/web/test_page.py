@@ -243,6 +243,29 @@ async def test_a_countdown_is_asked_about_shown_and_stopped(
     assert operated.bus.orders == []
 
 
+async def test_a_countdown_is_not_begun_while_another_mission_flies(
+    operated: Served, tmp_path: Path
+) -> None:
+    hop = tmp_path / "hop.toml"
+    hop.write_text('schema = 1\n[[step]]\ndo = "takeoff"\nheight_m = 1.0\n')
+    wait = tmp_path / "wait.toml"
+    wait.write_text('schema = 1\n[[step]]\ndo = "wait"\nduration_s = 60.0\n')
+    at = (datetime.now().astimezone() + timedelta(minutes=5)).isoformat(timespec="seconds")
+    later = f"mission {hop} at {at}"
+    async with opened(operated) as socket:
+        await heard(socket, is_operator)
+        await socket.send_str(json.dumps({"do": "order", "text": later}))
+        waiting = await heard(socket, card(later, "previewed"))
+        await socket.send_str(json.dumps({"do": "order", "text": f"mission {wait}"}))
+        await heard(socket, card(f"mission {wait}", "sent"))
+        await socket.send_str(json.dumps({"do": "confirm", "number": waiting["number"]}))
+        await socket.send_str(json.dumps({"do": "drop", "number": waiting["number"]}))
+        shown = await heard(socket, lambda m: m.get("text") == later and not m["can_send"])
+        assert shown["phase"] == "previewed"
+        assert shown["reasons"] == ["A mission flies already. Write: stop"]
+        await heard(socket, card(later, "dropped"))
+
+
 async def test_vehicles_out_of_service_and_their_spares_say_so(operated: Served) -> None:
     operated.bus.tell("mav1", disabled_by="olga")
     operated.bus.tell("mav2", stands_in_for="mav1")
