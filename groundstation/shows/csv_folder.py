@@ -129,7 +129,11 @@ def _drone(file: FilePath, path: Path) -> Drone:
 
 
 def _lights(file: FilePath) -> tuple[TimedColour, ...]:
-    """Return the colours of a CSV, without repetitions; an empty tuple if it has none."""
+    """Return the colours of a CSV, without repetitions; an empty tuple if it has none.
+
+    Raises:
+        ConfigError: a colour is not between 0 and 255.
+    """
     try:
         columns, numbers = read_columns(str(file))
     except ConfigError:
@@ -138,7 +142,10 @@ def _lights(file: FilePath) -> tuple[TimedColour, ...]:
         return ()
 
     times_s = numbers[:, 0] - numbers[0, 0]
-    colours = numbers[:, [columns.index(colour) for colour in _COLOURS]].astype(int)
+    colours = numbers[:, [columns.index(colour) for colour in _COLOURS]]
+    if colours.min() < 0 or colours.max() > 255:
+        raise ConfigError(f"{file}: colours lie between 0 and 255.")
+    colours = colours.astype(int)
 
     lights: list[TimedColour] = []
     last = len(numbers) - 1

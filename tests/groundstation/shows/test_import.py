@@ -182,6 +182,14 @@ def test_folders_of_csvs_are_shows_too(tmp_path: Path) -> None:
     assert lights[-1].endswith(",0,0,255")
 
 
+def test_a_colour_that_is_none_is_refused_with_the_file_that_has_it(tmp_path: Path) -> None:
+    folder = csvs(tmp_path / "csvs", list(line_of(2).values()), 12.0)
+    file = folder / "Drone 2.csv"
+    file.write_text(file.read_text(encoding="utf-8").replace("255,0,0", "256,0,0"))
+    with pytest.raises(ConfigError, match=r"Drone 2\.csv: colours lie between 0 and 255"):
+        read_folder(folder)
+
+
 def test_types_and_endpoints_come_from_the_fleet_that_is_named(tmp_path: Path) -> None:
     own = load_fleet(ROOT / "configs" / "fleets" / "paper.toml")
     show = write_skyc(tmp_path / "line.skyc", line_of(2, metres=0.5), 12.0)
