@@ -26,6 +26,7 @@ import numpy as np
 from groundstation.recording.audit import TOPICS as ORDER_TOPICS
 from groundstation.recording.audit import trail_of
 from groundstation.recording.channels import MAX_STAMP_NS, from_json
+from groundstation.recording.people_reading import people_of
 from groundstation.recording.recorded_flight import (
     Flight,
     StateRows,
@@ -461,17 +462,19 @@ def read_flight(folder: Path, fleet_path: str | None = None) -> Flight:
     """
     timeline = Timeline(folder)
     collected = _Collected()
+    record_folder = timeline.path.parent
+    notes: list[str] = []
+    fleet = _fleet(record_folder, fleet_path, notes)
     with contextlib.closing(timeline), _without_collection():
         for number in range(timeline.chunk_count):
             for raw in timeline.raw_channels(number, TOPICS):
                 collected.add(raw)
         collected.finish()
+        span = _span(collected, timeline.begin_ns)
+        people = people_of(timeline, fleet, span.seconds)
 
-    record_folder = timeline.path.parent
-    notes = [timeline.broken] if timeline.broken else []
-    fleet = _fleet(record_folder, fleet_path, notes)
-
-    span = _span(collected, timeline.begin_ns)
+    if timeline.broken:
+        notes.insert(0, timeline.broken)
     vehicles = _vehicles(collected, fleet, span)
     if not vehicles:
         raise ConfigError(
@@ -494,6 +497,7 @@ def read_flight(folder: Path, fleet_path: str | None = None) -> Flight:
         ],
         orders=trail_of(messages, span.begin_ns),
         fleet=fleet,
+        people=people,
         verdict=_verdict(record_folder, notes),
         mission=_mission(record_folder),
         made=dict(list(timeline.made_by.items())[:MAX_MADE]),

@@ -147,6 +147,14 @@ class VehicleFlight:
 
 
 @dataclass(frozen=True, slots=True)
+class PersonTrack:
+    """Where the motion capture saw one person: n samples."""
+
+    time_s: Array  # (n,), rising
+    position_enu_m: Array  # (n, 3)
+
+
+@dataclass(frozen=True, slots=True)
 class Flight:
     """One recorded flight."""
 
@@ -159,6 +167,8 @@ class Flight:
     orders: list[OrderTrace]
 
     fleet: FleetConfig | None = None  # the fleet file beside the record
+    # persons of that file whom the motion capture saw, by name
+    people: dict[str, PersonTrack] = field(default_factory=dict)
     verdict: dict[str, Any] = field(default_factory=dict)  # content of verdict.json, or empty
     mission: str = ""  # text of the mission file
     made: dict[str, str] = field(default_factory=dict)  # program and computer that wrote the record

@@ -96,6 +96,7 @@ globalThis.Covey ??= {};
         this._drawGhost("ghost", vehicle, time_s, DASH_S);
         this._drawGhost("px4", vehicle, time_s, DOT_S);
       });
+      this._drawPeople(time_s);
       flight.names.forEach((_, vehicle) => this._drawVehicle(vehicle, positions[vehicle], time_s));
       if (this.layers.pairs) this._drawPairs(positions, time_s);
       scene.end();
@@ -129,6 +130,21 @@ globalThis.Covey ??= {};
       }
       const [x, y] = obstacle.capsules_enu_m[0] ?? [0, 0];
       this.scene.label([x, y, 0], obstacle.name, { isQuiet: true });
+    }
+
+    /* Draws the circle of each person whom the motion capture sees, on the ground and at the head. */
+    _drawPeople(time_s) {
+      const colour = Covey.rgb(Covey.colour("warn"));
+      (this.flight.fleet?.people ?? []).forEach(({ name, radius_m }, index) => {
+        const head = this.flight.positionAt(`person${index}`, time_s);
+        if (!head) return;
+        const [x, y, z] = head;
+        for (const height_m of [0, z]) {
+          this.scene.ring([x, y, height_m], radius_m, colour, { width: 2 });
+        }
+        this.scene.line([x, y, 0], head, colour, { width: 2 });
+        this.scene.label(head, name, { isQuiet: true });
+      });
     }
 
     _drawVehicle(vehicle, position, time_s) {

@@ -45,6 +45,7 @@ MAX_PAIRS = 4_950  # number of pairs of a hundred vehicles
 MAX_TEXT = 400  # letters of a sentence
 MAX_MISSION = 60_000  # letters of a mission file
 _PATH_GAP_S = 0.5
+_PERSON_GAP_S = 0.5
 _TICK_GAP_S = 0.3
 _TELEMETRY_GAP_S = 3.0
 _UP_M = 0.05  # height above its first position from which on a vehicle counts as flying
@@ -97,6 +98,7 @@ def payload(
         if vehicle.name in logs.logs:
             columns += px4_columns(number, vehicle, logs.logs[vehicle.name], grid_s)
     columns += law_columns(flight, grid_s, _TICK_GAP_S)
+    columns += _people_columns(flight, grid_s)
     if ghost is not None:
         columns += _ghost_columns(flight, ghost, grid_s)
 
@@ -152,6 +154,12 @@ def _path_columns(number: int, vehicle: VehicleFlight, grid_s: Array) -> Iterato
         return
     for part, name in enumerate("wxyz"):
         yield packed(f"{number}/q{name}", attitude[:, part], _ANGLE)
+
+
+def _people_columns(flight: Flight, grid_s: Array) -> Iterator[Column]:
+    for index, track in enumerate(flight.people.values()):
+        path_enu_m = between_times(track.time_s, track.position_enu_m, grid_s, _PERSON_GAP_S)
+        yield from _axes(f"person{index}", "", path_enu_m, _METRE)
 
 
 def _tick_columns(
@@ -240,9 +248,9 @@ def _telemetry_columns(
         yield packed(f"{number}/goal_{name}", goal_m, _METRE)
 
 
-def _axes(number: int, prefix: str, values: Array, resolution: float) -> Iterator[Column]:
+def _axes(owner: int | str, prefix: str, values: Array, resolution: float) -> Iterator[Column]:
     for axis, name in enumerate("xyz"):
-        yield packed(f"{number}/{prefix}{name}", values[:, axis], resolution)
+        yield packed(f"{owner}/{prefix}{name}", values[:, axis], resolution)
 
 
 def _ghost_columns(flight: Flight, ghost: Flight, grid_s: Array) -> Iterator[Column]:
@@ -338,6 +346,10 @@ def _fleet(flight: Flight) -> dict[str, Any] | None:
         "obstacles": [
             {"name": _text(obstacle.name), "capsules_enu_m": obstacle.capsules_enu_m}
             for obstacle in flight.fleet.obstacles
+        ],
+        "people": [
+            {"name": _text(name), "radius_m": flight.fleet.people[name].radius_m}
+            for name in flight.people
         ],
         "areas": [
             {**area._asdict(), "name": _text(area.name)}
