@@ -189,6 +189,9 @@ async def test_a_host_that_cannot_be_a_name_is_a_sentence(host: str):
     with pytest.raises(SourceError, match="cannot be reached"):
         await anext(read_tcp(f"{host}:2101"))
 
+    _, said = await read(read_tcp(f"{host}:2101"))
+    assert "cannot be reached" in said
+
 
 async def test_a_caster_is_told_where_the_fleet_is():
     caster = Caster(b"ICY 200 OK\r\n\r\n" + STREAM, hangs=True)
