@@ -28,6 +28,7 @@ from onboard.autopilot import AUTOPILOT_COMPONENT, LinkError, Snapshot
 from onboard.frames import ned_frd_from_enu_flu, ned_from_enu
 from onboard.native_threads import keep_thread_state
 from onboard.px4 import modes
+from onboard.px4.battery_reports import BatteryReports
 from onboard.px4.mavlink_relay import Ids, MavlinkRelay
 from onboard.px4.message_parsers import PARSERS
 from onboard.px4.packets import (
@@ -66,6 +67,7 @@ _BATTERY_STATUS = 147
 _AUTOPILOT_VERSION = 148
 _ESTIMATOR_STATUS = 230
 _EXTENDED_SYS_STATE = 245
+_MONITOR = slice(32, 33)  # place of the battery monitor's id in the payload of BATTERY_STATUS
 
 _RATES_HZ = {
     _ATTITUDE_QUATERNION: 50.0,
@@ -169,8 +171,10 @@ class Px4Link:
         self._system: Any = None  # MAVSDK's system; None before PX4 has been heard
         self._param: Param | None = None  # MAVSDK's parameters; None before PX4 has been heard
 
-        # name of a message -> its newest payload that is not yet parsed, and its arrival
-        self._unread: dict[str, tuple[bytes, int]] = {}
+        # name of a message, and id of the battery monitor or nothing -> newest payload that is not
+        # yet parsed, and its arrival
+        self._unread: dict[tuple[str, bytes], tuple[bytes, int]] = {}
+        self._batteries = BatteryReports()
         # arrivals of the two newest messages about a pilot's sticks
         self._sticks_ns = 0
         self._sticks_before_ns = 0
@@ -294,7 +298,8 @@ class Px4Link:
             if packet.number == _MANUAL_CONTROL:
                 self._sticks_before_ns = self._sticks_ns
                 self._sticks_ns = arrived_ns
-            self._unread[name] = (packet.payload, arrived_ns)
+            monitor = packet.payload[_MONITOR] if packet.number == _BATTERY_STATUS else b""
+            self._unread[name, monitor] = (packet.payload, arrived_ns)
 
         mavsdk = self._mavsdk
         if packet.number in MAVSDK_READS and mavsdk is not None:
@@ -309,12 +314,15 @@ class Px4Link:
         newest_ns = 0
         clocks_ms = []  # PX4's clock in the messages that carry it
         while self._unread:  # the relay's thread may add messages meanwhile
-            name, (payload, arrived_ns) = self._unread.popitem()
+            (name, _), (payload, arrived_ns) = self._unread.popitem()
             try:
                 fields = fields_of(name, payload)
-                changes |= PARSERS[name](fields, arrived_ns)
+                change = PARSERS[name](fields, arrived_ns)
             except ValueError:
                 continue
+            if name == "BATTERY_STATUS":
+                change = self._batteries.changes(fields["id"], change)
+            changes |= change
             newest_ns = max(newest_ns, arrived_ns)
             if "time_boot_ms" in fields:
                 clocks_ms.append(int(fields["time_boot_ms"]))
