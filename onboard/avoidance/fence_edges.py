@@ -19,7 +19,8 @@ a vehicle on the allowed side is never nearest to a corner that points away from
 A goal may lie behind an area to stay out of, or behind a corner that points inwards. The edges
 there have rotation rows, as obstacles have.
 
-A comparison with the box around each edge leaves out quickly the edges too far away to bind.
+Edges that are too far away to bind are left out first, by a quick comparison with the box around
+each edge.
 """
 
 from __future__ import annotations

@@ -90,19 +90,19 @@ _HELD_INTENT_2_M2_S2 = 0.04
 _HELD_FRAC = 0.2
 
 # Stiffness of the springs by which rotation rows pull the thrust. With 25, one row is satisfied to
-# 96 % of the way. Stiffer ones make the command jump where they contradict each other, softer ones
-# let vehicles stand before each other. Under the policy "always", as in the paper, the row holds.
+# 96 % of the way. Stiffer springs make the command jump where rows contradict each other; with
+# softer ones vehicles stop face to face. Under the policy "always", as in the paper, the row holds.
 _TURN_STIFFNESS = 25.0
 _STIFFNESS_ALWAYS = 1e7
 
-# Where rows contradict, the margins give way by 30 m/s^2 for each m/s^2 by which the limit of the
-# speed does.
+# Where rows contradict each other, the margins give way by 30 m/s^2 while the speed limit gives way
+# by 1 m/s^2.
 _LIMIT_FIRMNESS = 30.0
 
 # A vehicle that flees from one that does not cooperate may fly faster by this factor.
 _FLEEING_FACTOR = 2.0
 
-# The limit is raised for the noise of the own velocity by at most this share of it.
+# The speed limit is raised for the noise of the own velocity, by at most this share of the limit.
 _MOST_NOISE_FRAC = 0.25
 
 _STANDING_M_S = 1e-6  # a slower vehicle has no direction of motion

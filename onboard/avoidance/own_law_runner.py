@@ -1,4 +1,4 @@
-"""Flies a user's own law in the place of Covey's, and Covey's law when that one fails.
+"""Flies a user's own law in the place of Covey's, and Covey's law when the user's law fails.
 
 :meth:`OwnLawRunner.step` takes and returns the same values as :func:`onboard.avoidance.oist.step`,
 so that the pipeline can call either of them. Covey's law is computed at every tick, too. It takes

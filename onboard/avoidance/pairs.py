@@ -16,7 +16,7 @@ from onboard.avoidance.prediction import Received, known_std, receive
 from onboard.types import Neighbour
 from onboard.vectors import Vec2, dot_2, length_2
 
-MAX_OBSTACLES = 6  # the nearest ones count
+MAX_OBSTACLES = 6  # only so many of the nearest obstacles count
 LARGEST_MARGIN_M = 5.0
 LARGEST_RADIUS_M = 5.0  # of a person's circle
 COINCIDENT_M = 1e-6  # two vehicles nearer than this are at one point: rows would divide by zero

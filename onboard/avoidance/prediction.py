@@ -35,7 +35,7 @@ LARGEST = 1e5
 # is 0.07 s. With 0.11 s and more, crowds came nearer to each other.
 _SMOOTHING_S2_M = 0.6
 _LONGEST_SMOOTHING_S = 0.15
-_SMOOTHED_STDS = 2.0  # so far the smoothed motion may differ from the newest estimate's
+_SMOOTHED_STDS = 2.0  # standard deviations between the smoothed motion and the newest, at most
 LARGEST_STD = 1e3
 _LEAST_LEAD_S = 1e-3  # a shorter lead time of a neighbour counts as 0; avoids a division by zero
 
@@ -148,11 +148,11 @@ def predict_own(
 def smoothed(predicted: Motion, expected: Motion, state: State, dt_s: float) -> Motion:
     """Return the horizontal prediction without the fast part of the estimate's noise.
 
-    The gains of the law would pass it on to the command. What the last prediction and command led
-    to expect is corrected towards the new prediction, with a time constant in proportion to the
-    standard deviation of the velocity; so an exact estimate is not smoothed. The result differs
-    from the prediction by _SMOOTHED_STDS standard deviations at most: it follows a jump of the
-    estimate at once.
+    The gains of the law would pass this noise on to the command. The motion that the last
+    prediction and command led to expect is corrected towards the new prediction. The time constant
+    is proportional to the velocity's standard deviation, so that an exact estimate is not smoothed.
+    The result differs from the prediction by at most _SMOOTHED_STDS standard deviations, so that it
+    follows a jump of the estimate at once.
 
     Args:
         predicted: prediction from the newest estimate.

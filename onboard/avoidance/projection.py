@@ -8,9 +8,9 @@ none is violated. The optimum for a part of the rows is the optimum for all rows
 all. So no iteration has to converge, and there is no solver status to interpret.
 
 The law calls three functions. :func:`pulled` moves the thrust towards rows that need not hold, in a
-few rounds; wherever it ends, the projection after it is exact.
-:func:`project` returns the nearest point that satisfies all rows that must hold. If there is none,
-:func:`relaxed_in_order` decides which rows give way, and by how much.
+few rounds. The projection after it is exact, wherever these rounds end. :func:`project` returns the
+nearest point that satisfies all rows that must hold. If there is none, :func:`relaxed_in_order`
+decides which rows give way, and by how much.
 """
 
 from __future__ import annotations
@@ -175,7 +175,7 @@ def relaxed_in_order(
     """Return the nearest point of the disc for rows that contradict each other.
 
     If a point satisfies the firm rows, all rows get the smallest slack with which a point is left:
-    yielding rows the whole slack, firm rows a thousandth of it, so they hold but for this rest.
+    yielding rows the whole slack, firm rows only a thousandth of it, so that they nearly hold.
     If no point satisfies the firm rows, the yielding rows are left out, and the firm rows get their
     smallest common slack. The point moves continuously from one case to the other.
 
@@ -224,8 +224,8 @@ def relaxed(u: Vec2, hard: list[HalfPlane], radius: float, scale: float) -> Proj
         rows = [unit_row(HalfPlane(row.normal, row.bound_m_s2 - widened)) for row in hard]
         best = nearest(u, rows, radius)
 
-        # Mostly one point only has the least slack: `point`, which no widening has moved. If `best`
-        # is another one, several points have it, and `best` is the nearest of them.
+        # Usually only one point has the least slack: `point`, which no widening has moved. If
+        # `best` is another one, several points have it, and `best` is the nearest of them.
         if best.is_feasible:
             apart = abs(best.point.x - point.x) + abs(best.point.y - point.y)
             if apart > _ONE_POINT * scale:
