@@ -23,7 +23,7 @@ AWAY_M = 0.4  # a vehicle nearer to its goal has no reason to go on
 _PARKED_M_S = 0.2  # whoever is slower, and intends to be, is parked
 _TOUCHING_M = 0.5  # one that is farther away than it must be by more holds nobody back
 _NEAR_M = 5.0  # only parked vehicles within this distance count
-_MOST = 8  # only so many of the nearest count
+_MOST = 8  # only so many of the nearest parked vehicles count
 
 # A map that is computed in flight may take some milliseconds only, so it has at most so many tests
 # (see route_map.MOST_TESTS).

@@ -11,7 +11,7 @@ from __future__ import annotations
 from onboard.config.fleet import FleetConfig
 
 # On top of the vertical separation: the height over which the law begins to keep a distance, and
-# what two vehicles with motion capture err.
+# the errors of two vehicles with motion capture.
 _SPARE_M = 0.3
 _BELOW_CEILING_M = 0.5  # an overshoot of the rise stays inside the fence
 

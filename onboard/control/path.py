@@ -22,7 +22,7 @@ from onboard.vectors import ZERO_3, Vec3
 # numbers of a piece: its duration, then eight coefficients each of x, y, z and yaw, the constant
 # coefficient first
 NUMBERS = 33
-MOST_BYTES = 262_144  # largest path: two thousand pieces
+MOST_BYTES = 262_144  # largest path: nearly two thousand pieces
 PART_BYTES = 24_576  # a path is sent in parts of this size: a message has at most 65536 bytes
 LONGEST_S = 3600.0
 _ROW = struct.Struct(f"<{NUMBERS}f")

@@ -58,7 +58,7 @@ _ACTIVE_M_S2 = 0.05  # the law is active if it changes the thrust by more than t
 _ACTIVE_FACTOR = 2.0  # the clock slows fully if the law is active in half of the recent past
 _LEAST_CLAMP_M = 0.15  # smallest clamp of the position error, for the fastest setpoint
 
-# While a leg still touches the ground, tilt turns the vehicle over instead of moving it.
+# While the landing gear still touches the ground, tilt turns the vehicle over instead of moving it.
 _LIFTOFF_CLAMP_M = 0.1
 _LIFTOFF_M_S2 = 1.0
 
@@ -339,7 +339,7 @@ def _tracking(
 
 
 def _at_rest(state: State, memory: PipelineMemory) -> State:
-    """Return a state at rest on the setpoint, in place of an estimate that is not finite."""
+    """Return a state at rest on the setpoint, in place of an estimate that cannot be used."""
     return State(
         position_enu_m=trajectory.setpoint_position(memory.trajectory),
         velocity_enu_m_s=ZERO_3,

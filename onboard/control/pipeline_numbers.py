@@ -17,8 +17,8 @@ from onboard.estimation import disturbance_observer, hover_thrust
 _COMPENSATION_SHARE = 0.75
 _LIFT_COMPENSATION_SHARE = 0.5  # the same for the vertical acceleration
 
-# bound of the baseline's vertical acceleration, and its share of the lift reserve; the rest of the
-# reserve stays for separation
+# The smaller of these two bounds the baseline's vertical acceleration: a number, and a share of the
+# lift reserve. The rest of the reserve stays for separation.
 _MAX_VERTICAL_M_S2 = 2.5
 _VERTICAL_SHARE = 0.4
 
@@ -81,7 +81,7 @@ def pipeline_params(
     if law_numbers.law != PAPER:
         lead_s = law_numbers.lead_time_s
 
-    rise_m = 0.0  # another law than the fleet file's, for instance none, flies the straight line
+    rise_m = 0.0  # only under Covey's law does a vehicle rise; otherwise its legs are straight
     if law_numbers.law == COVEY:
         rise_m = passing.rise_m(fleet, vehicle_name)
 

@@ -6,7 +6,8 @@ from onboard.control.router import Surroundings, in_the_way, map_of
 from onboard.tuples import Xyz
 from onboard.vectors import Vec2
 
-# A vehicle that the law holds this much off its goal has arrived there nevertheless.
+# A goal that is too near to an obstacle by less than this can be reached nevertheless: a vehicle
+# that the law holds so far away from its goal counts as arrived.
 _TOO_NEAR_M = 0.1
 
 

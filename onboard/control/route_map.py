@@ -27,10 +27,10 @@ from onboard.vectors import Vec2
 _CORNER_SPARE_M = 0.05
 _PIECE_SPARE_M = 0.05
 
-_BAR_M = 0.001  # kept from a bar across a passage that is too narrow
+_BAR_M = 0.001  # distance that a piece keeps from a bar across a passage that is too narrow
 _BEYOND_WALL_M = 1.0  # a bar beside a wall of the box reaches so far beyond it
 
-_NARROW_M = 0.3  # a passage that is wider by less has a corner in its middle
+_NARROW_M = 0.3  # a passage wider than necessary by less than this has a corner in its middle
 CORNERS_PER_END = 8  # a regular octagon around each end of an obstacle
 
 # A way on another side of a thing is taken only if it is shorter by this. Otherwise a vehicle whose
@@ -40,11 +40,11 @@ _SHORTER_M = 0.5
 _FIRST_TRIES = 8  # corners that are tried together, the most promising ones; then all others
 
 # Tests whether a piece between two corners keeps its distance from a thing: the corners, squared,
-# times the things. With more, the map takes too long to compute (a second of a small computer), and
-# every way is straight.
+# times the things. With more than this the map would take too long to compute (a second on a small
+# computer). It then has no corners, so that every way is straight.
 MOST_TESTS = 1_000_000
 
-# By so much rounding may make a distance too small: of corners and passages, and of a piece.
+# Rounding may make a distance too small by this: at corners and passages, and along a piece.
 _PLACE_ROUNDING_M = 1e-6
 _PIECE_ROUNDING_M = 1e-9
 
@@ -112,7 +112,7 @@ class RouteMap:
 
     @property
     def is_complete(self) -> bool:
-        """Whether there are few enough corners to say that there is no way."""
+        """Whether the map has all corners. Only then a way that it does not find does not exist."""
         return self._ways.is_complete
 
     @property
@@ -243,7 +243,7 @@ class RouteMap:
     ) -> BoolArray:
         """Return whether each straight piece, (..., 2) to (..., 2), keeps its distances.
 
-        A piece that begins or ends nearer to a thing than allowed comes no nearer to it.
+        A piece with an end nearer to a thing than allowed may be as near as that end all along.
 
         Args:
             begins_m, ends_m: ends of the pieces.
@@ -332,8 +332,9 @@ def _ends(still: Sequence[Capsule], things: _Things) -> _Ends:
 def _closed(things: _Things, ends: _Ends, walls: Walls) -> _Things:
     """Return the things, and a bar across each passage that is a little too narrow.
 
-    Single pieces may be nearer to a thing than it must be, by a spare. In a passage that is too
-    narrow by up to two spares, the law does not let the vehicle through.
+    A piece may be nearer to a thing than the distance to keep, by a spare. So without the bar a way
+    could lead through a passage that is too narrow by up to two spares, in which the law stops the
+    vehicle.
     """
     across, free_m = _passages(ends, things)
     is_too_narrow = free_m < -_PLACE_ROUNDING_M
@@ -342,7 +343,7 @@ def _closed(things: _Things, ends: _Ends, walls: Walls) -> _Things:
     begins = np.broadcast_to(ends.points_m[:, None], across.shape)
     bars = [np.stack([begins[is_closed], (begins + across)[is_closed]], axis=1)]
 
-    # beside the walls of the box; a vehicle may be a little beyond one
+    # also between an end and a wall of the box; a vehicle may be a little beyond the wall
     for axis, wall_m, sign in _sides(walls):
         room_m = sign * (wall_m - ends.points_m[:, axis])
         is_closed = (room_m > 0.0) & (room_m < ends.keep_m - _PLACE_ROUNDING_M)
@@ -485,7 +486,7 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def _shares(points_m: Array, begins_m: Array, ends_m: Array) -> Array:
-    """Return how far along segments the nearest points to points lie, in [0, 1], broadcast."""
+    """Return where on segments the points nearest to given ones lie: shares from 0 to 1."""
     # by components: a sum along an axis of two takes three times as long
     along_x = ends_m[..., 0] - begins_m[..., 0]
     along_y = ends_m[..., 1] - begins_m[..., 1]

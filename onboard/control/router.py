@@ -25,8 +25,8 @@ from onboard.vectors import Vec2, Vec3, horizontal, is_finite
 
 PERIOD_S = 0.2  # from one search to the next
 
-# The trajectory aims at a point behind the corner where there is room, since it would stop at the
-# corner itself: the next corner is in sight before.
+# Where there is room, the trajectory aims at a point behind the corner, since it would stop at the
+# corner itself. The next corner is in sight before the vehicle gets to that point.
 _BEYOND_M = (1.0, 0.5, 0.25)
 
 _SAME_PLACE_M = 1e-6  # a point nearer than this has no direction and no way

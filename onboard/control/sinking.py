@@ -32,8 +32,9 @@ SLOW_BELOW_WITHOUT_MOCAP_M = 1.2
 
 _BRAKE_FACTOR = 1.6  # horizontal braking, relative to the acceleration of a usual flight
 
-# The largest vertical acceleration, and its share of the lift reserve. Above the ground the vehicle
-# slows down with a part of it, so that the rest can correct errors.
+# The smaller of the first two bounds the vertical acceleration: a number, and a share of the lift
+# reserve. Above the ground the vehicle slows down with only a part of it (_RISE_SHARE), so that the
+# rest can correct errors.
 _VERTICAL_M_S2 = 3.5
 _LIFT_SHARE = 0.75
 _RISE_SHARE = 0.6

@@ -29,14 +29,15 @@ REFUSED_S = 12.0  # after this time the other one goes
 _SLOW_M_S = 0.2  # whoever is slower stands
 _NEAR_M = 0.4  # two that stand face to face are at most so much farther apart than they must be
 _FACING = 0.3  # least cosine of the angle between an intent and the direction to the other
-_AHEAD_M = 6.0  # of the other's way, that is kept free
+_AHEAD_M = 6.0  # length of the other's way that is kept free
 _BESIDE_M = 0.15  # by which a place to wait is farther from it than necessary
 _ASIDE_M = (0.0, 0.5, 1.0)  # from a corner to the places beside it that are tried
 
-_REJOIN_M = 2.5  # of the own way, on which nobody may be when the vehicle goes on
-_REJOIN_SPARE_M = 0.3  # by which others are farther from it than necessary
+_REJOIN_M = 2.5  # length of the own way that must be free before the vehicle goes on
+_REJOIN_SPARE_M = 0.3  # by which others must be farther from it than necessary
 
-# "Further west": along a direction in which few passages lie crosswise.
+# West, turned by 20 degrees. Few passages lie exactly across this direction; in one that does,
+# neither vehicle would be further west.
 _WEST = Vec2(-math.cos(math.radians(20.0)), -math.sin(math.radians(20.0)))
 
 
@@ -126,7 +127,7 @@ def place_to_wait(here: Vec2, opponent: Opponent, route_map: RouteMap) -> Vec2 |
 
 
 def is_way_free(way: Sequence[Vec2], neighbours: Sequence[Neighbour], spacing: Spacing) -> bool:
-    """Return whether nobody who flies is on the first metres of a way.
+    """Return whether no vehicle that intends to move is on the first metres of a way.
 
     Args:
         way: points of the way, from the vehicle on.
