@@ -23,7 +23,7 @@ class FleetRoutes:
     """The ways of all vehicles of F flights.
 
     Without obstacles only vehicles that stand, and those that are led around parked ones, are
-    looked at. Only so is such a batch as fast as it is without ways.
+    looked at. Otherwise such a batch would be slower than one without ways.
 
     Args:
         flight_count: number of flights.
