@@ -32,9 +32,10 @@ def ned_from_enu(vector_enu: Triple) -> Vec3:
 def enu_flu_from_ned_frd(q_ned_frd: Quaternion) -> Quaternion:
     """Return PX4's attitude (FRD to NED) as the fleet's (FLU to ENU).
 
-    R_enu_flu = R_enu_ned R_ned_frd R_frd_flu with R_enu_ned the half turn about (1, 1, 0)/sqrt(2)
-    and R_frd_flu the half turn about x; multiplied out it is a permutation of the components, so
-    only sqrt(1/2) is rounded. Level with the nose to the north gives a quarter turn about up.
+    R_enu_flu = R_enu_ned R_ned_frd R_frd_flu, where R_enu_ned is the half turn about (1, 1, 0) and
+    R_frd_flu the half turn about x. Multiplied out, each component is a sum or a difference of two
+    of PX4's, times sqrt(1/2). A level vehicle with its nose to the north is turned by a quarter
+    about up.
     """
     w, x, y, z = q_ned_frd
     return (
@@ -48,7 +49,7 @@ def enu_flu_from_ned_frd(q_ned_frd: Quaternion) -> Quaternion:
 def ned_frd_from_enu_flu(q_enu_flu: Quaternion) -> Quaternion:
     """Return the fleet's attitude (FLU to ENU) as PX4's (FRD to NED).
 
-    The permutation is its own inverse.
+    The conversion is its own inverse.
     """
     return enu_flu_from_ned_frd(q_enu_flu)
 
