@@ -37,6 +37,7 @@ from groundstation.mission_files.world_time import WorldTime
 from groundstation.missions import conditions
 from groundstation.missions.api import Fleet
 from groundstation.missions.conditions import WaitCondition
+from groundstation.missions.path_following import Lights
 from groundstation.orders.intents import GoalIntent, Goto, Intent
 from groundstation.verdict.expectations import check
 from onboard.control.path import Path
@@ -110,21 +111,10 @@ class StepRunner:
         elif isinstance(step, ExpectStep):
             self._expect_now(key, step)
         elif isinstance(step, FollowPathStep):
-            await self._fleet.follow_path(
-                self._taking_part(self._mission.paths_of(step)),
-                lights=self._mission.lights_of(step),
-                on_lag=step.on_lag,
-                at=self._start_of(step),
-                timeout_s=step.timeout_s,
-            )
+            await self._follow(step, self._mission.paths_of(step), self._mission.lights_of(step))
         elif isinstance(step, FlyFormationStep):
             paths = formation_paths(step, self._fleet.config, self._spots_of_places())
-            await self._fleet.follow_path(
-                self._taking_part(paths),
-                on_lag=step.on_lag,
-                at=self._start_of(step),
-                timeout_s=step.timeout_s,
-            )
+            await self._follow(step, paths, {})
         elif isinstance(step, RepeatStep):
             for _ in range(step.times):
                 await self._all(step.steps, f"{key}.steps")
@@ -149,6 +139,22 @@ class StepRunner:
             intent = with_speed(intent, fleet.config, goals, self._spots())
 
         await fleet.order(intent, step.timeout_s)
+
+    async def _follow(
+        self, step: FollowPathStep | FlyFormationStep, paths: Mapping[str, Path], lights: Lights
+    ) -> None:
+        """Let the vehicles that still take part follow their paths; return at once if none does."""
+        own_paths = self._taking_part(paths)
+        if not own_paths:
+            return
+
+        await self._fleet.follow_path(
+            own_paths,
+            lights=lights,
+            on_lag=step.on_lag,
+            at=self._start_of(step),
+            timeout_s=step.timeout_s,
+        )
 
     async def _wait(self, step: WaitStep) -> None:
         await self._fleet.countdown(self._start_of(step))

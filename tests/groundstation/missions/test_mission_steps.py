@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -205,6 +206,23 @@ async def test_a_branch_that_fails_ends_the_others(fleet: FleetConfig, client: A
     verdict = await MissionRun(make(fleet, UP, both), client).run()
     assert "below 50 % of battery" in verdict.summary
     assert all(verdict.landed.values())
+
+
+async def test_a_mission_goes_on_when_nobody_is_left_to_follow_a_path(
+    fleet: FleetConfig, client: Any, tmp_path: Path
+) -> None:
+    (tmp_path / "path.csv").write_text("t,x,y,z\n0,0,1,1\n5,0,2,1\n", encoding="utf-8")
+    follow = {"do": "follow_path", "paths": {"mav1": "path.csv"}}
+    mission = mission_from_mapping(
+        {"schema": 1, "step": [UP, follow, {"do": "land"}], "on_failure": {"do": "go_on"}},
+        path=str(tmp_path / "test.toml"),
+        fleet=fleet,
+    )
+    run = MissionRun(mission, client)
+    run.fleet.leave_out("mav1")
+
+    verdict = await run.run()
+    assert [step.step.partition(" ")[0] for step in verdict.steps] == ["takeoff", "land"]
 
 
 @pytest.mark.timeout(20)
