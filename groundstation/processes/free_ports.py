@@ -19,6 +19,7 @@ from onboard.config.fleet import ConfigError, FleetConfig
 PORT_RANGE = (20_000, 30_000)
 PX4_OFFSET = 40  # an emulated PX4 also binds the port that is so much above that of its endpoint
 
+_LAST_PORT = 65_535
 _STREAMS = ("tcp/", "tls/")  # the other protocols of the bus use datagrams
 
 
@@ -138,14 +139,19 @@ def is_local(fleet: FleetConfig) -> bool:
 
 
 def busy_ports(fleet: FleetConfig) -> list[str]:
-    """Return a sentence for each endpoint of a fleet file on this machine that is in use."""
+    """Return a sentence for each endpoint of a fleet file that cannot be bound on this machine."""
     busy = []
     for used in _used_ports(fleet):
         port_text = used.endpoint.rsplit(":", 1)[-1]
         if not port_text.isdigit():
             continue
         port = int(port_text) + used.offset
-        if not is_free(port, used.kind):
+        if port > _LAST_PORT:
+            busy.append(
+                f"'{used.key}' ({used.endpoint}) needs port {port}, but the last port is"
+                f" {_LAST_PORT}."
+            )
+        elif not is_free(port, used.kind):
             protocol = "TCP" if used.kind == socket.SOCK_STREAM else "UDP"
             busy.append(
                 f"'{used.key}' ({used.endpoint}) needs {protocol} port {port}, which is in use."

@@ -12,6 +12,7 @@ import time
 import tomllib
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from groundstation.processes.free_ports import (
@@ -102,6 +103,14 @@ def test_a_port_in_use_is_named_with_its_key(fleet: FleetConfig) -> None:
         (sentence,) = busy_ports(made)
     assert "vehicles.mav1.autopilot" in sentence
     assert str(port) in sentence
+
+
+def test_a_port_beyond_the_last_one_is_named_with_its_key(fleet: FleetConfig) -> None:
+    mav0 = msgspec.structs.replace(fleet.vehicles["mav0"], autopilot="udpin://127.0.0.1:65510")
+    moved = msgspec.structs.replace(fleet, vehicles={**fleet.vehicles, "mav0": mav0})
+    (sentence,) = [line for line in busy_ports(moved) if "65550" in line]
+    assert "'vehicles.mav0.autopilot'" in sentence
+    assert "the last port is 65535" in sentence
 
 
 def test_the_toml_that_is_written_reads_back_equal(fleet: FleetConfig) -> None:
