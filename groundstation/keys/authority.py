@@ -32,8 +32,8 @@ NODE_DAYS = 825
 AUTHORITY_KEY = "ca.key"  # name of the file in the folder of the keys
 
 _Key = ec.EllipticCurvePrivateKey | ed25519.Ed25519PrivateKey
-# A certificate is valid from this long before its issue, because the clock of a companion without a
-# network is behind.
+# Time before its issue from which a certificate is valid, because the clock of a companion without
+# a network is behind.
 _EARLIER = datetime.timedelta(days=1)
 
 
@@ -51,7 +51,7 @@ def folder_of(fleet: FleetConfig) -> Path:
 
 
 def nodes_of(fleet: FleetConfig) -> list[str]:
-    """Return the names of all nodes that have a certificate."""
+    """Return the names of all nodes that need a certificate."""
     nodes = [*fleet.vehicles, *(role.value for role in NODES)]
     if fleet.fleet.routers:
         nodes.append(ROUTER)

@@ -1,6 +1,6 @@
 """Finds out whether a process listens at an endpoint, without regard to its keys.
 
-If a process listens but does not accept a link, it has other keys.
+A process that listens and does not accept a link has other keys.
 """
 
 from __future__ import annotations
