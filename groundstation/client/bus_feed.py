@@ -38,8 +38,8 @@ class BusFeed:
         folded: topics whose messages the client folds into the fleet's state.
         recorded: further topics, whose messages only the sinks receive.
         clock_ns: the ground's monotonic clock [ns].
-        on_delivery: function that is called on the event loop before each delivery of a bus that is
-            not simulated.
+        on_delivery: function that is called on the event loop before each delivery; never on a
+            simulated bus.
     """
 
     def __init__(

@@ -522,8 +522,8 @@ class FleetClient:
         """
         now_ns = self._clock_ns()
         if self._lateness.look():
-            # This gap may be too short for a stall, so silence counts again after AFTER_LATE_S. The
-            # state counts AFTER_STALL_S from the time that it is given, so that time lies earlier.
+            # Silence is to count again AFTER_LATE_S from now. The state adds the longer
+            # AFTER_STALL_S to the time that it gets, so it gets a time in the past.
             excused_ns = now_ns - round((AFTER_STALL_S - AFTER_LATE_S) * 1e9)
             self._excuse_silence(excused_ns)
 

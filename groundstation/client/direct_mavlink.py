@@ -217,13 +217,18 @@ def _command(
 
 
 def _is_flown_by_hand(link: Any, system_id: int, *, otherwise: bool) -> bool:
-    """Whether PX4 is in a pilot's mode and receives sticks; `otherwise` if PX4 is silent."""
+    """Whether PX4 is in a pilot's mode and receives sticks; `otherwise` if PX4 is silent.
+
+    PX4 is asked for its heartbeat and its sticks, again and again. A heartbeat with another mode is
+    the answer. After a heartbeat with a pilot's mode, the sticks are still to be seen.
+    """
     has_heartbeat = False
+    is_pilots_mode = False
+    sticks_count = 0  # PX4 sends the first message at once, also without sticks
+
     stall = OwnStall(boot_clock_ns)
     end_s = time.monotonic() + _LOOK_S
     next_send_s = 0.0
-    is_pilots_mode = False
-    sticks_count = 0  # PX4 sends the first message at once, also without sticks
     try:
         while time.monotonic() < end_s:
             end_s += stall.look()

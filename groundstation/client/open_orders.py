@@ -321,6 +321,8 @@ class OpenOrders:
         limit_s = self._fleet.fleet.direct_command_timeout_s
         if kind == "land":
             limit_s = self._land_limit_s(vehicle)
+
+        problem = ""  # why the order goes straight to PX4; empty if it does not
         if not await self._has_replied(result, vehicle, replied, limit_s):
             problem = _no_answer_words(vehicle, limit_s)
             if kind == "land" and self._is_own_link_dead(result, vehicle):
@@ -358,8 +360,8 @@ class OpenOrders:
         bus is read once more at the end of the wait. Neither holds for a kill, which must not wait.
 
         Returns:
-            Whether the agent has replied, or its telemetry shows that it follows the order. A stall
-                of this ground can lose a reply.
+            Whether the agent has replied. Telemetry that shows that it follows the order counts as
+            a reply, because a stall of this ground can lose the reply itself.
         """
         kind = result.planned.orders[vehicle].kind
         has_stalled = False

@@ -116,8 +116,10 @@ def _of_files(name: str, telemetry: Telemetry, fleet: FleetConfig) -> list[PageL
     # The hash of a fleet file covers its law. For a vehicle that flies another built-in law, the
     # hash of this file with that law is compared. A law of somebody's own is not loaded here,
     # because a message must not make this ground import a module.
-    is_other_built_in = telemetry.law in BUILT_IN and telemetry.law != fleet.law.name
-    own_hash = (fleet.with_law(telemetry.law) if is_other_built_in else fleet).config_hash
+    compared = fleet
+    if telemetry.law in BUILT_IN and telemetry.law != fleet.law.name:
+        compared = fleet.with_law(telemetry.law)
+    own_hash = compared.config_hash
 
     if telemetry.config_hash != own_hash:
         sentence = (
@@ -213,18 +215,24 @@ def _versions(state: FleetState, fleet: FleetConfig, names: Sequence[str]) -> li
     if len(vehicles) < 2:
         return []
 
-    words = {version: ".".join(map(str, version)) for version in sorted(vehicles)}
+    versions = sorted(vehicles)
     listed = "; ".join(
-        f"v{word}: {', '.join(vehicles[version])}" for version, word in words.items()
+        f"v{_dotted(version)}: {', '.join(vehicles[version])}" for version in versions
     )
     sentence = f"This fleet has {len(vehicles)} versions of PX4: {listed}."
 
-    first, *_, last = words.values()
+    first = _dotted(versions[0])
+    last = _dotted(versions[-1])
     remedy = (
         "Each is asked for the parameters of its own version. What else differs: "
         f"covey px4 compare {first} {last} --fleet {fleet.path}."
     )
     return [PageLine("versions", True, sentence, remedy)]
+
+
+def _dotted(version: tuple[int, int]) -> str:
+    major, minor = version
+    return f"{major}.{minor}"
 
 
 def _of_this_computer(state: FleetState) -> list[PageLine]:

@@ -53,7 +53,7 @@ class WorldClock:
 
     def offset_ns(self) -> int:
         """Return the world's clock minus the monotonic clock [ns], by the quickest reading."""
-        readings = []
+        readings = []  # duration of each reading, and the offset by it
         for _ in range(_READINGS):
             before_ns = self._now_ns()
             world_ns = self._world_ns()
