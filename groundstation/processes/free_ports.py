@@ -14,8 +14,8 @@ from onboard.config.corrections import beside
 from onboard.config.endpoints import host_of, is_loopback
 from onboard.config.fleet import ConfigError, FleetConfig
 
-# Below the kernel's own range for outgoing connections, so that no connection gets one of these by
-# chance.
+# These ports lie below the kernel's range for outgoing connections, so that no connection gets one
+# of them by chance.
 PORT_RANGE = (20_000, 30_000)
 PX4_OFFSET = 40  # an emulated PX4 also binds the port that is so much above that of its endpoint
 
@@ -177,7 +177,8 @@ def _used_ports(fleet: FleetConfig) -> list[_UsedPort]:
 
 def _free_ports() -> Iterator[int]:
     """Yield ports that are free for TCP and UDP, and whose emulated PX4's port is free as well."""
-    # in blocks: the ports of their first halves have those of emulated PX4s in the second halves
+    # The range is divided into blocks. The first half of a block is yielded. Its second half holds
+    # the ports of the emulated PX4s.
     low, high = PORT_RANGE
     step = 2 * PX4_OFFSET
     starts = list(range(low, high - step, step))

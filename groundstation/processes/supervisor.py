@@ -157,7 +157,7 @@ class Processes:
                     stdin=subprocess.DEVNULL,
                     stdout=file,
                     stderr=subprocess.STDOUT,
-                    process_group=0,  # a session of its own would be slower: see above
+                    process_group=0,  # not a session of its own: see the head of this module
                     env=environment,
                     preexec_fn=_die_with_parent,  # safe: this process has no threads yet
                 )
@@ -179,8 +179,10 @@ class Processes:
         Raises:
             ProcessError: one of them has ended.
         """
-        for started in self.dead():
-            raise ProcessError(f"{started.ending}\nThe end of its log:\n{started.tail}")
+        dead = self.dead()
+        if dead:
+            first = dead[0]
+            raise ProcessError(f"{first.ending}\nThe end of its log:\n{first.tail}")
 
     async def wait_for_line(self, name: str, text: str, timeout_s: float) -> None:
         """Wait until a process has written a line that begins with a text.
