@@ -72,8 +72,9 @@ class Control:
         self._say = say
         self._clock_ns = clock_ns
         self._own_tokens: dict[ControlClaim, ControlToken] = {}  # tokens of this ground by claim
-        # Time of the newest of three: first telemetry, own claim, own request; 0 before all. Two
-        # waits begin there: SETTLE_S for all vehicles' reports, and SILENCE_S for an answer.
+        # Begin of two waits: SETTLE_S for the reports of all vehicles, and SILENCE_S for an answer.
+        # It is the time of the first telemetry, of the last own claim or of the last own request,
+        # whichever came last; 0 before the first telemetry.
         self._wait_begin_ns = 0
         self._announced: ControlToken | None = None  # the last holder that was announced
         self.holder: ControlToken | None = None  # the operator, by the vehicles' telemetry

@@ -38,6 +38,7 @@ def closest_pair(
     distances_m[~(is_up[rows, None] | is_up[None])] = np.inf  # both stand on the ground
     distances_m[np.arange(len(rows)), rows] = np.inf  # a vehicle and itself
 
+    # argmin counts through the matrix row by row; a row has one distance for each vehicle
     row, other = divmod(int(distances_m.argmin()), len(position_enu_m))
     smallest_m = float(distances_m[row, other])
     if smallest_m >= below_m:

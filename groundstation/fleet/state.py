@@ -60,9 +60,9 @@ PREFLIGHT_STALE_NS = int(TOPICS[Topic.PREFLIGHT].stale_after_s * 1e9)
 PERSON_STALE_NS = int(TOPICS[Topic.ALL_POSES].stale_after_s * 1e9)
 TRUTH_STALE_NS = int(TOPICS[Topic.TRUTH].stale_after_s * 1e9)
 _NEVER = -(1 << 62)  # time of something that has not happened, long before every other time [ns]
-# A message with a lower number than the last one counts as overtaken, and is dropped, if the
-# difference is below these. A larger difference means that the last number was false: so a message
-# with a false, high number suppresses no more than these.
+# A message whose number is lower than the last one's by less than this was overtaken, and is
+# dropped. If it is lower by more, the last number was false, and the message counts. So one false,
+# high number suppresses at most this many messages.
 _REORDERED_TICKS = 50
 _REORDERED_REPORTS = 2
 
