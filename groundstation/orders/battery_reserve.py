@@ -20,7 +20,7 @@ ASSUMED_HOVER_S = 300.0
 SPARE_PCT = 5.0  # charge that is left at home, above the landing level
 
 _LEAST_OBSERVED_S = 5.0  # shortest observation from which a rate of discharge is computed
-_MEAN_SPEED_SHARE = 0.5  # mean speed over top speed, on a way from rest to rest
+_MEAN_SPEED_SHARE = 0.5  # mean speed divided by top speed, on a way from rest to rest
 _DESCENT_M_S = 0.4
 _AROUND_OTHERS_S = 20.0  # time to turn round, to avoid others and to wait above a spot
 

@@ -32,7 +32,7 @@ _PATH_POINTS = 80  # approximate number of drawn points of each path
 _MANY_VEHICLES = 20  # largest fleet that is flown ahead more than once
 _SPARE_S = 10.0  # time that a flight may take beyond its expected duration
 _LONGEST_S = 90.0  # longest flight that is computed
-_DETOUR = 4.0  # expected duration over the duration of the longest way at top speed
+_DETOUR = 4.0  # expected duration divided by the duration of the longest way at top speed
 _CLOSER_M = 0.02  # least decrease of a distance that counts as caused by the order
 
 
@@ -176,6 +176,7 @@ def _closest(
         return math.inf, ("", ""), 0.0
 
     gaps_m = separations_m(trace_enu_m[:, first] - trace_enu_m[:, second], height_share)
+    # argmin counts through the trace step by step; a step has one gap for each pair
     step, index = divmod(int(gaps_m.argmin()), len(first))
     pair = (names[first[index]], names[second[index]])
     return float(gaps_m[step, index]), pair, step * TICK_S

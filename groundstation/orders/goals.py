@@ -42,7 +42,7 @@ from onboard.config.fleet import FleetConfig
 from onboard.config.ground import floor_m, least_height_m
 from onboard.tuples import Xyz
 
-_PEAK_OF_MEAN = 1.9  # peak speed over mean speed of a quintic from rest to rest, rounded up
+_PEAK_OF_MEAN = 1.9  # peak speed divided by mean speed of a quintic from rest to rest, rounded up
 _LEAST_FLIGHT_S = 3.0  # shortest duration of a flight home
 
 

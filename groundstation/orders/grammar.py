@@ -182,14 +182,7 @@ def _take_options(words: list[str], kind: type[Intent]) -> tuple[dict[str, float
             )
 
         value = _number(tail[1])
-        is_good = value is not None and math.isfinite(value)
-        if option == "in":
-            is_good = is_good and value is not None and 0.0 < value <= _LONGEST_S
-        if option == "by":
-            is_good = is_good and value is not None and value >= 1.0 and value.is_integer()
-        if option == "every":
-            is_good = is_good and value is not None and 0.0 <= value <= _LONGEST_S
-        if value is None or not is_good:
+        if value is None or not _may_follow(option, value):
             raise OrderError(f"'{tail[1][:_MOST_QUOTED]}' is no {_OPTION_MEANINGS[option]}.")
         options[option] = value
 
@@ -198,6 +191,17 @@ def _take_options(words: list[str], kind: type[Intent]) -> tuple[dict[str, float
             tail = tail[1:]
 
     return options, words[:begin]
+
+
+def _may_follow(option: str, value: float) -> bool:
+    """Return whether a number may follow an option."""
+    if option == "in":
+        return 0.0 < value <= _LONGEST_S
+    if option == "by":
+        return value >= 1.0 and value.is_integer()
+    if option == "every":
+        return 0.0 <= value <= _LONGEST_S
+    return math.isfinite(value)
 
 
 def _take_goals(words: list[str], fleet: FleetConfig) -> dict[str, Xyz]:
@@ -264,7 +268,9 @@ def _take_vehicles(
 
 def _take_swapped(words: list[str], fleet: FleetConfig) -> tuple[str, ...]:
     """Return the vehicle that is swapped, and its spare."""
-    names = _select(",".join(words), fleet) if words else ()
+    names: tuple[str, ...] = ()
+    if words:
+        names = _select(",".join(words), fleet)
     if len(words) != 2 or len(names) != 2:
         raise OrderError(f"A swap is of two vehicles. Write: {INTENTS['swap'].usage}")
     return names

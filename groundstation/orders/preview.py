@@ -139,18 +139,26 @@ def _difference(preview: OrderPreview, view: VehicleView, now_ns: int) -> str | 
     was_silent = name in preview.silent
 
     if leg is None:
-        return None if position is None else f"{name} has appeared"
+        if position is None:
+            return None
+        return f"{name} has appeared"
 
     if telemetry is None or position is None:
         matters = leg.is_by_this_order or not leg.is_parked
-        return f"{name} is silent" if matters and not was_silent else None
+        if was_silent or not matters:
+            return None
+        return f"{name} is silent"
     if was_silent:
         return f"{name} is heard again"
 
-    if not leg.is_by_this_order and telemetry.is_airborne == leg.is_parked:
-        return f"{name} has taken off" if telemetry.is_airborne else f"{name} has landed"
+    if not leg.is_by_this_order:
+        was_airborne = not leg.is_parked
+        if telemetry.is_airborne and not was_airborne:
+            return f"{name} has taken off"
+        if was_airborne and not telemetry.is_airborne:
+            return f"{name} has landed"
 
-    # Also a vehicle that is only to arm gets an order; its leg is by an earlier one.
+    # A vehicle that is only to arm gets an order as well, although its leg is by an earlier order.
     gets_order = name in preview.planned.orders
     is_unfit = gets_order and _expected_refusal(preview.intent, view, now_ns) is not None
     if is_unfit != (name in preview.unfit):

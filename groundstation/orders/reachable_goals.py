@@ -1,6 +1,6 @@
 """The ways of a fleet file's vehicles to their goals: whether there are any, and how long they are.
 
-The maps are kept.
+The map of what stands in a vehicle's way is computed once, and kept for later questions.
 """
 
 from __future__ import annotations

@@ -39,8 +39,9 @@ def names_that_hear(intent: Swap, state: FleetState, now_ns: int) -> list[str]:
         now_ns: the ground's monotonic clock [ns].
     """
     swapped = state.vehicles.get(intent.swapped)
-    is_heard = swapped is not None and swapped.is_fresh(now_ns)
-    return [intent.swapped, intent.spare] if is_heard else [intent.spare]
+    if swapped is not None and swapped.is_fresh(now_ns):
+        return [intent.swapped, intent.spare]
+    return [intent.spare]
 
 
 def swap_refusals(
@@ -60,7 +61,9 @@ def swap_refusals(
 
     spare = state.vehicles[intent.spare]
     sentence = _spare_refusal(intent, spare, fleet, state, now_ns)
-    return {intent.spare: sentence} if sentence else {}
+    if sentence:
+        return {intent.spare: sentence}
+    return {}
 
 
 def _spare_refusal(
