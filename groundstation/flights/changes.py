@@ -133,7 +133,9 @@ def _changed_in_flight(
 ) -> SimulationSettings:
     """Return settings with a change that takes effect at a second of the flight."""
     is_of_law = change.key.startswith(_LAW) and change.key != "law.name"
-    if not (change.key in _IN_FLIGHT or change.key.startswith(_BUS) or is_of_law):
+    is_of_bus = change.key.startswith(_BUS)
+    may_change = change.key in _IN_FLIGHT or is_of_bus or is_of_law
+    if not may_change:
         raise ConfigError(
             f"--what-if {change.text}: this cannot change in flight. Leave --resume-at out, and it"
             " counts from the start."
@@ -141,7 +143,7 @@ def _changed_in_flight(
     if change.key in ("fault", "order", _WITHOUT_FAULT, _WITHOUT_ORDER):
         return _with_changed_plan(settings, change, at_s)
 
-    # raises if the value is wrong
+    # The value is only checked here; a wrong one raises ConfigError.
     if change.key == "wind":
         wind_of(change.value)
     elif change.key == "gust":

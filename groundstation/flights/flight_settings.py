@@ -213,7 +213,9 @@ def simulated_fleet(
 
     busy = busy_ports(fleet)
     if busy:
-        more = f" ({len(busy)} ports are in use)" if len(busy) > 1 else ""
+        more = ""
+        if len(busy) > 1:
+            more = f" ({len(busy)} ports are in use)"
         raise ConfigError(
             f"{fleet.path}: {busy[0]}{more} Another emulator or fleet runs here: stop it, change"
             " the endpoints, or fly with covey demo, which picks free ones."
