@@ -55,7 +55,7 @@ _START_S = 3.0  # time of arming and spinning up before a climb
 _SETTLE_S = 1.0  # time from the end of a move until the vehicle counts as arrived
 _PATH_SETTLE_S = 5.0  # time from the arrival at the begins of paths to their start
 _SHORT_ORDER_S = 1.0  # duration of an order that does not move a vehicle
-_PEAK_OF_MEAN = 1.875  # peak speed over mean speed of a quintic from rest to rest
+_PEAK_OF_MEAN = 1.875  # peak speed divided by mean speed of a quintic from rest to rest
 _LONGEST_MOVE_S = 600.0
 _LEAST_HEIGHT_M = 1.0  # smallest height that is assumed for a climb or a descent
 _VerticalIntent = Takeoff | Land | Home  # orders with a climb or a descent
@@ -71,7 +71,7 @@ class CourseStep:
     step: MissionStep
     positions: Mapping[str, Xyz]  # positions of all vehicles before the step
     flying: frozenset[str]  # vehicles that fly before the step
-    is_known: bool  # whether both are certain; after a fault or a reaction they are not
+    is_known: bool  # whether positions and flying are certain; not after a fault or a reaction
     times: int = 1  # number of times that the step is flown
     planned: PlannedOrder | None = None  # the order, if the step is one
     goals: Mapping[str, Xyz] = field(default_factory=dict)  # positions of vehicles after the step
@@ -276,8 +276,9 @@ def _course_steps(
 def inner_steps(step: BlockStep, key: str) -> Iterator[tuple[MissionStep, str, int]]:
     """Yield the steps inside a step, each with its key and the number of times it is flown.
 
-    A repetition is yielded once for its first time, and once more for all later times: from the
-    second time on, the vehicles begin at the same positions.
+    The steps of a repetition are yielded twice: for its first time, and for all later times. The
+    vehicles begin the first time where the step before has left them, and each later time where the
+    repetition itself has left them.
 
     Args:
         step: a step that holds others.

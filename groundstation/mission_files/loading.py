@@ -186,7 +186,9 @@ def _fleet_of(value: Any, override: FleetConfig | str | None, path: str) -> Flee
     # A name without a folder may be an example, if no such file is beside the mission.
     file = FilePath(path).parent / value
     is_example = FilePath(value).name == value and not file.exists()
-    return load_fleet(value if is_example else file)
+    if is_example:
+        return load_fleet(value)
+    return load_fleet(file)
 
 
 def _shapes(data: Any, path: str) -> dict[str, FormationShape]:
@@ -202,10 +204,17 @@ def _shapes(data: Any, path: str) -> dict[str, FormationShape]:
     for name, shape in shapes.items():
         resolved[name] = msgspec.structs.replace(
             shape,
-            file=shape.file and str(folder / shape.file),
-            font=shape.font and str(folder / shape.font),
+            file=_in_folder(folder, shape.file),
+            font=_in_folder(folder, shape.font),
         )
     return resolved
+
+
+def _in_folder(folder: FilePath, file: str | None) -> str | None:
+    """Return the path of a file that is named relative to a folder; None if none is named."""
+    if not file:
+        return None
+    return str(folder / file)
 
 
 # -- steps -----------------------------------------------------------------------------------------

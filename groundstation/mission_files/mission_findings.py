@@ -23,7 +23,7 @@ from onboard.safety.area_room import way_beyond_m
 # Findings with these names do not refuse a flight: they do not concern what the law can fly.
 _OF_THE_MISSION = ("time", "expectation", "arrival", "ending")
 _SPARE_PCT = 10.0  # charge at the end above the level at which a vehicle lands by itself
-_DETOUR_FACTOR = 1.7  # recommended time limit over the duration of the straight way
+_DETOUR_FACTOR = 1.7  # recommended time limit divided by the duration of the straight way
 _ARRIVAL_M = 0.05  # error of an arrival with a perfect position
 
 
@@ -100,6 +100,11 @@ def _name_of(finding: Finding) -> str:
     return finding.name.partition(",")[0]
 
 
+def _at_begin(words: str) -> str:
+    """Return words with a capital letter, for the begin of a sentence."""
+    return words[0].upper() + words[1:]
+
+
 def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Finding]:
     """Yield findings about the steps, in their order, and about the end of the mission."""
     fleet = mission.fleet
@@ -157,7 +162,7 @@ def _unreachable_findings(
         float(len(without_way)),
         0.0,
         "",
-        f"{where[0].upper()}{where[1:]}: the goal of {name} {words}",
+        f"{_at_begin(where)}: the goal of {name} {words}",
         "Choose another goal, or move what stands in the way.",
     )
 
@@ -172,13 +177,13 @@ def _way_findings(fleet: FleetConfig, course_step: CourseStep, where: str) -> It
     if not beyond_m:
         return
 
-    farthest = max(beyond_m, key=beyond_m.__getitem__)
+    farthest = max(beyond_m, key=lambda name: beyond_m[name])
     yield at_most(
         f"ways, {where}",
         beyond_m[farthest],
         0.0,
         "m",
-        f"{where[0].upper()}{where[1:]}: {{value}} of the straight way of {farthest} lie beyond a "
+        f"{_at_begin(where)}: {{value}} of the straight way of {farthest} lie beyond a "
         "fence or in its buffer; it is led around, which takes longer",
         "Put a goal between, from which both ways are free.",
         refuse_above=math.inf,
@@ -199,7 +204,7 @@ def _time(timeout_s: float, name: str, alone_s: float, where: str) -> Finding:
         timeout_s,
         _DETOUR_FACTOR * alone_s,
         "s",
-        f"{where[0].upper()}{where[1:]}: timeout_s is {{value}}; {name} needs {alone_s:.1f} s "
+        f"{_at_begin(where)}: timeout_s is {{value}}; {name} needs {alone_s:.1f} s "
         "alone, so {relation} {bound} leaves room for detours",
         "Raise its timeout_s by {difference}.",
         refuse_below=alone_s,

@@ -19,9 +19,10 @@ def mission_names(start: str = "") -> list[str]:
         Names of files in the folder, sorted, then names of examples if `start` has no folder; all
         as :func:`load_mission` takes them.
     """
-    folder, _, name_start = start.rpartition("/")
+    folder, slash, name_start = start.rpartition("/")
+    prefix = folder + slash  # empty if `start` has no folder
     try:
-        entries = sorted(os.scandir(f"{folder}/" if "/" in start else "."), key=_name_of)
+        entries = sorted(os.scandir(prefix or "."), key=_name_of)
     except OSError:
         entries = []
 
@@ -30,8 +31,8 @@ def mission_names(start: str = "") -> list[str]:
         is_mission = entry.name.endswith(_ENDINGS) and entry.name.startswith(name_start)
         is_one_word = entry.name.isprintable() and " " not in entry.name  # orders have no quotes
         if is_mission and is_one_word and entry.is_file():
-            names.append(f"{folder}/{entry.name}" if "/" in start else entry.name)
-    if "/" not in start:
+            names.append(prefix + entry.name)
+    if not prefix:
         names += [name for name in example_names("mission file") if name.startswith(name_start)]
     return names
 
