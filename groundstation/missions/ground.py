@@ -34,7 +34,7 @@ from onboard.tuples import Xyz
 
 _LOOK_S = 0.2  # period at which the end of a pause is looked for
 _HEARD_S = 0.5  # age of telemetry up to which a vehicle is heard
-_SILENCE_S = 0.7  # time after which telemetry that is older than that is stale
+_SILENCE_S = 0.7  # longest wait for telemetry before the own link is looked at
 
 
 class MissionGround:

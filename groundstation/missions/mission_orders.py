@@ -296,7 +296,7 @@ def countdown_question(run: MissionRun, at: WorldTime) -> CountdownQuestion:
         if telemetry is not None and math.isfinite(telemetry.battery_frac):
             charges[name] = telemetry.battery_frac
     if charges:
-        weakest = min(charges, key=charges.__getitem__)
+        weakest = min(charges, key=lambda name: charges[name])
         lines.append(f"The weakest battery is {weakest}'s, with {100 * charges[weakest]:.0f} %.")
 
     reasons = []

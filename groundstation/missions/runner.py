@@ -304,10 +304,13 @@ class MissionRun:
         except ConfigError as error:
             raise _NotBegun(str(error)) from None
 
-        begin_ns = world_ns if self._at is None else self._at.world_ns
-        refusal = time_refusal(self.mission, times, begin_ns) if times else ""
-        if refusal:
-            raise _NotBegun(refusal)
+        begin_ns = world_ns
+        if self._at is not None:
+            begin_ns = self._at.world_ns
+        if times:
+            refusal = time_refusal(self.mission, times, begin_ns)
+            if refusal:
+                raise _NotBegun(refusal)
         return times
 
     async def _bring_down(self, task: asyncio.Task[Any]) -> None:
