@@ -24,9 +24,17 @@ def flight_folders(folder: Path) -> list[Path]:
     Args:
         folder: folder of flight folders; it may be a flight folder itself.
     """
-    found = [path for path in (folder, *folder.iterdir()) if (path / RECORD_NAME).is_file()]
+    found = [path for path in (folder, *folder.iterdir()) if _has_record(path)]
     found.sort(key=lambda path: (path / RECORD_NAME).stat().st_mtime, reverse=True)
     return found[:MAX_FOLDERS]
+
+
+def _has_record(folder: Path) -> bool:
+    """Return whether a folder holds a record; False for a folder that may not be entered."""
+    try:
+        return (folder / RECORD_NAME).is_file()
+    except OSError:
+        return False
 
 
 def summary(folder: Path) -> dict[str, Any]:

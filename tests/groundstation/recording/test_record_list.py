@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import json
 import os
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -29,6 +31,28 @@ def test_a_flight_is_summed_up_by_its_index(flights: Path) -> None:
     assert about["is_whole"]
     assert about["has_passed"] is False
     assert about["length_s"] == pytest.approx(3.0, abs=0.1)
+
+
+@pytest.fixture
+def public_folder() -> Iterator[Path]:
+    """A folder that every user may enter, which is not true of `tmp_path`."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        folder.chmod(0o755)
+        yield folder
+
+
+def test_a_folder_that_may_not_be_entered_is_left_out(public_folder: Path) -> None:
+    flight = write(public_folder / "first", rows(length_s=1.0))
+    (public_folder / "lost+found").mkdir(mode=0o000)
+
+    user = os.geteuid()
+    if user == 0:
+        os.seteuid(65_534)  # nobody: root may enter every folder
+    try:
+        assert flight_folders(public_folder) == [flight]
+    finally:
+        os.seteuid(user)
 
 
 def test_each_channel_has_its_number_of_messages(flights: Path) -> None:
