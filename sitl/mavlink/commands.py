@@ -182,10 +182,9 @@ def _reposition(link: CommandedLink, command: ReceivedCommand) -> Answer:
 
 
 def _change_speed(link: CommandedLink, command: ReceivedCommand) -> Answer:
+    # The speed holds until the mode ends. Without a speed above zero the parameter holds again.
     speed_m_s = command[2]
-    if speed_m_s > 0.0:
-        params = link.autopilot.params
-        params.values["MPC_XY_CRUISE"] = min(speed_m_s, params["MPC_XY_VEL_MAX"])
+    link.autopilot.mode_control.cruise_m_s = speed_m_s if speed_m_s > 0.0 else None
     return CommandResult.ACCEPTED, []
 
 

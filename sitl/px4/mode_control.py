@@ -76,6 +76,8 @@ class ModeControl:
     goal: PositionGoal | None = None  # goal of the position control; None while it is not used
     home_ned_m: Array = field(default_factory=lambda: np.zeros(3))  # (3,) position of arming
     takeoff_height_m: float | None = None  # height of a command; None: MIS_TAKEOFF_ALT
+    # Horizontal speed of a command, which holds until the mode ends; None: MPC_XY_CRUISE.
+    cruise_m_s: float | None = None
     has_lost_attitude: bool = False  # whether the attitude control has failed until a restart
     _control: PositionControl = field(default_factory=PositionControl)
     _armed_time_s: float = 0.0
@@ -103,6 +105,7 @@ class ModeControl:
 
     def entered(self, inputs: AutopilotInputs | None) -> None:
         """Begin a mode with the present inputs."""
+        self.cruise_m_s = None
         self._entry = inputs
         self._hold_ned_m = None
         self._yaw_setpoint_rad = None
@@ -333,8 +336,11 @@ class ModeControl:
 
         if up_m_s is None:
             up_m_s = params["MPC_Z_VEL_MAX_UP"]
+        speed_m_s = params["MPC_XY_CRUISE"]
+        if self.cruise_m_s is not None:
+            speed_m_s = min(self.cruise_m_s, params["MPC_XY_VEL_MAX"])
         limits = PositionLimits(
-            speed_m_s=max(0.0, params["MPC_XY_CRUISE"]),
+            speed_m_s=max(0.0, speed_m_s),
             up_m_s=up_m_s,
             down_m_s=params["MPC_Z_VEL_MAX_DN"],
             tilt_rad=math.radians(min(_MOST_TILT_DEG, max(0.0, params["MPC_TILTMAX_AIR"]))),

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from sitl.mavlink.codec import ID_BY_NAME, Encoder
@@ -293,6 +294,31 @@ def test_a_reposition_command_moves_hold_to_a_position_on_earth() -> None:
     assert [m.fields["result"] for m in answers] == [ACCEPTED]
     until(emu, lambda: emu.world.vehicles.states.position_ned_m[0, 0] > 3.0, 12.0)
     assert emu.world.vehicles.states.position_ned_m[0, 2] < -1.5
+
+
+def test_a_speed_command_holds_for_the_mode_and_changes_no_parameter() -> None:
+    emu = emulator()
+    client = Client(emu)
+    px4 = emu.autopilots[0]
+    run_for(emu, 5.0)
+    assert client.command(22) == [ACCEPTED]
+    assert client.command(400, 1) == [ACCEPTED]
+    until(emu, lambda: px4.mode is Mode.LOITER, 15.0)
+    cruise_m_s = px4.params["MPC_XY_CRUISE"]
+    assert client.command(178, 1, 0.3) == [ACCEPTED]
+    px4.mode_control.hold_at(np.array([4.0, 0.0, math.nan]))
+    run_for(emu, 5.0)
+    assert 0.7 < emu.world.vehicles.states.position_ned_m[0, 0] < 1.7
+    assert px4.params["MPC_XY_CRUISE"] == cruise_m_s
+    # A speed of zero or below ends it.
+    assert client.command(178, 1, -1.0) == [ACCEPTED]
+    run_for(emu, 4.0)
+    assert emu.world.vehicles.states.position_ned_m[0, 0] > 3.0
+    # So does another mode.
+    assert client.command(178, 1, 0.3) == [ACCEPTED]
+    assert client.command(20) == [ACCEPTED]
+    run_for(emu, 4.0)
+    assert emu.world.vehicles.states.position_ned_m[0, 0] < 1.5
 
 
 @pytest.mark.parametrize(
