@@ -329,7 +329,8 @@ class AgentCore:
                 yaw_rad=state.yaw_rad,
                 position_age_s=own.age_s,
                 attitude_wxyz=own.attitude_wxyz,
-                gust_m_s2=self.own.strongest_gust_m_s2,
+                gust_m_s2=self.own.gust_m_s2,
+                expected_gust_m_s2=self.own.strongest_gust_m_s2,
             )
         return self._view
 

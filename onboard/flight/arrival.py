@@ -47,11 +47,12 @@ def moved_by_gusts(gust_m_s2: float) -> tuple[float, float]:
 def is_at(view: FlightView, goal_enu_m: Xyz, vehicle: Vehicle) -> bool:
     """Return whether the vehicle is at its goal and slow.
 
-    Both limits depend on the accuracy of its positions, and grow with the gusts.
+    Both limits depend on the accuracy of its positions, and grow with the gusts to expect: those of
+    the last seconds are often half of the true ones.
     """
-    moved_m, _ = moved_by_gusts(view.gust_m_s2)
+    moved_m, moved_m_s = moved_by_gusts(view.expected_gust_m_s2)
     is_at_goal = math.dist(goal_enu_m, view.position_enu_m) < _near_m(vehicle) + moved_m
-    is_slow = math.hypot(*view.velocity_enu_m_s) < _slow_m_s(view, vehicle)
+    is_slow = math.hypot(*view.velocity_enu_m_s) < _slow_m_s(vehicle) + moved_m_s
     return is_at_goal and is_slow
 
 
@@ -70,7 +71,9 @@ def has_turned(view: FlightView, yaw_rad: float) -> bool:
 
 def is_at_rest(view: FlightView, vehicle: Vehicle) -> bool:
     """Return whether the vehicle is as slow as one that holds."""
-    return math.hypot(*view.velocity_enu_m_s) < _REST_FACTOR * _slow_m_s(view, vehicle)
+    _, moved_m_s = moved_by_gusts(view.gust_m_s2)
+    slow_m_s = _slow_m_s(vehicle) + moved_m_s
+    return math.hypot(*view.velocity_enu_m_s) < _REST_FACTOR * slow_m_s
 
 
 def stop_point(view: FlightView, vehicle: Vehicle, fleet: FleetConfig) -> Xyz:
@@ -97,7 +100,5 @@ def _near_m(vehicle: Vehicle) -> float:
     return _ARRIVED_M if vehicle.mocap_required else _ARRIVED_PX4_M
 
 
-def _slow_m_s(view: FlightView, vehicle: Vehicle) -> float:
-    slow_m_s = _ARRIVED_M_S if vehicle.mocap_required else _ARRIVED_PX4_M_S
-    _, moved_m_s = moved_by_gusts(view.gust_m_s2)
-    return slow_m_s + moved_m_s
+def _slow_m_s(vehicle: Vehicle) -> float:
+    return _ARRIVED_M_S if vehicle.mocap_required else _ARRIVED_PX4_M_S

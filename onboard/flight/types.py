@@ -153,7 +153,8 @@ class FlightView(Struct, frozen=True):
     yaw_rad: float = math.nan  # heading, counterclockwise from east; NaN: not known
     position_age_s: float = math.inf  # age of the newest sample that the estimate has used
     attitude_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)  # in the fleet's frame
-    gust_m_s2: float = 0.0  # standard deviation of the gusts to expect, per axis
+    gust_m_s2: float = 0.0  # standard deviation of the present gusts, per axis
+    expected_gust_m_s2: float = 0.0  # the same of the gusts to expect
 
     @property
     def has_landed_report(self) -> bool:

@@ -35,7 +35,7 @@ def _arrives_after_s(miss_m: float, gust_m_s2: float, *, near_after_s: float = 9
         velocity_enu_m_s=still,
         has_position=True,
         snapshot=snapshot,
-        gust_m_s2=gust_m_s2,
+        expected_gust_m_s2=gust_m_s2,
     )
     effects.lift_off(flight, view)
 

@@ -276,6 +276,7 @@ def test_it_is_at_its_goal_within_a_distance_and_below_a_speed_that_gusts_widen(
             position_enu_m=(beside_m, 0.0, 0.0),
             velocity_enu_m_s=(0.0, speed_m_s, 0.0),
             gust_m_s2=gust_m_s2,
+            expected_gust_m_s2=gust_m_s2,
         )
 
     origin = (0.0, 0.0, 0.0)

@@ -117,12 +117,15 @@ def test_the_promise_is_kept_in_winds_that_check_allows(
     assert flown.min_separation_m > 0.8
 
 
-# One of these twenty flights ends outside the fence: who moves aside for a vehicle that slides on
+# Two of these twenty flights end outside the fence: who moves aside for a vehicle that slides on
 # the ground hardly brakes against such a wind any more (docs/wind.md).
 RAMPS = [
-    *(("paper", seed) for seed in (1, 2, 3, 4, 5, 6, 7, 9, 10)),
+    *(("paper", seed) for seed in (1, 2, 3, 5, 6, 7, 9, 10)),
     *(("sih", seed) for seed in range(1, 11)),
-    pytest.param("paper", 8, marks=pytest.mark.xfail(strict=True, reason="outside the fence")),
+    *(
+        pytest.param("paper", seed, marks=pytest.mark.xfail(strict=True, reason="outside"))
+        for seed in (4, 8)
+    ),
 ]
 
 
