@@ -59,6 +59,7 @@ STALE_S = 0.15
 _VELOCITY_KNOWN_S = 1.0
 _ON_FLOOR_M = 0.15  # a body lower than this above its start or the ground may stand there
 _MISSING_AFTER_S = 2.0
+_LEFT_NS = 5_000_000_000  # an agent without telemetry for so long has ended
 _START_UP_NS = 2_000_000_000  # an agent that has just started has not heard all others yet
 
 
@@ -497,10 +498,18 @@ class NeighbourTable:
         """Return each neighbour's newest telemetry, by name, in the order of the fleet file."""
         return {name: self._telemetry[name] for name in self.names if name in self._telemetry}
 
-    def other_hashes(self, own_hash: str) -> dict[str, str]:
-        """Return the configuration hashes that differ from ours."""
+    def other_hashes(self, own_hash: str, now_ns: int) -> dict[str, str]:
+        """Return the configuration hashes that differ from ours.
+
+        A vehicle on the ground whose agent has ended takes no part any more, so its file does not
+        count.
+        """
         hashes = {}
         for name, telemetry in self._telemetry.items():
+            has_left = now_ns - telemetry.stamp_ns > _LEFT_NS
+            is_airborne = self.arrays.flags[AIRBORNE, self.indices[name]]
+            if has_left and not is_airborne:
+                continue
             if telemetry.config_hash != own_hash:
                 hashes[name] = telemetry.config_hash
         return hashes

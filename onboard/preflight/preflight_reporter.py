@@ -242,7 +242,7 @@ class PreflightReporter:
             missing_neighbours=self._missing(now_ns),
             radio=self._state_ages.measured,
             clock_bounds_s=inputs.clock_bounds_s,
-            other_hashes=neighbours.other_hashes(self._config_hash),
+            other_hashes=neighbours.other_hashes(self._config_hash, now_ns),
             config_hash=self._config_hash,
             certificate_left=certificate_left,
             has_recorder=inputs.has_recorder,

@@ -179,7 +179,7 @@ class NeighbourMonitor:
         table = self._table
         without_position = table.invalid()
         late = table.stale(now_ns)
-        other_files = tuple(table.other_hashes(self._own_hash))
+        other_files = tuple(table.other_hashes(self._own_hash, now_ns))
 
         rows = table.rows(now_ns)
         implausible = self._check_plausibility(rows, now_ns)

@@ -251,3 +251,15 @@ def test_the_body_of_a_silent_neighbour_is_watched_until_its_messages_come_regul
         if bodies is not None:
             changes[tick] = bodies
     assert changes == {105: ("mav2",), 370: ()}
+
+
+@pytest.mark.parametrize("is_airborne", [True, False])
+def test_the_file_of_an_agent_that_has_left_counts_only_while_its_vehicle_flies(
+    is_airborne: bool,
+) -> None:
+    table = _table()
+    table.hear(_state(vehicle="mav1", is_airborne=is_airborne), 5 * S)
+    table.hear(telemetry("mav1", config_hash="another", stamp_ns=5 * S), 5 * S)
+    assert table.other_hashes("ours", 9 * S) == {"mav1": "another"}
+    left = {"mav1": "another"} if is_airborne else {}
+    assert table.other_hashes("ours", 11 * S) == left
