@@ -73,7 +73,7 @@ def still_armed(flight: FlightContext, view: FlightView) -> str:
         sentence = "PX4 is still armed"
     else:
         sentence = "PX4 has not said that it is disarmed"
-    return f"{sentence}. {view.snapshot.status_text}".strip()
+    return f"{sentence}. {_px4_words(flight, view)}".strip()
 
 
 def disabled(flight: FlightContext) -> str:

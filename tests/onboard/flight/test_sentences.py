@@ -55,6 +55,7 @@ def test_px4_is_quoted_with_what_it_has_said_since_the_step_began(
     view = _view(status_text="Arming denied", status_text_ns=said_ns)
     assert ("Arming denied" in sentences.not_armed(_flight(), view)) is is_told
     assert ("Arming denied" in sentences.not_rebooted(_flight(), view)) is is_told
+    assert ("Arming denied" in sentences.still_armed(_flight(), view)) is is_told
 
 
 @pytest.mark.parametrize(
