@@ -43,6 +43,7 @@ from onboard.px4.packets import (
 )
 from onboard.px4.port_lock import PortClaim
 from onboard.px4.signing import Signer
+from onboard.px4.status_texts import StatusTexts
 from onboard.security.mavlink_key import AGENT_LINK_ID
 from onboard.tuples import Wxyz, Xyz
 from onboard.types import AttitudeSetpoint
@@ -67,6 +68,7 @@ _BATTERY_STATUS = 147
 _AUTOPILOT_VERSION = 148
 _ESTIMATOR_STATUS = 230
 _EXTENDED_SYS_STATE = 245
+_STATUSTEXT = 253
 _MONITOR = slice(32, 33)  # place of the battery monitor's id in the payload of BATTERY_STATUS
 
 _RATES_HZ = {
@@ -172,9 +174,10 @@ class Px4Link:
         self._param: Param | None = None  # MAVSDK's parameters; None before PX4 has been heard
 
         # name of a message, and id of the battery monitor or nothing -> newest payload that is not
-        # yet parsed, and its arrival
+        # yet parsed (of a STATUSTEXT: the whole text), and its arrival
         self._unread: dict[tuple[str, bytes], tuple[bytes, int]] = {}
         self._batteries = BatteryReports()
+        self._texts = StatusTexts()
         # arrivals of the two newest messages about a pilot's sticks
         self._sticks_ns = 0
         self._sticks_before_ns = 0
@@ -298,8 +301,11 @@ class Px4Link:
             if packet.number == _MANUAL_CONTROL:
                 self._sticks_before_ns = self._sticks_ns
                 self._sticks_ns = arrived_ns
-            monitor = packet.payload[_MONITOR] if packet.number == _BATTERY_STATUS else b""
-            self._unread[name, monitor] = (packet.payload, arrived_ns)
+            payload = packet.payload
+            monitor = payload[_MONITOR] if packet.number == _BATTERY_STATUS else b""
+            if packet.number == _STATUSTEXT:
+                payload = self._texts.joined(fields_of(name, payload))
+            self._unread[name, monitor] = (payload, arrived_ns)
 
         mavsdk = self._mavsdk
         if packet.number in MAVSDK_READS and mavsdk is not None:
@@ -316,7 +322,9 @@ class Px4Link:
         while self._unread:  # the relay's thread may add messages meanwhile
             (name, _), (payload, arrived_ns) = self._unread.popitem()
             try:
-                fields = fields_of(name, payload)
+                fields: dict[str, Any] = {"text": payload}
+                if name != "STATUSTEXT":
+                    fields = fields_of(name, payload)
                 change = PARSERS[name](fields, arrived_ns)
             except ValueError:
                 continue

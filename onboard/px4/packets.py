@@ -94,7 +94,7 @@ READ = {
         "pos_horiz_accuracy pos_vert_accuracy",
     ),
     "EXTENDED_SYS_STATE": _message(245, 130, "BB", "vtol_state landed_state"),
-    "STATUSTEXT": _message(253, 83, "B50s", "severity text"),
+    "STATUSTEXT": _message(253, 83, "B50sHB", "severity text id chunk_seq"),
 }
 
 # Messages that the agent writes. The comment above each lists its values.
