@@ -241,7 +241,7 @@ class AgentProcess:
         self._core.handle(agent_inputs.SnapshotReceived(self._link.snapshot()), now_ns)
         order = self._inbox.clock.order(message, now_ns)
         self._executor.execute(self._core.handle(agent_inputs.OrderReceived(order), now_ns))
-        log.info("order %s of %s", message.kind, message.author)
+        log.info("order %s", message.text)
 
     def _signalled(self) -> None:
         self._signals += 1

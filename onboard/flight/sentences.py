@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from onboard.bus.schema import Order
 from onboard.flight.arrival import position_text
 from onboard.flight.context import FlightContext
 from onboard.flight.path_flight import PATIENCE_S
@@ -31,7 +32,7 @@ def killed(flight: FlightContext, view: FlightView) -> str:
     """Return the reason of a killed vehicle's state."""
     author = ""
     if flight.order is not None:
-        author = flight.order.author
+        author = flight.order.author[:60]
     return f"Killed by order of {author}."
 
 
@@ -40,8 +41,13 @@ def killed_in_the_air(flight: FlightContext, view: FlightView) -> str:
     order = flight.order
     if order is None:
         return ""
-    node = order.node or "an unnamed ground"
-    return f"Killed in the air by order of {order.author} (from {node})."
+    node = order.node[:60] or "an unnamed ground"
+    return f"Killed in the air by order of {order.author[:60]} (from {node})."
+
+
+def superseded(order: Order) -> str:
+    """Return the sentence about an order that this one has ended."""
+    return f"Ended by order {order.kind} of {order.author[:60]}."
 
 
 def ordered_or_killed(flight: FlightContext, view: FlightView) -> str:

@@ -53,7 +53,7 @@ def begin_order(flight: FlightContext, view: FlightView, order: Order) -> None:
     if row is None:
         return
 
-    _finish(flight, view, "superseded", f"Ended by order {order.kind} of {order.author}.")
+    _finish(flight, view, "superseded", sentences.superseded(order))
     flight.order = order
     flight.follow.begin(order)
     flight.is_slow = False
@@ -111,7 +111,7 @@ def _change_following(flight: FlightContext, view: FlightView, order: Order) -> 
 
     row = _match(flight, view, FlightEvent.HOLD)
     if row is not None:
-        _finish(flight, view, "superseded", f"Ended by order {order.kind} of {order.author}.")
+        _finish(flight, view, "superseded", sentences.superseded(order))
         _apply(flight, view, row)
         flight.reason = "paused" if follow.is_paused else "ordered"
     return sentence

@@ -8,6 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.autopilot import Snapshot
+from onboard.bus.codec import decode, encode
 from onboard.bus.schema import Order
 from onboard.flight import sentences
 from onboard.flight.context import FlightContext
@@ -46,6 +47,12 @@ def test_a_kill_names_its_author_and_his_ground() -> None:
 def test_a_long_name_is_cut_off() -> None:
     disabled = sentences.disabled(_flight(disabled_by="A" * 80))
     assert "by " + "A" * 60 + ":" in disabled
+
+    kill = replace(_KILL, author="A" * 30_000, node="g" * 30_000)
+    assert isinstance(decode(encode(kill), Order), Order)  # such an order reaches an agent
+    assert sentences.killed(_flight(order=kill), _view()) == f"Killed by order of {'A' * 60}."
+    in_the_air = sentences.killed_in_the_air(_flight(order=kill), _view())
+    assert in_the_air.endswith(f"by order of {'A' * 60} (from {'g' * 60}).")
 
 
 @pytest.mark.parametrize(("said_ns", "is_told"), [(_BEGIN_NS, False), (_BEGIN_NS + 1, True)])

@@ -101,6 +101,14 @@ def test_a_new_order_ends_the_one_before_it_and_goes_at_full_speed() -> None:
     assert flight.follow == FollowFlight()
 
 
+def test_a_long_name_is_cut_off_where_an_order_ends_another_one() -> None:
+    flight = _flight(FlightStep.LEG, order=_MOVES)
+    state_machine.begin_order(flight, _view(1.0), _order("hold", author="A" * 60_000))
+
+    (ended,), _ = _taken(flight)
+    assert ended.sentence == f"Ended by order hold of {'A' * 60}."
+
+
 @pytest.mark.parametrize("kind", ["hold", "land"])
 @pytest.mark.parametrize(
     "step",
