@@ -242,7 +242,10 @@ def _connection(address: str, system_id: int, component_id: int) -> Any:
 
 
 def _serial(endpoint: str, system_id: int) -> Any:
-    """Open a serial device without pyserial, which is not installed on the ground."""
+    """Open a serial device without pyserial, which is not installed on the ground.
+
+    A device whose cable is pulled is silent from then on; it raises nothing.
+    """
     with _opening:
         mavutil = _mavutil()
         mavutil.set_dialect("common")
@@ -255,11 +258,15 @@ def _serial(endpoint: str, system_id: int) -> Any:
     def receive(count: int | None = None) -> bytes:
         try:
             return os.read(descriptor, count or _MAX_DATAGRAM)
-        except BlockingIOError:
+        except OSError:  # nothing has come yet, or the cable is pulled
             return b""
 
+    def write(data: bytes) -> None:
+        with contextlib.suppress(OSError):
+            os.write(descriptor, data)
+
     link.recv = receive
-    link.write = lambda data: os.write(descriptor, data)
+    link.write = write
     link.close = lambda: os.close(descriptor)
     return link
 

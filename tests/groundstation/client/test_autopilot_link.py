@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common
 
-from groundstation.client.autopilot_link import AutopilotLink
+from groundstation.client.autopilot_link import AutopilotLink, LinkSilentError
 
 
 class SerialPx4(threading.Thread):
@@ -84,6 +84,18 @@ def test_a_vehicle_on_a_serial_cable_is_heard_and_another_one_is_named(
     assert link.other_system_id == 6
     SerialPx4(master, 5).beat()
     assert link.is_armed(5.0) is False
+    link.stop()
+
+
+def test_a_cable_that_is_pulled_is_a_silence_and_no_error() -> None:
+    master, slave = pty.openpty()
+    link = AutopilotLink(f"serial://{os.ttyname(slave)}:921600", 5, is_own=True)
+    os.close(slave)
+    os.close(master)
+
+    assert link.is_armed(0.3) is None
+    with pytest.raises(LinkSilentError):
+        link.read_all()
     link.stop()
 
 
