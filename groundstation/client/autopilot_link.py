@@ -124,8 +124,9 @@ class AutopilotLink:
         if message is None or not message.flight_sw_version:
             return None
 
-        number = message.flight_sw_version
-        return (number >> 24 & 0xFF, number >> 16 & 0xFF)
+        # its four bytes are major, minor, patch, and the kind of firmware
+        major, minor, _, _ = message.flight_sw_version.to_bytes(4, "big")
+        return (major, minor)
 
     def sign(self, key: bytes | None) -> Signing:
         """Sign with a key from now on, and accept also messages that are not signed with it.

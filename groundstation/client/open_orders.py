@@ -452,9 +452,9 @@ class OpenOrders:
     def _is_own_link_dead(self, result: OrderResult, vehicle: str) -> bool:
         """Whether this ground's own link is probably the reason of a silence.
 
-        Then a mission's landing is left to the agents, which avoid each other without this ground;
-        PX4s that land by themselves would not. An agent that is dead or hangs sends no setpoints,
-        so its PX4 lands without an order.
+        Then a mission's landing is left to the agents. They avoid each other without this ground;
+        PX4s that land by themselves do not avoid each other. An agent that is dead or hangs sends
+        no setpoints, so its PX4 lands without an order.
 
         There are two signs of a dead own link: another vehicle fell silent at the same time, or no
         other vehicle in flight is heard. In the second case nothing shows whether the agent or the
