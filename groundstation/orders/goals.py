@@ -113,7 +113,7 @@ def _yaw(intent: Yaw, facts: GoalFacts) -> Goals:
 def _home(intent: Home, facts: GoalFacts) -> Goals:
     """Return points above the take-off spots, at the ordered height or at each vehicle's own."""
     if facts.state is None:
-        # only their heights are used
+        # Only the heights are used: without a state, every vehicle has the default height.
         destinations = dict.fromkeys(facts.names, (0.0, 0.0, DEFAULT_HEIGHT_M))
     else:
         destinations = known_destinations(facts.names, facts.state)
