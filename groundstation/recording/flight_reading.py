@@ -207,7 +207,8 @@ class _Rows:
     def columns(self, kept: IntArray) -> dict[str, Array]:
         """Return each field's values in the rows with these indexes."""
         values = np.concatenate([np.empty((0, self._width)), *self._blocks])[kept]
-        values[~(np.abs(values) <= LARGEST)] = np.nan
+        is_plain = np.abs(values) <= LARGEST  # False for NaN and infinity, too
+        values[~is_plain] = np.nan
 
         columns = {}
         begin = 0
@@ -275,7 +276,8 @@ class _Ages:
                     by_name[name] = np.full(ticks, np.nan)
                 by_name[name][block.first_tick : end_tick] = ages_s[:, column]
         for neighbour_ages_s in by_name.values():
-            neighbour_ages_s[~(np.abs(neighbour_ages_s) <= LARGEST)] = np.nan
+            is_plain = np.abs(neighbour_ages_s) <= LARGEST
+            neighbour_ages_s[~is_plain] = np.nan
         return by_name
 
 
