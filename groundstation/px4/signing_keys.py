@@ -93,7 +93,8 @@ def _run_one(
     required = Signs.OURS if action == "set" else Signs.NOTHING
     refusal = _refusal(link, signs, action, old_key)
     if refusal:
-        return VehicleReport(name, signs is required, refusal)
+        is_fine = signs is required  # the refused change was not necessary
+        return VehicleReport(name, is_fine, refusal)
     if signs is required:
         headline = f"nothing was changed: {_words(link, signs)} already."
         return VehicleReport(name, True, headline)

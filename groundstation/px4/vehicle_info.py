@@ -119,9 +119,8 @@ def _version(link: VehicleLink, heard: _Messages) -> str:
         return link.version_text
 
     # its four bytes are major, minor, patch, and the kind of firmware
-    number = message.flight_sw_version
-    patch = number >> 8 & 0xFF
-    kind = _KINDS.get(number & 0xFF, f"type {number & 0xFF}")
+    _, _, patch, kind_number = message.flight_sw_version.to_bytes(4, "big")
+    kind = _KINDS.get(kind_number, f"type {kind_number}")
     commit = bytes(message.flight_custom_version)[::-1].hex()
 
     oldest, newest = MEASURED_VERSIONS

@@ -107,17 +107,18 @@ def _open(
         key: key of the vehicle's MAVLink signing; None if it does not sign.
         hears_all: whether messages with any signature are received.
     """
+    is_elsewhere = is_device_of_another_computer(vehicle)
+    if is_elsewhere and vehicle.direct is None:
+        return VehicleLink(vehicle, trouble=_device_words(vehicle))
+
     # each endpoint, and whether it is the vehicle's own link, which an agent may hold
-    endpoints = [(vehicle.autopilot, True)]
+    endpoints = []
+    if not is_elsewhere:
+        endpoints.append((vehicle.autopilot, True))
     if vehicle.direct:
         endpoints.append((vehicle.direct, False))
 
     troubles: list[str] = []
-    if is_device_of_another_computer(vehicle):
-        if vehicle.direct is None:
-            return VehicleLink(vehicle, trouble=_device_words(vehicle))
-        endpoints = endpoints[1:]
-
     for endpoint, is_own in endpoints:
         claim = PortClaim(endpoint)
         try:
