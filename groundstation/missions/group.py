@@ -72,7 +72,7 @@ _EVER_S = 1e9  # timeout of a wait that ends only with its condition
 
 
 def _are_all(vehicles: Vehicles) -> bool:
-    """Whether a step or a script means all vehicles by the word."""
+    """Whether an argument is the word "all", alone or in a list."""
     return vehicles in ("all", ["all"], ("all",))
 
 
@@ -126,7 +126,9 @@ class Group:
             ConfigError: a vehicle is not in this group.
         """
         if _are_all(vehicles):
-            lost = set() if with_lost else self.ground.still_lost()
+            lost: set[str] = set()
+            if not with_lost:
+                lost = self.ground.still_lost()
             able = tuple(name for name in self.names if name not in lost)
             # If all are lost, all are ordered, so that the results tell why they refuse.
             return able or self.names
