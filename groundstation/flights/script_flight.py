@@ -24,7 +24,7 @@ from groundstation.missions.step_runner import first_failure
 from groundstation.missions.taken import FleetTaken
 from groundstation.orders.result import OrderFailed
 from groundstation.processes.fleet_processes import start_fleet
-from groundstation.processes.supervisor import Processes
+from groundstation.processes.supervisor import ProcessError, Processes
 from groundstation.recording.writer import RecordEnd
 from groundstation.verdict.expectations import Expect
 from groundstation.verdict.final_verdict import final_verdict
@@ -86,6 +86,9 @@ def fly_script_emulated(
         fleet: the fleet of the file ``fleet.toml`` in the folder.
         folder: the flight folder with its files.
         seed: seed of all random numbers of the emulator.
+
+    Raises:
+        ConfigError: emulator or agents cannot be started.
     """
     host = RealTime(fleet, folder=folder, say=clock_say())
     host.ready_timeout_s = READY_TIMEOUT_SIM_S
@@ -93,6 +96,8 @@ def fly_script_emulated(
     try:
         start_fleet(fleet, folder, seed, processes)
         return fly_script(script, arguments, host, folder)
+    except ProcessError as error:
+        raise ConfigError(str(error)) from None
     finally:
         asyncio.run(processes.stop())
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from groundstation.flights.script_flight import fly_script
+from groundstation.flights.script_flight import fly_script, fly_script_emulated
 from groundstation.missions.connection import RealTime
-from onboard.config.fleet import FleetConfig
+from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.exit_status import EXIT_FAILED
 
 SCRIPT = """
@@ -37,3 +37,11 @@ def test_the_failure_of_a_task_of_a_script_is_told_in_its_own_sentence(
     assert fly_script(str(script), (), host, tmp_path) == EXIT_FAILED
     told = capsys.readouterr().err
     assert told == f"{script}: The goal lies outside the fence.\n"
+
+
+def test_an_emulator_that_cannot_start_is_refused_in_a_sentence(
+    fleet: FleetConfig, tmp_path: Path
+) -> None:
+    (tmp_path / "sitl.log").mkdir()  # so that the log cannot be opened
+    with pytest.raises(ConfigError, match="sitl cannot be started"):
+        fly_script_emulated("show.py", (), fleet, tmp_path, seed=0)
