@@ -138,6 +138,13 @@ def _former_folder(fleet: FleetConfig) -> Path:
 
 
 def _former_authorities(fleet: FleetConfig) -> list[Path]:
-    """Return the folders of former authorities, the newest first."""
-    folders = [path for path in _former_folder(fleet).glob("[0-9]*") if path.name.isdecimal()]
+    """Return the folders of former authorities, the newest first.
+
+    A folder without all files is left out: its copying was interrupted.
+    """
+    folders = []
+    for path in _former_folder(fleet).glob("[0-9]*"):
+        is_whole = all((path / name).exists() for name in files_of(NodeRole.VIEWER))
+        if path.name.isdecimal() and is_whole:
+            folders.append(path)
     return sorted(folders, key=lambda path: int(path.name), reverse=True)

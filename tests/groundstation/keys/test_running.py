@@ -110,6 +110,14 @@ def test_a_folder_of_another_name_beside_former_authorities_is_left_alone(tmp_pa
     assert (tmp_path / "keys-former" / "2" / "viewer.pem").exists()
 
 
+def test_a_former_authority_that_was_kept_in_part_is_left_out(tmp_path: Path) -> None:
+    fleet = _secured(tmp_path)
+    keep_former(fleet)
+    (tmp_path / "keys-former" / "1" / "viewer.key").unlink()
+
+    assert running_authorities(fleet, wait_s=0.1) == {}
+
+
 def _secured(folder: Path) -> FleetConfig:
     paper = load_fleet(PAPER)
     file = folder / "fleet.toml"
