@@ -149,8 +149,6 @@ class Timeline:
         self._stream = opened(self.path, RECORD)
         try:
             self._scan()
-        except (OSError, struct.error) as error:
-            self.broken = f"{self.path.name} cannot be read further ({error})."
         except ConfigError:
             self._stream.close()
             raise
@@ -195,7 +193,16 @@ class Timeline:
     # -- the index ---------------------------------------------------------------------------------
 
     def _scan(self) -> None:
-        """Index the file from its begin to its end, or to where it was cut off."""
+        """Index the file from its begin to its end, or as far as it can be read."""
+        stamps = _Stamps()
+        try:
+            self._scan_records(stamps)
+        except (OSError, struct.error) as error:
+            self.broken = f"{self.path.name} cannot be read further ({error})."
+        self._settle(stamps)
+
+    def _scan_records(self, stamps: _Stamps) -> None:
+        """Read the heads of the file's records, and the indexes of its chunks."""
         stream = self._stream
         size = stream.seek(0, 2)
         stream.seek(0)
@@ -204,7 +211,6 @@ class Timeline:
                 f"{self.path}: this is no MCAP file. Give the folder of a recorded flight."
             )
 
-        stamps = _Stamps()
         offset = len(_MAGIC)
         while True:
             head = stream.read(_HEAD.size)
@@ -234,17 +240,14 @@ class Timeline:
                 continue
 
             if opcode == _CHUNK:
-                chunk = _Chunk(offset, length)
-                self._chunks.append(chunk)
-                times = stream.read(_CHUNK_TIMES.size)
-                chunk.begin_ns, chunk.end_ns = _CHUNK_TIMES.unpack(times)
+                begin_ns, end_ns = _CHUNK_TIMES.unpack(stream.read(_CHUNK_TIMES.size))
+                self._chunks.append(_Chunk(offset, length, begin_ns, end_ns))
                 stamps.begin()
             elif opcode == _METADATA and length <= _MAX_METADATA_BYTES:
                 self._learn_made(stream.read(length))
 
             offset += length
             stream.seek(offset)
-        self._settle(stamps)
 
     def _learn_made(self, data: bytes) -> None:
         """Read the metadata about the program that wrote the record; skip it if it is damaged."""
@@ -441,10 +444,10 @@ class Timeline:
             unpack: returns the parts of a chunk, or None if it is damaged.
         """
         self._stream.seek(chunk.offset)
-        data = self._stream.read(chunk.size)
         try:
+            data = self._stream.read(chunk.size)
             parts = unpack(Chunk.read(ReadDataStream(BytesIO(data))))
-        except DAMAGED:
+        except (OSError, *DAMAGED):  # OSError: the disk cannot read it
             parts = None
 
         if parts is None:

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.cli import main
+from groundstation.recording import timeline as timeline_module
 from groundstation.recording.reader import count_messages, read
 from groundstation.recording.timeline import Timeline
 from groundstation.recording.writer import RecordFiles, RecordWriter, write_json
@@ -43,6 +44,44 @@ def cut(whole: Path, folder: Path, size: int) -> Path:
     shutil.copy(whole / "fleet.toml", folder)
     (folder / "flight.mcap").write_bytes((whole / "flight.mcap").read_bytes()[:size])
     return folder
+
+
+class BadDisk(io.BytesIO):
+    """A file with one byte that the disk cannot read any more."""
+
+    def __init__(self, data: bytes, bad_byte: int) -> None:
+        super().__init__(data)
+        self._bad_byte = bad_byte
+
+    def read(self, size: int | None = -1) -> bytes:
+        begin = self.tell()
+        data = super().read(size)
+        if begin <= self._bad_byte < begin + len(data):
+            raise OSError(errno.EIO, "Input/output error")
+        return data
+
+
+def test_a_byte_that_the_disk_cannot_read_costs_a_piece_of_the_record_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flown = record(tmp_path / "flight", 10.0)
+    data = (flown / "flight.mcap").read_bytes()
+    with contextlib.closing(Timeline(flown)) as timeline:
+        length_s = timeline.length_s
+        middle = timeline._chunks[timeline.chunk_count // 2]
+
+    in_content = middle.offset + middle.size // 2
+    in_index = middle.offset + middle.size + 40
+    for bad_byte in (in_content, in_index):
+        disk = BadDisk(data, bad_byte)
+        monkeypatch.setattr(timeline_module, "opened", lambda path, kind, disk=disk: disk)
+        with contextlib.closing(Timeline(flown)) as timeline:
+            reading = timeline.read(-1, frozenset(("telemetry",)))
+            names = {recorded.name for recorded in reading.until(1 << 62)}
+            assert names == {"mav0", "mav1", "mav2"}
+            assert timeline.length_s <= length_s
+            assert timeline.events
+            assert timeline.broken
 
 
 def opened(folder: Path) -> int:
