@@ -93,7 +93,7 @@ class OwnLink:
         """
         self.look()
         has_waited = False
-        while self._is_losing() or (self._is_lost and self.landing_in_s > 0.0):
+        while self._has_to_wait():
             has_waited = True
             await asyncio.sleep(_LOOK_PERIOD_S)
             self.look()
@@ -105,9 +105,11 @@ class OwnLink:
         """Whether two or more vehicles were last heard in flight, and all have been silent long."""
         return bool(silent_in_flight(self._client)) and self._is_nobody_fresh()
 
-    def _is_losing(self) -> bool:
-        """Whether no vehicle is heard, but not yet for so long that the link counts as lost."""
-        return not self._is_lost and self._is_nobody_fresh()
+    def _has_to_wait(self) -> bool:
+        """Whether the link is lost or about to be, and the agents do not land by themselves yet."""
+        if self._is_lost:
+            return self.landing_in_s > 0.0
+        return self._is_nobody_fresh()  # not yet for so long that the link counts as lost
 
     def _is_nobody_fresh(self) -> bool:
         """Whether two or more vehicles were last heard in flight, and no telemetry is fresh.

@@ -124,7 +124,8 @@ async def follow_paths(
         asyncio.create_task(_play_lights(ground, lights)),
     ]
     try:
-        results = await _end_of(ground, order, timeout_s or AHEAD_S + longest_s + _LATE_S)
+        limit_s = timeout_s or AHEAD_S + longest_s + _LATE_S
+        results = await _end_of(ground, order, limit_s)
     finally:
         for task in tasks:
             task.cancel()

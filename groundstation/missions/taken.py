@@ -96,15 +96,15 @@ class FleetWatch:
             if not self._is_others(name, view) or view.telemetry is None:
                 continue
             telemetry = view.telemetry
-            is_by_other = is_by_other or not self._client.is_own(telemetry.taken_order_id)
+            if not self._client.is_own(telemetry.taken_order_id):
+                is_by_other = True
             order = (telemetry.taken_order_from, telemetry.taken_order_kind)
             vehicles_by_order.setdefault(order, []).append(name)
 
         if vehicles_by_order:
             # If there are several orders, the one to the most vehicles is named.
-            order = max(vehicles_by_order, key=lambda order: len(vehicles_by_order[order]))
-            author, verb = order
-            words = f"has ordered {verb} {','.join(vehicles_by_order[order])}"
+            (author, verb), names = max(vehicles_by_order.items(), key=lambda item: len(item[1]))
+            words = f"has ordered {verb} {','.join(names)}"
             self.taken = Taken(author, words, self._client.now_ns(), is_by_other)
         return self.taken
 
@@ -135,7 +135,10 @@ class FleetWatch:
         return result.phase == "superseded" and is_newest
 
     def _is_others(self, name: str, view: VehicleView) -> bool:
-        """Whether a vehicle's newest order is neither the mission's nor older than the mission."""
+        """Whether somebody else gave a vehicle's newest order after the mission's begin.
+
+        An order of this ground counts only if it ends missions and a person may have given it.
+        """
         order_id = _newest_order_id(view)
         if not order_id or order_id == self._earlier_order_ids.get(name, ""):
             return False
