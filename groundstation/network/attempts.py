@@ -432,15 +432,14 @@ def _stops_reading(context: AttackContext) -> bool:
     command = [sys.executable, "-m", module, context.flight.fleet.path]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as reader:
         assert reader.stdout is not None
-        is_reading = bool(reader.stdout.readline())
-        os.kill(reader.pid, signal.SIGSTOP)
-        time.sleep(context.duration_s(3.0, 10.0))
-        is_disturbed = context.is_disturbed()
-        reader.kill()
-
-    if not is_reading:
-        raise NoProofError("the reader heard nothing")
-    return is_disturbed
+        try:
+            if not reader.stdout.readline():
+                raise NoProofError("the reader heard nothing")
+            os.kill(reader.pid, signal.SIGSTOP)
+            time.sleep(context.duration_s(3.0, 10.0))
+            return context.is_disturbed()
+        finally:
+            reader.kill()  # a stopped process does not end by itself
 
 
 def _lies(context: AttackContext, identity: str) -> bool:

@@ -16,8 +16,15 @@ from onboard.config.fleet import load_fleet
 _FIRST_MESSAGE_S = 10.0  # longest wait for the first message
 
 
-def main(fleet_path: str) -> None:
-    """Subscribe to all topics, print a line at the first message, and run until killed."""
+def main(fleet_path: str, first_message_s: float = _FIRST_MESSAGE_S) -> None:
+    """Subscribe to all topics, print a line at the first message, and run until killed.
+
+    Return if no message comes.
+
+    Args:
+        fleet_path: path of the fleet file.
+        first_message_s: longest wait for the first message [s].
+    """
     node = session(load_fleet(fleet_path), WATCHER)
     node.start()
 
@@ -26,8 +33,11 @@ def main(fleet_path: str) -> None:
         if spec.delivery in (Delivery.LATEST, Delivery.RELIABLE):
             node.subscribe(topic, "*", lambda *_: heard.set())
 
-    if heard.wait(_FIRST_MESSAGE_S):
-        print("reading", flush=True)
+    if not heard.wait(first_message_s):
+        node.stop()
+        return
+
+    print("reading", flush=True)
     threading.Event().wait()
 
 

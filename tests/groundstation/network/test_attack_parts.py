@@ -4,12 +4,15 @@ anything starts.
 
 from __future__ import annotations
 
+import threading
+import tomllib
 from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import common
 
 from groundstation.cli import main
+from groundstation.network import stopped_reader
 from groundstation.network.attack import attack_copies
 from groundstation.network.fleet_copy import SPARE, copy_of
 from groundstation.network.mavlink_frames import (
@@ -20,7 +23,7 @@ from groundstation.network.mavlink_frames import (
     signing_key,
 )
 from groundstation.network.order_attempts import kept_back
-from groundstation.processes.free_ports import is_local
+from groundstation.processes.free_ports import is_local, toml_text, with_free_ports
 from onboard.bus.control_token import ControlToken
 from onboard.bus.schema import Order
 from onboard.config.fleet import ConfigError, load_fleet
@@ -67,6 +70,17 @@ def test_an_attempt_with_the_key_of_a_vehicle_that_is_not_copied_is_refused() ->
     last = load_fleet("twelve").enabled_names[-1]
     with pytest.raises(ConfigError, match="No try has"):
         attack_copies(load_fleet("twelve"), is_long=False, only=f"{last}'s key", say=print)
+
+
+def test_a_reader_that_hears_nothing_ends(tmp_path: Path) -> None:
+    paper = load_fleet("paper")
+    file = tmp_path / "fleet.toml"
+    file.write_text(toml_text(with_free_ports(tomllib.loads(paper.text), paper)), encoding="utf-8")
+
+    reader = threading.Thread(target=stopped_reader.main, args=(str(file), 0.1), daemon=True)
+    reader.start()
+    reader.join(10.0)
+    assert not reader.is_alive()
 
 
 def test_fleets_are_copied_with_a_vehicle_more_and_without_what_is_not_here(tmp_path: Path) -> None:
