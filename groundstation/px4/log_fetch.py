@@ -32,6 +32,8 @@ from groundstation.px4.log_transfer import (
 )
 from groundstation.px4.parameter_sets import VehicleReport
 from groundstation.px4.vehicle_links import VehicleLink, for_each, is_device_of_another_computer
+from onboard.config.config_error import ConfigError
+from onboard.config.file_reading import ULOG, opened
 
 # function of the name of a vehicle, the number of received bytes, and the number of all bytes
 Progress = Callable[[str, int, int], None]
@@ -42,6 +44,7 @@ _PART_SUFFIX = ".part"
 # files below these folders only.
 _ROOTS = ("/fs/microsd/log", "/log")
 _HEAD_BYTES = 16  # head of a ULog, whose time of begin tells one flight from another
+_LOG_HERE = ULOG._replace(most_bytes=None)  # of a log that is here only the head is read
 _MOST_FAILURES = 2  # attempts in a row without a new byte, after which a method is given up
 _SMALL_GAP_BYTES = 5_000  # a gap up to this size is read by single requests, not by a burst
 _SHOWN_BYTES = 50_000  # bytes between two reports of progress
@@ -153,7 +156,7 @@ def _fetch_one(
             " it goes on where it was."
         )
         return VehicleReport(name, False, headline, tuple(lines))
-    except IncompleteError as error:
+    except (ConfigError, IncompleteError) as error:
         return VehicleReport(name, False, str(error), tuple(lines))
     except OSError as error:
         headline = f"a file cannot be written: {error}. Make room, or give another folder."
@@ -294,7 +297,7 @@ def _fetched(link: LogLink, log: VehicleLog, target: Path, vehicle: str, progres
     """Fetch one log; return a line about it.
 
     Raises:
-        ArmedInBetween, IncompleteError, OSError: it was not fetched completely.
+        ArmedInBetween, ConfigError, IncompleteError, OSError: it was not fetched completely.
     """
     target = _without_another_flight(link, log, target)
     if target.exists() and target.stat().st_size == log.size:
@@ -329,7 +332,7 @@ def _without_another_flight(link: LogLink, log: VehicleLog, target: Path) -> Pat
     path = target
     number = 1
     while path.exists() and path.stat().st_size != log.size:
-        with path.open("rb") as file:
+        with opened(path, _LOG_HERE) as file:
             known = file.read(_HEAD_BYTES)
         if known == _head(link, log)[: len(known)]:
             break
