@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import tomllib
 from collections.abc import Mapping, MutableMapping
 from pathlib import Path
@@ -74,19 +75,21 @@ def checked_text(path: Path, more: str) -> str:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Replace the text of a file, wholly or not at all.
+    """Replace the text of a file, wholly or not at all; its permissions stay.
 
     Args:
-        path: path of the file.
+        path: path of the file, or of a symbolic link to it.
         text: the new text, which has been checked.
 
     Raises:
         ConfigError: the file cannot be written; it is unchanged.
     """
-    new_path = path.with_name(f".{path.name}.new")
+    target = path.resolve()
+    new_path = target.with_name(f".{target.name}.new")
     try:
         new_path.write_text(text, encoding="utf-8")
-        new_path.replace(path)
+        shutil.copymode(target, new_path)
+        new_path.replace(target)
     except OSError as error:
         raise ConfigError(
             f"{path} cannot be written ({error.strerror}). Put in the values above by hand."
