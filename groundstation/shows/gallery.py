@@ -29,6 +29,7 @@ GALLERY = (
     "rooms",
     "evacuation",
     "intruder",
+    "visitor",
     "mocap-lost",
     SHOW,
 )

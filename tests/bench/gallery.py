@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.patches import Circle
 
 from groundstation.figures.data import TOPICS, FlightData, from_samples
 from groundstation.figures.plan_figure import draw_outlines
@@ -19,6 +20,7 @@ from groundstation.figures.style import LIMIT, SOFT, colour, new_figure, styled
 from groundstation.recording.reader import read, record_path
 from groundstation.shows.gallery import GALLERY, SHOW, gallery_mission, sentence_of
 from onboard.config.flight_space import outlines_of
+from onboard.config.people import Person
 from sitl.lockstep.flight import Lockstep
 from tests.groundstation.shows.made_shows import eased, write_skyc
 
@@ -53,8 +55,11 @@ def write_show(path: Path) -> None:
     )
 
 
-def draw(flight: FlightData, name: str, path: Path) -> None:
-    """Draw the ways from above, and beside them the distance of the closest pair over time."""
+def draw(flight: FlightData, name: str, path: Path, people: Mapping[str, Person]) -> None:
+    """Draw the ways from above, and beside them the distance of the closest pair over time.
+
+    The walks of persons are dashed.
+    """
     figure = new_figure(11.0, 5.2, sentence_of(name).partition(":")[0])
     above, over = figure.subplots(1, 2, width_ratios=[1.0, 1.1])
     for index, track in enumerate(flight.tracks):
@@ -67,6 +72,10 @@ def draw(flight: FlightData, name: str, path: Path) -> None:
             )
             above.plot(*known[-1, :2], "o", color=colour(index), markersize=5)
     draw_outlines(above, flight)
+    for person in people.values():
+        walk = np.array(person.walk_enu_m)
+        above.plot(walk[:, 0], walk[:, 1], "--", color=LIMIT, linewidth=1.2)
+        above.add_patch(Circle(tuple(walk[0]), person.radius_m, fill=False, color=LIMIT))
     above.set_aspect("equal", adjustable="datalim")
     above.set(xlabel="east [m]", ylabel="north [m]", title="from above: from squares to dots")
     nearest = np.min(
@@ -110,5 +119,10 @@ def main(words: Sequence[str]) -> int:
                 outlines=outlines_of(mission.fleet),
             )
             if flown is not None:
-                draw(flown, name, ROOT / f"docs/figures/gallery-{name}.png")
+                draw(
+                    flown,
+                    name,
+                    ROOT / f"docs/figures/gallery-{name}.png",
+                    mission.fleet.people,
+                )
     return failed
