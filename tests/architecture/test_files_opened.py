@@ -63,7 +63,6 @@ ALLOWED = {
     "groundstation/network/network_interfaces.py": "files of the kernel",
     "groundstation/orders/forecast_process.py": "bytes of a child that it has started",
     "groundstation/processes/supervisor.py": "logs of its own children",
-    "groundstation/px4/log_fetch.py": "the head of a log that it has fetched before",
     "groundstation/web/page_server.py": "its own page",
     "onboard/bus/clock_sync.py": "a file of the kernel",
     "sitl/monte_carlo/plot.py": "a trace that the same command has written",
