@@ -32,12 +32,11 @@ def ned_from_enu(vector_enu: Triple) -> Vec3:
 def enu_flu_from_ned_frd(q_ned_frd: Quaternion) -> Quaternion:
     """Return PX4's attitude (FRD to NED) as the fleet's (FLU to ENU).
 
-    R_enu_flu = R_enu_ned R_ned_frd R_frd_flu, where R_enu_ned is the half turn about (1, 1, 0) and
-    R_frd_flu the half turn about x. Multiplied out, each component is a sum or a difference of two
-    of PX4's, times sqrt(1/2). A level vehicle with its nose to the north is turned by a quarter
-    about up.
+    R_enu_flu = R_enu_ned R_ned_frd R_frd_flu. There R_enu_ned is the half turn about (1, 1, 0), and
+    R_frd_flu the half turn about x.
     """
     w, x, y, z = q_ned_frd
+    # the product of the three quaternions, multiplied out
     return (
         _SQRT_HALF * (w + z),
         _SQRT_HALF * (x + y),

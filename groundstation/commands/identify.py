@@ -89,13 +89,14 @@ def identify(
         raise ConfigError(f"--box is {box}; half the width of the box must be more than 0 m.")
 
     folder = (record or new_folder()).absolute()
-    path = write_manoeuvre(
+    # writes mission.py, and the fleet file whose path it returns
+    fleet_path = write_manoeuvre(
         fleet, vehicle, folder, half_m=box, seed=seed, is_simulated=sitl, is_headless=headless
     )
     settings = prepare(
         str(folder / "mission.py"),
         folder,
-        fleet_path=str(path),
+        fleet_path=str(fleet_path),
         law=None,
         is_simulated=sitl,
         has_free_ports=True,
@@ -115,12 +116,14 @@ def identify(
 def _fly(settings: FlightSettings, *, is_json: bool) -> int:
     """Fly the manoeuvre; return the exit status."""
     say = clock_say()
-    if is_json:  # standard output is for the objects
-
-        def say(line: str) -> None:
-            print(line, file=sys.stderr, flush=True)
-
+    if is_json:
+        say = _say_beside_objects
     return asyncio.run(MissionFlight(settings, say=say).fly())
+
+
+def _say_beside_objects(line: str) -> None:
+    """Print a line to standard error, because JSON objects go to standard output."""
+    print(line, file=sys.stderr, flush=True)
 
 
 def _identify_record(

@@ -87,13 +87,15 @@ def unknown_time(
             # Both are still unseen. Each has moved since it was last seen.
             approach_ns = (now_ns - before.seen_ns) + (now_ns - other.seen_ns)
         else:
-            # This one is seen again, the other is not. At a time t of the period, this one was
-            # within (now - t) of its new position, and the other within |t - its last sighting| of
-            # its last position, both times the top speed. The sum of the two is largest at the
-            # begin, when both were last seen.
+            # This one is seen again, the other is not. They may have been nearest at any time since
+            # the earlier of their two last sightings, and most may have been flown if they were
+            # nearest right then: by this one from there to its new position until now, and by the
+            # other from there to the position at which it was last seen.
             position_enu_m = after.position_enu_m
-            begin_ns = min(before.seen_ns, other.seen_ns)
-            approach_ns = (now_ns - begin_ns) + (other.seen_ns - begin_ns)
+            earlier_ns = min(before.seen_ns, other.seen_ns)
+            by_this_ns = now_ns - earlier_ns
+            by_other_ns = other.seen_ns - earlier_ns
+            approach_ns = by_this_ns + by_other_ns
 
         distance_m = separation_m(position_enu_m, other.position_enu_m, height_share)
         possible_m = max(0.0, distance_m - top_speed_m_s * approach_ns * 1e-9)

@@ -154,8 +154,8 @@ def _walls(fleet: FleetConfig, position: Xyz, goal: Xyz) -> Iterator[tuple[float
 def _distance_m(point: Xyz, begin: Xyz, end: Xyz, height_share: float) -> float:
     """Return the separation of a point from the straight way between two other points.
 
-    It may be too small, but never too large. At the place of the way that is nearest when seen from
-    above, the way is taken to have every height between those of its ends.
+    The result is the true separation or less, because the height of the way is not computed at each
+    place. The way counts as if it had all heights between its ends at once.
     """
     route = (end[0] - begin[0], end[1] - begin[1])
     length_squared_m2 = route[0] ** 2 + route[1] ** 2

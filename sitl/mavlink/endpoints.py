@@ -52,12 +52,16 @@ class Ports:
 def onboard_ports(autopilot: str, key: str) -> Ports:
     """Return the addresses of the companion link.
 
-    PX4 sends at once to the port of the agent, from a port that is 40 higher.
+    Args:
+        autopilot: endpoint of the agent in the fleet file.
+        key: key of that endpoint, for messages.
     """
     scheme, host, port = _parse(autopilot, key)
     if scheme == "udpout":
+        # The agent sends first, to this address. PX4 waits there.
         return Ports(bind=(host, port), peer=None)
 
+    # The agent waits at this address. PX4 sends first, from a port that is 40 higher.
     peer_host = "127.0.0.1" if host == "0.0.0.0" else host
     return Ports(bind=(host, port + ONBOARD_PORT_OFFSET), peer=(peer_host, port))
 

@@ -29,7 +29,8 @@ def fly_map(
     Args:
         path: the file of results.
         selection: restricted axes, as for :func:`cells`.
-        least_flights: least number of flights in a cell that does not fail.
+        least_flights: number of flights that are flown in each cell, at least; a cell that has
+            failed gets no more.
         jobs: number of processes.
         scheduler: address of a Dask scheduler that is used instead of processes.
         is_anew: whether an existing file is put aside, so that the map begins anew.
@@ -53,8 +54,11 @@ def fly_map(
 
 
 def _stages(least_flights: int, cell: Cell) -> int:
-    """Return how many stages together have at least so many flights.
+    """Return how many of the first stages are needed for a number of flights in a cell.
 
+    Args:
+        least_flights: that number.
+        cell: any cell; all of them have the same stages.
     Raises:
         ConfigError: the number is below 1, or all stages together have fewer flights.
     """
