@@ -40,6 +40,7 @@ class OwnLaw(msgspec.Struct, frozen=True):
     source: str  # file of its module; empty for a module without a file
     source_hash: str  # hash of that file, or of all files of its package
     load: Callable[[], LawFunction]  # imports the law, which runs its code; raises ConfigError
+    file: str | None = None  # its module beside the fleet file; None for an installed module
 
 
 class LawImport(msgspec.Struct, frozen=True):
@@ -129,6 +130,7 @@ def find_own_law(name: str, folders: Sequence[str], path: str) -> OwnLaw:
             file=file,
             folders=tuple(folders),
         ),
+        file=file,
     )
 
 

@@ -1,7 +1,7 @@
 """``covey agent deploy``: brings Covey onto each companion computer, with ssh and scp only.
 
-It copies the wheel, the fleet file and the vehicle's keys, installs the wheel, and starts the
-agent's service.
+It copies the wheel, the fleet file with the user's own law, and the vehicle's keys. It installs
+the wheel, and starts the agent's service.
 """
 
 from __future__ import annotations
@@ -167,6 +167,12 @@ def deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> 
         paths = [str(Path(fleet.keys_folder) / file) for file in keys]
         # the remote folder is quoted, because older versions of scp pass it to a shell, too
         commands.append(["scp", "-p", "--", *paths, f"{target}:{keys_folder}/"])
+
+    # the companion looks for the module beside its fleet file, in the same folder as here
+    if fleet.own_law is not None and fleet.own_law.file is not None:
+        law_folder = shlex.quote(f"{_FOLDER}/{fleet.law.folder}")
+        commands.append(["ssh", "--", target, f"mkdir -p {law_folder}"])
+        commands.append(["scp", "--", fleet.own_law.file, f"{target}:{law_folder}/"])
 
     if arguments.wheel:
         commands.append(["scp", "--", *arguments.wheel, f"{target}:{_FOLDER}/"])

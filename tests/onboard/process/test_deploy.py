@@ -15,6 +15,7 @@ from msgspec.structs import replace
 from groundstation.keys.secured_fleet import secure_fleet
 from groundstation.starter.starter_files import Answers, starter
 from onboard.agent.main import main
+from onboard.config.fleet import load_fleet
 from onboard.process.deploy import deployment, parser
 
 SSH = """#!/bin/sh
@@ -141,3 +142,24 @@ def test_keys_of_this_computer_only_are_not_deployed(
     (lab / "lab.toml").write_text(text.replace("[fleet]", f'[fleet]\nkeys = "{lab}/keys"'))
     assert main(["deploy", "--fleet", "lab.toml"]) == 2
     assert "a folder of this computer" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("folder", [".", "laws"])
+def test_the_module_of_an_own_law_is_copied_to_where_the_companion_looks(
+    lab: Path, folder: str
+) -> None:
+    (lab / folder).mkdir(exist_ok=True)
+    module = lab / folder / "mine.py"
+    module.write_text("def law(memory, inputs):\n    return memory, inputs.baseline\n")
+    named = f'[law]\nname = "mine:law"\nfolder = "{folder}"\n'
+    text = (lab / "lab.toml").read_text()
+    assert "[law]\n" in text
+    lines = [line for line in text.split("\n") if not line.startswith('name = "covey"')]
+    (lab / "lab.toml").write_text("\n".join(lines).replace("[law]\n", named))
+
+    assert main(["deploy", "--fleet", "lab.toml", "--login", "pi", "--vehicles", "mav0"]) == 0
+    assert (lab / "covey" / folder / "mine.py").read_text() == module.read_text()
+    deployed = load_fleet(lab / "covey/fleet.toml")
+    assert deployed.config_hash == load_fleet(lab / "lab.toml").config_hash
+    assert deployed.own_law is not None
+    assert deployed.own_law.file == str(lab / "covey" / folder / "mine.py")
