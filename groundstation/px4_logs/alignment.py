@@ -227,26 +227,12 @@ def _best_lags(record: Array, log: Array) -> list[int]:
     """Return the shifts at which the log fits the record best, in grid steps, best first."""
     # a power of two, large enough that the log is never compared with a wrapped-around record
     size = 1 << (record.shape[0] + log.shape[0] - 1).bit_length()
-    correlation = _correlated(record, log, size).sum(-1)
+    score = _correlated(record, log, size).sum(-1)
 
-    # At each lag: the squared tilt of each side within the overlap, and the overlap's length.
-    all_record = np.ones(record.shape[0])
-    all_log = np.ones(log.shape[0])
-    record_energy = _correlated((record**2).sum(-1), all_log, size)
-    log_energy = _correlated(all_record, (log**2).sum(-1), size)
-    overlap = _correlated(all_record, all_log, size)
-
-    # The score is normalised by these energies, so that a longer overlap alone is no better fit.
-    with np.errstate(all="ignore"):
-        score = correlation / np.sqrt(
-            np.maximum(record_energy, 1e-9) * np.maximum(log_energy, 1e-9)
-        )
+    # The sum is not divided by the tilts within the overlap. So a lag at which little of the
+    # tilting overlaps has a low score, even if that little fits by chance.
+    overlap = _correlated(np.ones(record.shape[0]), np.ones(log.shape[0]), size)
     score[overlap * GRID_S < LEAST_OVERLAP_S] = -1.0
-
-    # A lag at which little of the tilting overlaps may fit by chance, so its score is reduced.
-    record_share = np.clip(record_energy / record_energy.max(), 0.0, 1.0)
-    log_share = np.clip(log_energy / log_energy.max(), 0, 1)
-    score *= np.sqrt(record_share * log_share)
 
     # The best lags, each far from those before. The upper half of the indexes are negative lags.
     lags: list[int] = []
