@@ -144,26 +144,30 @@ class MavlinkRelay:
         self._rest = b""
 
         while pending:
-            left_bytes = 0  # number of bytes after the last packet, see :func:`cut`
+            left_bytes = 0  # after the last packet; negative: they are no packet, see :func:`cut`
             for packet_or_left in cut(pending):
                 if isinstance(packet_or_left, Packet):
                     self._judge(packet_or_left, address)
                 else:
                     left_bytes = packet_or_left
-            begins_a_packet = left_bytes > 0
-            is_junk = left_bytes < 0
+            # they are either the begin of a packet, or no packet at all
+            begun = b""
+            junk = b""
+            if left_bytes > 0:
+                begun = pending[-left_bytes:]
+            elif left_bytes < 0:
+                junk = pending[left_bytes:]
 
             # a serial device delivers the rest of a packet later; a datagram has no rest
-            if begins_a_packet and is_serial:
-                self._rest = pending[-left_bytes:]
-            elif begins_a_packet or is_junk:
+            if begun and is_serial:
+                self._rest = begun
+            elif begun or junk:
                 self._refuse("malformed", address)
 
             # on a serial device more packets may follow after junk
-            if is_junk and is_serial:
-                pending = _from_next_magic(pending[left_bytes:])
-            else:
-                pending = b""
+            pending = b""
+            if junk and is_serial:
+                pending = _from_next_magic(junk)
 
     def _judge(self, packet: Packet, address: Address | None) -> None:
         """Accept a packet, or count it as refused."""

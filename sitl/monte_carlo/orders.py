@@ -42,8 +42,8 @@ class FlightOrders:
             if plan.lost is not None:
                 index, time_s, kind = plan.lost
                 self._lost_at[f, index] = time_s
-                self._freezes[f, index] = kind != "silent"
-                self._mutes[f, index] = kind != "frozen"
+                self._freezes[f, index] = kind in ("frozen", "dead")
+                self._mutes[f, index] = kind in ("silent", "dead")
 
     @property
     def is_last(self) -> BoolArray:
