@@ -109,11 +109,11 @@ def now(hold: Order, _last: Telemetry) -> Order:
 
 
 def kept_back(hold: Order, last: Telemetry) -> Order:
-    """Return an order to locate the vehicle, of the operator's node, as if kept for 10 s.
+    """Return an order of the operator to locate the vehicle, as if it had been kept for 10 s.
 
-    It replaces the order to hold. A hold is an emergency, so a vehicle accepts one that is older.
-    The new order bears the name of the operator's node: a vehicle refuses the orders of other nodes
-    whatever their age.
+    The age must be the only reason for which the vehicle can refuse it. Therefore it is no hold,
+    which is accepted up to a greater age, and it has the name of the operator's node, because
+    orders of other nodes are refused at any age.
     """
     node = hold.node
     operator = parse_control_token(last.operator)

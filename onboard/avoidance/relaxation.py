@@ -1,10 +1,16 @@
 """Smallest common slack of half-planes that no point of a disc satisfies together.
 
 The slack of a point u is its largest violation, ``max(b - n . u)`` over the rows. It is convex and
-piecewise linear in u. Its minimum over the disc lies at the origin, on the circle in the direction
-of one row, on the circle where two rows are violated equally, or where three rows are violated
-equally. All of these points are tried. Only the rows that matter take part: the most violated row
-is added, one at a time, until no other row is violated by more.
+piecewise linear in u. A point of the plane has two unknowns, so its minimum over the disc is fixed
+by two conditions:
+
+    inside the disc, three rows are violated equally (two equations);
+    on the circle, two rows are violated equally (one equation, and the circle);
+    on the circle, only one row counts: the point lies in the direction of its normal.
+
+All of these points are tried, and the origin, at which every row is satisfied already if no bound
+is positive. Only the rows that matter take part: the most violated row is added, one at a time,
+until no other row is violated by more.
 """
 
 from __future__ import annotations

@@ -158,9 +158,9 @@ class MocapStatistics:
             is_person = flipped.name in self.people.values()  # whose heading is not used
             if flipped.flips and not is_person:
                 yield (
-                    f"body '{flipped.name}' turned {flipped.flips} times faster than a vehicle "
-                    "can: its markers look alike from several sides. Move one marker, so that all "
-                    "distances between markers differ."
+                    f"body '{flipped.name}' has turned faster than a vehicle can, "
+                    f"{flipped.flips} times: its markers look alike from several sides. Move one "
+                    "marker, so that all distances between markers differ."
                 )
 
         others = sorted(set(self.bodies) - {*self.vehicles.values(), *self.people.values()})
