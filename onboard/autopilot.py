@@ -106,6 +106,7 @@ class Snapshot(Struct, frozen=True):
     px4_version: Version | None = None
     is_simulated: bool = False  # whether PX4's own identity says that it is a simulation
     px4_boot_ms: int = 0  # PX4's clock, which shows whether it stands still
+    restarts: int = 0  # number of times that PX4's clock has begun anew
     heartbeat_ns: int = 0
     is_armed: bool = False
     mode: str = ""

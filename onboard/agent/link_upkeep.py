@@ -32,7 +32,6 @@ _REPEAT_S = 5.0  # time until the next check while there are problems
 _LOOK_S = 1.0  # time until the next check while there are none
 # time after which parameters are read again, because somebody may have changed one
 _READ_AGAIN_NS = 15_000_000_000
-_RESTARTED_MS = 1000  # PX4 has restarted if its clock went back by more than this
 _NO_ORIGIN = (
     "PX4 has no global origin yet, and gets no poses until it has: "
     "wait 3 s, and restart PX4 if that stays so."
@@ -91,8 +90,10 @@ class LinkUpkeep:
     async def _run(self) -> None:
         await self._connect()
         while True:
+            # counted before the work begins: PX4 may restart in the midst of it
+            restarts = self._link.snapshot().restarts
             await self._prepare()
-            await self._watch_until_restart()
+            await self._watch_until(restarts + 1)
             self._absent.clear()
             log.warning("PX4 has restarted")
 
@@ -134,13 +135,12 @@ class LinkUpkeep:
         required = required_params(self._fleet, self._vehicle, version)
         return [demand for name, demand in required.items() if name not in self._absent]
 
-    async def _watch_until_restart(self) -> None:
-        """Check parameters, origin and disk from time to time, until PX4's clock begins anew."""
+    async def _watch_until(self, restarts: int) -> None:
+        """Check parameters, origin and disk from time to time, until PX4 has restarted so often."""
         problems: tuple[str, ...] | None = None  # None: the parameters have not been read yet
         read_ns = 0  # time at which they were read
         read_for: Version | None = None  # PX4's version at that time
         has_origin = True
-        boot_ms = self._link.snapshot().px4_boot_ms
 
         while True:
             # the required parameters depend on the version, whose message may have been lost
@@ -166,9 +166,7 @@ class LinkUpkeep:
             is_full = await self._in_thread(realtime.is_disk_full)
             self._notify(agent_inputs.DiskChecked(is_full))
 
-            before_ms = boot_ms
-            boot_ms = self._link.snapshot().px4_boot_ms
-            if boot_ms + _RESTARTED_MS < before_ms:
+            if self._link.snapshot().restarts >= restarts:
                 return
 
     async def _read_params(self, has_origin: bool) -> tuple[str, ...]:

@@ -339,6 +339,7 @@ class Px4Link:
             return known
         if clocks_ms and self._has_restarted(min(clocks_ms)):
             changes.setdefault("global_origin", None)
+            changes["restarts"] = known.restarts + 1
         if "sticks_ns" in changes:
             changes["sticks_before_ns"] = self._sticks_before_ns
         return replace(known, last_packet_ns=newest_ns, system_id=self.system_id, **changes)

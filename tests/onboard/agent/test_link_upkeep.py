@@ -1,5 +1,5 @@
 """What an agent reads of its PX4: parameters by its version, and of a simulated one where its
-battery stops.
+battery stops. After each restart of PX4 it requests everything again.
 """
 
 from __future__ import annotations
@@ -77,6 +77,36 @@ async def events_until(link: MuteLink, reads: int) -> list[agent_inputs.AgentInp
     finally:
         upkeep.stop()
     return events
+
+
+class RestartingLink(MuteLink):
+    """PX4 that restarts while its parameters are read; its clock has caught up by the end."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.prepared = 0  # number of times that rates were requested
+        self.restarts = 0
+
+    def snapshot(self) -> Snapshot:
+        boot_ms = 20_000 + 10_000 * len(self.read)
+        return Snapshot(heartbeat_ns=1 << 62, px4_boot_ms=boot_ms, restarts=self.restarts)
+
+    def request_rates(self) -> None:
+        self.prepared += 1
+
+    def read_params(self, names: Mapping[str, float | int]) -> dict[str, float | int | None]:
+        if not self.read:
+            self.restarts = 1
+        return super().read_params(names)
+
+
+async def test_rates_are_requested_again_after_a_restart_during_the_reading_of_parameters(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(link_upkeep, "_LOOK_S", 0.01)
+    link = RestartingLink()
+    await events_until(link, 2)
+    assert link.prepared == 2
 
 
 async def test_a_version_that_got_lost_is_requested_again_and_its_own_parameters_are_read_at_once(

@@ -1,4 +1,4 @@
-"""A PX4 that has restarted: from its first message on the link knows nothing of its origin."""
+"""A PX4 that has restarted: the link counts it, and from its first message on knows no origin."""
 
 from __future__ import annotations
 
@@ -97,4 +97,13 @@ def test_the_origin_that_it_tells_after_the_restart_stays(wire: _Wire) -> None:
 
 
 def test_messages_that_overtake_each_other_are_no_restart(wire: _Wire) -> None:
-    assert wire.position(599_600).global_origin is not None
+    snapshot = wire.position(599_600)
+    assert snapshot.global_origin is not None
+    assert snapshot.restarts == 0
+
+
+def test_a_restart_is_counted_although_its_clock_has_caught_up_since(wire: _Wire) -> None:
+    assert wire.attitude(600_020).restarts == 0
+    assert wire.position(400).restarts == 1
+    assert wire.attitude(700_000).restarts == 1
+    assert wire.position(300).restarts == 2
