@@ -6,11 +6,13 @@ Sending never waits: bytes that cannot be sent at once are lost.
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import re
 import select
 import socket
 import struct
+import threading
 import time
 from typing import Protocol
 
@@ -21,6 +23,9 @@ _LAST_PORT = 65_535
 _LARGEST = 65_535  # number of bytes that are received at once
 _SOCKET_WAIT = struct.pack("ll", 1, 0)  # one second, as C's struct timeval (s, us)
 _SERIAL_WAIT_MS = 200  # short, because closing a serial device does not end a waiting read
+_CLOSED = -1  # in place of a descriptor
+
+log = logging.getLogger("covey.agent")
 
 
 class Transport(Protocol):
@@ -111,31 +116,71 @@ class _Datagrams:
 
 
 class _Serial:
-    """A serial device."""
+    """A serial device; one that was unplugged is opened again as soon as it is back."""
 
     def __init__(self, endpoint: str) -> None:
+        self._endpoint = endpoint
         self._descriptor = open_serial(endpoint)
-        self._poll = select.poll()
-        self._poll.register(self._descriptor, select.POLLIN)
+        # protects the descriptor: once closed, its number may belong to another file
+        self._lock = threading.Lock()
+        self._is_stopped = False
 
     def receive(self) -> tuple[bytes, Address | None]:
+        descriptor = self._descriptor
         try:
-            if not self._poll.poll(_SERIAL_WAIT_MS):
+            poll = select.poll()
+            poll.register(descriptor, select.POLLIN)
+            if not poll.poll(_SERIAL_WAIT_MS):
                 return b"", None
-            data = os.read(self._descriptor, _LARGEST)
-        except OSError:  # closed, or unplugged
+            data = os.read(descriptor, _LARGEST)
+        except BlockingIOError:  # nothing has come after all
+            return b"", None
+        except (OSError, ValueError):  # unplugged; ValueError: closed
             data = b""
 
         # an unplugged device is readable at all times, and has no bytes
         if not data:
             time.sleep(_SERIAL_WAIT_MS * 1e-3)
+            self._open_again()
         return data, None
 
     def send(self, data: bytes, address: Address | None) -> bool:
-        try:
-            return os.write(self._descriptor, data) == len(data)
-        except OSError:
-            return False
+        with self._lock:
+            try:
+                return os.write(self._descriptor, data) == len(data)
+            except OSError:
+                return False
 
     def stop(self) -> None:
-        os.close(self._descriptor)
+        self._is_stopped = True
+        self._close()
+
+    def _open_again(self) -> None:
+        """Open the device anew, unless it is still away or this transport has been stopped."""
+        # closed first, because a device that is in use comes back under another name
+        if self._close():
+            log.warning("%s is unplugged", self._endpoint)
+        try:
+            descriptor = open_serial(self._endpoint)
+        except OSError:
+            return
+
+        with self._lock:
+            is_wanted = not self._is_stopped
+            if is_wanted:
+                self._descriptor = descriptor
+        if is_wanted:
+            log.info("%s is plugged in again", self._endpoint)
+        else:
+            os.close(descriptor)
+
+    def _close(self) -> bool:
+        """Close the device; return False if it is closed already."""
+        with self._lock:
+            descriptor = self._descriptor
+            self._descriptor = _CLOSED
+        if descriptor == _CLOSED:
+            return False
+        with contextlib.suppress(OSError):
+            os.close(descriptor)
+        return True

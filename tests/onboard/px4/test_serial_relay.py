@@ -7,7 +7,9 @@ from __future__ import annotations
 import os
 import select
 import time
+import tty
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -25,13 +27,13 @@ from tests.onboard.px4.test_packets_and_signing import KEY
 class Line:
     """A relay at one end of a serial line, and PX4's end of it."""
 
-    def __init__(self, key: bytes | None) -> None:
-        self.px4, self.device = os.openpty()
+    def __init__(self, key: bytes | None, folder: Path) -> None:
+        self.name = folder / "ttyACM0"
+        self.plug_in()
         self.let_in: list[Packet] = []
         signer = None if key is None else Signer(key, AGENT_LINK_ID)
-        device = os.ttyname(self.device)
         self.relay = MavlinkRelay(
-            f"serial://{device}:921600", Ids(SYSTEM, 191), signer, self.let_in.append
+            f"serial://{self.name}:921600", Ids(SYSTEM, 191), signer, self.let_in.append
         )
         self.end = mavlink.MAVLink(None, SYSTEM, 1)
         if key is not None:
@@ -55,7 +57,13 @@ class Line:
                 if message.get_type() != "HEARTBEAT":
                     return message
 
+    def plug_in(self) -> None:
+        self.px4, self.device = os.openpty()
+        tty.setraw(self.device)  # no echo of what PX4 sends before the relay opens it
+        self.name.symlink_to(os.ttyname(self.device))
+
     def unplug(self) -> None:
+        self.name.unlink()
         os.close(self.px4)
 
     def close(self) -> None:
@@ -64,8 +72,8 @@ class Line:
 
 
 @pytest.fixture(params=[None, KEY], ids=["unsigned", "signed"])
-def line(request: pytest.FixtureRequest) -> Iterator[Line]:
-    line = Line(request.param)
+def line(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Line]:
+    line = Line(request.param, tmp_path)
     yield line
     line.close()
 
@@ -103,3 +111,18 @@ def test_an_unplugged_device_costs_no_computing_time(line: Line) -> None:
     computed_s = time.process_time()
     time.sleep(1.0)
     assert time.process_time() - computed_s < 0.3
+
+
+def test_a_device_that_is_plugged_in_again_is_opened_again(line: Line) -> None:
+    os.write(line.px4, line.beat())
+    until(lambda: len(line.let_in) == 1)
+
+    line.unplug()
+    os.close(line.device)
+    time.sleep(0.5)
+    line.plug_in()
+
+    # what arrives before the device is open is lost
+    until(lambda: len(line.let_in) >= 2 or not os.write(line.px4, line.beat()))
+    line.command()
+    assert line.receive().command == 400
