@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from msgspec.structs import replace
+
 from groundstation.client.autopilot_link import AutopilotLink
+from groundstation.client.mavlink_port import AUTOPILOT
 from groundstation.px4.vehicle_links import VehicleLink
 from groundstation.px4.vehicle_parameters import status_of
 from onboard.autopilot import MEASURED_VERSIONS, Landed, Snapshot, plausible_version
 from onboard.config.fleet import Vehicle
 from onboard.exit_status import EXIT_NO_ANSWER
 from onboard.px4 import modes
+from onboard.px4.battery_reports import BatteryReports
 from onboard.px4.message_parsers import PARSERS
 from onboard.px4.sensor_status import sensors
 
@@ -63,6 +69,20 @@ class _Traffic:
             self.is_signed = True
 
 
+class _Battery:
+    """The battery, as an agent makes it of the reports of all monitors."""
+
+    def __init__(self) -> None:
+        self.fields: dict[str, Any] = {}  # of a snapshot; empty before the first report
+        self._reports = BatteryReports()
+
+    def take(self, message: Any) -> None:
+        is_report = message.get_type() == "BATTERY_STATUS"
+        if is_report and message.get_srcComponent() == AUTOPILOT:
+            report = PARSERS["BATTERY_STATUS"](message.to_dict(), time.monotonic_ns())
+            self.fields |= self._reports.changes(message.id, report)
+
+
 def ask(link: VehicleLink, key: bytes | None = None) -> VehicleInfo:
     """Listen to one vehicle for some seconds; return the facts about it.
 
@@ -74,13 +94,19 @@ def ask(link: VehicleLink, key: bytes | None = None) -> VehicleInfo:
         return VehicleInfo(link.vehicle.name, trouble=link.trouble)
 
     traffic = _Traffic()
-    heard = link.link.listen(_LISTEN_S, [_AUTOPILOT_VERSION], take=traffic.take)
+    battery = _Battery()
+
+    def take(message: Any) -> None:
+        traffic.take(message)
+        battery.take(message)
+
+    heard = link.link.listen(_LISTEN_S, [_AUTOPILOT_VERSION], take=take)
     heard |= _version_again(link.link, heard)
     facts = {
         "version": _version(link, heard),
         "board": _board(heard),
         "uptime": _uptime(heard),
-        "state": _state(heard),
+        "state": _state(heard, battery.fields),
         "sensors": _sensors(heard),
         "satellites": _satellites(heard),
         "links": _links(link, traffic, key),
@@ -161,13 +187,16 @@ def _snapshot(heard: _Messages, *names: str) -> Snapshot:
     return Snapshot(**changes)
 
 
-def _state(heard: _Messages) -> str:
-    known = _snapshot(heard, "HEARTBEAT", "EXTENDED_SYS_STATE", "BATTERY_STATUS")
+def _state(heard: _Messages, battery: Mapping[str, Any]) -> str:
+    known = replace(_snapshot(heard, "HEARTBEAT", "EXTENDED_SYS_STATE"), **battery)
     words = ["armed" if known.is_armed else "disarmed", known.mode or "mode not said"]
     if known.landed is not Landed.UNKNOWN:
         words.append(known.landed.name.lower().replace("_", " "))
     if known.battery_ns:
-        words.append(f"battery {known.battery_frac:.0%}, {known.battery_voltage_v:.1f} V")
+        charge = "charge not said"
+        if not math.isnan(known.battery_frac):
+            charge = f"{known.battery_frac:.0%}"
+        words.append(f"battery {charge}, {known.battery_voltage_v:.1f} V")
     if "HEARTBEAT" in heard and heard["HEARTBEAT"].system_status in modes.FAILSAFE_STATUSES:
         words.append("in a failsafe")
     return ", ".join(words)
