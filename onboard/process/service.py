@@ -92,7 +92,7 @@ def unit_text(service: Service, arguments: Sequence[str] = ()) -> str:
 
     for_system = ""
     if not service.is_user:
-        for_system = _template("agent_system.conf").substitute(user=getpass.getuser())
+        for_system = _template("agent_system.conf").substitute(user=_user())
 
     return _template("agent.service").substitute(
         vehicle=service.vehicle,
@@ -103,6 +103,13 @@ def unit_text(service: Service, arguments: Sequence[str] = ()) -> str:
         system=for_system,
         target="default" if service.is_user else "multi-user",
     )
+
+
+def _user() -> str:
+    """Return the user as whom the agent runs: who calls this command, also by sudo."""
+    if os.geteuid() == 0:
+        return os.environ.get("SUDO_USER") or getpass.getuser()
+    return getpass.getuser()
 
 
 def _template(name: str) -> Template:

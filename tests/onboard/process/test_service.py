@@ -132,6 +132,17 @@ def test_the_unit_is_shown_without_being_installed_and_has_watchdog_limits_and_t
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(("user_id", "user"), [(0, "pilot"), (1000, "somebody")])
+def test_the_agent_of_a_service_that_sudo_installs_runs_as_the_user_who_called_sudo(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, user_id: int, user: str
+) -> None:
+    monkeypatch.setattr(os, "geteuid", lambda: user_id)
+    monkeypatch.setenv("LOGNAME", "root" if user_id == 0 else "somebody")
+    monkeypatch.setenv("SUDO_USER", "pilot")
+    assert main(["install", "--fleet", PAPER, "--vehicle", "mav1", "--print"]) == 0
+    assert f"User={user}" in capsys.readouterr().out.splitlines()
+
+
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not here")
 @pytest.mark.parametrize("is_user", [True, False])
 def test_systemd_accepts_the_unit_and_a_fleet_file_with_odd_letters_in_its_path(
