@@ -158,7 +158,8 @@ class OpenOrders:
             vehicle: name of the vehicle.
             kinds: kinds of orders, as on the bus.
         """
-        for result in self._open.values():
+        # a copy, because the thread that reads the terminal may send an order meanwhile
+        for result in list(self._open.values()):
             order = result.planned.orders.get(vehicle)
             if order is None or order.kind not in kinds:
                 continue

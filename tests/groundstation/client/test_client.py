@@ -271,6 +271,21 @@ async def test_an_order_from_another_thread_is_sent_while_the_loop_does_not_get_
     assert {result.phase for result in results.values()} == {"done"}
 
 
+async def test_an_order_may_be_sent_while_the_open_orders_are_looked_through(
+    client: Any, bus: Any
+) -> None:
+    """The terminal's thread may send one at any moment, here while a kind is compared."""
+    client.submit_now("land mav0")
+
+    class Kinds(list[str]):
+        def __contains__(self, kind: object) -> bool:
+            client.submit_now("land mav1")
+            return super().__contains__(kind)
+
+    assert not client._orders.has_open("mav0", Kinds(["takeoff"]))
+    assert client._orders.has_open("mav0", Kinds(["land"]))
+
+
 async def test_an_agent_that_does_not_answer_is_said_to_and_the_others_go_on(
     client: Any, bus: Any
 ) -> None:
