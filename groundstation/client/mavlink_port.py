@@ -32,6 +32,10 @@ _GCS = 6
 _ONBOARD_CONTROLLER = 18
 _NO_AUTOPILOT = 8
 
+_CONNECT_ATTEMPTS = 3  # of a TCP link, whose other side may be starting
+_CONNECT_AGAIN_S = 1.0
+_ENDED_WAIT_S = 0.05  # wait for each message of a TCP link that the other side has closed
+
 _MAX_DATAGRAM = 65_535
 _LAST_PORT = 65_535
 
@@ -234,11 +238,34 @@ def _mavutil() -> Any:
 
 
 def _connection(address: str, system_id: int, component_id: int) -> Any:
-    with _opening:
-        mavutil = _mavutil()
-        return mavutil.mavlink_connection(
-            address, source_system=system_id, source_component=component_id, dialect="common"
-        )
+    """Open a UDP or TCP link, which prints nothing."""
+
+    def opened() -> Any:
+        with _opening:
+            return _mavutil().mavlink_connection(
+                address,
+                source_system=system_id,
+                source_component=component_id,
+                dialect="common",
+                retries=1,  # pymavlink prints before each further one
+            )
+
+    if not address.startswith("tcp:"):
+        return opened()
+
+    for _ in range(_CONNECT_ATTEMPTS - 1):
+        try:
+            link = opened()
+            break
+        except OSError:
+            time.sleep(_CONNECT_AGAIN_S)
+    else:
+        link = opened()
+
+    # pymavlink prints when the other side has closed the link, at each attempt to receive
+    link.handle_eof = lambda: time.sleep(_ENDED_WAIT_S)
+    link.handle_disconnect = lambda: None
+    return link
 
 
 def _serial(endpoint: str, system_id: int) -> Any:

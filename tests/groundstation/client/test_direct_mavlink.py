@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -239,6 +240,28 @@ def test_a_tcp_link_that_the_other_side_has_closed_is_opened_anew() -> None:
             results.append(send_direct(f"tcp://127.0.0.1:{port}", 1, "kill", timeout_s=1.0))
             router.join(2.0)
     assert [result.is_disarmed for result in results] == [True, True], results
+
+
+@pytest.mark.parametrize("listens", [True, False], ids=["closes at once", "nobody listens"])
+def test_a_tcp_link_that_does_not_work_is_said_without_a_print_and_without_computing(
+    listens: bool, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+
+        def close_at_once() -> None:
+            server.accept()[0].close()
+
+        if listens:
+            threading.Thread(target=close_at_once, daemon=True).start()
+        else:
+            server.close()
+        computed_s = time.thread_time()
+        answer = send_direct(f"tcp://127.0.0.1:{port}", 1, "land", timeout_s=1.0)
+
+    assert not answer.has_answered
+    assert capfd.readouterr() == ("", "")
+    assert time.thread_time() - computed_s < 0.4
 
 
 def test_a_port_that_does_not_exist_is_said_instead_of_failing() -> None:
