@@ -270,8 +270,14 @@ class OrderCards:
 
     async def _fly_mission(self, card: OrderCard, mission: MissionCall) -> None:
         """Fly a mission, and write its verdict on its card."""
-        verdict = await mission()
         card.outcome = "failed"
+        try:
+            verdict = await mission()
+        except Exception as error:  # noqa: BLE001 - it is shown; the operator still gives orders
+            reason = plain_line(f"The mission broke off: {type(error).__name__}: {error}")
+            card.sentences = (reason[:_MOST_TEXT], "Land with LAND ALL.")
+            self._tell(card.message())
+            return
         if isinstance(verdict, Verdict):
             card.outcome = "passed" if verdict.passed else "failed"
             others = [sentence for sentence in verdict.sentences if sentence != verdict.summary]

@@ -19,6 +19,7 @@ import pytest
 import pytest_asyncio
 
 from groundstation.client.client import FleetClient
+from groundstation.missions.runner import MissionRun
 from groundstation.orders.forecast import Forecast
 from groundstation.scene.ground_tiles import GroundTile, GroundTiles
 from groundstation.web import live_feed, page_server
@@ -218,6 +219,25 @@ async def test_a_take_off_in_waves_is_flown_wave_after_wave_and_its_card_has_the
     assert ordered == [("mav0", "takeoff"), ("mav1", "takeoff"), ("mav2", "takeoff")]
     times_ns = [order.stamp_ns for _, order in operated.bus.orders]
     assert times_ns[2] - times_ns[1] > 0.1e9
+
+
+async def test_a_mission_that_breaks_off_says_so_on_its_card_and_the_page_lives_on(
+    operated: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def break_off(_: MissionRun) -> None:
+        raise ZeroDivisionError("a mistake")
+
+    monkeypatch.setattr(MissionRun, "run", break_off)
+    async with opened(operated) as socket:
+        await heard(socket, is_operator)
+        text = "takeoff all 1.0 by 2 every 0.1"
+        await confirmed(socket, text)
+        ended = await heard(socket, lambda m: card(text, "sent")(m) and m["outcome"])
+        assert ended["outcome"] == "failed"
+        assert ended["sentences"][0] == "The mission broke off: ZeroDivisionError: a mistake"
+
+        await socket.send_str(json.dumps({"do": "urgent", "verb": "land"}))
+        assert await heard(socket, card("land all", "sent"))
 
 
 async def test_a_countdown_is_asked_about_shown_and_stopped(
