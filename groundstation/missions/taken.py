@@ -25,6 +25,8 @@ from onboard.bus.control_token import EMERGENCY, ORDER_STAYS
 HEARD_S = 1.0
 _REPEAT_S = 10.0  # time between two lines about the new operator of the fleet
 _LOOK_S = 0.5  # time between two checks of a fleet that was taken
+# longest flight of a vehicle without hover_time_s in the fleet file
+_ASSUMED_FLIGHT_S = 3600.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,9 +194,10 @@ async def stay(
 ) -> None:
     """Stay connected to a fleet that somebody has taken, until no vehicle flies any more.
 
-    Vehicles that a pilot flies by hand do not count. The vehicles hear this ground meanwhile, so
-    they do not land because of a lost ground. Lines say who has the fleet, since when, and what
-    brings the vehicles down.
+    Vehicles that a pilot flies by hand do not count, and neither do vehicles that have been silent
+    for longer than their battery lasts: one that crashed never says so. The vehicles hear this
+    ground meanwhile, so they do not land because of a lost ground. Lines say who has the fleet,
+    since when, and what brings the vehicles down.
 
     Args:
         client: fleet client that has been started.
@@ -227,13 +230,19 @@ async def stay(
 
 
 def _still_up(client: FleetClient) -> list[str]:
-    """Return the vehicles that last reported to be armed or in the air, without those of pilots."""
+    """Return the vehicles that last reported to be armed or in the air, and may still be so.
+
+    Vehicles of pilots are left out.
+    """
     by_hand = flown_by_hand(client)
-    return [
-        name
-        for name, view in client.state.vehicles.items()
-        if (view.is_airborne or view.is_armed) and name not in by_hand
-    ]
+    now_ns = client.now_ns()
+    up = []
+    for name, view in client.state.vehicles.items():
+        longest_s = client.fleet.vehicles[name].hover_time_s or _ASSUMED_FLIGHT_S
+        may_fly = (view.is_airborne or view.is_armed) and view.age_s(now_ns) <= longest_s
+        if may_fly and name not in by_hand:
+            up.append(name)
+    return up
 
 
 def _newest_order_id(view: VehicleView) -> str:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from groundstation import Fleet
 from groundstation.missions.taken import FleetTaken
 from onboard.config.fleet import FleetConfig
+from sitl.faults.catalogue import Fault
 from sitl.lockstep.flight import GROUND
 from tests.sitl.lockstep.taking import at_moment, crossing, pilot_takes, second_ground
 
@@ -257,3 +259,31 @@ def test_a_step_sent_into_a_silence_does_not_replace_an_order_that_came_in_it(
     flight.run(3.0)
     for name in NAMES:
         assert flight.state.vehicles[name].telemetry.taken_order_kind == "hold", name
+
+
+@pytest.mark.long
+def test_a_vehicle_that_falls_silent_in_a_taken_fleet_is_not_waited_for_beyond_its_battery(
+    lockstep: Any, paper: FleetConfig
+) -> None:
+    hover_s = 40.0
+    vehicles = {
+        name: replace(vehicle, hover_time_s=hover_s) for name, vehicle in paper.vehicles.items()
+    }
+    said: list[str] = []
+    flight = lockstep(replace(paper, vehicles=vehicles), seed=3, say=said.append)
+    ada = second_ground(flight)
+    taken_s: list[float] = []
+
+    def take() -> None:
+        taken_s.append(flight.time_s)
+        ada.submit_now("hold all")
+        flight.inject(Fault("agent_dead", "mav1", at_s=flight.time_s + 1.0))
+        flight.at(flight.time_s + 5.0, lambda: ada.submit_now("land all"))
+        flight.at(flight.time_s + hover_s + 20.0, lambda: flight.run_under_way.interrupt())
+
+    at_moment(flight, "crossing", take)
+    verdict = flight.fly(crossing(paper), stays=True)
+    assert verdict.exit_status == 1
+    assert verdict.landed == {"mav0": True, "mav1": False, "mav2": True}
+    assert "ada (ground-2) has the fleet for 30 s; up: mav1." in "\n".join(said)
+    assert flight.time_s - taken_s[0] == pytest.approx(hover_s, abs=5.0)
