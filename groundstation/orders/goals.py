@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
-from groundstation.fleet.places import by_vehicle, spot_of
+from groundstation.fleet.places import by_vehicle, place_of, spot_of
 from groundstation.fleet.state import FleetState, VehicleView
 from groundstation.formations.assignment import nearest_slots, spots_without_crossing
 from groundstation.orders.held_formation import (
@@ -61,6 +61,12 @@ class GoalFacts(NamedTuple):
     def slots(self, held: HeldFormation) -> dict[str, Xyz]:
         """Return the offset of each vehicle in a formation [m], with spares that replace others."""
         return by_vehicle(held_slots(self.fleet, held), self.state)
+
+    def by_place(self, takes: Mapping[str, str]) -> dict[str, str]:
+        """Return who takes whose slot by the names of their places, which the slots have."""
+        return {
+            place_of(name, self.state): place_of(other, self.state) for name, other in takes.items()
+        }
 
 
 class Goals(NamedTuple):
@@ -211,8 +217,9 @@ def _formation(intent: Formation, facts: GoalFacts) -> Goals:
         destinations = _destinations_or_starts(facts)
         own_slots = {name: slots[name] for name in facts.names if name in slots}
         takes = nearest_slots(own_slots, destinations, position_enu_m)
-        intent = replace(intent, takes=takes)
-        slots = {name: slots[slot_name] for name, slot_name in takes.items()}
+        intent = replace(intent, takes=facts.by_place(takes))
+        held = held_after(intent, facts.held)
+        slots = facts.slots(held)
 
     return _slot_goals(intent, facts, held, position_enu_m, slots)
 

@@ -24,7 +24,7 @@ class HeldFormation:
     name: str | None  # name in the fleet file; None if the file has no formation
     spacing_m: float | None = None  # distance of its two nearest slots; None: as in the fleet file
     rotation_deg: float = 0.0  # rotation from the fleet file's formation, counterclockwise
-    # vehicle -> the vehicle whose slot it takes; None: each vehicle has its own slot
+    # place -> the place whose slot it takes; None: each has its own slot
     takes: Mapping[str, str] | None = None
 
 
@@ -58,7 +58,8 @@ def held_slots(fleet: FleetConfig, held: HeldFormation) -> dict[str, Xyz]:
         held: name, spacing and rotation of the formation, and the slot of each vehicle.
 
     Returns:
-        Offset of each vehicle from the formation's position, metres ENU.
+        Offset of each place from the formation's position, metres ENU. A spare has the place of
+        the vehicle that it replaces.
     """
     if held.name is None:
         return {}
@@ -66,7 +67,7 @@ def held_slots(fleet: FleetConfig, held: HeldFormation) -> dict[str, Xyz]:
     slots = slots_of(fleet, held.name, held.spacing_m, held.rotation_deg)
     if held.takes is None:
         return slots
-    return {name: slots[slot_name] for name, slot_name in held.takes.items()}
+    return {place: slots[other] for place, other in held.takes.items()}
 
 
 def slots_of(

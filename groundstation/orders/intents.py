@@ -344,7 +344,7 @@ class Formation(GoalIntent, frozen=True, kw_only=True):
     rotation_deg: float = 0.0  # angle by which it is turned, counterclockwise
     # ids: each vehicle has its own slot; nearest: the longest flight is as short as possible
     assign: Assign = "ids"
-    takes: Mapping[str, str] | None = None  # vehicle -> the vehicle whose slot it takes
+    takes: Mapping[str, str] | None = None  # place -> the place whose slot it takes
 
     @classmethod
     def from_line(cls, line: LineWords) -> Self:

@@ -1,0 +1,70 @@
+"""Formations whose slots are assigned anew, with a spare that has the place of another vehicle."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from groundstation.fleet import state as fleet_state
+from groundstation.orders.grammar import parse
+from groundstation.orders.held_formation import HeldFormation
+from groundstation.orders.plan import PlannedOrder, plan_order
+from onboard.config.fleet import FleetConfig
+from onboard.tuples import Xyz
+from tests.groundstation.conftest import telemetry
+
+PAIR = {"mav0": (-1.0, 0.0, 0.0), "mav1": (1.0, 0.0, 0.0)}
+
+
+@pytest.fixture
+def pair(fleet: FleetConfig) -> FleetConfig:
+    """A fleet of three whose formation has slots for two; the third is the spare."""
+    return msgspec.structs.replace(fleet, formations={"pair": PAIR})
+
+
+def flying(pair: FleetConfig) -> fleet_state.FleetState:
+    """The spare mav2 flies in the place of mav1, each vehicle beside the slot of the other."""
+    state = fleet_state.initial(pair)
+    for message in (
+        telemetry("mav0", state="flying", is_airborne=True, position_enu_m=(1.2, 0.0, 1.0)),
+        telemetry("mav1", disabled_by="ada", position_enu_m=(5.0, 5.0, 0.0)),
+        telemetry(
+            "mav2",
+            state="flying",
+            is_airborne=True,
+            position_enu_m=(-1.2, 0.0, 1.0),
+            stands_in_for="mav1",
+        ),
+    ):
+        message = msgspec.structs.replace(message, goal_position_enu_m=message.position_enu_m)
+        state = fleet_state.fold(state, message, 1000)
+    return state
+
+
+def ordered(
+    pair: FleetConfig, state: fleet_state.FleetState, line: str, held: HeldFormation
+) -> PlannedOrder:
+    return plan_order(parse(line, pair), pair, state, held=held, author="ada", now_ns=2000)
+
+
+def goals(planned: PlannedOrder) -> dict[str, Xyz | None]:
+    assert not planned.refusals
+    return {name: order.position_enu_m for name, order in planned.orders.items()}
+
+
+def test_a_move_keeps_the_slots_that_a_spare_and_the_others_have_got(pair: FleetConfig) -> None:
+    state = flying(pair)
+    taken_up = ordered(pair, state, "formation pair 0 0 1 nearest", HeldFormation("pair"))
+    assert goals(taken_up) == {"mav0": (1.0, 0.0, 1.0), "mav2": (-1.0, 0.0, 1.0)}
+
+    moved = ordered(pair, state, "move all 0 1 1", taken_up.held)
+    assert goals(moved) == {"mav0": (1.0, 1.0, 1.0), "mav2": (-1.0, 1.0, 1.0)}
+
+
+def test_a_preview_with_a_spare_keeps_its_goals_when_it_is_planned_again(pair: FleetConfig) -> None:
+    state = flying(pair)
+    first = ordered(pair, state, "formation pair 0 0 1 nearest", HeldFormation("pair"))
+    again = plan_order(
+        first.intent, pair, state, held=HeldFormation("pair"), author="ada", now_ns=3000
+    )
+    assert goals(again) == goals(first)
