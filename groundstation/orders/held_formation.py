@@ -24,7 +24,7 @@ class HeldFormation:
     name: str | None  # name in the fleet file; None if the file has no formation
     spacing_m: float | None = None  # distance of its two nearest slots; None: as in the fleet file
     rotation_deg: float = 0.0  # rotation from the fleet file's formation, counterclockwise
-    # place -> the place whose slot it takes; None: each has its own slot
+    # place -> the place whose slot it takes; None, or no entry: it has its own slot
     takes: Mapping[str, str] | None = None
 
 
@@ -67,7 +67,7 @@ def held_slots(fleet: FleetConfig, held: HeldFormation) -> dict[str, Xyz]:
     slots = slots_of(fleet, held.name, held.spacing_m, held.rotation_deg)
     if held.takes is None:
         return slots
-    return {place: slots[other] for place, other in held.takes.items()}
+    return {place: slots[held.takes.get(place, place)] for place in slots}
 
 
 def slots_of(

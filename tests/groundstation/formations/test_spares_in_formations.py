@@ -68,3 +68,22 @@ def test_a_preview_with_a_spare_keeps_its_goals_when_it_is_planned_again(pair: F
         first.intent, pair, state, held=HeldFormation("pair"), author="ada", now_ns=3000
     )
     assert goals(again) == goals(first)
+
+
+def test_vehicles_that_were_not_assigned_anew_keep_their_slots_in_the_next_move(
+    fleet: FleetConfig,
+) -> None:
+    triangle = HeldFormation("triangle")
+    some = plan_order(
+        parse("formation triangle 0-1 0 0 1 nearest", fleet),
+        fleet,
+        None,
+        held=triangle,
+        author="ada",
+        now_ns=0,
+    )
+    moved = plan_order(
+        parse("move all 0 0.5 1", fleet), fleet, None, held=some.held, author="ada", now_ns=0
+    )
+    assert set(goals(some)) == {"mav0", "mav1"}
+    assert set(goals(moved)) == {"mav0", "mav1", "mav2"}
