@@ -24,6 +24,7 @@ from groundstation.console import theme
 from groundstation.console.clients import ConsoleClient, OrderingClient
 from groundstation.console.panels import Panels
 from groundstation.console.screens.countdown_screen import CountdownScreen
+from groundstation.console.screens.live import LiveScreen
 from groundstation.console.screens.preview_screen import PreviewScreen
 from groundstation.console.screens.vehicle_screen import VehicleScreen
 from groundstation.console.theme import CALM, FAINT, KILL, PHASE_SIGNS, SEVERITY_SIGNS
@@ -151,6 +152,7 @@ class OrderEntry:
 
     def open_line(self) -> None:
         """Begin to write an order; the line has the focus when this returns."""
+        self._close_pages()
         line = self._panels.order_line
         line.screen.set_focus(line)
         self.warm_up()
@@ -195,8 +197,14 @@ class OrderEntry:
             is_for_several = len(self.selected) > 1
             names = f"{formation} {names}" if is_for_several else formation
 
+        self._close_pages()
         self._panels.order_line.write(f"{verb} {names} ")
         self._panels.table.keep_marks()
+
+    def _close_pages(self) -> None:
+        """Close pages in front of the order line, which would take its letters as their keys."""
+        while isinstance(self._app.screen, LiveScreen):
+            self._app.pop_screen()
 
     def warm_up(self) -> None:
         """Start the forecast's process before it is required."""

@@ -72,6 +72,24 @@ async def test_a_colon_opens_no_order_line_behind_a_dialog(rig: Rig) -> None:
         assert rig.app.panels.table.marked == ("mav0",)
 
 
+@pytest.mark.parametrize("pages", [("enter",), ("A",), ("enter", "A")])
+async def test_letters_of_an_order_that_is_begun_on_a_page_are_no_keys_of_the_page(
+    rig: Rig, pages: tuple[str, ...]
+) -> None:
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover(show_id="show")
+        rig.app.refresh_fleet()
+        line = rig.app.panels.order_line
+
+        await pilot.press(*pages, "colon", *"prw")
+        assert line.value == "prw"
+        assert rig.client.ordered == []
+
+        await pilot.press("escape", "down", *pages, "f4", "w")
+        assert line.value == "move mav1 w"
+        assert rig.client.ordered == []
+
+
 async def test_an_operator_who_has_given_an_order_has_left_the_order_line(rig: Rig) -> None:
     async with rig.app.run_test(size=(80, 24)) as pilot:
         rig.hover()
