@@ -24,6 +24,7 @@ from groundstation.console import theme
 from groundstation.console.clients import ConsoleClient, OrderingClient
 from groundstation.console.panels import Panels
 from groundstation.console.screens.countdown_screen import CountdownScreen
+from groundstation.console.screens.dialogs import QuitScreen
 from groundstation.console.screens.live import LiveScreen
 from groundstation.console.screens.preview_screen import PreviewScreen
 from groundstation.console.screens.vehicle_screen import VehicleScreen
@@ -364,7 +365,7 @@ class OrderEntry:
             self._refuse(f"{verb} all", reason)
 
         # The screen changes only after the order was sent.
-        self._close_preview()
+        self._close_questions()
         if self.missions is not None:
             self.missions.stop_countdown()
 
@@ -405,7 +406,7 @@ class OrderEntry:
             return
 
         if verb in ("land", "hold"):
-            self._close_preview()
+            self._close_questions()
         await self.order(INTENTS[verb](vehicles=names))
 
     async def kill(self, key: str) -> None:
@@ -417,7 +418,7 @@ class OrderEntry:
     def _is_kill_confirmed(self, key: str, names: tuple[str, ...]) -> bool:
         """Note a press of a kill key; return whether it is the second one."""
         if self._latch.press(key, names, self._now_s):
-            self._close_preview()
+            self._close_questions()
             return True
 
         sentence = below_words(names, self._fleet, self._client.state, self._client.now_ns())
@@ -428,11 +429,11 @@ class OrderEntry:
         self._refresh()
         return False
 
-    def _close_preview(self) -> None:
-        """Close a preview or a question, because an order that makes the flight safer has come."""
-        screen = self._app.screen
-        if isinstance(screen, PreviewScreen | CountdownScreen):
-            screen.action_drop()
+    def _close_questions(self) -> None:
+        """Close all open questions, because an order that makes the flight safer has come."""
+        for screen in reversed(self._app.screen_stack):
+            if isinstance(screen, PreviewScreen | CountdownScreen | QuitScreen):
+                screen.action_drop()
 
     def _reset(self, names: str) -> None:
         vehicles = self._latch.killed

@@ -58,7 +58,7 @@ class QuitScreen(Dialog[str]):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("y,l", "answer('land')", "land and quit", show=False),
         Binding("f", "answer('leave')", "leave them flying", show=False),
-        Binding("escape,n,q", "answer('')", "stay", show=False),
+        Binding("escape,n,q", "drop", "stay", show=False),
     ]
 
     def __init__(
@@ -110,3 +110,7 @@ class QuitScreen(Dialog[str]):
         """Close with the answer."""
         if answer != "leave" or self._can_stay_up:
             self.dismiss(answer)
+
+    def action_drop(self) -> None:
+        """Close and stay."""
+        self.dismiss("")

@@ -8,6 +8,7 @@ from msgspec.structs import replace
 
 from groundstation.console.app import ConsoleApp
 from groundstation.console.clients import ConsoleClient
+from groundstation.console.screens.dialogs import QuitScreen
 from groundstation.console.screens.preview_screen import PreviewScreen
 from groundstation.console.widgets.bars import StatusBar
 from groundstation.console.widgets.event_log import EventLog
@@ -36,6 +37,17 @@ async def test_an_emergency_goes_at_once_while_a_preview_computes_and_ends_it(
             await pilot.press(key)
             assert rig.client.ordered == [f"{order} mav0,mav1,mav2"], key
             assert not isinstance(rig.app.screen, PreviewScreen), key
+
+
+async def test_an_emergency_ends_all_questions_that_lie_on_each_other(rig: Rig) -> None:
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        for key in ("ctrl+l", "ctrl+o", "f7", "f6"):
+            rig.hover()
+            await rig.preview(pilot, "move all 0 1 1")
+            await pilot.press("ctrl+q")
+            assert isinstance(rig.app.screen, QuitScreen)
+            await pilot.press(key)
+            assert len(rig.app.screen_stack) == 1, key
 
 
 async def test_land_all_and_hold_all_go_from_every_screen(rig: Rig) -> None:
