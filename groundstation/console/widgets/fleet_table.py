@@ -63,6 +63,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self.sort = "place"
         self.is_reversed = False
 
+        self._arranged_filter = ""  # filter of the rows as they are shown
         self._cursor = ""  # name of the vehicle under the cursor
         self._marks = FleetMarks()
 
@@ -289,9 +290,8 @@ class FleetTable(Lines, ScrollView, can_focus=True):
 
     def _arrange(self) -> None:
         """Filter the rows, and sort them at most once a second, or if the rows have changed."""
-        by_name = {
-            view.name: view for view in self._views if not self.filter or self._is_match(view)
-        }
+        by_name = {view.name: view for view in self._views if self._is_shown(view)}
+        self._arranged_filter = self.filter
 
         is_sort_due = self._now_s - self._sorted_s >= SORT_S
         has_changed = {view.name for view in self._rows} != by_name.keys()
@@ -307,6 +307,17 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         height = len(self._rows) + 1
         if self.virtual_size.height != height:
             self.virtual_size = Size(self.size.width, height)
+
+    def _is_shown(self, view: VehicleView) -> bool:
+        """Whether the filter lets a vehicle be shown.
+
+        The row under the cursor stays although its vehicle does not match any more. Otherwise the
+        cursor would jump, and the next order would reach another vehicle.
+        """
+        if not self.filter or self._is_match(view):
+            return True
+        is_new_filter = self.filter != self._arranged_filter
+        return view.name == self._cursor and not is_new_filter
 
     def _is_match(self, view: VehicleView) -> bool:
         return is_match(self._row(view), view.name, self._indices.get(view.name, 0), self.filter)

@@ -69,6 +69,30 @@ async def test_a_filter_shows_some_and_says_what_it_hides_of_the_marked() -> Non
         assert table_of(app).selected is None
 
 
+async def test_the_cursor_stays_on_a_vehicle_that_the_filter_does_not_show_any_more() -> None:
+    client = SteadyClient(crowd(6))
+    fly(client, 0.0)
+    app = ConsoleApp(client.fleet, client)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.press("slash", *"flying", "enter", "down", "down")
+        assert table_of(app).selected == "v002"
+
+        client.clock_ns += 2_000_000_000
+        fly(client, 2.0)
+        client.hear("v002", state="landing")
+        await see(app, pilot)
+        assert table_of(app).selected == "v002", "the next order would reach another vehicle"
+        assert table_of(app).row_count == 6
+
+        await pilot.press("down")
+        await see(app, pilot)
+        assert table_of(app).selected == "v003"
+        assert table_of(app).row_count == 5
+
+        await pilot.press("slash", "ctrl+u", *"v004", "enter")
+        assert table_of(app).selected == "v004", "a filter that is written anew moves the cursor"
+
+
 async def test_a_filter_knows_names_numbers_states_and_conditions() -> None:
     client = SteadyClient(crowd(6))
     ground_and_sky(client)
