@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.operator_control import FORCE_WORD
@@ -342,6 +342,16 @@ class OrderCards:
             return
         self._latch.add(intent.names)
         self._send(self._new_card(text, "sent"), self._client.plan(intent))
+        self._drop_orders_to(intent.names)
+
+    def _drop_orders_to(self, killed: Sequence[str]) -> None:
+        """Drop waiting cards whose order is to a killed vehicle."""
+        for card in self._cards:
+            if card.phase != "previewed" or card.prepared is None:
+                continue
+            names = [name for name in card.prepared.intent.names if name in killed]
+            if names:
+                self._drop(card, f"{', '.join(names)} was killed.")
 
     def _reset(self, text: str, names: str) -> None:
         """Allow orders to killed vehicles again: to the named ones, or to all."""

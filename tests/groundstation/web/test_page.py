@@ -350,6 +350,22 @@ async def test_a_kill_needs_the_same_words_twice_within_a_second(operated: Serve
         assert freed["sentences"] == ["mav1 may be ordered again."]
 
 
+async def test_a_kill_drops_what_waits_for_the_killed_vehicle(operated: Served) -> None:
+    async with opened(operated) as socket:
+        await heard(socket, is_operator)
+        for order in ("takeoff mav0 1.0", "takeoff mav1 1.0", "kill mav1", "kill mav1"):
+            await socket.send_str(json.dumps({"do": "order", "text": order}))
+        await heard(socket, card("kill mav1", "sent"))
+        dropped = await heard(socket, card("takeoff mav1 1.0", "dropped"))
+        assert dropped["sentences"] == ["mav1 was killed."]
+
+    async with opened(operated) as socket:
+        await heard(socket, card("takeoff mav0 1.0", "previewed"))
+        await socket.send_str(json.dumps({"do": "confirm", "number": dropped["number"]}))
+        await heard(socket, lambda message: message["kind"] == "state")
+    assert [(name, order.kind) for name, order in operated.bus.orders] == [("mav1", "kill")]
+
+
 @pytest.mark.parametrize(
     "said",
     [
