@@ -212,7 +212,8 @@ class OrderEntry:
         if self._forecaster is not None and not self._is_warm:
             # Only once: a second start would cancel the first, and leave its process behind.
             self._is_warm = True
-            self._app.run_worker(self._forecaster.start(), group="warm")
+            # If it fails, the first preview tries again, and says why it fails.
+            self._app.run_worker(self._forecaster.start(), group="warm", exit_on_error=False)
 
     # -- orders ------------------------------------------------------------------------------------
 

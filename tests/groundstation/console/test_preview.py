@@ -213,3 +213,17 @@ async def test_a_forecast_that_breaks_is_a_sentence_and_no_order(rig: Rig) -> No
         assert "could not be computed" in words(rig.app, "answer")
         await pilot.press("enter")
         assert rig.client.ordered == []
+
+
+async def test_a_computer_on_which_no_process_can_be_started_keeps_its_console(rig: Rig) -> None:
+    async def started() -> None:
+        raise OSError(24, "Too many open files")
+
+    rig.oracle.start = started  # type: ignore[method-assign]
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        await pilot.press("colon", "l")
+        await pilot.pause(0.1)
+        assert rig.app.return_code is None
+        await pilot.press("ctrl+l")
+        assert rig.client.ordered == ["land mav0,mav1,mav2"]
