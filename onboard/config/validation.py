@@ -61,6 +61,8 @@ _LEAST_HEIGHT_BODIES = 2.0
 
 _AGENT_ENDPOINT = re.compile(r"(tcp|quic|tls|udp)/[A-Za-z0-9_.:\[\]-]+:\d{1,5}")
 _AUTOPILOT_ENDPOINT = re.compile(r"(udpin|udpout|serial)://.+")
+_DIRECT_ENDPOINT = re.compile(r"(udpin|udpout|tcp)://.+:\d+")
+_LAST_PORT = 65_535
 _ALL_NETWORKS = re.compile(r"[a-z]+/(0\.0\.0\.0|\[::\]):")
 _KEYED = ("quic/", "tls/")  # schemes of endpoints whose links use keys
 
@@ -194,6 +196,7 @@ def _bus_problems(config: FleetConfig) -> Iterator[str]:
     for key, endpoint in endpoints.items():
         if not _AGENT_ENDPOINT.fullmatch(endpoint):
             yield f"'{key}' is {endpoint!r}; write it as quic/10.0.0.5:7447."
+        yield from _port_problems(key, endpoint)
 
         address = endpoint.partition("/")[2]
         owner = owners.setdefault(address, key)
@@ -224,6 +227,16 @@ def _bus_problems(config: FleetConfig) -> Iterator[str]:
             f"A vehicle is named '{clashes[0]}', which is the name of another node's key. Give it "
             "another name."
         )
+
+
+def _port_problems(key: str, endpoint: str) -> Iterator[str]:
+    """Yield a sentence if an endpoint has a port that no computer has."""
+    port = endpoint.rpartition(":")[2]
+    if endpoint.startswith("serial://") or not port.isdecimal():
+        return
+    is_port = len(port) <= len(str(_LAST_PORT)) and 1 <= int(port) <= _LAST_PORT
+    if not is_port:
+        yield f"'{key}' is {endpoint!r}; a port is a number from 1 to {_LAST_PORT}."
 
 
 def law_bounds(key: str) -> tuple[float, float]:
@@ -276,6 +289,12 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
             f"'vehicles.{name}.autopilot' is {vehicle.autopilot!r}; write it as "
             "udpin://127.0.0.1:14540."
         )
+    if vehicle.direct is not None and not _DIRECT_ENDPOINT.fullmatch(vehicle.direct):
+        yield (
+            f"'vehicles.{name}.direct' is {vehicle.direct!r}; write it as udpout://127.0.0.1:18570."
+        )
+    for key in ("agent", "autopilot", "direct"):
+        yield from _port_problems(f"vehicles.{name}.{key}", getattr(vehicle, key) or "")
     if vehicle.mavlink_signing and vehicle.px4_version in _WITHOUT_SIGNING:
         yield (
             f"'vehicles.{name}.mavlink_signing' is true, but PX4 v{vehicle.px4_version} "

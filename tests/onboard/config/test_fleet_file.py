@@ -76,6 +76,13 @@ WRONG = [
     ("law.passing_heights", 3, "law.passing_heights"),
     ("law.folder", "../laws", "leaves the folder of the fleet file"),
     ("law.folder", "/no/such/folder", 'for instance folder = "laws"'),
+    ("vehicles.mav1.agent", "tcp/127.0.0.1:99999", "a port is a number from 1 to 65535"),
+    ("vehicles.mav1.agent", "tcp/127.0.0.1:0", "'vehicles.mav1.agent' is 'tcp/127.0.0.1:0'"),
+    ("vehicles.mav1.autopilot", "udpin://127.0.0.1:65536", "a port is a number from 1 to 65535"),
+    ("vehicles.mav1.direct", "udpout://127.0.0.1:99999", "a port is a number from 1 to 65535"),
+    ("vehicles.mav1.direct", "127.0.0.1:18570", "write it as udpout://127.0.0.1:18570"),
+    ("fleet.simulator", "tcp/127.0.0.1:65536", "'fleet.simulator' is 'tcp/127.0.0.1:65536'"),
+    ("fleet.routers", ["tcp/10.0.0.1:70000"], "'fleet.routers[0]' is 'tcp/10.0.0.1:70000'"),
     ("schema", 2, "schema"),
 ]
 
