@@ -1,7 +1,8 @@
 """Reads times of the world's clock (times of day) as people write them. Pure: `now` is an argument.
 
 A time without a date is the nearest one in the future: at 23:50, ``00:10`` is twenty minutes ahead.
-A time is in this computer's time zone, unless it names another one::
+A time is in this computer's time zone, also behind a change of its clocks, unless it names another
+one::
 
     21:30    21:30:00    2026-11-26 21:30:00    20:30:00Z    21:30:00+01:00
 """
@@ -10,6 +11,7 @@ from __future__ import annotations
 
 import datetime
 import re
+import time as clock
 from typing import NamedTuple
 
 from onboard.config.fleet import ConfigError
@@ -25,6 +27,39 @@ _MINUTE_S = 60.0
 _HOUR_S = 3600.0
 _DAY_S = 86400.0
 _YEAR_S = 365.25 * _DAY_S
+
+
+class _ThisZone(datetime.tzinfo):
+    """This computer's time zone, whose offset may change twice a year."""
+
+    def utcoffset(self, instant: datetime.datetime | None) -> datetime.timedelta | None:
+        """Return the offset at a local time."""
+        return _by_the_system(instant).utcoffset()
+
+    def tzname(self, instant: datetime.datetime | None) -> str | None:
+        """Return the name of the zone at a local time."""
+        return _by_the_system(instant).tzname()
+
+    def dst(self, instant: datetime.datetime | None) -> datetime.timedelta | None:
+        """Return None: nobody needs the part of the offset that is of the summer."""
+        return None
+
+    def fromutc(self, instant: datetime.datetime) -> datetime.datetime:
+        """Return the local time of an instant, which is given in UTC."""
+        local = instant.replace(tzinfo=datetime.UTC).astimezone().replace(tzinfo=self)
+        if local.utcoffset() != local - instant:
+            local = local.replace(fold=1)  # the second time of the two in such a night
+        return local
+
+
+def _by_the_system(instant: datetime.datetime | None) -> datetime.datetime:
+    """Return a local time with the offset that the system has for it."""
+    assert instant is not None
+    try:
+        return instant.replace(tzinfo=None).astimezone()
+    except (OverflowError, ValueError):  # the first or the last day that Python can represent
+        standard = datetime.timezone(datetime.timedelta(seconds=-clock.timezone))
+        return instant.replace(tzinfo=standard)
 
 
 class WorldTime(NamedTuple):
@@ -59,14 +94,15 @@ def world_time(written: str, now: datetime.datetime) -> WorldTime:
     date, time = _parsed(written)
 
     if date is not None:
-        instant = _instant(date, time, now)
+        days = [date]
     else:
         # in another time zone it may be the day before, or the day after
         days = [now.date() + datetime.timedelta(days=shift) for shift in (-1, 0, 1)]
-        instants = [_instant(day, time, now) for day in days]
-        instant = _nearest(instants, now)
+    # in a night in which the clocks are put back, a time may come twice
+    instants = [_instant(day, time.replace(fold=fold), now) for day in days for fold in (0, 1)]
+    instant = _nearest(instants, now)
 
-    ahead_s = (instant - now).total_seconds()
+    ahead_s = _ahead_s(instant, now)
     words = _words(instant, now)
     if ahead_s <= 0.0:
         raise ConfigError(
@@ -88,7 +124,7 @@ def local_now(world_ns: int) -> datetime.datetime:
         world_ns: time since 1970 [ns].
     """
     utc = datetime.datetime.fromtimestamp(world_ns * 1e-9, datetime.UTC)
-    return utc.astimezone()
+    return utc.astimezone(_ThisZone())
 
 
 def time_words(time_s: float) -> str:
@@ -148,9 +184,14 @@ def _instant(date: datetime.date, time: datetime.time, now: datetime.datetime) -
 def _nearest(instants: list[datetime.datetime], now: datetime.datetime) -> datetime.datetime:
     """Return the first instant that a start may wait for; if there is none, the nearest to now."""
     for instant in instants:
-        if 0.0 < (instant - now).total_seconds() <= LONGEST_S:
+        if 0.0 < _ahead_s(instant, now) <= LONGEST_S:
             return instant
-    return min(instants, key=lambda instant: abs((instant - now).total_seconds()))
+    return min(instants, key=lambda instant: abs(_ahead_s(instant, now)))
+
+
+def _ahead_s(instant: datetime.datetime, now: datetime.datetime) -> float:
+    """Return the time from now to an instant; a plain difference would be one of local times."""
+    return instant.timestamp() - now.timestamp()
 
 
 def _words(instant: datetime.datetime, now: datetime.datetime) -> str:

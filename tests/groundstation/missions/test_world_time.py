@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import datetime
+import time
+from collections.abc import Iterator
 
 import pytest
 
-from groundstation.mission_files.world_time import time_words, world_time
+from groundstation.mission_files.world_time import local_now, time_words, world_time
 from onboard.config.fleet import ConfigError
 
 ZONE = datetime.timezone(datetime.timedelta(hours=1), "CET")
@@ -39,6 +41,48 @@ def test_a_time_is_the_nearest_one_to_come(
 def test_the_words_name_the_zone_and_another_day() -> None:
     assert world_time("21:30", at(21)).words == "21:30:00 CET"
     assert world_time("00:10", at(23, 50)).words == "2026-11-27 00:10:00 CET"
+
+
+@pytest.fixture
+def central_europe(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """This computer's clock is put forward in March and back in October."""
+    with monkeypatch.context() as patch:
+        patch.setenv("TZ", "CET-1CEST,M3.5.0,M10.5.0/3")
+        time.tzset()
+        yield
+    time.tzset()
+
+
+@pytest.mark.parametrize(
+    ("now_utc", "written", "meant_utc", "words"),
+    [
+        ("2026-10-24 21:50", "03:30", "2026-10-25 02:30", "2026-10-25 03:30:00 CET"),
+        ("2026-10-24 21:50", "01:30", "2026-10-24 23:30", "2026-10-25 01:30:00 CEST"),
+        ("2026-10-24 21:50", "2026-10-25 03:30", "2026-10-25 02:30", "2026-10-25 03:30:00 CET"),
+        ("2026-10-25 00:20", "02:30", "2026-10-25 00:30", "02:30:00 CEST"),
+        ("2026-10-25 00:40", "02:30", "2026-10-25 01:30", "02:30:00 CET"),
+        ("2026-10-25 01:20", "02:30", "2026-10-25 01:30", "02:30:00 CET"),
+        ("2026-10-25 01:20", "01:40:00Z", "2026-10-25 01:40", "02:40:00 CET"),
+        ("2026-03-28 22:50", "03:30", "2026-03-29 01:30", "2026-03-29 03:30:00 CEST"),
+    ],
+)
+def test_a_time_in_a_night_in_which_the_clocks_change_counts_by_its_own_offset(
+    central_europe: None, now_utc: str, written: str, meant_utc: str, words: str
+) -> None:
+    def world_ns(text: str) -> int:
+        instant = datetime.datetime.fromisoformat(text).replace(tzinfo=datetime.UTC)
+        return round(instant.timestamp() * 1e9)
+
+    meant = world_time(written, local_now(world_ns(now_utc)))
+    assert meant == (words, world_ns(meant_utc))
+
+
+@pytest.mark.parametrize("written", ["0001-01-01 00:00", "9999-12-31 23:59"])
+def test_the_first_and_the_last_day_are_refused_in_words(
+    central_europe: None, written: str
+) -> None:
+    with pytest.raises(ConfigError):
+        world_time(written, local_now(1_795_000_000 * 10**9))
 
 
 @pytest.mark.parametrize(
