@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import datetime
 import ipaddress
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +18,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from groundstation.keys.key_folder import make_key_folder
+from groundstation.keys.key_folder import make_key_folder, write_files
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.security.certificates import read_certificate, read_key
 from onboard.security.node_roles import NODES, ROUTER
@@ -77,8 +76,7 @@ def make_authority(folder: Path, fleet_name: str, now: datetime.datetime) -> Cer
     certificate = builder.add_extension(constraints, critical=True).sign(key, hashes.SHA256())
 
     make_key_folder(folder)
-    _write(folder / "ca.pem", certificate)
-    _write_key(folder / AUTHORITY_KEY, key)
+    write_files({folder / AUTHORITY_KEY: _key_pem(key), folder / "ca.pem": _pem(certificate)})
     return CertificateAuthority(certificate, key)
 
 
@@ -159,8 +157,7 @@ def issue(
         .add_extension(names, critical=False)
         .sign(authority.key, hashes.SHA256())
     )
-    _write(folder / f"{node}.pem", certificate)
-    _write_key(folder / f"{node}.key", key)
+    write_files({folder / f"{node}.key": _key_pem(key), folder / f"{node}.pem": _pem(certificate)})
 
 
 def _builder(
@@ -188,30 +185,13 @@ def _address(host: str) -> x509.GeneralName:
         return x509.DNSName(host)
 
 
-def _write(path: Path, certificate: x509.Certificate) -> None:
-    try:
-        path.write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
-    except OSError as error:
-        raise _unwritable(path, error) from None
+def _pem(certificate: x509.Certificate) -> bytes:
+    return certificate.public_bytes(serialization.Encoding.PEM)
 
 
-def _write_key(path: Path, key: _Key) -> None:
-    """Write a private key to a file that other users cannot read at any moment."""
-    pem = key.private_bytes(
+def _key_pem(key: _Key) -> bytes:
+    return key.private_bytes(
         serialization.Encoding.PEM,
         serialization.PrivateFormat.PKCS8,
         serialization.NoEncryption(),
-    )
-    try:
-        path.unlink(missing_ok=True)
-        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(pem)
-    except OSError as error:
-        raise _unwritable(path, error) from None
-
-
-def _unwritable(path: Path, error: OSError) -> ConfigError:
-    return ConfigError(
-        f"{path} cannot be written ({error.strerror}). Correct its permissions, or make room."
     )

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import secrets
 from pathlib import Path
 
-from groundstation.keys.key_folder import make_key_folder
+from groundstation.keys.key_folder import make_key_folder, write_files
 from groundstation.keys.secured_fleet import refuse_example
 from groundstation.starter.fleet_edit import write_changes
-from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.config.fleet import FleetConfig, load_fleet
 from onboard.security.mavlink_key import KEY_BYTES, key_file, read_key
 
 
@@ -43,15 +42,5 @@ def sign_mavlink(path: str) -> FleetConfig:
         if file.exists():
             read_key(str(file), fleet.path)  # refuses a file that is no key
         else:
-            _write(file, secrets.token_bytes(KEY_BYTES))
+            write_files({file: secrets.token_bytes(KEY_BYTES)})
     return load_fleet(path)
-
-
-def _write(file: Path, key: bytes) -> None:
-    """Write a key, which other users cannot read at any moment."""
-    try:
-        descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    except OSError as error:
-        raise ConfigError(f"{file} cannot be written ({error.strerror}).") from None
-    with os.fdopen(descriptor, "wb") as opened:
-        opened.write(key)

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import base64
 import datetime
+import resource
 import shutil
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from groundstation.cli import main
 from groundstation.keys.authority import issue, load_authority, nodes_of
+from groundstation.keys.mavlink_keys import sign_mavlink
 from groundstation.keys.secured_fleet import secure_fleet
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet, read_toml
 from onboard.security.credentials import credentials_of
+from onboard.security.mavlink_key import mavlink_key
 
 PAPER = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
 NOW = datetime.datetime.now(datetime.UTC)
@@ -66,6 +70,45 @@ def test_a_key_that_cannot_be_written_is_refused_in_a_sentence(
 
     assert main(["secure", str(folder / "fleet.toml")]) == 2
     assert f"{key} cannot be written" in capsys.readouterr().err
+
+
+@contextmanager
+def _full_disk() -> Iterator[None]:
+    """Let files take 16 bytes only, which is less than any key."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (16, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def _contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in (folder / "keys").iterdir()}
+
+
+def test_a_disk_that_fills_while_a_key_is_written_leaves_no_part_of_a_key(folder: Path) -> None:
+    path = folder / "fleet.toml"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("[types.ardrone]", '[types.ardrone]\npx4_version = "1.18"'))
+    sign_mavlink(str(path))
+    for lost in ("mav1.key", "mav2.mavlink.key"):
+        (folder / "keys" / lost).unlink()
+    before = _contents(folder)
+
+    refusal = r"\.key cannot be written .* make room"
+    with _full_disk(), pytest.raises(ConfigError, match=refusal):
+        secure_fleet(str(path), NOW)
+    assert _contents(folder) == before
+    with _full_disk(), pytest.raises(ConfigError, match=refusal):
+        sign_mavlink(str(path))
+    assert _contents(folder) == before
+
+    secure_fleet(str(path), NOW)
+    fleet = sign_mavlink(str(path))
+    assert credentials_of(fleet, "mav1") is not None
+    assert mavlink_key(fleet, "mav2") is not None
+    assert _contents(folder).keys() == before.keys() | {"mav1.key", "mav2.mavlink.key"}
 
 
 def test_the_place_of_the_keys_is_no_part_of_what_agents_compare(folder: Path) -> None:
