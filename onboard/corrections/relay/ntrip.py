@@ -55,6 +55,7 @@ class _Answer(NamedTuple):
     status: int
     headers: dict[str, str]  # name in small letters -> value
     rest: bytes  # first bytes behind the head, read together with it
+    is_version_1: bool = False  # then more lines of the head may follow in ``rest`` and later
 
 
 async def read_ntrip(
@@ -90,6 +91,8 @@ async def read_ntrip(
             stream = body.plain()
             if answer.headers.get("transfer-encoding", "").lower() == "chunked":
                 stream = body.chunks()
+            if answer.is_version_1:
+                stream = body.without_lines()
             async for data in stream:
                 yield data
             raise SourceError(f"{request.address} has ended the stream.")
@@ -133,7 +136,7 @@ async def _read_answer(reader: asyncio.StreamReader) -> _Answer:
     first, _, rest = data.partition(b"\r\n")
 
     if first.startswith(_OK_OF_VERSION_1):
-        return _Answer(status=200, headers={}, rest=rest.removeprefix(b"\r\n"))
+        return _Answer(status=200, headers={}, rest=rest, is_version_1=True)
     if first.startswith(_LIST_OF_VERSION_1):
         return _Answer(status=200, headers={"content-type": _LIST_TYPE}, rest=b"")
 
@@ -207,6 +210,29 @@ class _Body:
                     return
             data = self._buffer
             self._buffer = b""
+            yield data
+
+    async def without_lines(self) -> AsyncIterator[bytes]:
+        """Yield the bytes of a body of version 1, without the rest of its head.
+
+        Some casters send header lines, some a blank line, some neither, and each may come later
+        than the status. A frame of RTCM begins with a byte that no text has.
+        """
+        while True:
+            line, end, rest = self._buffer.partition(b"\r\n")
+            if not line.rstrip(b"\r").isascii() or len(line) > _MOST_HEAD_BYTES:
+                break
+            if end:
+                self._buffer = rest
+                if not line:
+                    break
+                continue
+            before = len(self._buffer)
+            await self._fill()
+            if len(self._buffer) == before:
+                return
+
+        async for data in self.plain():
             yield data
 
     async def chunks(self) -> AsyncIterator[bytes]:

@@ -33,6 +33,7 @@ pytestmark = pytest.mark.realtime
 
 Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 STREAM = recording(3)
+LATER = b"<later>"  # what follows it in a caster's answer is sent a moment later
 
 
 @asynccontextmanager
@@ -66,8 +67,10 @@ class Caster:
 
     async def __call__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self.asked = await reader.readuntil(b"\r\n\r\n")
-        writer.write(self.answer)
-        await writer.drain()
+        for part in self.answer.split(LATER):
+            writer.write(part)
+            await writer.drain()
+            await asyncio.sleep(0.05)
         if self.hangs:
             self.told = await reader.read(1000)
             self.is_told.set()
@@ -103,6 +106,10 @@ def chunked(data: bytes, size: int = 700) -> bytes:
     [
         b"ICY 200 OK\r\n\r\n" + STREAM,
         b"ICY 200 OK\r\n" + STREAM,
+        b"ICY 200 OK\r\n" + LATER + b"\r\n" + LATER + STREAM,
+        b"ICY 200 OK\r\nServer: caster\r\nDate: today\r\n\r\n" + STREAM,
+        b"ICY 200 OK\r\n" + LATER + b"Server: cas" + LATER + b"ter\r" + LATER + b"\n\r\n" + STREAM,
+        b"ICY 200 OK\r\nServer: caster\r\n" + STREAM,
         b"HTTP/1.0 200 OK\r\nContent-Type: gnss/data\r\n\r\n" + STREAM,
         b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n" + chunked(STREAM),
         b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n" + chunked(STREAM, 1),
