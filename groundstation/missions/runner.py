@@ -28,7 +28,7 @@ from groundstation.missions.own_link import SILENT_S, silent_in_flight
 from groundstation.missions.step_runner import MissionFailed, StepRunner
 from groundstation.missions.taken import Taken, flown_by_hand, pilot_words, stay
 from groundstation.orders.intents import Home
-from groundstation.verdict.observations import FlightObservations
+from groundstation.verdict.observations import FlightObservations, collided_vehicles
 from groundstation.verdict.verdict import Verdict, judge
 from onboard.config.fleet import ConfigError
 
@@ -267,6 +267,7 @@ class MissionRun:
 
         self.client.forget_distances()
         self._observations.earlier_touchdowns = self.client.state.touchdowns
+        self._observations.earlier_collided = collided_vehicles(self.client.state)
         self._observations.begin_ns = self.client.now_ns()
         self.fleet.ground.watch.begin()
         self._has_begun = True

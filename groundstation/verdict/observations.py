@@ -53,6 +53,7 @@ class FlightObservations:
     begin_ns: int  # begin of the first step, on the ground's monotonic clock
     end_ns: int
     earlier_touchdowns: Collection[Touchdown] = ()  # contacts with the ground before the begin
+    earlier_collided: Collection[str] = ()  # vehicles that had touched another one before the begin
     left_out: Collection[str] = ()  # vehicles that the mission went on without
     left_out_orders: Sequence[str] = ()  # orders that the operator has left out, in words
     # vehicles that do not fly although their last order left them flying, each with a sentence
@@ -74,6 +75,19 @@ class FlightObservations:
             for touchdown in self.state.touchdowns
             if touchdown not in self.earlier_touchdowns
         ]
+
+
+def collided_vehicles(state: FleetState) -> frozenset[str]:
+    """Return the vehicles that have touched another one since the emulator's start.
+
+    Args:
+        state: the fleet as known now.
+    """
+    return frozenset(
+        name
+        for name, view in state.vehicles.items()
+        if view.truth is not None and view.truth.is_collided
+    )
 
 
 def arrival_of(step: str, view: VehicleView, goal: Xyz, now_ns: int) -> Arrival:

@@ -20,6 +20,7 @@ from groundstation.verdict.observations import (
     Arrival,
     FlightObservations,
     StepResult,
+    collided_vehicles,
     flown_law,
 )
 from onboard.config.fleet import FleetConfig
@@ -118,7 +119,7 @@ def judge(
         begin_ns = flown.begin_ns
 
     closest = _smallest_of_all(state, report)
-    collided = _collided(state, report)
+    collided = _collided(flown, report)
     landed = _landed(fleet, state)
     checks = check(expect, fleet, closest, flown.arrivals, landed, collided)
 
@@ -265,15 +266,13 @@ def _smallest_of_all(state: FleetState, report: FlightReport | None) -> Separati
     return live
 
 
-def _collided(state: FleetState, report: FlightReport | None) -> list[str]:
-    """Return the vehicles that touched another one, by ground truth."""
-    names = set()
-    for name, view in state.vehicles.items():
-        if view.truth is not None and view.truth.is_collided:
-            names.add(name)
+def _collided(flown: FlightObservations, report: FlightReport | None) -> list[str]:
+    """Return the vehicles that touched another one in this flight, by ground truth."""
+    names = set(collided_vehicles(flown.state))
     if report is not None:
         names.update(report.collided)
-    return sorted(names)
+    # the emulator never takes it back: its motors stay dead
+    return sorted(names.difference(flown.earlier_collided))
 
 
 def _still_up(flown: FlightObservations, expect: Expect) -> str:

@@ -81,6 +81,7 @@ class FakeBus:
         self.fleet = fleet
         self.has_truth = has_truth
         self.misbehave: dict[str, str] = {}
+        self.collided: set[str] = set()  # vehicles that have touched another one, for ever
 
         self.accept_only: set[str] = set()  # kinds of orders that are accepted and do not end
         self.orders: list[tuple[str, Order]] = []
@@ -156,7 +157,7 @@ class FakeBus:
                 velocity_enu_m_s=ZERO,
                 quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
                 is_on_ground=not message.is_airborne,
-                is_collided=False,
+                is_collided=name in self.collided,
             )
             self.on_message[Topic.TRUTH](Topic.TRUTH, name, truth)
 

@@ -17,6 +17,7 @@ from groundstation.mission_files.steps import FormationStep
 from groundstation.missions.runner import MissionRun
 from groundstation.recording.writer import RecordWriter
 from groundstation.verdict.final_verdict import final_verdict
+from groundstation.verdict.observations import collided_vehicles
 from groundstation.verdict.verdict import describe, judge
 from onboard.bus.schema import PreflightReport
 from onboard.bus.topics import Topic
@@ -410,6 +411,26 @@ async def test_only_those_that_have_touched_each_other_are_said_to_have_collided
     assert "THEY COLLIDED" in words(*near)
     assert "THEY COLLIDED" not in words(near[0], third)
     assert f"Collided: {near[0]}, {third}." in words(near[0], third)
+
+
+async def test_a_collision_of_an_earlier_mission_does_not_count(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    async def collide(name: str) -> None:
+        bus.collided.add(name)
+        assert await client.wait_for(lambda state: name in collided_vehicles(state), 5.0)
+
+    await client.wait_for(lambda state: state.is_simulated, 5.0)
+    await collide("mav2")
+    run = MissionRun(make(fleet, [*HOP, {"do": "land"}], expect=EXPECT), client)
+    verdict = await run.run()
+    assert verdict.passed
+    assert verdict.collided == []
+
+    await collide("mav1")
+    flown = run.flown()
+    flown.state = client.state
+    assert judge(flown, run.mission.expect).collided == ["mav1"]
 
 
 @pytest.mark.parametrize(("had_thrust", "speed_m_s"), [(True, 0.9), (False, 4.0)])
