@@ -7,8 +7,10 @@ another campaign is refused, so that no flight of it is counted.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -102,9 +104,21 @@ class KeptFlights:
         self._write_whole(origin)
 
     def _write_whole(self, origin: dict[str, str]) -> None:
-        """Write the file anew, without an incomplete line."""
+        """Write the file anew, without an incomplete line; wholly or not at all."""
         lines = [msgspec.json.encode(origin), *map(msgspec.json.encode, self.flown.values())]
-        self.path.write_bytes(b"".join(line + b"\n" for line in lines))
+        target = self.path.resolve()
+        new_path = target.with_name(f".{target.name}.new")
+        try:
+            new_path.write_bytes(b"".join(line + b"\n" for line in lines))
+            shutil.copymode(target, new_path)
+            new_path.replace(target)
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                new_path.unlink()
+            raise ConfigError(
+                f"{self.path} cannot be written ({error.strerror}). Correct its permissions, or"
+                " make room; its flights are kept."
+            ) from None
 
     def keep(self, flight: FlownCase) -> None:
         """Add a flight."""

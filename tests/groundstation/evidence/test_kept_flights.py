@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import resource
+
 import pytest
 
 from groundstation.evidence.kept_flights import KeptFlights
@@ -23,6 +25,26 @@ def test_flights_are_read_again_and_a_line_that_was_cut_is_dropped(tmp_path) -> 
     assert list(again.flown.values()) == [flown()]
     again.keep(flown(number=1))
     assert path.read_bytes() == whole
+
+
+def test_a_disk_that_is_full_when_a_campaign_goes_on_costs_no_flight(tmp_path) -> None:
+    path = tmp_path / "flights.jsonl"
+    kept = KeptFlights(path, ORIGIN)
+    for number in range(3):
+        kept.keep(flown(number=number))
+    whole = path.read_bytes()
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(whole) // 2, before[1]))
+    try:
+        with pytest.raises(ConfigError, match="cannot be written"):
+            KeptFlights(path, ORIGIN)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+    assert path.read_bytes() == whole
+    assert list(tmp_path.iterdir()) == [path]
+    assert len(KeptFlights(path, ORIGIN).flown) == 3
 
 
 def test_flights_of_another_campaign_are_refused_with_what_differs(tmp_path) -> None:
