@@ -250,6 +250,7 @@ class PlanScene:
 
     window: Window
     fleet: FleetConfig
+    numbers: Mapping[str, int]  # number of each vehicle in the fleet file
     history: History
     views: Sequence[VehicleView]
     people: Sequence[PersonView]
@@ -272,6 +273,10 @@ class PlanScene:
     def is_dense(self) -> bool:
         """Whether there is room for numbers only."""
         return self.window.width * self.window.height < _DENSE * len(self.views)
+
+    def number_of(self, view: VehicleView) -> int:
+        """Return the number of a vehicle in the fleet file."""
+        return self.numbers.get(view.name, 0)
 
     def is_stale(self, view: VehicleView) -> bool:
         """Whether a vehicle is silent."""
@@ -296,10 +301,11 @@ def draw_fleet(canvas: Canvas, scene: PlanScene) -> None:
     too_close = scene.too_close()
     _draw_trails(canvas, scene)
 
-    for index, view in enumerate(scene.views):
+    for view in scene.views:
         if scene.is_emphasised(view.name):
             position = scene.positions_enu_m.get(view.name)
-            _draw_goal(canvas, scene.window, view, position, theme.vehicle_colour(index))
+            colour = theme.vehicle_colour(scene.number_of(view))
+            _draw_goal(canvas, scene.window, view, position, colour)
 
     _draw_circles(canvas, scene, too_close)
     _draw_people(canvas, scene)
@@ -309,16 +315,16 @@ def draw_fleet(canvas: Canvas, scene: PlanScene) -> None:
 
 def _draw_trails(canvas: Canvas, scene: PlanScene) -> None:
     """Draw the trails; all trails of one colour are drawn together."""
-    trails = scene.history.trails
-    colour_count = len(theme.VEHICLE_COLOURS)
+    trails_by_colour: dict[str, list[Array]] = {}
+    for view in scene.views:
+        trail_enu_m = scene.history.trails.get(view.name)
+        if trail_enu_m is not None:
+            colour = theme.faded(theme.vehicle_colour(scene.number_of(view)))
+            trails_by_colour.setdefault(colour, []).append(trail_enu_m)
 
-    for first in range(min(colour_count, len(scene.views))):
-        same_coloured = scene.views[first::colour_count]
-        points_enu_m = [trails[view.name] for view in same_coloured if view.name in trails]
-        if points_enu_m:
-            dots = scene.window.dots(np.concatenate(points_enu_m))
-            colour = theme.faded(theme.vehicle_colour(first))
-            canvas.dots(dots[:, 0], dots[:, 1], colour)
+    for colour, trails_enu_m in trails_by_colour.items():
+        dots = scene.window.dots(np.concatenate(trails_enu_m))
+        canvas.dots(dots[:, 0], dots[:, 1], colour)
 
 
 def _draw_goal(
@@ -347,7 +353,7 @@ def _draw_goal(
 def _draw_circles(canvas: Canvas, scene: PlanScene, too_close: set[str]) -> None:
     """Draw a circle of half the safety distance around each vehicle; dotted if it is silent."""
     groups: dict[tuple[str, int], list[Dot]] = {}  # colour and gap between dots -> centres
-    for index, view in enumerate(scene.views):
+    for view in scene.views:
         position = scene.positions_enu_m.get(view.name)
         if position is None:
             continue
@@ -361,7 +367,7 @@ def _draw_circles(canvas: Canvas, scene: PlanScene, too_close: set[str]) -> None
         elif view.light is not None:
             colour = theme.light_colour(view.light)
         else:
-            colour = theme.vehicle_colour(index)
+            colour = theme.vehicle_colour(scene.number_of(view))
 
         centres = groups.setdefault((colour, gap), [])
         centres.append(scene.window.dot(*position[:2]))
@@ -446,9 +452,9 @@ class _Number:
 def _draw_labels(canvas: Canvas, scene: PlanScene, too_close: set[str]) -> None:
     """Write numbers, then heights, so that no height covers a number."""
     numbers = []
-    for index, view in enumerate(scene.views):
+    for view in scene.views:
         if view.name in scene.positions_enu_m and view.telemetry is not None:
-            number = _write_number(canvas, scene, index, view, is_close=view.name in too_close)
+            number = _write_number(canvas, scene, view, is_close=view.name in too_close)
             if scene.is_emphasised(view.name):
                 numbers.append(number)
 
@@ -458,13 +464,14 @@ def _draw_labels(canvas: Canvas, scene: PlanScene, too_close: set[str]) -> None:
 
 
 def _write_number(
-    canvas: Canvas, scene: PlanScene, index: int, view: VehicleView, *, is_close: bool
+    canvas: Canvas, scene: PlanScene, view: VehicleView, *, is_close: bool
 ) -> _Number:
     """Write a vehicle's number: ``[1]`` is under the cursor, ``1!`` too close, ``1?`` silent.
 
     In a dense fleet, numbers have the colour of the height.
     """
     position = scene.positions_enu_m[view.name]
+    number = scene.number_of(view)
     if scene.is_stale(view):
         sign = "?"
         colour = FAINT
@@ -476,17 +483,17 @@ def _write_number(
         colour = theme.height_colour(position[2], scene.fleet.fleet.geofence_m.z)
     else:
         sign = ""
-        colour = theme.vehicle_colour(index)
+        colour = theme.vehicle_colour(number)
 
     column, row = scene.window.cell(*position[:2])
     if view.name == scene.selected:
-        text = f"[{index}]{sign}"
+        text = f"[{number}]{sign}"
         column -= 1
     elif view.name in scene.marked:
-        text = f"✓{index}{sign}"
+        text = f"✓{number}{sign}"
         column -= 1
     else:
-        text = f"{index}{sign}"
+        text = f"{number}{sign}"
 
     canvas.text(column, row, text, colour, bold=True)
     return _Number(column, row, len(text), view)

@@ -327,6 +327,11 @@ class FleetConfig(msgspec.Struct, frozen=True):
         )
 
     @property
+    def numbers(self) -> dict[str, int]:
+        """Number of each vehicle in the file, from 0, which :meth:`select` takes like its name."""
+        return {name: number for number, name in enumerate(self.vehicles)}
+
+    @property
     def people_bodies(self) -> dict[str, str]:
         """Mocap body of each person, by name."""
         return {name: body_of(name, person) for name, person in self.people.items()}

@@ -158,11 +158,11 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
 
     def _goals(self, preview: OrderPreview) -> list[str]:
         """Return a line for each vehicle: its number in the fleet file, its name, its goal."""
-        indices = {name: index for index, name in enumerate(self.prepared.fleet.enabled_names)}
+        numbers = self.prepared.fleet.numbers
 
         lines = []
         for name in preview.intent.names[:_MOST_NAMED]:
-            line = f"{indices.get(name, '?')} {name}"
+            line = f"{numbers.get(name, '?')} {name}"
             leg = preview.legs.get(name)
             if leg is not None and leg.is_by_this_order:
                 x_m, y_m, z_m = leg.goal_enu_m

@@ -38,17 +38,25 @@ _NEVER_COVERED = 3  # larger than the ``cover`` of every column
 class RowLayout:
     """The parts of a row that have room."""
 
-    digits: int  # digits of the index
+    digits: int  # digits of the number
     name_width: int
     columns: tuple[Column, ...]
     left: int  # cells that are left for the reason
 
     @classmethod
-    def of(cls, names: Iterable[str], width: int, *, has_corrections: bool = False) -> RowLayout:
-        """Return the layout for these vehicles in a table of this width."""
+    def of(
+        cls, names: Iterable[str], width: int, *, last_number: int, has_corrections: bool = False
+    ) -> RowLayout:
+        """Return the layout of a table of this width.
+
+        Args:
+            names: names of the shown vehicles.
+            width: width of the table, in cells.
+            last_number: largest number of a vehicle in the fleet file.
+            has_corrections: whether the fleet uses RTK corrections.
+        """
         name_widths = [cell_len(name) for name in names]
-        last_index = max(0, len(name_widths) - 1)
-        digits = max(2, len(str(last_index)))
+        digits = max(2, len(str(last_number)))
 
         most = _LONG_NAME if width >= _WIDE else _SHORT_NAME
         name_width = max(4, min(most, max(name_widths, default=4)))

@@ -73,7 +73,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
 
         self._views: list[VehicleView] = [VehicleView(name) for name in fleet.enabled_names]
         self._rows: list[VehicleView] = list(self._views)  # filtered and sorted
-        self._indices = {name: index for index, name in enumerate(fleet.enabled_names)}
+        self._numbers = fleet.numbers
         self._sorted_s = -math.inf  # time of the last sorting
         self._has_nodes = False  # whether the agents on the bus are known
         self._now_ns = 0
@@ -113,7 +113,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
 
     def mark(self, names: Iterable[str]) -> None:
         """Mark these vehicles and no others; unknown names are left out."""
-        self._marks.set(names, self._indices, self._now_s)
+        self._marks.set(names, [view.name for view in self._views], self._now_s)
         self._update_titles()
         self.redraw()
 
@@ -130,10 +130,8 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self._views = list(state.vehicles.values())
         self._now_ns = now_ns
         self._has_nodes = bool(state.nodes)
-        if list(self._indices) != list(state.vehicles):
-            self._indices = {name: index for index, name in enumerate(state.vehicles)}
 
-        self._marks.update(self._indices, self._now_s)
+        self._marks.update(state.vehicles, self._now_s)
 
         if self.is_due(now_ns, [_urgent_values(view, now_ns) for view in self._views]):
             self._arrange()
@@ -320,13 +318,13 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         return view.name == self._cursor and not is_new_filter
 
     def _is_match(self, view: VehicleView) -> bool:
-        return is_match(self._row(view), view.name, self._indices.get(view.name, 0), self.filter)
+        return is_match(self._row(view), view.name, self._numbers.get(view.name, 0), self.filter)
 
     def _key(self, view: VehicleView) -> tuple[bool, float, str, int]:
         return sort_key(
             self._row(view),
             name=view.name,
-            index=self._indices.get(view.name, 0),
+            index=self._numbers.get(view.name, 0),
             sort=self.sort,
             is_reversed=self.is_reversed,
         )
@@ -423,7 +421,12 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         """
         names = [view.name for view in self._views]
         has_corrections = self.fleet.corrections is not None
-        layout = RowLayout.of(names, width, has_corrections=has_corrections)
+        layout = RowLayout.of(
+            names,
+            width,
+            last_number=max(self._numbers.values(), default=0),
+            has_corrections=has_corrections,
+        )
         lines = [self._heading(layout, width)]
 
         selected = self.selected
@@ -445,7 +448,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
                 has_focus=self.has_focus,
                 has_nodes=self._has_nodes,
             )
-            segments = draw_row(layout, view, self._row(view), self._indices.get(name, 0), marks)
+            segments = draw_row(layout, view, self._row(view), self._numbers.get(name, 0), marks)
             lines.append(Strip(segments).adjust_cell_length(width))
 
         if hidden_words:

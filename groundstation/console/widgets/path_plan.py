@@ -49,9 +49,9 @@ class PathPlan(Lines):
         points_enu_m = np.concatenate([*paths_enu_m.values(), *goals_enu_m.values()])
         window = _window_around(points_enu_m, canvas)
 
-        indices = {name: index for index, name in enumerate(self.fleet.enabled_names)}
+        numbers = self.fleet.numbers
         colours = {
-            name: theme.vehicle_colour(indices.get(name, 0))
+            name: theme.vehicle_colour(numbers.get(name, 0))
             for name in paths_enu_m.keys() | preview.legs.keys()
         }
 
@@ -68,7 +68,7 @@ class PathPlan(Lines):
                 column, row = window.cell(*leg.goal_enu_m[:2])
                 canvas.text(column, row, "✛", colours[name], bold=True)
             column, row = window.cell(*leg.start_enu_m[:2])
-            canvas.text(column, row, str(indices.get(name, "?")), colours[name], bold=True)
+            canvas.text(column, row, str(numbers.get(name, "?")), colours[name], bold=True)
         return canvas.strips()
 
     def _paths(self, preview: OrderPreview) -> dict[str, Array]:

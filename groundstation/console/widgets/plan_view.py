@@ -56,6 +56,7 @@ class PlanView(Lines, can_focus=True):
     def __init__(self, fleet: FleetConfig, history: History) -> None:
         super().__init__(id="plan")
         self.fleet = fleet
+        self._numbers = fleet.numbers
         self.history = history
         self.zoom = 1.0
         self.is_whole_fence = False
@@ -197,6 +198,7 @@ class PlanView(Lines, can_focus=True):
         scene = PlanScene(
             window=window,
             fleet=self.fleet,
+            numbers=self._numbers,
             history=self.history,
             views=self._views,
             people=self._people,

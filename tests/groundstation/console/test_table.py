@@ -21,6 +21,7 @@ from groundstation.fleet.state import DIRECT_DISARMED, VehicleView, fold
 from onboard.bus.schema import Event, Telemetry
 from onboard.config.fleet import CorrectionsConfig, FleetConfig
 from onboard.safety.failsafe_table import Condition
+from tests.groundstation.console.rig import Rig
 from tests.groundstation.console.scenes import SteadyClient, crowd, fly, ground_and_sky
 from tests.groundstation.console.seeing import SIZES, lines, plan_of, see, table_of
 
@@ -122,6 +123,35 @@ async def test_a_filter_knows_names_numbers_states_and_conditions() -> None:
             await pilot.press("escape", "slash", *filter_text, "enter")
             shown = [line for line in lines(app, FleetTable) if line[5:].startswith("v00")]
             assert tuple(line[5:9] for line in shown) == names, filter_text
+
+
+async def test_a_vehicle_has_the_number_by_which_orders_know_it_though_others_are_disabled(
+    fleet: FleetConfig,
+) -> None:
+    off = replace(fleet.vehicles["mav0"], enabled=False)
+    rig = Rig(replace(fleet, vehicles={**fleet.vehicles, "mav0": off}))
+    assert rig.client.fleet.select("1") == ("mav1",)
+
+    async with rig.app.run_test(size=(120, 40)) as pilot:
+        for name, east_m in (("mav1", -1.0), ("mav2", 1.0)):
+            spot = (east_m, 0.0, 1.0)
+            rig.client.hear(name, position_enu_m=spot, goal_position_enu_m=spot)
+        await see(rig.app, pilot)
+        shown = [line.split()[:2] for line in lines(rig.app, FleetTable) if "flying" in line]
+        assert shown == [["▌", "1"], ["2", "mav2"]]
+        drawn = "\n".join(lines(rig.app, PlanView))
+        assert "[1]" in drawn
+        assert "[0]" not in drawn
+
+        await pilot.press("2", "enter")
+        assert table_of(rig.app).marked == ("mav2",)
+        await pilot.press("escape", "slash", *"2-2", "enter")
+        assert [view.split()[1] for view in lines(rig.app, FleetTable) if "flying" in view] == ["2"]
+
+        await rig.preview(pilot, "move 1-2 0 1 1")
+        await see(rig.app, pilot)
+        assert "1 mav1" in rig.screen_text
+        assert "2 mav2" in rig.screen_text
 
 
 async def test_marks_come_by_space_by_range_and_all_at_once() -> None:
