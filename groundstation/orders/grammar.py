@@ -246,7 +246,8 @@ def _take_vehicles(
         # `takeoff 1` selects the vehicle with index 1; a height or a spacing is written 1.0. With
         # 1 or 4 numbers, the first of them is a height or a spacing.
         may_be_index = kind.first_number_is_vehicle and count in (1, 4) and not selection
-        if may_be_index and "." not in number_words[0] and _is_selection(number_words[0], fleet):
+        if may_be_index and number_words[0].isdecimal():
+            _check_index(number_words[0], fleet)
             continue
 
         values = [_number(word) for word in number_words]
@@ -284,12 +285,15 @@ def _select(word: str, fleet: FleetConfig) -> tuple[str, ...]:
         raise OrderError(str(error)) from None
 
 
-def _is_selection(word: str, fleet: FleetConfig) -> bool:
-    """Whether a word selects vehicles of the fleet."""
+def _check_index(word: str, fleet: FleetConfig) -> None:
+    """Refuse a number without a point that is the index of no vehicle."""
     try:
-        return bool(fleet.select(word))
+        fleet.select(word)
     except ConfigError:
-        return False
+        raise OrderError(
+            f"'{word[:_MOST_QUOTED]}' is no vehicle: they are counted from 0 to "
+            f"{len(fleet.vehicles) - 1}. Metres are written with a point, for instance 1.5."
+        ) from None
 
 
 def _check_formation(formation: str, fleet: FleetConfig) -> None:
