@@ -305,7 +305,12 @@ def _check_formation(formation: str, fleet: FleetConfig) -> None:
 
 
 def _number(word: str) -> float | None:
-    """Return the number that a word represents; None for any other word."""
+    """Return the number that a word represents; None for any other word.
+
+    Python would read 1_0 as 10, which may have been meant as 1.0.
+    """
+    if "_" in word:
+        return None
     try:
         return float(word)
     except ValueError:
