@@ -165,6 +165,7 @@ class ConsoleApp(App[int]):
             judge,
             run,
             ask=None if forecaster is None else self._ask_countdown,
+            latch=self.orders.latch,
         )
         self.shutdown = Shutdown(
             app=self,

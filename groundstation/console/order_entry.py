@@ -86,7 +86,7 @@ class OrderEntry:
 
         # Orders that the thread of the terminal has sent; shown when the loop handles their keys.
         self._sent_early: deque[OrderResult] = deque()
-        self._latch = KillLatch()
+        self.latch = KillLatch()
         self._written = ""  # the line that is being carried out, if it is from the order line
         self.missions: MissionOrders | None = None  # takes written orders about missions
         self.newest: OrderResult | None = None  # the order whose results are shown
@@ -107,7 +107,7 @@ class OrderEntry:
     @property
     def armed_kill(self) -> str | None:
         """The vehicles that the next press of the kill key stops; None if it is a first press."""
-        names = self._latch.armed(self._now_s)
+        names = self.latch.armed(self._now_s)
         if not names:
             return None
         return self.short(",".join(names))
@@ -142,7 +142,7 @@ class OrderEntry:
         if self._ordering is not None:
             control = self._ordering.control
             control.update(self._client.state)
-        self._panels.notices.show(notices(self._latch.killed, control))
+        self._panels.notices.show(notices(self.latch.killed, control))
 
     async def stop(self) -> None:
         """End the processes of the forecaster."""
@@ -239,13 +239,9 @@ class OrderEntry:
         await self.send(intent)
 
     async def _order_with_preview(self, intent: Intent) -> None:
-        latched = sorted(self._latch.killed.intersection(intent.names))
+        latched = self.latch.refusal(intent.names)
         if latched:
-            names = ",".join(latched)
-            pronoun = "it" if len(latched) == 1 else "them"
-            self._refuse(
-                str(intent), f"{names} was killed. Look at {pronoun}, then write: reset {names}"
-            )
+            self._refuse(str(intent), latched)
             return
 
         if self._forecaster is None or self._ordering is None:
@@ -308,7 +304,7 @@ class OrderEntry:
         killed = sent.planned.orders if sent.intent.verb == "kill" else ()
         if killed:
             events.add(f"KILL {','.join(killed)}", ("✖", KILL))
-            self._latch.add(killed)
+            self.latch.add(killed)
             self.update()
 
         events.add(words, ("→", CALM))
@@ -418,7 +414,7 @@ class OrderEntry:
 
     def _is_kill_confirmed(self, key: str, names: tuple[str, ...]) -> bool:
         """Note a press of a kill key; return whether it is the second one."""
-        if self._latch.press(key, names, self._now_s):
+        if self.latch.press(key, names, self._now_s):
             self._close_questions()
             return True
 
@@ -437,7 +433,7 @@ class OrderEntry:
                 screen.action_drop()
 
     def _reset(self, names: str) -> None:
-        vehicles = self._latch.killed
+        vehicles = self.latch.killed
         if names:
             try:
                 vehicles = frozenset(self._fleet.select(names))
@@ -445,7 +441,7 @@ class OrderEntry:
                 self._refuse(f"reset {names}", str(error))
                 return
 
-        released = ", ".join(sorted(self._latch.reset(vehicles)))
+        released = ", ".join(sorted(self.latch.reset(vehicles)))
         sentence = "No vehicle was killed from here."
         if released:
             sentence = f"{released} may be ordered again."

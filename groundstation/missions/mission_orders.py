@@ -25,6 +25,7 @@ from groundstation.missions.countdown import clock_problem, clock_words
 from groundstation.missions.mission_words import USAGE
 from groundstation.missions.runner import MissionRun
 from groundstation.orders.intents import Takeoff
+from groundstation.orders.kill_latch import KillLatch
 from groundstation.verdict.verdict import Verdict
 from onboard.config.fleet import ConfigError
 from onboard.plain_text import listed
@@ -72,6 +73,7 @@ class MissionOrders:
             no record.
         run: the mission that the console was started with, if any.
         ask: function that shows the question before a countdown; None: it begins at once.
+        latch: vehicles that were killed from here, with which no mission begins; None: nobody is.
     """
 
     def __init__(
@@ -81,12 +83,14 @@ class MissionOrders:
         judge: MissionJudge | None = None,
         run: MissionRun | None = None,
         ask: Ask | None = None,
+        latch: KillLatch | None = None,
     ) -> None:
         self._client = client
         self._begin = begin
         self._judge = judge
         self._run = run
         self._ask = ask
+        self._latch = latch or KillLatch()
         self._line = ""  # last line of the mission
 
     def take(self, words: Sequence[str]) -> str:
@@ -158,22 +162,31 @@ class MissionOrders:
         if "stepping" in words:
             run.fleet.ground.go_on(is_stepping=True)
 
+        latched = self._latch.refusal(run.fleet.names)
+        if latched:
+            return latched
         if at is None or self._ask is None:
             return self._begin_run(run)
         self._ask(lambda: self._question(run, at), lambda: self._begin_asked(run))
         return ""
 
     def _question(self, run: MissionRun, at: WorldTime) -> CountdownQuestion:
-        """Return the question before a countdown, which may not begin while another mission flies.
+        """Return the question before a countdown, with reasons that this ground has against it.
+
+        Another mission flies, or a vehicle was killed and not reset.
 
         Args:
             run: run of the mission, which has not begun.
             at: time at which it begins.
         """
         question = countdown_question(run, at)
-        if not self.is_flying:
-            return question
-        return question._replace(reasons=[_FLIES_ALREADY, *question.reasons])
+        reasons = list(question.reasons)
+        latched = self._latch.refusal(run.fleet.names)
+        if latched:
+            reasons.insert(0, latched)
+        if self.is_flying:
+            reasons.insert(0, _FLIES_ALREADY)
+        return question._replace(reasons=reasons)
 
     def take_off_in_waves(self, intent: Takeoff) -> str:
         """Fly a take-off in waves as a mission of one step; if a vehicle fails, the others hold.

@@ -55,6 +55,15 @@ class KillLatch:
         """Latch vehicles whose kill was sent."""
         self.killed |= frozenset(vehicles)
 
+    def refusal(self, vehicles: Iterable[str]) -> str:
+        """Return why an order to these vehicles is refused; empty if none of them is latched."""
+        latched = sorted(self.killed.intersection(vehicles))
+        if not latched:
+            return ""
+        names = ",".join(latched)
+        pronoun = "it" if len(latched) == 1 else "them"
+        return f"{names} was killed. Look at {pronoun}, then write: reset {names}"
+
     def reset(self, vehicles: Iterable[str]) -> frozenset[str]:
         """Release vehicles; return those that were latched."""
         released = self.killed.intersection(vehicles)

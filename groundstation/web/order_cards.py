@@ -119,7 +119,9 @@ class OrderCards:
         self._cards: deque[OrderCard] = deque(maxlen=MAX_CARDS)
         self._latch = KillLatch()
         self._count = 0
-        self.missions = MissionOrders(client, self._begin_mission, ask=self._ask_mission)
+        self.missions = MissionOrders(
+            client, self._begin_mission, ask=self._ask_mission, latch=self._latch
+        )
         self._mission_card: OrderCard | None = None  # card of the latest mission
         self._flying: asyncio.Task[None] | None = None
 
@@ -302,10 +304,9 @@ class OrderCards:
 
     def _preview(self, text: str, intent: Intent) -> None:
         """Make a card that shows an order's preview and waits for its confirmation."""
-        killed = sorted(self._latch.killed.intersection(intent.names))
-        if killed:
-            names = ",".join(killed)
-            self._new_card(text, "refused", f"{names} was killed. Look at it, then write: reset")
+        latched = self._latch.refusal(intent.names)
+        if latched:
+            self._new_card(text, "refused", latched)
             return
         refusal = self._client.control.refusal(intent.verb)
         if refusal is not None:

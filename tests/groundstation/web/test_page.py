@@ -350,6 +350,34 @@ async def test_a_kill_needs_the_same_words_twice_within_a_second(operated: Serve
         assert freed["sentences"] == ["mav1 may be ordered again."]
 
 
+async def test_no_mission_takes_off_with_a_killed_vehicle_before_its_reset(
+    operated: Served, tmp_path: Path
+) -> None:
+    hop = tmp_path / "hop.toml"
+    hop.write_text('schema = 1\n[[step]]\ndo = "takeoff"\nheight_m = 1.0\n')
+    at = (datetime.now().astimezone() + timedelta(minutes=5)).isoformat(timespec="seconds")
+    later = f"mission {hop} at {at}"
+    sentence = "mav1 was killed. Look at it, then write: reset mav1"
+    async with opened(operated) as socket:
+        await heard(socket, is_operator)
+        await socket.send_str(json.dumps({"do": "order", "text": later}))
+        await heard(socket, lambda m: card(later, "previewed")(m) and m.get("can_send"))
+
+        for order in ("kill mav1", "kill mav1", f"mission {hop}"):
+            await socket.send_str(json.dumps({"do": "order", "text": order}))
+        waiting = await heard(
+            socket, lambda m: card(later, "previewed")(m) and not m.get("can_send")
+        )
+        assert sentence in waiting["reasons"]
+
+    async with opened(operated) as socket:
+        refused = await heard(socket, card(f"mission {hop}", "refused"))
+        assert refused["sentences"] == [sentence]
+        await socket.send_str(json.dumps({"do": "order", "text": "reset mav1"}))
+        await heard(socket, lambda m: card(later, "previewed")(m) and m.get("can_send"))
+    assert [(name, order.kind) for name, order in operated.bus.orders] == [("mav1", "kill")]
+
+
 async def test_a_kill_drops_what_waits_for_the_killed_vehicle(operated: Served) -> None:
     async with opened(operated) as socket:
         await heard(socket, is_operator)
