@@ -65,6 +65,10 @@
 
   function begin(message) {
     const isFirst = fleet === null;
+    if (!isFirst && JSON.stringify(message) !== JSON.stringify(fleet)) {
+      location.reload(); // the server was started anew, for another fleet or with another fence
+      return;
+    }
     fleet = message;
     cards.clear();
     byId("events").replaceChildren();
