@@ -73,8 +73,9 @@ class AlarmList(ScrollView, can_focus=True):
     def show(self, now_ns: int) -> None:
         """Draw the present alarms."""
         self._now_ns = now_ns
+        before = self._holding
         self._holding = self.alarms.lines
-        self.cursor = max(0, min(self.cursor, len(self._holding) - 1))
+        self.cursor = self._moved_cursor(before)
 
         open_count = sum(1 for line in self._holding if not line.is_acknowledged)
         acknowledged_count = len(self._holding) - open_count
@@ -87,6 +88,18 @@ class AlarmList(ScrollView, can_focus=True):
         self._rows = self._holding_rows(now_ns, width) + self._past_rows(now_ns, width)
         self.virtual_size = Size(width, len(self._rows))
         self.refresh()
+
+    def _moved_cursor(self, before: list[AlarmLine]) -> int:
+        """Return the place of the cursor's alarm, which other alarms may have moved.
+
+        When the alarm is over, or was acknowledged, the cursor stays at its place for the next one.
+        """
+        if self.cursor < len(before):
+            chosen = _identity(before[self.cursor])
+            for index, line in enumerate(self._holding):
+                if _identity(line) == chosen:
+                    return index
+        return max(0, min(self.cursor, len(self._holding) - 1))
 
     def on_resize(self) -> None:
         """Break the lines for this width."""
@@ -156,6 +169,13 @@ class AlarmList(ScrollView, can_focus=True):
         )
         advice = _wrapped(" " * len(head), clean(line.alarm.advice), width, advice_colour)
         return sentence + advice
+
+
+def _identity(line: AlarmLine) -> tuple[object, ...]:
+    """Return what tells a line from others, also when it is about more vehicles than before."""
+    alarm = line.alarm
+    subject = alarm.subject if line.count == 1 else ""
+    return alarm.kind, alarm.severity, subject, line.is_acknowledged
 
 
 def _wrapped(

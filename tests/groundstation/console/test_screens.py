@@ -112,6 +112,29 @@ async def test_the_bell_rings_once_for_each_new_alarm_and_only_when_wanted(
             assert len(rung) == (1 if wanted else 0)
 
 
+async def test_an_alarm_that_comes_above_the_cursor_is_not_acknowledged_in_its_place(
+    fleet: FleetConfig,
+) -> None:
+    client = SteadyClient(fleet)
+    spots = {"mav0": (-3.0, 0.0, 1.0), "mav1": (0.0, 0.0, 1.0), "mav2": (3.0, 0.0, 1.0)}
+    for name, spot in spots.items():
+        client.hear(name, position_enu_m=spot)
+    client.hear("mav2", position_enu_m=spots["mav2"], conditions=(Condition.LOOP_LATE.value,))
+    app = ConsoleApp(fleet, client)
+    async with app.run_test(size=(100, 30)) as pilot:
+        await pilot.press("A")
+        client.hear("mav1", position_enu_m=spots["mav1"], state="failed", reason="broken")
+        app.refresh_fleet()
+        await pilot.press("a")
+
+        acknowledged = [line.alarm.subject for line in app.alarms.lines if line.is_acknowledged]
+        assert acknowledged == ["mav2"]
+
+        app.refresh_fleet()
+        await pilot.press("k", "a")
+        assert all(line.is_acknowledged for line in app.alarms.lines)
+
+
 async def test_the_cursor_stays_among_the_alarms_and_escape_leads_back(fleet: FleetConfig) -> None:
     client = alarmed(fleet)
     app = ConsoleApp(fleet, client)
