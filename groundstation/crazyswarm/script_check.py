@@ -148,7 +148,8 @@ def longest_timescale(script: str) -> float | None:
             continue
         if node.func.attr != _START:
             continue
-        numbers = _numbers(_timescale_of(node), known)
+        timescale = _timescale_of(node)
+        numbers = [] if timescale is None else _numbers(timescale, known)
         if not numbers:
             return None
         timescales += numbers
@@ -268,11 +269,19 @@ def _is_main(test: ast.expr) -> bool:
     return any(isinstance(node, ast.Name) and node.id == "__name__" for node in ast.walk(test))
 
 
-def _timescale_of(call: ast.Call) -> ast.expr:
-    """Return the expression of the timescale in a call of startTrajectory; by default 1."""
+def _timescale_of(call: ast.Call) -> ast.expr | None:
+    """Return the expression of the timescale in a call of startTrajectory; by default 1.
+
+    Return None if it may be hidden in an unpacked argument, as in ``startTrajectory(0, **values)``.
+    """
+    is_unpacked = any(isinstance(argument, ast.Starred) for argument in call.args)
     for keyword in call.keywords:
         if keyword.arg == "timescale":
             return keyword.value
+        if keyword.arg is None:
+            is_unpacked = True
+    if is_unpacked:
+        return None
     if len(call.args) > _TIMESCALE_INDEX:
         return call.args[_TIMESCALE_INDEX]
     return ast.Constant(value=1.0)

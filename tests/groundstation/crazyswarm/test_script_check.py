@@ -102,6 +102,8 @@ def test_a_script_that_wants_ids_that_the_fleet_lacks_is_refused(
         ("T = 1.5\nall.startTrajectory(0, timescale=T)\nall.startTrajectory(0, 2)", 2.0),
         ("all.startTrajectory(0, reverse=True)", 1.0),
         ("all.startTrajectory(0, timescale=float(argv[1]))", None),
+        ("slow = {'timescale': 2.0}\nall.startTrajectory(0, **slow)", None),
+        ("both = 0, 2.0\nall.startTrajectory(*both)", None),
         ("all.takeoff(1.0, 2.0)", None),
     ],
 )
