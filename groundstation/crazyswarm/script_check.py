@@ -261,7 +261,7 @@ def _is_conditional(node: ast.AST) -> bool:
     if isinstance(node, ast.comprehension | ast.GeneratorExp | ast.ListComp):
         generators = [node] if isinstance(node, ast.comprehension) else node.generators
         return any(generator.ifs for generator in generators)
-    return isinstance(node, ast.IfExp | ast.Try | ast.BoolOp | ast.While)
+    return isinstance(node, ast.IfExp | ast.Match | ast.Try | ast.BoolOp | ast.While)
 
 
 def _is_main(test: ast.expr) -> bool:

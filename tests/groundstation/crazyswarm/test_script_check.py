@@ -75,6 +75,7 @@ def test_an_import_that_is_missing_says_what_to_write(module: str, words: str) -
         ("def one(n=3):\n    return allcfs.crazyfliesById[n]", 0),
         ("if 9 in allcfs.crazyfliesById:\n    allcfs.crazyfliesById[9].land(0.0, 1.0)", 0),
         ("cfs = [allcfs.crazyfliesById[i] for i in (1, 9) if i in there_are]", 0),
+        ("match n:\n    case 9:\n        allcfs.crazyfliesById[9].land(0.0, 1.0)", 0),
         ("one = allcfs.crazyfliesById[9] if len(allcfs.crazyflies) > 8 else None", 0),
         ("try:\n    allcfs.crazyfliesById[9]\nexcept KeyError:\n    pass", 0),
         ("if __name__ == '__main__':\n    allcfs.crazyfliesById[9]", 1),
