@@ -14,6 +14,7 @@ There are three kinds of order:
 from __future__ import annotations
 
 import contextlib
+import re
 from collections import deque
 from collections.abc import Callable
 
@@ -82,7 +83,11 @@ class OrderEntry:
             client.has_person = True
         self._forecaster = forecaster if self._ordering is not None else None
         self._is_warm = False  # whether the forecaster's process was started
-        self._everybody = ",".join(fleet.enabled_names)
+        # The list of all vehicles, where no further name and no rest of a name is beside it.
+        self._everybody: re.Pattern[str] | None = None
+        if len(fleet.enabled_names) > 1:
+            names = re.escape(",".join(fleet.enabled_names))
+            self._everybody = re.compile(rf"(?<![\w,-]){names}(?![\w,-])")
 
         # Orders that the thread of the terminal has sent; shown when the loop handles their keys.
         self._sent_early: deque[OrderResult] = deque()
@@ -131,10 +136,9 @@ class OrderEntry:
 
     def short(self, text: str) -> str:
         """Return ``text`` with ``all`` instead of the list of all vehicles."""
-        is_list = "," in self._everybody
-        if not is_list:
+        if self._everybody is None:
             return text
-        return text.replace(self._everybody, "all")
+        return self._everybody.sub("all", text)
 
     def update(self) -> None:
         """Update the notices and the control of the fleet."""

@@ -252,6 +252,19 @@ async def test_garbage_never_orders_and_never_breaks(rig: Rig) -> None:
         assert rig.app.is_running
 
 
+async def test_all_stands_for_all_and_not_for_names_that_begin_like_them(
+    fleet: FleetConfig,
+) -> None:
+    spare = msgspec.structs.replace(fleet.vehicles["mav2"], name="mav20", enabled=False)
+    rig = Rig(msgspec.structs.replace(fleet, vehicles={**fleet.vehicles, "mav20": spare}))
+    async with rig.app.run_test(size=(120, 24)) as pilot:
+        rig.hover()
+        await rig.write(pilot, "land mav0,mav1,mav20")
+        assert "land mav0,mav1,mav20" in rig.said
+        await rig.write(pilot, "hold all")
+        assert "hold all" in rig.said
+
+
 async def test_a_fleet_of_none_is_a_sentence(fleet: FleetConfig) -> None:
     vehicles = {
         name: msgspec.structs.replace(one, enabled=False) for name, one in fleet.vehicles.items()
