@@ -135,7 +135,7 @@ class OrderCards:
         if not words:
             return
         if words[:2] in (["take", "control"], ["give", "control"], ["keep", "control"]):
-            self._new_card(text, "sent", self._change_control(words))
+            self._change_control(text, words)
             return
         if are_of_mission(words):
             self._take_mission(text, words)
@@ -403,17 +403,23 @@ class OrderCards:
                 return card
         return None
 
-    def _change_control(self, words: list[str]) -> str:
-        """Take, give or keep control; return the answer as a sentence."""
+    def _change_control(self, text: str, words: list[str]) -> None:
+        """Take, give or keep control, and show the answer on a card."""
         control = self._client.control
-        word = words[2] if len(words) > 2 else ""
-        if words[0] == "take" and word in ("", FORCE_WORD):
-            return control.take(word)
-        if words[0] == "give" and not word:
-            return control.hand_over()
-        if words[0] == "keep" and not word:
-            return control.keep()
-        return f"Write: take control, take control {FORCE_WORD}, give control, keep control."
+        verb = words[0]
+        further_words = " ".join(words[2:])
+
+        if verb == "take" and further_words in ("", FORCE_WORD):
+            answer = control.take(further_words)
+        elif verb == "give" and not further_words:
+            answer = control.hand_over()
+        elif verb == "keep" and not further_words:
+            answer = control.keep()
+        else:
+            usage = f"Write: take control, take control {FORCE_WORD}, give control, keep control."
+            self._new_card(text, "refused", usage)
+            return
+        self._new_card(text, "sent", answer)
 
 
 def _paths(prepared: PreparedOrder) -> dict[str, list[tuple[float, float, float]]]:

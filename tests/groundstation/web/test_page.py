@@ -350,6 +350,16 @@ async def test_a_kill_needs_the_same_words_twice_within_a_second(operated: Serve
         assert freed["sentences"] == ["mav1 may be ordered again."]
 
 
+async def test_control_is_not_taken_by_words_with_more_behind_them(operated: Served) -> None:
+    async with opened(operated) as socket:
+        await heard(socket, is_operator)
+        for text in ("take control force tomorrow", "give control now", "keep control of it"):
+            await socket.send_str(json.dumps({"do": "order", "text": text}))
+            answer = await heard(socket, lambda m, text=text: m.get("text") == text)
+            assert answer["phase"] == "refused"
+            assert answer["sentences"][0].startswith("Write: take control"), text
+
+
 async def test_no_mission_takes_off_with_a_killed_vehicle_before_its_reset(
     operated: Served, tmp_path: Path
 ) -> None:
