@@ -355,8 +355,7 @@ async def test_control_is_not_taken_by_words_with_more_behind_them(operated: Ser
         await heard(socket, is_operator)
         for text in ("take control force tomorrow", "give control now", "keep control of it"):
             await socket.send_str(json.dumps({"do": "order", "text": text}))
-            answer = await heard(socket, lambda m, text=text: m.get("text") == text)
-            assert answer["phase"] == "refused"
+            answer = await heard(socket, card(text, "refused"))
             assert answer["sentences"][0].startswith("Write: take control"), text
 
 
