@@ -168,11 +168,11 @@ def _place_for(name: str, intent: Intent) -> str:
 def _without_disabled(intent: Intent, fleet: FleetConfig, state: FleetState | None) -> Intent:
     """Return an order to all without the vehicles that are out of service, or swapped.
 
-    Two kinds of orders reach these vehicles as well: orders that bring vehicles down, and orders
-    that do not go to all.
+    An order to some vehicles is not changed, and neither is one that brings vehicles down.
     """
     is_to_all = set(intent.names) == set(fleet.enabled_names)
-    if state is None or not is_to_all or intent.brings_down or isinstance(intent, Goto):
+    has_goal_for_each = isinstance(intent, Goto)  # whoever wrote it has named each vehicle
+    if state is None or not is_to_all or has_goal_for_each or intent.brings_down:
         return intent
 
     out = out_of_service(state)
