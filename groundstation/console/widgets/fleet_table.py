@@ -165,6 +165,8 @@ class FleetTable(Lines, ScrollView, can_focus=True):
     def action_mark_all(self) -> None:
         """Mark all shown vehicles; if they are marked already, remove all marks."""
         shown = {view.name for view in self._rows}
+        if not shown:
+            return
         marked = self._marks.names
         if shown <= marked:
             self.mark(())

@@ -59,6 +59,10 @@ async def test_a_filter_shows_some_and_says_what_it_hides_of_the_marked() -> Non
         assert app.is_running
         assert sum("● flying" in line for line in lines(app, FleetTable)) == 2
         assert table_of(app).marked == ("v000",)
+
+        await pilot.press("slash", *"nobody", "enter", "asterisk")
+        assert table_of(app).marked == ("v000",), "a star means those that are shown"
+        await pilot.press("slash", "ctrl+u", *"v01", "enter")
         assert "1 marked, 1 hidden by the filter" in str(table_of(app).border_subtitle)
         assert table_of(app).selected == "v010"
         await pilot.press("escape")
