@@ -36,6 +36,7 @@ _CONNECT_ATTEMPTS = 3  # of a TCP link, whose other side may be starting
 _CONNECT_AGAIN_S = 1.0
 _ENDED_WAIT_S = 0.05  # wait for each message of a TCP link that the other side has closed
 
+_DIALECT = "common"
 _MAX_DATAGRAM = 65_535
 _LAST_PORT = 65_535
 
@@ -239,16 +240,20 @@ def _mavutil() -> Any:
 
 def _connection(address: str, system_id: int, component_id: int) -> Any:
     """Open a UDP or TCP link, which prints nothing."""
+    with _opening:
+        mavutil = _mavutil()
+        mavutil.set_dialect(_DIALECT)
 
+    # A host that does not answer holds up a TCP link for minutes. So the lock is not kept
+    # meanwhile: it would hold up the kill of another vehicle as well.
     def opened() -> Any:
-        with _opening:
-            return _mavutil().mavlink_connection(
-                address,
-                source_system=system_id,
-                source_component=component_id,
-                dialect="common",
-                retries=1,  # pymavlink prints before each further one
-            )
+        return mavutil.mavlink_connection(
+            address,
+            source_system=system_id,
+            source_component=component_id,
+            dialect=_DIALECT,
+            retries=1,  # pymavlink prints before each further one
+        )
 
     if not address.startswith("tcp:"):
         return opened()
@@ -275,7 +280,7 @@ def _serial(endpoint: str, system_id: int) -> Any:
     """
     with _opening:
         mavutil = _mavutil()
-        mavutil.set_dialect("common")
+        mavutil.set_dialect(_DIALECT)
 
     descriptor = open_serial(endpoint)
     link = mavutil.mavfile(

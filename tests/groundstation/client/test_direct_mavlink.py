@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import threading
 import time
@@ -268,3 +269,33 @@ def test_a_port_that_does_not_exist_is_said_instead_of_failing() -> None:
     answer = send_direct("udpout://127.0.0.1:99999", 1, "kill", timeout_s=0.1)
     assert not answer.has_answered
     assert "cannot be opened" in answer.sentence
+
+
+def test_a_host_that_does_not_answer_holds_up_no_link_of_another_vehicle() -> None:
+    with (
+        socket.socket() as full,
+        contextlib.ExitStack() as waiting,
+        flying(lambda autopilot, command: []) as other,
+    ):
+        full.bind(("127.0.0.1", 0))
+        full.listen(0)
+        host_and_port = full.getsockname()
+        for _ in range(3):  # nobody accepts them, so that the next one waits
+            client = waiting.enter_context(socket.socket())
+            client.setblocking(False)
+            client.connect_ex(host_and_port)
+
+        stuck = threading.Thread(
+            target=send_direct,
+            args=(f"tcp://127.0.0.1:{host_and_port[1]}", 1, "kill"),
+            kwargs={"timeout_s": 0.1},
+            daemon=True,
+        )
+        stuck.start()
+        time.sleep(0.3)
+        assert stuck.is_alive(), "the first host does not answer"
+
+        begin_s = time.monotonic()
+        send_direct(f"udpout://127.0.0.1:{other.port}", 1, "kill", timeout_s=0.5)
+        assert time.monotonic() - begin_s < 3.0
+        assert other.count >= 1
