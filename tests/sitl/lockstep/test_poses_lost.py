@@ -181,7 +181,8 @@ def test_px4s_own_position_is_wrong_by_metres_soon_after(lockstep) -> None:
         for after_s, errors in errors_m.items():
             flight.run(lost_s + after_s - flight.time_s)
             errors.extend(map(flight.px4_position_error_m, names))
-    assert 1.0 < statistics.median(errors_m[3]) < statistics.median(errors_m[4]) < 2.3
+    # real ones: 0.7 m in the median after 3 s, 1.2 m after 4 s (docs/px4-sitl.md)
+    assert 0.6 < statistics.median(errors_m[3]) < statistics.median(errors_m[4]) < 2.3
     assert statistics.median(errors_m[1]) < 0.5
 
 
