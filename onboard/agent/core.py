@@ -246,7 +246,8 @@ class AgentCore:
         self.neighbours.place_contradicted(view.position_enu_m, now_ns)
         self._ages_s = self.neighbours.followed_ages_s(now_ns)
         self._distances_m = self.neighbours.distances_m(view.position_enu_m, now_ns)
-        self._distances_m |= self.people.distances_m(view.position_enu_m, now_ns)
+        if self.people.names:
+            self._distances_m |= self.people.distances_m(view.position_enu_m, now_ns)
 
         # How old are the corrections, and whose?
         if self.corrections is not None:
@@ -262,7 +263,9 @@ class AgentCore:
         state_machine.advance(self.flight, view)
 
         # How do we fly that?
-        neighbours = self.people.beside(self.neighbours.snapshot(now_ns), now_ns)
+        neighbours = self.neighbours.snapshot(now_ns)
+        if self.people.names:
+            neighbours = self.people.beside(neighbours, now_ns)
         flight = self.flight
         tick = self.control.run(own.state, flight.goal, flight.step.control_mode, neighbours, dt_s)
         if flight.step.control_mode is ControlMode.FLYING and self._mismatch.is_due():
@@ -379,6 +382,10 @@ class AgentCore:
             miss = subtract(setpoint_enu_m, law.predicted_position_enu_m)
             setpoint_miss_m = math.hypot(miss.x, miss.y)
 
+        unseen_people: tuple[str, ...] = ()
+        if self.people.names:
+            unseen_people = self.people.unseen(view.now_ns)
+
         return TickContext(
             own=own,
             # own process
@@ -397,7 +404,7 @@ class AgentCore:
             is_airborne=self._is_airborne(),
             battery_floor_frac=self._battery_floor_frac,
             nearest_m=min(self._distances_m.values(), default=math.inf),
-            unseen_people=self.people.unseen(view.now_ns),
+            unseen_people=unseen_people,
             # the last pass of the pipeline
             law_status=law_status,
             active_neighbour=active_neighbour,

@@ -110,8 +110,6 @@ class People:
 
     def unseen(self, now_ns: int) -> tuple[str, ...]:
         """Return the persons whose poses have stopped, and who are not gone yet."""
-        if not self.names:
-            return ()
         is_unseen = self._is_here(now_ns) & (self._ages_s(now_ns) > UNSEEN_S + self._late_s)
         return tuple(self.names[index] for index in np.flatnonzero(is_unseen))
 
