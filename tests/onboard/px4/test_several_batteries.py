@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 import math
-import os
-import socket
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing
 
 import pytest
 
-os.environ["MAVLINK20"] = "1"
-from pymavlink.dialects.v20 import common as mavlink
+from tests.onboard.px4.wire import wired
 
-from onboard.px4.mavsdk_link import Px4Link
-
-_SYSTEM = 9
 _NO_CELL_MV = 65535
 _NOT_KNOWN = -1
 # charge [%] and voltage [mV] of a monitor to which nothing is connected
@@ -29,44 +22,24 @@ Send = Callable[..., Battery]
 @pytest.fixture
 def send() -> Iterator[Send]:
     """Have PX4 send one report of each monitor, and return the link's charge and voltage."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    link = Px4Link(f"udpin://127.0.0.1:{port}", _SYSTEM)
-    mav = mavlink.MAVLink(None, _SYSTEM, 1)
     boot_ms = iter(range(1000, 10_000_000, 20))
+    with wired() as wire:
 
-    link.start()
-    px4 = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        def send_reports(
+            *reports: tuple[int, int], is_read_between: bool = False
+        ) -> tuple[float, float]:
+            for monitor, (charge_pct, voltage_mv) in enumerate(reports):
+                voltages_mv = [voltage_mv] + [_NO_CELL_MV] * 9
+                report = wire.mav.battery_status_encode(
+                    monitor, 0, 0, 2500, voltages_mv, _NOT_KNOWN, _NOT_KNOWN, _NOT_KNOWN, charge_pct
+                )
+                wire.send(report)
+                if is_read_between:
+                    time.sleep(0.1)
+                    wire.link.snapshot()
+            return wire.attitude(next(boot_ms)).battery(time.monotonic_ns())
 
-    def send_reports(
-        *reports: tuple[int, int], is_read_between: bool = False
-    ) -> tuple[float, float]:
-        last_ns = link.snapshot().attitude_ns
-        for monitor, (charge_pct, voltage_mv) in enumerate(reports):
-            voltages_mv = [voltage_mv] + [_NO_CELL_MV] * 9
-            report = mav.battery_status_encode(
-                monitor, 0, 0, 2500, voltages_mv, _NOT_KNOWN, _NOT_KNOWN, _NOT_KNOWN, charge_pct
-            )
-            px4.sendto(report.pack(mav), ("127.0.0.1", port))
-            if is_read_between:
-                time.sleep(0.1)
-                link.snapshot()
-
-        # an attitude after them shows that the link has received all reports
-        attitude = mav.attitude_quaternion_encode(next(boot_ms), 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        px4.sendto(attitude.pack(mav), ("127.0.0.1", port))
-        end_s = time.monotonic() + 10.0
-        while link.snapshot().attitude_ns == last_ns:
-            assert time.monotonic() < end_s
-            time.sleep(0.005)
-        return link.snapshot().battery(time.monotonic_ns())
-
-    try:
-        with closing(px4):
-            yield send_reports
-    finally:
-        link.stop()
+        yield send_reports
 
 
 @pytest.mark.parametrize("is_read_between", [False, True], ids=["at once", "one by one"])
