@@ -148,6 +148,9 @@ class FlightMetrics:
                 self._counts[f, plan.lie.member] = False
         self._is_judged = self._judged_pairs(plans)
         self._radius_m = self._pair_radii_m(plans)
+        # of a person and a vehicle, only the vehicle has half a body around the measured points
+        bodies = np.where(self._radius_m > 0.0, 0.5, 1.0)
+        self._touching_m = bodies * self._body_m
 
         self._position = start_enu_m
         self._command = np.zeros((flights, count, 2))
@@ -253,8 +256,7 @@ class FlightMetrics:
 
         # no distance from a liar is promised, so only the others are judged
         distance = np.where(self._is_judged, distance, np.inf)
-        # of a person and a vehicle, only the vehicle has half a body around the measured points
-        touches = distance < np.where(self._radius_m > 0.0, 0.5, 1.0) * self._body_m
+        touches = distance < self._touching_m
         if self._height_share > 0.0:
             height = np.abs(offset[..., 2])
             distance = np.maximum(distance, self._height_share * height)
@@ -411,6 +413,7 @@ class FlightMetrics:
         self._is_lost = self._is_lost[flights]
         self._is_judged = self._is_judged[flights]
         self._radius_m = self._radius_m[flights]
+        self._touching_m = self._touching_m[flights]
 
         self._position = self._position[flights]
         self._command = self._command[flights]

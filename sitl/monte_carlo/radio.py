@@ -50,6 +50,7 @@ class Radio:
         self._silent_s = SILENT_S + lateness_s
         self._is_intruder = is_intruder
         self._radius_m = radius_m
+        self._has_people = bool(radius_m.any())
 
         # a message can be received in the tick after the one in which it is published, or later
         self._delay_ticks = max(1, math.ceil(round(perturbation.delay_s / TICK_S, 6)))
@@ -99,7 +100,7 @@ class Radio:
                 age_s = np.where(is_tracked, _TRACKED_AGE_S, age_s)
                 is_cooperative = is_cooperative & ~is_tracked
         neighbours = batch.received(inbox, age_s, self._gathered, is_cooperative)
-        if self._radius_m.any():
+        if self._has_people:
             flight = np.arange(len(self._radius_m))[:, None, None]
             neighbours["radius_m"] = self._radius_m[flight, self._gathered]
         return neighbours
