@@ -49,7 +49,8 @@ def problems(mocap: MocapConfig, bodies: Mapping[str, str | None]) -> Iterator[s
 
     Args:
         mocap: the table.
-        bodies: vehicle -> body; None for a vehicle without a mocap.
+        bodies: key of a vehicle or person, for instance ``vehicles.mav0`` -> body; None for a
+            vehicle without a mocap.
     Yields:
         a sentence for each mistake.
     """
@@ -86,20 +87,20 @@ def _system_problems(mocap: MocapConfig) -> Iterator[str]:
 
 
 def _body_problems(bodies: Mapping[str, str | None]) -> Iterator[str]:
-    """Yield a sentence for each body that two vehicles share, or that has an invalid name."""
-    owners: dict[str, str] = {}  # body -> vehicle
-    for vehicle, body in bodies.items():
+    """Yield a sentence for each body that two keys share, or that has an invalid name."""
+    owners: dict[str, str] = {}  # body -> key
+    for key, body in bodies.items():
         if body is None:
             continue
 
-        owner = owners.setdefault(body, vehicle)
-        if owner != vehicle:
+        owner = owners.setdefault(body, key)
+        if owner != key:
             yield (
-                f"'vehicles.{vehicle}' and 'vehicles.{owner}' have the same mocap body {body!r} "
-                "(without mocap_body it is the vehicle's name). Give each vehicle its own."
+                f"'{key}' and '{owner}' have the same mocap body {body!r} (without mocap_body it "
+                "is the name in the file). Give each its own."
             )
         if not re.fullmatch(BODY_NAME, body):
             yield (
-                f"'vehicles.{vehicle}.mocap_body' is {body!r}; a body has 1 to 60 of "
+                f"'{key}.mocap_body' is {body!r}; a body has 1 to 60 of "
                 "A-Z a-z 0-9 _ . : - as its name. Rename it in the mocap's software and here."
             )

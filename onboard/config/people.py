@@ -7,7 +7,6 @@ from collections.abc import Collection, Iterator, Mapping
 
 import msgspec
 
-from onboard.config.mocap import BODY_NAME
 from onboard.config.toml_reading import bound_problems
 
 BOUNDS: dict[str, tuple[float, float]] = {
@@ -36,7 +35,7 @@ def body_of(name: str, person: Person) -> str:
 def problems(
     people: Mapping[str, Person], vehicle_bodies: Mapping[str, str | None]
 ) -> Iterator[str]:
-    """Check the persons of a fleet file.
+    """Check the persons of a fleet file. Their bodies are checked with those of the vehicles.
 
     Args:
         people: persons by name.
@@ -50,17 +49,9 @@ def problems(
             "the table: vehicles without a mocap avoid nobody in it."
         )
 
-    owners = {body: name for name, body in vehicle_bodies.items() if body}
     for name, person in people.items():
         key = f"people.{name}"
         yield from _name_problems(name, key, vehicle_bodies)
-
-        body = body_of(name, person)
-        if not re.fullmatch(BODY_NAME, body):
-            yield f"'{key}.mocap_body' is {body!r}. Use 1 to 60 of A-Z a-z 0-9 _ . : -."
-        if body in owners:
-            yield f"'{key}' and '{owners[body]}' have the same body '{body}' in the mocap."
-        owners[body] = name
 
         for field, (low, high) in BOUNDS.items():
             yield from bound_problems(f"{key}.{field}", getattr(person, field), low, high)

@@ -97,8 +97,11 @@ def _problems(config: FleetConfig) -> Iterator[str]:
     yield from _double_problems(config)
 
     bodies = {name: vehicle.body for name, vehicle in config.vehicles.items()}
-    yield from mocap_config.problems(config.mocap, bodies)
     yield from people.problems(config.people, bodies)
+    bodies_by_key = {f"vehicles.{name}": body for name, body in bodies.items()}
+    for name, body in config.people_bodies.items():
+        bodies_by_key[f"people.{name}"] = body
+    yield from mocap_config.problems(config.mocap, bodies_by_key)
     yield from radio_config.problems(config.radio)
     yield from _corrections_problems(config)
 

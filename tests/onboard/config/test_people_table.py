@@ -34,8 +34,14 @@ WRONG = [
     ({"anna b": {}}, "'people.anna b'"),
     ({"anna": {"mocap_body": "a b"}}, "'people.anna.mocap_body' is 'a b'"),
     ({"mav1": {"mocap_body": "cap"}}, "'people.mav1' has the name of a vehicle"),
-    ({"anna": {"mocap_body": "mav1"}}, "'people.anna' and 'mav1' have the same body"),
-    ({"anna": {}, "ben": {"mocap_body": "anna"}}, "'people.ben' and 'anna' have the same body"),
+    (
+        {"anna": {"mocap_body": "mav1"}},
+        "'people.anna' and 'vehicles.mav1' have the same mocap body 'mav1'",
+    ),
+    (
+        {"anna": {}, "ben": {"mocap_body": "anna"}},
+        "'people.ben' and 'people.anna' have the same mocap body 'anna'",
+    ),
     ({"anna": {"walk_m_s": 30.0}}, "'people.anna.walk_m_s' is 30.0"),
     ({"anna": {"walk_enu_m": [[0.0, float("inf")]]}}, "'people.anna.walk_enu_m'"),
     ([{"name": "anna"}], "people"),
