@@ -207,7 +207,8 @@ class AgentCore:
         # from the newest tick
         self._period_s = TICK_S  # time since the tick before
         self._ages_s: dict[str, float] = {}  # age of the state of each followed neighbour
-        self._distances_m: dict[str, float] = {}  # separation from each neighbour
+        self._distances_m: dict[str, float] = {}  # separation from each neighbour and person
+        self._people_m: dict[str, float] = {}  # those of the persons
         self._view = FlightView(
             now_ns=0,
             position_enu_m=_ZERO,
@@ -247,7 +248,8 @@ class AgentCore:
         self._ages_s = self.neighbours.followed_ages_s(now_ns)
         self._distances_m = self.neighbours.distances_m(view.position_enu_m, now_ns)
         if self.people.names:
-            self._distances_m |= self.people.distances_m(view.position_enu_m, now_ns)
+            self._people_m = self.people.distances_m(view.position_enu_m, now_ns)
+            self._distances_m |= self._people_m
 
         # How old are the corrections, and whose?
         if self.corrections is not None:
@@ -424,7 +426,7 @@ class AgentCore:
             hover_frac=self.control.hover_frac,
             conditions=self.failsafes.conditions,
             corrections=self._corrections_status,
-            people_m=self.people.distances_m(view.position_enu_m, view.now_ns),
+            people_m=self._people_m,
             place=self.flight.place,
         )
         state_machine.preflight_checked(self.flight, view, not self.preflight.not_ready)
