@@ -380,8 +380,9 @@ def _draw_circles(canvas: Canvas, scene: PlanScene, too_close: set[str]) -> None
 def _draw_people(canvas: Canvas, scene: PlanScene) -> None:
     """Draw the circle of each person who was seen, with the name; dotted if he is not seen now."""
     window = scene.window
+    places = scene.places_of_people
     for person in scene.people:
-        position = scene.places_of_people.get(person.name)
+        position = places.get(person.name)
         if position is None:
             continue
 
@@ -403,6 +404,7 @@ def _draw_people(canvas: Canvas, scene: PlanScene) -> None:
 def _draw_avoidance(canvas: Canvas, scene: PlanScene) -> None:
     """Draw an arrow from each vehicle that the law holds back to the vehicle that it avoids."""
     window = scene.window
+    places = {**scene.places_of_people, **scene.positions_enu_m}
     bright: list[tuple[PointEnu, PointEnu]] = []
     faint: list[tuple[PointEnu, PointEnu]] = []
     for view in scene.views:
@@ -412,7 +414,7 @@ def _draw_avoidance(canvas: Canvas, scene: PlanScene) -> None:
             continue
 
         # an obstacle, the fence or the tilt limit can hold it back, too: then nobody is named
-        other = scene.positions_enu_m.get(last.avoids, scene.places_of_people.get(last.avoids))
+        other = places.get(last.avoids)
         is_held_back = last.law_status.lower() not in ("", "inactive")
         if other is not None and is_held_back:
             if scene.is_emphasised(view.name):
