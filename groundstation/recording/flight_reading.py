@@ -26,7 +26,7 @@ import numpy as np
 from groundstation.recording.audit import TOPICS as ORDER_TOPICS
 from groundstation.recording.audit import trail_of
 from groundstation.recording.channels import MAX_STAMP_NS, from_json
-from groundstation.recording.people_reading import people_of
+from groundstation.recording.people_reading import PeopleTracks
 from groundstation.recording.recorded_flight import (
     Flight,
     StateRows,
@@ -463,20 +463,25 @@ def read_flight(folder: Path, fleet_path: str | None = None) -> Flight:
         ConfigError: there is no record, or no vehicle is in it.
     """
     timeline = Timeline(folder)
-    collected = _Collected()
     record_folder = timeline.path.parent
     notes: list[str] = []
     fleet = _fleet(record_folder, fleet_path, notes)
+
+    collected = _Collected()
+    people = PeopleTracks(fleet)
     with contextlib.closing(timeline), _without_collection():
         for number in range(timeline.chunk_count):
-            for raw in timeline.raw_channels(number, TOPICS):
-                collected.add(raw)
+            for raw in timeline.raw_channels(number, TOPICS | people.topics):
+                if raw.topic in people.topics:
+                    people.add(raw)
+                else:
+                    collected.add(raw)
         collected.finish()
-        span = _span(collected, timeline.begin_ns)
-        people = people_of(timeline, fleet, span.seconds)
 
     if timeline.broken:
         notes.insert(0, timeline.broken)
+
+    span = _span(collected, timeline.begin_ns)
     vehicles = _vehicles(collected, fleet, span)
     if not vehicles:
         raise ConfigError(
@@ -499,7 +504,7 @@ def read_flight(folder: Path, fleet_path: str | None = None) -> Flight:
         ],
         orders=trail_of(messages, span.begin_ns),
         fleet=fleet,
-        people=people,
+        people=people.tracks(span.seconds),
         verdict=_verdict(record_folder, notes),
         mission=_mission(record_folder),
         made=dict(list(timeline.made_by.items())[:MAX_MADE]),

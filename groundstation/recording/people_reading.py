@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from groundstation.recording.recorded_flight import PersonTrack
-from groundstation.recording.timeline import Timeline
+from groundstation.recording.timeline import RawChannel
 from onboard.config.fleet import FleetConfig
 from onboard.tuples import Xyz
 
@@ -25,33 +25,53 @@ class _PoseRow(msgspec.Struct, gc=False):
 _POSES = msgspec.json.Decoder(_PoseRow)
 
 
-def people_of(
-    timeline: Timeline, fleet: FleetConfig | None, seconds: Callable[[int], float]
-) -> dict[str, PersonTrack]:
-    """Return the tracks of the persons who were seen, by name.
+class PeopleTracks:
+    """Collects the poses of the persons of a fleet file, channel by channel.
 
     Args:
-        timeline: the open record.
         fleet: the fleet file beside the record; without it nobody is known to be a person.
-        seconds: converts a stamp [ns] to the time of the flight [s].
     """
-    if fleet is None or not fleet.people:
-        return {}
 
-    person_of = {body: name for name, body in fleet.people_bodies.items()}
-    samples: dict[str, list[tuple[float, float, float, float]]] = {}
-    for number in range(timeline.chunk_count):
-        for raw in timeline.raw_channels(number, _TOPICS):
-            name = person_of.get(raw.name)
-            if name is None:
-                continue
-            own = samples.setdefault(name, [])
-            for stamp_ns, data in zip(raw.stamps_ns[::_EVERY], raw.datas[::_EVERY], strict=True):
-                position_enu_m = _position(data)
-                if position_enu_m is not None:
-                    own.append((seconds(stamp_ns), *position_enu_m))
+    def __init__(self, fleet: FleetConfig | None) -> None:
+        bodies: dict[str, str] = {}
+        if fleet is not None:
+            bodies = fleet.people_bodies
+        self._person_of = {body: name for name, body in bodies.items()}
+        self._samples: dict[str, list[tuple[int, Xyz]]] = {}  # person -> stamps and positions
 
-    return {name: _track(own) for name, own in samples.items() if own}
+    @property
+    def topics(self) -> frozenset[str]:
+        """Topics that have to be read; none without persons."""
+        return _TOPICS if self._person_of else frozenset()
+
+    def add(self, raw: RawChannel) -> None:
+        """Add the poses of one channel of these topics."""
+        name = self._person_of.get(raw.name)
+        if name is None:
+            return
+
+        samples = self._samples.setdefault(name, [])
+        kept = zip(raw.stamps_ns[::_EVERY], raw.datas[::_EVERY], strict=True)
+        for stamp_ns, data in kept:
+            position_enu_m = _position(data)
+            if position_enu_m is not None:
+                samples.append((stamp_ns, position_enu_m))
+
+    def tracks(self, seconds: Callable[[int], float]) -> dict[str, PersonTrack]:
+        """Return the tracks of the persons who were seen, by name.
+
+        Args:
+            seconds: converts a stamp [ns] to the time of the flight [s].
+        """
+        tracks = {}
+        for name, samples in self._samples.items():
+            if samples:
+                samples.sort()
+                tracks[name] = PersonTrack(
+                    time_s=np.array([seconds(stamp_ns) for stamp_ns, _ in samples]),
+                    position_enu_m=np.array([position_enu_m for _, position_enu_m in samples]),
+                )
+        return tracks
 
 
 def _position(data: bytes) -> Xyz | None:
@@ -63,8 +83,3 @@ def _position(data: bytes) -> Xyz | None:
     if not row.is_tracked or not all(abs(value) < _LARGEST_M for value in row.position_enu_m):
         return None
     return row.position_enu_m
-
-
-def _track(samples: list[tuple[float, float, float, float]]) -> PersonTrack:
-    values = np.array(sorted(samples))
-    return PersonTrack(time_s=values[:, 0], position_enu_m=values[:, 1:])
