@@ -16,6 +16,7 @@ import threading
 import time
 from typing import Any
 
+from onboard.config.endpoints import LAST_PORT
 from onboard.security.mavlink_key import TOOL_LINK_ID, ground_link_id, signing_time
 from onboard.serial_device import open_serial
 
@@ -38,7 +39,6 @@ _ENDED_WAIT_S = 0.05  # wait for each message of a TCP link that the other side 
 
 _DIALECT = "common"
 _MAX_DATAGRAM = 65_535
-_LAST_PORT = 65_535
 
 # PX4 always answers to the address that sent to it first. So a link is kept for the next command,
 # and every process of this computer sends from the same port, which is computed from PX4's port. If
@@ -63,7 +63,7 @@ def mavutil_address(endpoint: str) -> str:
         ValueError: the text is not such an endpoint.
     """
     match = re.fullmatch(r"(udpin|udpout|tcp)://(.+):(\d{1,5})", endpoint)
-    if match is None or int(match[3]) > _LAST_PORT:
+    if match is None or int(match[3]) > LAST_PORT:
         raise ValueError(
             f"'{endpoint}' is no direct endpoint; write it as udpout://127.0.0.1:18570"
         )

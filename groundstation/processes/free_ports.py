@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import tomli_w
 
 from onboard.config.corrections import beside
-from onboard.config.endpoints import host_of, is_loopback
+from onboard.config.endpoints import LAST_PORT, host_of, is_loopback
 from onboard.config.fleet import ConfigError, FleetConfig
 
 # These ports lie below the kernel's range for outgoing connections, so that no connection gets one
@@ -19,7 +19,6 @@ from onboard.config.fleet import ConfigError, FleetConfig
 PORT_RANGE = (20_000, 30_000)
 PX4_OFFSET = 40  # an emulated PX4 also binds the port that is so much above that of its endpoint
 
-_LAST_PORT = 65_535
 _STREAMS = ("tcp/", "tls/")  # the other protocols of the bus use datagrams
 
 
@@ -146,10 +145,10 @@ def busy_ports(fleet: FleetConfig) -> list[str]:
         if not port_text.isdigit():
             continue
         port = int(port_text) + used.offset
-        if port > _LAST_PORT:
+        if port > LAST_PORT:
             busy.append(
                 f"'{used.key}' ({used.endpoint}) needs port {port}, but the last port is"
-                f" {_LAST_PORT}."
+                f" {LAST_PORT}."
             )
         elif not is_free(port, used.kind):
             protocol = "TCP" if used.kind == socket.SOCK_STREAM else "UDP"

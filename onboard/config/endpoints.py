@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ipaddress
 
+LAST_PORT = 65_535
+
 
 def host_of(endpoint: str) -> str:
     """Return the name or address in an endpoint.

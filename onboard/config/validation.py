@@ -16,6 +16,7 @@ from onboard.config import corrections, fences, folders, formation_shape, obstac
 from onboard.config import mocap as mocap_config
 from onboard.config import radio as radio_config
 from onboard.config import sitl as sitl_profile
+from onboard.config.endpoints import LAST_PORT
 from onboard.config.fleet_config import (
     FleetConfig,
     FleetSection,
@@ -62,7 +63,6 @@ _LEAST_HEIGHT_BODIES = 2.0
 _AGENT_ENDPOINT = re.compile(r"(tcp|quic|tls|udp)/[A-Za-z0-9_.:\[\]-]+:\d{1,5}")
 _AUTOPILOT_ENDPOINT = re.compile(r"(udpin|udpout|serial)://.+")
 _DIRECT_ENDPOINT = re.compile(r"(udpin|udpout|tcp)://.+:\d+")
-_LAST_PORT = 65_535
 _ALL_NETWORKS = re.compile(r"[a-z]+/(0\.0\.0\.0|\[::\]):")
 _KEYED = ("quic/", "tls/")  # schemes of endpoints whose links use keys
 
@@ -237,9 +237,9 @@ def _port_problems(key: str, endpoint: str) -> Iterator[str]:
     port = endpoint.rpartition(":")[2]
     if endpoint.startswith("serial://") or not port.isdecimal():
         return
-    is_port = len(port) <= len(str(_LAST_PORT)) and 1 <= int(port) <= _LAST_PORT
+    is_port = len(port) <= len(str(LAST_PORT)) and 1 <= int(port) <= LAST_PORT
     if not is_port:
-        yield f"'{key}' is {endpoint!r}; a port is a number from 1 to {_LAST_PORT}."
+        yield f"'{key}' is {endpoint!r}; a port is a number from 1 to {LAST_PORT}."
 
 
 def law_bounds(key: str) -> tuple[float, float]:

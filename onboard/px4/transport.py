@@ -16,10 +16,10 @@ import threading
 import time
 from typing import Protocol
 
+from onboard.config.endpoints import LAST_PORT
 from onboard.serial_device import open_serial
 
 Address = tuple[str, int]  # host and port
-_LAST_PORT = 65_535
 _LARGEST = 65_535  # number of bytes that are received at once
 _SOCKET_WAIT = struct.pack("ll", 1, 0)  # one second, as C's struct timeval (s, us)
 _SERIAL_WAIT_MS = 200  # short, because closing a serial device does not end a waiting read
@@ -64,7 +64,7 @@ def open_transport(endpoint: str) -> Transport:
         return _Serial(endpoint)
 
     port = int(match[3])
-    if port > _LAST_PORT:
+    if port > LAST_PORT:
         raise ValueError(f"{port} is no port")
     address = (match[2].strip("[]"), port)
     return _Datagrams(address, listens=match[1] == "udpin")
