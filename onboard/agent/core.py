@@ -334,8 +334,8 @@ class AgentCore:
                 yaw_rad=state.yaw_rad,
                 position_age_s=own.age_s,
                 attitude_wxyz=own.attitude_wxyz,
-                gust_m_s2=self.own.gust_m_s2,
-                expected_gust_m_s2=self.own.strongest_gust_m_s2,
+                gust_m_s2=own.gust_m_s2,
+                expected_gust_m_s2=own.expected_gust_m_s2,
             )
         return self._view
 
@@ -446,10 +446,10 @@ class AgentCore:
             tick=tick,
             view=view,
             state=self.flight.state,
+            may_touch_the_ground=self.flight.may_touch_the_ground(view),
             is_cooperative=is_avoiding and self.failsafes.is_law_followed,
             period_s=self._period_s,
             is_airborne=is_airborne,
-            may_touch_the_ground=self.flight.may_touch_the_ground(view),
             ages_s=self._ages_s,
             distances_m=self._distances_m,
             not_ready=self.preflight.not_ready,

@@ -187,6 +187,12 @@ def before_law(
         speed_share = oist.speed_share(memory.law, params.law)
     predicted = oist.predict(memory.law, usable, params.law, dt_s)
     rate, leg, setpoint = _advance_trajectory(memory, predicted, goal, mode, params, dt_s)
+    intended_m_s = intent(
+        predicted.position_enu_m,
+        goal,
+        params.trajectory.max_speed_m_s,
+        rise_m=trajectory.rise_soon_m(leg),
+    )
 
     # Line O: the compensation of drag and observed disturbance is added after the law. So the law's
     # thrust is that of a vehicle without drag and wind.
@@ -195,12 +201,6 @@ def before_law(
         disturbance = observer.mean_enu_m_s2
     compensation = _compensation(predicted.velocity_enu_m_s, disturbance, params)
 
-    intended_m_s = intent(
-        predicted.position_enu_m,
-        goal,
-        params.trajectory.max_speed_m_s,
-        rise_m=trajectory.rise_soon_m(leg),
-    )
     thrust = _tracking(predicted, setpoint, speed_share, mode, params)
     return BeforeLaw(
         observer=observer,

@@ -68,6 +68,8 @@ class OwnEstimate(NamedTuple):
     jumps: int  # number of impossible samples in a row
     is_mocap_frozen: bool
     is_mocap_late: bool
+    gust_m_s2: float  # standard deviation of the present gusts, per axis
+    expected_gust_m_s2: float  # of the gusts to expect: the strongest lately, or the usual ones
 
 
 @dataclass(slots=True)
@@ -216,14 +218,19 @@ class OwnState:
 
         # converted once more, because the samples have changed the heading's offset
         attitude_wxyz = turned_about_up(snapshot.quaternion_enu_flu_wxyz, self.heading_offset_rad)
+        state = self._state(is_reckoned=is_reckoned)
+        gust_m_s2 = wind.gust_std_m_s2(self._wind)
+        expected_gust_m_s2 = wind.strongest_gust_std_m_s2(self._wind)
         return OwnEstimate(
-            state=self._state(is_reckoned=is_reckoned),
+            state=state,
             attitude_wxyz=attitude_wxyz,
             age_s=age_s,
             is_reckoned=is_reckoned,
             jumps=jumps,
             is_mocap_frozen=self.validator.is_frozen,
             is_mocap_late=self.validator.is_late,
+            gust_m_s2=gust_m_s2,
+            expected_gust_m_s2=expected_gust_m_s2,
         )
 
     def _use(
@@ -390,11 +397,6 @@ class OwnState:
     def gust_m_s2(self) -> float:
         """Standard deviation of the gusts as an acceleration, per axis."""
         return wind.gust_std_m_s2(self._wind)
-
-    @property
-    def strongest_gust_m_s2(self) -> float:
-        """The same of the gusts to expect: the strongest lately, or the usual ones of this wind."""
-        return wind.strongest_gust_std_m_s2(self._wind)
 
     @property
     def gust_m_s(self) -> float:

@@ -18,6 +18,8 @@ STANDSTILL_S = 0.15  # PX4 stood still if its clock has lost more than this agai
 REBOOT_MS = 1000  # PX4 was rebooted if its clock went back by more than this
 REPORTED_S = 2.0  # time for which a reboot or a standstill counts as a condition
 
+_REPORTED_NS = int(REPORTED_S * 1e9)
+
 # A standstill counts only after this number of attitudes in a row with the same shift. In the first
 # ticks of a process that was not scheduled for a while, all messages look old.
 _AGREEING_ATTITUDES = 5
@@ -43,8 +45,9 @@ class AutopilotMonitor:
     _boot_ms: int = 0  # PX4's clock in its newest attitude; 0 before the first
     _moved_ns: int = 0  # our time when PX4's clock last advanced; 0 never
     _offset_ns: float = 0.0  # our clock minus PX4's, while PX4 loses no time; 0: not known
-    _rebooted_ns: int = 0  # our time of the last reboot; 0 never
-    _back_ns: int = 0  # our time of the last end of a standstill; 0 never
+    # our times until which the last reboot and the last end of a standstill are reported; 0: none
+    _rebooted_until_ns: int = 0
+    _back_until_ns: int = 0
     _shifted: Held = field(default_factory=Held)  # counts attitudes in a row with another offset
 
     def update(
@@ -69,13 +72,13 @@ class AutopilotMonitor:
         self.is_frozen = stands_still and not self.is_silent
         self.is_heartbeat_late = has_no_beat and not self.is_silent
 
-        self.is_rebooted = _is_recent(self._rebooted_ns, now_ns)
-        self.is_back = _is_recent(self._back_ns, now_ns)
+        self.is_rebooted = now_ns < self._rebooted_until_ns
+        self.is_back = now_ns < self._back_until_ns
 
     def _take_clock(self, now_ns: int, attitude_ns: int, boot_ms: int) -> None:
         """Take a new time of PX4's clock."""
         if boot_ms + REBOOT_MS < self._boot_ms:
-            self._rebooted_ns = now_ns
+            self._rebooted_until_ns = now_ns + _REPORTED_NS
             self._offset_ns = 0.0
         self._compare_clocks(now_ns, attitude_ns - 1e6 * boot_ms)
         self._boot_ms = boot_ms
@@ -101,10 +104,6 @@ class AutopilotMonitor:
         self._shifted.see(now_ns)
         if self._shifted.checks >= _AGREEING_ATTITUDES:
             if shift_ns > 0.0:
-                self._back_ns = now_ns
+                self._back_until_ns = now_ns + _REPORTED_NS
             self._offset_ns = offset_ns
             self._shifted.end()
-
-
-def _is_recent(then_ns: int, now_ns: int) -> bool:
-    return then_ns != 0 and now_ns - then_ns < REPORTED_S * 1e9

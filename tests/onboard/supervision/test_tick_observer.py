@@ -127,6 +127,8 @@ class Observed:
             jumps=self.jumps,
             is_mocap_frozen=False,
             is_mocap_late=False,
+            gust_m_s2=0.0,
+            expected_gust_m_s2=0.0,
         )
         return self.observer.look(view, TickContext(**{"own": own, **self.context}))
 
