@@ -12,7 +12,8 @@ from onboard.config.fleet import Vehicle
 from onboard.control.control_mode import ControlMode
 from onboard.flight import state_machine
 from onboard.flight.context import FlightContext
-from onboard.flight.types import MUST_BE_OFFBOARD, FlightView
+from onboard.flight.types import MUST_BE_OFFBOARD, FlightStep, FlightView
+from onboard.frames import body_up
 from onboard.localization.own_state import OwnState
 from onboard.px4.required_params import silence_s
 from onboard.safety.failsafe_table import Action
@@ -20,12 +21,15 @@ from onboard.safety.limits import RECKONING_AMONG_OTHERS_S
 from onboard.safety.setpoint_check import is_sendable
 from onboard.supervision.failsafe_supervisor import FailsafeSupervisor
 from onboard.tuples import Wxyz
+from onboard.types import AttitudeSetpoint
 
 # PX4 sends a packet at least every 30 ms. If none has come for longer than this, PX4 or a thread
 # hangs, and the attitude is not known.
 _PX4_FRESH_NS = 80_000_000
 # longest dead reckoning for which setpoints are sent; the failsafe ends dead reckoning earlier
 _RECKONED_S = RECKONING_AMONG_OTHERS_S + 0.2
+
+_LEANS_COS = 0.99  # a vehicle that tilts by more than 8 degrees leans against the wind
 
 
 class SetpointOutput:
@@ -40,6 +44,7 @@ class SetpointOutput:
         self._flight = flight
         self._failsafes = failsafes
         self._max_tilt_deg = vehicle.max_tilt_deg
+        self._has_mocap = vehicle.mocap_required
         self._loss_ns = round(1e9 * silence_s(vehicle))
         self._sent_ns = 0  # time of the last setpoint; 0 while nothing is sent
 
@@ -64,6 +69,9 @@ class SetpointOutput:
         if must_be_level and not is_on_ground:
             setpoint = control.level()
 
+        if step is FlightStep.DESCENT and self._may_hop(view):
+            setpoint = _without_hop(setpoint, control.hover_frac)
+
         has_position = is_on_ground or view.position_age_s < _RECKONED_S
         has_attitude = view.now_ns - view.snapshot.last_packet_ns < _PX4_FRESH_NS
         if not has_position or not has_attitude:
@@ -80,6 +88,11 @@ class SetpointOutput:
         self.sent_thrust_frac = setpoint.thrust_frac
         return [SendAttitude(for_px4)]
 
+    def _may_hop(self, view: FlightView) -> bool:
+        """Return whether the feet of a landing vehicle may touch the ground, by a mocap's poses."""
+        is_height_exact = self._has_mocap and not view.is_blind
+        return is_height_exact and self._flight.may_touch_the_ground(view)
+
     def _let_px4_land(self, view: FlightView) -> None:
         """Leave the vehicle to PX4, which has begun to land it because setpoints were missing.
 
@@ -89,3 +102,17 @@ class SetpointOutput:
         self._flight.say(view, "critical", "setpoints-interrupted", sentence)
         state_machine.begin_failsafe(self._flight, view, Action.PX4_LAND, sentence)
         self._failsafes.action = max(self._failsafes.action, Action.PX4_LAND)
+
+
+def _without_hop(setpoint: AttitudeSetpoint, hover_frac: float) -> AttitudeSetpoint:
+    """Return the setpoint with a throttle that does not lift a vehicle which stands on the ground.
+
+    The ground levels a vehicle that leans against the wind. A throttle that carries it while it
+    leans would then lift it again, and the wind would carry it along the ground. The more it leans,
+    the lower is the limit. A vehicle that hardly leans may brake its touchdown with full throttle.
+    """
+    _, _, cos_tilt = body_up(setpoint.quaternion_wxyz)
+    if cos_tilt > _LEANS_COS:
+        return setpoint
+    largest_frac = hover_frac * cos_tilt
+    return setpoint._replace(thrust_frac=min(setpoint.thrust_frac, largest_frac))

@@ -199,6 +199,16 @@ def _wind(facts: TickFacts) -> str:
     return facts.slow.wind.words
 
 
+def _is_wind_above_for_a_neighbour(facts: TickFacts) -> bool:
+    # All vehicles fly in the same air, but gusts hide a rising wind from some of them for seconds.
+    # They land together with the first one that notices it.
+    return facts.slow.wind.is_strong and bool(facts.slow.wind_above)
+
+
+def _wind_of_neighbours(facts: TickFacts) -> str:
+    return f"{facts.slow.wind.words}; too much for {', '.join(facts.slow.wind_above)}"
+
+
 def _battery_pct(facts: TickFacts) -> float:
     return 100.0 * facts.slow.battery_frac
 
@@ -438,6 +448,7 @@ ROWS: tuple[ConditionRow, ...] = (
     _row(
         _C.WIND_ABOVE,
         Cause(_fact("slow.wind.is_above"), over_s=WIND_S, is_slow=True, detail=_wind),
+        Cause(_is_wind_above_for_a_neighbour, is_slow=True, detail=_wind_of_neighbours),
     ),
     _row(
         _C.PUSHED_ABOUT,

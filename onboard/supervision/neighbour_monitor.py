@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
+from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.constants import GRAVITY_M_S2
 from onboard.flight.context import FlightContext
@@ -18,6 +19,7 @@ from onboard.flight.types import FlightView
 from onboard.neighbours.plausibility import PlausibilityMonitor
 from onboard.neighbours.state_arrays import NeighbourRow
 from onboard.neighbours.table import NeighbourTable
+from onboard.safety.failsafe_table import Condition
 from onboard.safety.held import Held
 from onboard.safety.limits import NEIGHBOUR_BLIND_S
 from onboard.safety.separation_monitor import PredictionMonitor, smallest_distance_m
@@ -57,6 +59,7 @@ class SlowNeighbourFacts(NamedTuple):
     other_files: tuple[str, ...]
     implausible: tuple[str, ...]  # each name with its reason
     uncooperative: tuple[str, ...]
+    wind_above: tuple[str, ...]
     endangered: tuple[str, ...]
 
 
@@ -192,6 +195,7 @@ class NeighbourMonitor:
             other_files=other_files,
             implausible=tuple(f"{name} {reason}" for name, reason in implausible.items()),
             uncooperative=uncooperative,
+            wind_above=self._wind_above(rows),
             endangered=endangered,
         )
 
@@ -204,14 +208,25 @@ class NeighbourMonitor:
         if view.is_blind:
             return ()
 
-        telemetries = self._table.telemetries()
-        heard = [row.name for row in rows if row.age_s < self._table.silent_s]
-        heard_telemetries = [telemetries[name] for name in heard if name in telemetries]
         return tuple(
             telemetry.vehicle
-            for telemetry in heard_telemetries
+            for telemetry in self._heard_telemetries(rows)
             if telemetry.is_airborne and telemetry.state_age_s > NEIGHBOUR_BLIND_S
         )
+
+    def _wind_above(self, rows: Iterable[NeighbourRow]) -> tuple[str, ...]:
+        """Return which neighbours report that the wind is above their limit."""
+        return tuple(
+            telemetry.vehicle
+            for telemetry in self._heard_telemetries(rows)
+            if Condition.WIND_ABOVE.value in telemetry.conditions
+        )
+
+    def _heard_telemetries(self, rows: Iterable[NeighbourRow]) -> list[Telemetry]:
+        """Return the telemetry of each neighbour that is not silent."""
+        telemetries = self._table.telemetries()
+        heard = [row.name for row in rows if row.age_s < self._table.silent_s]
+        return [telemetries[name] for name in heard if name in telemetries]
 
     def _check_plausibility(self, rows: Iterable[NeighbourRow], now_ns: int) -> dict[str, str]:
         """Compare each neighbour's messages with physics and the mocap.

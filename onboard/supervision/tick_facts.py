@@ -58,6 +58,7 @@ class SlowFacts(Struct, frozen=True, kw_only=True):
     other_files: tuple[str, ...] = ()  # fly by another fleet file or law
     implausible: tuple[str, ...] = ()  # their messages cannot be true; each name with its reason
     uncooperative: tuple[str, ...] = ()  # do not fly as they predict
+    wind_above: tuple[str, ...] = ()  # the wind is above their limit
     endangered: tuple[str, ...] = ()  # even hard braking will not keep the distance to them
 
 

@@ -340,5 +340,6 @@ class TickObserver:
             other_files=neighbours.other_files,
             implausible=neighbours.implausible,
             uncooperative=neighbours.uncooperative,
+            wind_above=neighbours.wind_above,
             endangered=neighbours.endangered,
         )

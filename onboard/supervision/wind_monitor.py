@@ -31,6 +31,9 @@ from onboard.supervision.tick_context import TickContext
 _LOOK_S = 0.1  # time between two calls of look
 _RISE_S = 6.0  # time over which a rise of the mean is measured
 _GOES_ON_S = 10.0  # time for which a rise is expected to go on
+# From this share of its limit on, a wind counts as strong. A vehicle in a strong wind lands when
+# another one lands because of the wind.
+_STRONG_SHARE = 0.75
 _SPENT_SHARE = 0.9  # largest share of the wind that takes all of the tilt
 _SCATTER_TIME_S = 2.0  # averaging time of the squared scatter
 _RETURN_S = 3.0  # longest way back to the setpoint, after the law has moved the vehicle
@@ -47,6 +50,7 @@ class WindFacts:
 
     speed_m_s: float = math.nan  # mean wind; NaN: not known
     limit_m_s: float = math.nan  # NaN: not known
+    is_strong: bool = False  # the wind is above three quarters of its limit
     is_near: bool = False  # the wind is above its limit, but gusts may explain it
     is_above: bool = False  # the wind is above its limit, or will be soon
     is_rising: bool = False  # it rises so fast that it soon takes nearly all of the tilt
@@ -144,6 +148,7 @@ class WindMonitor:
         return WindFacts(
             speed_m_s=speed_m_s,
             limit_m_s=self._limit_m_s,
+            is_strong=speed_m_s > _STRONG_SHARE * self._limit_m_s,
             is_near=speed_m_s > self._limit_m_s,
             is_above=is_rising or speed_m_s > GUSTY * self._limit_m_s,
             is_rising=is_rising,

@@ -12,6 +12,7 @@ from onboard import agent_commands, agent_inputs
 from onboard.agent.core import AgentCore
 from onboard.autopilot import Landed
 from onboard.estimation import wind
+from onboard.flight.types import FlightStep
 from tests.onboard.agent.rig import Rig, fleet, hovering_rig, ready_rig
 
 
@@ -48,6 +49,24 @@ def test_a_push_at_the_ground_is_not_told_to_the_others_as_a_motion_that_goes_on
     rig.run(6.0)
     assert told_m_s2[False] > 0.5
     assert told_m_s2[True] == 0.0  # while it lands
+
+
+def test_wind_does_not_carry_a_landing_vehicle_along_the_ground() -> None:
+    rig = hovering_rig()
+    sent_frac: dict[bool, list[float]] = {True: [], False: []}
+
+    def blow_and_listen() -> None:
+        rig.velocity[0] += 0.02 * 3.0  # 3 m/s^2: a tilt of 17 degrees
+        if rig.core.flight.step is FlightStep.DESCENT and rig.setpoint is not None:
+            may_touch = rig.position[2] < 0.05
+            sent_frac[may_touch].append(rig.setpoint.thrust_frac)
+
+    rig.after_move = blow_and_listen
+    assert rig.order("land").is_accepted
+    rig.until("landed")
+    hover_frac = rig.core.control.hover_frac
+    assert max(sent_frac[False]) > 0.99 * hover_frac
+    assert max(sent_frac[True]) < 0.98 * hover_frac  # on level feet it does not lift off
 
 
 def test_a_battery_that_px4_no_longer_reports_is_shown_as_unknown_and_not_at_its_last_level() -> (

@@ -179,6 +179,22 @@ def test_a_vehicle_without_a_mocap_has_lost_its_position_for_long_when_px4_is_of
     assert held[26][Condition.POSITION_LOST_LONG] == "PX4 says 3.1 m"
 
 
+def test_in_a_strong_wind_a_vehicle_lands_with_a_neighbour_for_which_it_is_too_much() -> None:
+    strong = WindFacts(speed_m_s=6.2, limit_m_s=8.1, is_strong=True)
+    held = ConditionMonitor(LIMITS).look(
+        replace(FINE, slow=SlowFacts(wind=strong, wind_above=("mav1",)))
+    )
+    words = "6.2 m/s, its limit is 8.1 m/s; too much for mav1"
+    assert held == {Condition.WIND_ABOVE: words}
+
+    # a neighbour of a type that bears less wind lands alone
+    light = dataclasses.replace(strong, speed_m_s=4.0, is_strong=False)
+    alone = replace(FINE, slow=SlowFacts(wind=light, wind_above=("mav1",)))
+    assert ConditionMonitor(LIMITS).look(alone) == {}
+    nobody = replace(FINE, slow=SlowFacts(wind=strong))
+    assert ConditionMonitor(LIMITS).look(nobody) == {}
+
+
 def test_a_silent_px4_whose_numbers_are_impossible_is_not_called_silent_as_well() -> None:
     monitor = ConditionMonitor(LIMITS)
     for tick in range(4):

@@ -14,6 +14,7 @@ from onboard.flight import effects
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightStep, FlightView
 from onboard.neighbours.table import NeighbourTable
+from onboard.safety.failsafe_table import Condition
 from onboard.supervision.neighbour_monitor import NeighbourMonitor, SlowNeighbourFacts
 from onboard.tuples import Xyz
 from tests.groundstation.console.fake import telemetry
@@ -245,6 +246,19 @@ def test_a_neighbour_in_the_air_without_poses_is_blind(
     watching.table.hear(told, BEGIN_NS)
     facts = watching.look_slowly(is_blind=is_own_blind)
     assert facts.blind == (("mav1",) if is_named else ())
+
+
+def test_a_neighbour_for_which_the_wind_is_too_strong_is_named_while_it_is_heard() -> None:
+    watching = Watching()
+    watching.hear(BEGIN_NS)
+    watching.hear(BEGIN_NS, vehicle="mav2", position_enu_m=(3.0, 0.0, 1.0))
+    conditions = (Condition.WIND_NEAR.value, Condition.WIND_ABOVE.value)
+    watching.table.hear(telemetry("mav1", conditions=conditions), BEGIN_NS)
+    watching.table.hear(telemetry("mav2", conditions=conditions[:1]), BEGIN_NS)
+    assert watching.look_slowly().wind_above == ("mav1",)
+
+    watching.hear(BEGIN_NS + 2 * S, vehicle="mav2", position_enu_m=(3.0, 0.0, 1.0))
+    assert watching.look_slowly(now_ns=BEGIN_NS + 2 * S).wind_above == ()
 
 
 def test_a_neighbour_with_another_file_is_named_and_not_relied_on() -> None:
