@@ -18,11 +18,12 @@ _ARRIVED_M_S = 0.10
 _ARRIVED_PX4_M = 0.6
 _ARRIVED_PX4_M_S = 0.6
 
-# Gusts move a vehicle that has arrived. For each m/s^2 of gusts beyond calm air, its position may
-# be off by _GUST_S2 metres and its speed by _GUST_S m/s.
+# Gusts move a vehicle that has arrived. For each m/s^2 of gusts beyond calm air, its position is
+# off by _GUST_S2 metres and its speed by _GUST_S m/s, and it stays within _AROUND_S2 metres.
 _CALM_M_S2 = 0.10
 _GUST_S2 = 0.25
 _GUST_S = 0.6
+_AROUND_S2 = 1.0
 
 _TURNED_RAD = math.radians(10.0)  # difference of the heading within which a turn is complete
 _REST_FACTOR = 1.5  # largest speed at rest, over the largest speed of a vehicle that has arrived
@@ -45,20 +46,30 @@ def moved_by_gusts(gust_m_s2: float) -> tuple[float, float]:
 
 
 def is_at(view: FlightView, goal_enu_m: Xyz, vehicle: Vehicle) -> bool:
-    """Return whether the vehicle is at its goal and slow.
+    """Return whether the vehicle is near its goal and slow, or in gusts around its goal.
 
-    Both limits depend on the accuracy of its positions, and grow with the gusts to expect: those of
-    the last seconds are often half of the true ones.
+    Gusts move a hovering vehicle to and fro with up to half a metre per second. So in gusts only
+    the distance counts, and the vehicle has arrived if it stays within that distance.
+
+    The gusts of the last seconds are often half of the true ones. So the gusts to expect count.
     """
-    moved_m, moved_m_s = moved_by_gusts(view.expected_gust_m_s2)
-    is_at_goal = math.dist(goal_enu_m, view.position_enu_m) < _near_m(vehicle) + moved_m
+    beyond_m_s2 = view.expected_gust_m_s2 - _CALM_M_S2
+    if beyond_m_s2 <= 0.0:
+        return is_near_and_slow(view, goal_enu_m, vehicle)
+
+    around_m = _near_m(vehicle) + _AROUND_S2 * beyond_m_s2
+    return math.dist(goal_enu_m, view.position_enu_m) < around_m
+
+
+def is_near_and_slow(view: FlightView, goal_enu_m: Xyz, vehicle: Vehicle) -> bool:
+    """Return whether the vehicle is as near to its goal as in calm air, and slow for these gusts.
+
+    Both limits depend on the accuracy of its positions.
+    """
+    _, moved_m_s = moved_by_gusts(view.expected_gust_m_s2)
+    is_near = math.dist(goal_enu_m, view.position_enu_m) < _near_m(vehicle)
     is_slow = math.hypot(*view.velocity_enu_m_s) < _slow_m_s(vehicle) + moved_m_s
-    return is_at_goal and is_slow
-
-
-def is_near(view: FlightView, goal_enu_m: Xyz, vehicle: Vehicle) -> bool:
-    """Return whether the vehicle is as near to its goal as one that has arrived in calm air."""
-    return math.dist(goal_enu_m, view.position_enu_m) < _near_m(vehicle)
+    return is_near and is_slow
 
 
 def has_turned(view: FlightView, yaw_rad: float) -> bool:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from onboard.flight import contact, takeover
-from onboard.flight.arrival import has_turned, is_at, is_at_rest, is_near
+from onboard.flight.arrival import has_turned, is_at, is_at_rest, is_near_and_slow
 from onboard.flight.context import FlightContext
 from onboard.flight.effects import LIFT_M, takeoff_height_m
 from onboard.flight.types import FlightStep, FlightView
@@ -181,7 +181,9 @@ def arrived(flight: FlightContext, view: FlightView) -> bool:
     at_goal_s = flight.steady_s(view)
     if at_goal_s > _MOVED_BY_GUSTS_S:
         return True
-    return at_goal_s > _ARRIVED_S and is_near(view, flight.goal_position_enu_m, flight.vehicle)
+    if at_goal_s <= _ARRIVED_S:
+        return False
+    return is_near_and_slow(view, flight.goal_position_enu_m, flight.vehicle)
 
 
 def arrived_to_land(flight: FlightContext, view: FlightView) -> bool:

@@ -260,16 +260,17 @@ def test_an_order_is_slowed_down_once(is_slow: bool) -> None:
     ("gust_m_s2", "has_mocap", "within_m", "below_m_s"),
     [
         (0.1, True, 0.12, 0.10),
-        (0.5, True, 0.22, 0.34),
+        (0.5, True, 0.52, 0.34),
         (0.1, False, 0.6, 0.6),
-        (0.5, False, 0.7, 0.84),
+        (0.5, False, 1.0, 0.84),
     ],
 )
-def test_it_is_at_its_goal_within_a_distance_and_below_a_speed_that_gusts_widen(
+def test_it_is_at_its_goal_within_a_distance_that_gusts_widen_and_in_calm_air_also_slow(
     gust_m_s2: float, has_mocap: bool, within_m: float, below_m_s: float
 ) -> None:
     vehicle = _VEHICLE if has_mocap else _BY_SATELLITES
     calm_m = 0.12 if has_mocap else 0.6
+    is_calm = gust_m_s2 == 0.1
 
     def seen(beside_m: float, speed_m_s: float) -> FlightView:
         return _view(
@@ -282,9 +283,10 @@ def test_it_is_at_its_goal_within_a_distance_and_below_a_speed_that_gusts_widen(
     origin = (0.0, 0.0, 0.0)
     assert arrival.is_at(seen(within_m - 1e-9, below_m_s - 1e-9), origin, vehicle)
     assert not arrival.is_at(seen(within_m + 1e-9, 0.0), origin, vehicle)
-    assert not arrival.is_at(seen(0.0, below_m_s + 1e-9), origin, vehicle)
-    assert arrival.is_near(seen(calm_m - 1e-9, 9.0), origin, vehicle)
-    assert not arrival.is_near(seen(calm_m, 0.0), origin, vehicle)
+    assert arrival.is_at(seen(0.0, below_m_s + 1e-9), origin, vehicle) is not is_calm
+    assert arrival.is_near_and_slow(seen(calm_m - 1e-9, below_m_s - 1e-9), origin, vehicle)
+    assert not arrival.is_near_and_slow(seen(calm_m, 0.0), origin, vehicle)
+    assert not arrival.is_near_and_slow(seen(0.0, below_m_s + 1e-9), origin, vehicle)
     assert arrival.is_at_rest(seen(9.0, 1.5 * below_m_s - 1e-9), vehicle)
     assert not arrival.is_at_rest(seen(9.0, 1.5 * below_m_s + 1e-9), vehicle)
 
