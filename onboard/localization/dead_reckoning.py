@@ -25,7 +25,11 @@ from onboard.safety.limits import POSITION_STALE_S
 from onboard.vectors import ZERO_3, Vec3, add_scaled, bounded, subtract
 
 _MEAN_TIME_S = 2.0  # time constant of the mean bias
-# a larger difference from the mean is clipped to this: it comes from a jump of the poses
+# After a take-off the time constant is shorter: this share of the time of flight. In a wind the
+# mean has to find the push from zero.
+_MEAN_TIME_SHARE = 0.5
+# Once the mean has had its full time constant, a larger difference from it is clipped to this: it
+# comes from a jump of the poses.
 _LARGEST_MISS_M_S2 = 0.8
 _HEIGHT_RAD_S = 3.0  # bandwidth with which PX4's height is followed
 _CLIMB_RAD_S = 6.0  # bandwidth with which PX4's vertical speed is followed
@@ -59,6 +63,7 @@ class DeadReckoning:
     std: tuple[float, float] = (0.0, 0.0)
 
     _mean_bias_m_s2: Vec3 = ZERO_3
+    _flight_s: float = 0.0  # time since the vehicle left the ground
     _age_s: float = math.inf  # age of the newest sample at the last tick
 
     def step(
@@ -76,13 +81,22 @@ class DeadReckoning:
             dt_s: length of the tick.
             is_on_ground: whether the vehicle stands on the ground.
         """
+        if is_on_ground:
+            self._mean_bias_m_s2 = ZERO_3
+            self._flight_s = 0.0
+        else:
+            self._flight_s += dt_s
         mean_bias = self._mean_bias_m_s2
         age_s = memory.last_age_s
 
         has_new_sample = age_s <= self._age_s
         if has_new_sample:
-            miss = bounded(subtract(memory.bias_enu_m_s2, mean_bias), _LARGEST_MISS_M_S2)
-            self._mean_bias_m_s2 = add_scaled(mean_bias, dt_s / _MEAN_TIME_S, miss)
+            miss = subtract(memory.bias_enu_m_s2, mean_bias)
+            mean_time_s = max(_MEAN_TIME_SHARE * self._flight_s, dt_s)
+            if mean_time_s > _MEAN_TIME_S:
+                mean_time_s = _MEAN_TIME_S
+                miss = bounded(miss, _LARGEST_MISS_M_S2)
+            self._mean_bias_m_s2 = add_scaled(mean_bias, dt_s / mean_time_s, miss)
             self.std = (math.sqrt(memory.covariance.pp), math.sqrt(memory.covariance.vv))
         self._age_s = age_s
 

@@ -31,8 +31,10 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, load_fleet
 from onboard.config.pair_separation import separation_m
 from onboard.flight.types import FlightStep
+from sitl.emulator.emulator import Environment
 from sitl.faults.catalogue import Fault
 from sitl.lockstep.agents import AgentShell
+from sitl.lockstep.campaign.broken_flight import wind_of
 from sitl.lockstep.flight import Lockstep
 from tests.sitl.lockstep.suite import fleet_of
 
@@ -59,16 +61,20 @@ class Case(NamedTuple):
     back_s: float = 0.0  # after which the poses are back; 0: never
     is_of_all: bool = True
     seed: int = 0
+    wind_m_s: float = 0.0  # from the west, with its usual gusts
 
     @property
     def name(self) -> str:
         """Key of the case in the file."""
         whose = "all" if self.is_of_all else "one"
         back = f"{self.back_s:g} s" if self.back_s else "for good"
-        return (
+        name = (
             f"{self.fleet} at {self.height_m:g} m, leg {self.leg} + {self.moment_s:.2f} s,"
             f" {whose} {back}, seed {self.seed}"
         )
+        if self.wind_m_s:
+            name += f", {self.wind_m_s:g} m/s of wind"
+        return name
 
 
 @dataclass
@@ -229,7 +235,8 @@ def fly(case: Case, folder: Path | None = None) -> Flown:
     begin_s = time.monotonic()
     fleet, mission = fleet_and_mission(case.fleet, case.height_m)
     seed = case.seed * 1000 + round(50 * case.moment_s) + 7 * case.leg
-    with Lockstep(fleet, seed=seed, folder=folder) as flight:
+    environment = Environment(wind_of((case.wind_m_s, 0.0)))
+    with Lockstep(fleet, seed=seed, folder=folder, environment=environment) as flight:
         watch = Watch(flight, case)
         _plan_loss(flight, case, watch)
         try:
@@ -307,6 +314,7 @@ def cases(options: argparse.Namespace) -> Iterator[Case]:
                         back_s=back_s,
                         is_of_all=is_of_all,
                         seed=options.seed,
+                        wind_m_s=options.wind,
                     )
 
 
@@ -422,6 +430,7 @@ def main(words: Sequence[str]) -> int:
     parser.add_argument("--span", type=float, default=6.0, help="seconds they spread over")
     parser.add_argument("--back", default="0", help="seconds without poses, 0 for good: 0,0.3,2")
     parser.add_argument("--whose", default="all", choices=("all", "one", "both"))
+    parser.add_argument("--wind", type=float, default=0.0, help="m/s from the west")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--quiet", action="store_true", help="the table only")
     options = parser.parse_args(words)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 
 import pytest
 
@@ -50,8 +51,22 @@ def test_a_push_that_lasts_is_wind_and_a_short_one_is_none() -> None:
     memory = blind(seen(Vec3(2.0, 0.0, 0.0), 20.0, windy), 1.0, windy, None)
     assert memory.velocity_enu_m_s.x == pytest.approx(2.0, abs=0.1)
     jumped = DeadReckoning()
+    seen(ZERO_3, 5.0, jumped)
     memory = blind(seen(Vec3(3.0, 0.0, 0.0), 0.3, jumped), 1.0, jumped, None)
     assert memory.velocity_enu_m_s.x < 0.15
+
+
+def test_soon_after_a_take_off_in_a_strong_wind_its_push_is_known() -> None:
+    reckoning = DeadReckoning()
+    on_ground = kalman.initial(Vec3(0.0, 0.0, 0.0), PARAMS)._replace(last_age_s=0.0)
+    for _ in range(100):
+        reckoning.step(on_ground, None, DT, True)
+    for pushed_s, known_m_s2 in ((1.0, 2.4), (3.0, 3.3)):
+        # the filter has found the push of 3.5 m/s^2 after half a second
+        climbing = copy(reckoning)
+        seen(Vec3(1.5, 0.0, 0.0), 0.5, climbing)
+        memory = blind(seen(Vec3(3.5, 0.0, 0.0), pushed_s, climbing), 1.0, climbing, None)
+        assert memory.velocity_enu_m_s.x > known_m_s2
 
 
 def test_its_vertical_motion_follows_px4s_and_on_the_ground_it_rests() -> None:
