@@ -614,6 +614,7 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
             message,
             view.truth,
             view.telemetry,
+            telemetry_age_s=view.age_s(now_ns),
             is_fresh=view.is_fresh(now_ns),
             was_blind=now_ns - view.blind_ns < SIGHT_RETURNED_NS,
         )

@@ -26,6 +26,8 @@ LIMIT_BY_PX4_M_S = 1.6
 # it: its height estimate changes, and no height is left to slow down in.
 SIGHT_RETURNED_NS = 1_000_000_000
 
+# A vehicle whose telemetry is older than this may have lost its position since.
+_MAY_BE_BLIND_S = 0.3
 _LINK_IS_FRESH_S = 0.5  # age of PX4's last packet up to which the agent flies the vehicle
 
 _BLIND = {
@@ -92,6 +94,7 @@ def touchdown_of(
     before: Truth | None,
     telemetry: Telemetry | None,
     *,
+    telemetry_age_s: float,
     is_fresh: bool,
     was_blind: bool,
 ) -> Touchdown | None:
@@ -101,6 +104,7 @@ def touchdown_of(
         truth: newest ground truth of the vehicle.
         before: ground truth before that; None for the first, which may report earlier contacts.
         telemetry: last telemetry of the vehicle.
+        telemetry_age_s: its age.
         is_fresh: whether that telemetry is fresh.
         was_blind: whether the vehicle has reported a blind flight within
             :data:`SIGHT_RETURNED_NS`.
@@ -117,7 +121,8 @@ def touchdown_of(
         # mode only once a second.
         is_flown_by_agent = telemetry.state != "failed" and is_linked
         is_by_px4 = telemetry.mode != "OFFBOARD" or not is_flown_by_agent
-        is_blind = was_blind or is_flown_blind(telemetry)
+        may_be_blind = telemetry_age_s > _MAY_BE_BLIND_S
+        is_blind = was_blind or may_be_blind or is_flown_blind(telemetry)
 
     return Touchdown(
         vehicle=truth.vehicle,

@@ -65,6 +65,16 @@ def test_who_sees_again_just_before_the_ground_comes_down_as_it_did_without(
     assert state.touchdowns[0].is_blind == is_blind
 
 
+@pytest.mark.parametrize(("age_s", "is_blind"), [(0.25, False), (0.6, True)])
+def test_a_vehicle_that_is_cut_off_may_have_lost_its_position(age_s: float, is_blind: bool) -> None:
+    state = fold(initial(FLEET), telemetry("mav0", mode="OFFBOARD"), 1)
+    contact_ns = round(age_s * 1e9)
+    state = fold(state, truth("mav0", 1, 0.0), contact_ns - 1)
+    contact = msgspec.structs.replace(truth("mav0", 2, 0.0), touchdowns=1, touchdown_m_s=0.9)
+    state = fold(state, contact, contact_ns)
+    assert state.touchdowns[0].is_blind is is_blind
+
+
 @pytest.mark.parametrize(
     "changes", [{"mode": "LAND"}, {"autopilot_age_s": 2.0}, {"state": "failed"}]
 )
