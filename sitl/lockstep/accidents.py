@@ -39,16 +39,16 @@ from sitl.faults.catalogue import Fault
 from sitl.lockstep.flight import GROUND, Lockstep
 from sitl.physics.wind import WindSettings
 
-_LOOK_S = 0.04  # time between two looks at the truth
+_SAMPLE_S = 0.04  # time between two samples of the true positions
 _READY_WITHIN_S = 20.0
-_INTO_STEP_S = 0.5  # time in a mission step at which the ground dies
-_LANDED_WITHIN_S = 90.0  # time to land after the mission, or after the ground has gone
+_DIES_AFTER_S = 0.5  # time from the begin of a mission step until the ground station is cut off
+_LANDED_WITHIN_S = 90.0  # time to land after the mission, or after the ground station was cut off
 
 TURN_DEG = 7.0
-WIND_TIMES_LIMIT = 2.0
-WIND_RAMP_S = 20.0
-_GUST_M_S = 0.05
-_WIND_CONDITIONS = (
+WIND_TIMES_LIMIT = 2.0  # strongest wind, in multiples of the fleet's wind limit
+WIND_RAMP_S = 20.0  # time in which the wind rises
+_GUST_M_S = 0.05  # standard deviation of the gusts that blow in every flight
+_WIND_CONDITIONS = (  # conditions of the failsafe table that a strong wind causes
     Condition.WIND_ABOVE,
     Condition.WIND_NEAR,
     Condition.PUSHED_ABOUT,
@@ -64,17 +64,17 @@ class Accident(NamedTuple):
 
     name: str  # name of its mission file
     defence: str  # the defence in words
-    # changes the mission's fleet into that of the real accident
-    fleet_of_then: Callable[[FleetConfig], FleetConfig]
-    # takes the defence out of that fleet
+    # returns the mission's fleet, changed into that of the real accident
+    accident_fleet: Callable[[FleetConfig], FleetConfig]
+    # returns that fleet without the defence
     undefended: Callable[[FleetConfig], FleetConfig]
-    # plans what goes wrong; called before the first step with the flight, and with whether the
-    # defence is there
-    happens: Callable[[Lockstep, bool], None]
-    # a context without the defence, for a defence that no value of a fleet file switches off
+    # plans what goes wrong; called before the flight begins; the bool is True with the defence
+    plan_failure: Callable[[Lockstep, bool], None]
+    # returns a context in which the defence is off; for a defence that is no value of a fleet file
     without_defence: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext
     room_turn_deg: float = 0.0  # clockwise turn of the true fence against the fleet's frame
-    ground_ends_in: str = ""  # name of the mission step in which the ground dies; empty: none
+    # name of the mission step in which the ground station is cut off; empty: it stays
+    ground_ends_in: str = ""
 
 
 @dataclass(slots=True)
@@ -91,7 +91,7 @@ class FlownAccident:
     down: bool = False  # whether all vehicles are on the ground at the end
     reason: str = ""  # the sentence of the verdict that says why the mission failed; empty: passed
     promised_m: float = 0.0  # the safety distance of the fleet file
-    # x and y of each vehicle in the frame of the true fence, every _LOOK_S seconds
+    # x and y of each vehicle in the frame of the true fence, every _SAMPLE_S seconds
     places_m: list[list[tuple[float, float]]] = field(default_factory=list)
 
     @property
@@ -138,7 +138,7 @@ def fly(
         seed: the seed of all random numbers.
         folder: the folder of the record; None records nothing.
     """
-    fleet = accident.fleet_of_then(mission.fleet)
+    fleet = accident.accident_fleet(mission.fleet)
     around_flight: contextlib.AbstractContextManager[None] = contextlib.nullcontext()
     if not is_defended:
         fleet = accident.undefended(fleet)
@@ -150,8 +150,8 @@ def fly(
         flown = FlownAccident(accident.name, is_defended, seed)
         flown.promised_m = fleet.fleet.safety_distance_m
 
-        accident.happens(flight, is_defended)
-        look_at(flight, flown, accident.room_turn_deg)
+        accident.plan_failure(flight, is_defended)
+        watch_truth(flight, flown, accident.room_turn_deg)
         flown.reason = flight.wait_for(_mission(flight, mission, accident.ground_ends_in))
         flight.until(lambda _: _is_down(flight), _LANDED_WITHIN_S)
 
@@ -166,26 +166,26 @@ def fly_both(mission: Mission, *, seed: int) -> int:
     accident = ACCIDENTS[Path(mission.path).stem]
     print(f"The defence: {accident.defence}.", flush=True)
 
-    # as expected: harm without the defence, and no harm with it
-    is_as_expected = True
+    is_as_expected = True  # harm without the defence, and no harm with it
     for is_defended in (False, True):
         flown = fly(accident, mission, is_defended=is_defended, seed=seed)
         print(flown.line, flush=True)
         if flown.reason and is_defended:
             print(f"  {flown.reason}", flush=True)
         is_harmed = bool(flown.harm)
-        is_as_expected = is_as_expected and is_harmed is not is_defended
+        if is_harmed == is_defended:
+            is_as_expected = False
 
     if is_as_expected:
         return EXIT_OK
     return EXIT_FAILED
 
 
-def look_at(flight: Lockstep, flown: FlownAccident, room_turn_deg: float) -> None:
-    """Note, now and every _LOOK_S seconds, where the vehicles truly are.
+def watch_truth(flight: Lockstep, flown: FlownAccident, room_turn_deg: float) -> None:
+    """Sample the true positions of the vehicles, now and every _SAMPLE_S seconds.
 
     Args:
-        flight: the flight that is watched.
+        flight: the flight that is sampled.
         flown: its outcome, to which take-off, distance outside the fence and positions are written.
         room_turn_deg: clockwise turn of the true fence against the fleet's frame.
     """
@@ -198,6 +198,7 @@ def look_at(flight: Lockstep, flown: FlownAccident, room_turn_deg: float) -> Non
 
     positions_m = []
     for (east_m, north_m, _), is_on_ground in zip(position.tolist(), on_ground, strict=True):
+        # in the frame of the true fence
         x = cos * east_m - sin * north_m
         y = sin * east_m + cos * north_m
         positions_m.append((x, y))
@@ -209,11 +210,11 @@ def look_at(flight: Lockstep, flown: FlownAccident, room_turn_deg: float) -> Non
         flown.outside_m = max(flown.outside_m, beyond_m)
     flown.places_m.append(positions_m)
 
-    simulation.at(simulation.time_s + _LOOK_S, lambda: look_at(flight, flown, room_turn_deg))
+    simulation.at(simulation.time_s + _SAMPLE_S, lambda: watch_truth(flight, flown, room_turn_deg))
 
 
 async def _mission(flight: Lockstep, mission: Mission, ground_ends_in: str) -> str:
-    """Fly the mission until its end, or until the ground dies.
+    """Fly the mission until its end, or until the ground station is cut off.
 
     Returns:
         Why the mission failed, in words; empty if it passed.
@@ -225,9 +226,9 @@ async def _mission(flight: Lockstep, mission: Mission, ground_ends_in: str) -> s
         ground_is_gone.set()
 
     def on_progress(line: str) -> None:
-        """Plan the death of the ground when the line announces the step in which it dies."""
+        """Plan the loss of the ground when the line announces the step ``ground_ends_in``."""
         if ground_ends_in and line.startswith(f"{ground_ends_in} "):
-            flight.at(flight.time_s + _INTO_STEP_S, lose_ground)
+            flight.at(flight.time_s + _DIES_AFTER_S, lose_ground)
 
     run = MissionRun(mission, flight.client, say=on_progress, ready_timeout_s=_READY_WITHIN_S)
     mission_task = asyncio.create_task(run.run())
@@ -251,12 +252,13 @@ def _is_down(flight: Lockstep) -> bool:
 
 
 def _near_fence(fleet: FleetConfig) -> FleetConfig:
+    """Return a fleet whose fence is narrow from west to east."""
     fence = fleet.fleet.geofence_m
     narrow = Geofence(x=(-2.4, 2.4), y=fence.y, z=fence.z)
     return replace(fleet, fleet=replace(fleet.fleet, geofence_m=narrow))
 
 
-def _anywhere(fleet: FleetConfig) -> FleetConfig:
+def _without_placing_check(fleet: FleetConfig) -> FleetConfig:
     """Return a fleet whose vehicles pass preflight also when they stand far from their spots."""
     return replace(fleet, fleet=replace(fleet.fleet, placing_m=1.0))
 
@@ -289,7 +291,7 @@ def _let_wind_rise(flight: Lockstep, _is_defended: bool) -> None:
 
 
 @contextlib.contextmanager
-def _any_wind() -> Iterator[None]:
+def _flying_in_any_wind() -> Iterator[None]:
     """Change the failsafe table so that vehicles fly on in any wind while the block runs."""
     changed = {(Situation.FLYING, condition): Action.GO_ON for condition in _WIND_CONDITIONS}
     before = {row: TABLE[row] for row in changed}
@@ -315,8 +317,8 @@ def _without_law_or_landing(fleet: FleetConfig) -> FleetConfig:
     return _without_law(never_landing)
 
 
-def _nothing_else(_flight: Lockstep, _is_defended: bool) -> None:
-    """Do nothing: the death of the ground (``ground_ends_in``) is all that goes wrong."""
+def _plan_nothing(_flight: Lockstep, _is_defended: bool) -> None:
+    """Plan nothing: only the loss of the ground (``ground_ends_in``) goes wrong."""
 
 
 # -- London ----------------------------------------------------------------------------------------
@@ -333,7 +335,8 @@ def _start_late(flight: Lockstep, is_defended: bool) -> None:
         agent.follows_alone = not is_defended
 
 
-def _as_it_is(fleet: FleetConfig) -> FleetConfig:
+def _unchanged(fleet: FleetConfig) -> FleetConfig:
+    """Return the same fleet, for accidents that need no other one."""
     return fleet
 
 
@@ -343,33 +346,33 @@ ACCIDENTS = {
         Accident(
             name="orlando",
             defence="preflight compares the spots of all vehicles with where they are seen",
-            fleet_of_then=_near_fence,
-            undefended=_anywhere,
-            happens=lambda flight, _: turn_places(flight),
+            accident_fleet=_near_fence,
+            undefended=_without_placing_check,
+            plan_failure=lambda flight, _: turn_places(flight),
             room_turn_deg=TURN_DEG,
         ),
         Accident(
             name="docklands",
             defence="each vehicle estimates the wind and lands above its limit",
-            fleet_of_then=_as_it_is,
-            undefended=_as_it_is,
-            without_defence=_any_wind,
-            happens=_let_wind_rise,
+            accident_fleet=_unchanged,
+            undefended=_unchanged,
+            without_defence=_flying_in_any_wind,
+            plan_failure=_let_wind_rise,
         ),
         Accident(
             name="aaib-29203",
             defence="vehicles keep their distance and land by themselves, without a ground",
-            fleet_of_then=_as_it_is,
+            accident_fleet=_unchanged,
             undefended=_without_law_or_landing,
-            happens=_nothing_else,
+            plan_failure=_plan_nothing,
             ground_ends_in="home",
         ),
         Accident(
             name="london",
             defence="vehicles compare the show's clock, and the law keeps distances",
-            fleet_of_then=_as_it_is,
+            accident_fleet=_unchanged,
             undefended=_without_law,
-            happens=_start_late,
+            plan_failure=_start_late,
         ),
     )
 }

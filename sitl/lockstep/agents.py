@@ -76,11 +76,11 @@ class AgentShell:
         # the process
         self.is_running = False
         self.is_hung = False
-        self._starts = 0
+        self._starts = 0  # number of processes started so far
 
-        # For tests of shows.
+        # faults that tests of shows inject
         self.path_delay_s = 0.0  # delay with which it starts its path, as if its clock were behind
-        self.follows_alone = False  # whether it ignores the show clocks of the others
+        self.follows_alone = False  # whether it ignores the show clocks of the other vehicles
 
         self._inbox: deque[agent_inputs.AgentInput] = deque(maxlen=_MAX_INPUTS)
 
@@ -91,7 +91,7 @@ class AgentShell:
 
         # ticks since the start of the flight, also those before a restart
         self._ticks = 0
-        self._late = 0
+        self._late = 0  # ticks whose period was too long
         self._last_ns = 0  # time of the last tick; 0: this process has not ticked yet
         self._periods_ms: deque[float] = deque(maxlen=_STATISTICS_PERIODS)
 
@@ -222,7 +222,7 @@ class AgentShell:
                 inbox.append(agent_inputs.MessagesCounted(malformed=1))
                 return
 
-            # a message of another kind, or one that claims to be another vehicle's
+            # a message of another kind, or one that names another vehicle than its topic
             if not isinstance(message, (StateMessage, Telemetry)) or message.vehicle != other:
                 inbox.append(agent_inputs.MessagesCounted(refused=1))
                 return
@@ -315,10 +315,10 @@ class AgentShell:
         periods_ms = sorted(self._periods_ms)
         last = len(periods_ms) - 1
         timed = agent_inputs.LoopTimed(
-            periods_ms[round(0.5 * last)],
-            periods_ms[round(0.99 * last)],
-            periods_ms[-1],
-            self._late,
+            p50_ms=periods_ms[round(0.5 * last)],
+            p99_ms=periods_ms[round(0.99 * last)],
+            max_ms=periods_ms[-1],
+            late_ticks=self._late,
         )
         self.core.handle(timed, now_ns)
 

@@ -1,9 +1,9 @@
 """The bus in simulated time: it delays, loses, reorders and duplicates messages between nodes.
 
-It keeps the promises of the real bus. Messages of topics of which only the newest one matters can
-be lost. Events, orders and replies travel on a connection: a lost one is sent again, so it comes
-later, and in order. Two nodes that are cut apart notice the cut after a time, the lease. Messages
-on their way arrive if the cut is healed within the lease, and otherwise never.
+It keeps the promises of the real bus. A topic is LATEST if only its newest message matters; its
+messages can be lost. Events, orders and replies travel on a connection: a lost one is sent again,
+so it comes later, and in order. Two nodes that are cut apart notice the cut after a time, the
+lease. Messages on their way arrive if the cut is healed within the lease, and otherwise never.
 
 Every message is a call with a due time, and all calls wait in one queue. Where no fault can touch a
 message, a single call serves all its receivers. The random numbers are seeded.
@@ -90,7 +90,7 @@ class SimBus:
         self._queue: list[tuple[int, int, Pair, Call, Arguments]] = []
         self._count = itertools.count()
 
-        # pair, and whether the message is a LATEST one -> arrival of the newest such message
+        # pair, and whether the message is a LATEST one -> arrival [ns] of the newest such message
         self._newest_ns: dict[tuple[Pair, bool], int] = {}
 
         self._cut: dict[Pair, int] = {}  # pair -> time [ns] at which it was cut
@@ -98,7 +98,8 @@ class SimBus:
         # calls that wait in their senders' buffers for the end of a cut, each with the time [ns] at
         # which it began to wait
         self._held: list[tuple[int, Pair, Call, Arguments]] = []
-        self._unseen: set[Pair] = set()  # pairs whose cut has lasted longer than the lease
+        # pairs that have noticed their cut, because it has lasted longer than the lease
+        self._noticed_cuts: set[Pair] = set()
 
     def node(self, name: str) -> Node:
         """Return a new node, which joins the bus when its ``start`` is called."""
@@ -140,7 +141,7 @@ class SimBus:
         for pair in ((first, second), (second, first)):
             if pair not in self._cut:
                 self._cut[pair] = now_ns
-                self.call_at(now_ns + _LEASE_NS, self._expire, pair, now_ns)
+                self.call_at(now_ns + _LEASE_NS, self._notice_cut, pair, now_ns)
 
     def heal(self, *pairs: Pair) -> None:
         """End the cuts of these pairs of nodes; without an argument, end all cuts."""
@@ -152,15 +153,18 @@ class SimBus:
 
         # messages that the senders have kept arrive, unless the lease has ended meanwhile
         held = self._held
-        self._held = [entry for entry in held if entry[1] not in healed]
-        for sent_ns, pair, function, args in held:
-            if pair in healed and now_ns - sent_ns < _LEASE_NS:
-                delay_ns = round(self._of(pair).delay_s * 1e9)
+        self._held = []
+        for entry in held:
+            held_since_ns, pair, function, args = entry
+            if pair not in healed:
+                self._held.append(entry)
+            elif now_ns - held_since_ns < _LEASE_NS:
+                delay_ns = round(self._quality(pair).delay_s * 1e9)
                 self._push(now_ns + delay_ns, pair, function, args)
 
         for pair in healed:
             self._cut.pop(pair, None)
-        for pair in sorted(self._unseen & healed):
+        for pair in sorted(self._noticed_cuts & healed):
             self.call_at(now_ns + _RECONNECT_NS, self._rejoin, pair)
 
     def is_cut(self, first: str, second: str) -> bool:
@@ -196,7 +200,7 @@ class SimBus:
             args: arguments of that call.
         """
         now_ns = self.now_ns()
-        settings = self._of(pair)
+        settings = self._quality(pair)
         is_latest = delivery is Delivery.LATEST
         is_cut = bool(self._cut) and pair in self._cut
 
@@ -206,20 +210,21 @@ class SimBus:
 
         due_ns = now_ns + round(settings.delay_s * 1e9)
 
-        # every message draws four numbers, so that a change of one fault (loss, say) leaves the
-        # random numbers of the others as they are
-        draw = None
+        is_duplicated = False
         if settings.is_random:
-            draw = self._rng.random(4)
+            # every message draws four numbers, so that a change of one fault (loss, say) leaves
+            # the random numbers of the other faults as they are
+            jitter_draw, loss_draw, reorder_draw, duplicate_draw = self._rng.random(4)
+            is_duplicated = is_latest and duplicate_draw < settings.duplicate
 
-        if draw is not None:
-            due_ns += round(-math.log1p(-draw[0]) * settings.jitter_s * 1e9)
+            # an exponential distribution from a uniform number
+            due_ns += round(-math.log1p(-jitter_draw) * settings.jitter_s * 1e9)
 
-            if is_latest and self._losses.takes(pair, settings, draw[1], now_ns):
+            if is_latest and self._losses.takes(pair, settings, loss_draw, now_ns):
                 self.lost += 1
                 return
 
-            if is_latest and draw[2] < settings.reorder:
+            if is_latest and reorder_draw < settings.reorder:
                 self._push(due_ns + round(settings.reorder_s * 1e9), pair, function, args)
                 return
 
@@ -244,7 +249,7 @@ class SimBus:
             return
 
         self._push(due_ns, pair, function, args)
-        if draw is not None and is_latest and draw[3] < settings.duplicate:
+        if is_duplicated:
             self._push(due_ns + _DUPLICATE_AFTER_NS, pair, function, args)
 
     @property
@@ -262,8 +267,9 @@ class SimBus:
         """
         if self.is_quiet:
             due_ns = self.now_ns() + self._delay_ns
-            all_at_once = (sender, tuple(receivers), args)
-            self._push(due_ns, (sender, ""), self._fan_out, all_at_once)
+            no_receiver = ""  # so that no cut of a pair holds the call
+            fan_out_args = (sender, tuple(receivers), args)
+            self._push(due_ns, (sender, no_receiver), self._fan_out, fan_out_args)
             return
 
         topic, name, *_ = args
@@ -298,7 +304,7 @@ class SimBus:
             count += 1
         return count
 
-    def _of(self, pair: Pair) -> BusSettings:
+    def _quality(self, pair: Pair) -> BusSettings:
         """Return the quality between two nodes."""
         if not self._links:
             return self.settings
@@ -307,30 +313,30 @@ class SimBus:
     def _push(self, due_ns: int, pair: Pair, function: Call, args: Arguments) -> None:
         heappush(self._queue, (due_ns, next(self._count), pair, function, args))
 
-    def _expire(self, pair: Pair, since_ns: object) -> None:
+    def _notice_cut(self, pair: Pair, since_ns: object) -> None:
         """Let a pair notice its cut, unless that cut has ended meanwhile.
 
         Args:
             pair: the pair that was cut.
             since_ns: the time of the cut, which distinguishes this cut from a later one.
         """
-        if self._cut.get(pair) == since_ns and pair not in self._unseen:
-            self._unseen.add(pair)
+        if self._cut.get(pair) == since_ns and pair not in self._noticed_cuts:
+            self._noticed_cuts.add(pair)
             self._notify_of_all_names(pair, False)
 
     def _rejoin(self, pair: Pair) -> None:
         """Let a pair see each other again, unless it has been cut once more."""
-        if pair not in self._cut and pair in self._unseen:
-            self._unseen.discard(pair)
+        if pair not in self._cut and pair in self._noticed_cuts:
+            self._noticed_cuts.discard(pair)
             if pair[0] in self.nodes:
                 self._notify_of_all_names(pair, True)
 
     def _notify_of_all_names(self, pair: Pair, is_alive: bool) -> None:
-        """Let a listener learn that a node is alive or gone, under all names of that node."""
-        seen, listener = pair
-        names = [seen]
-        if seen in self.nodes:
-            names += sorted(self.nodes[seen].claims)
+        """Let node ``pair[1]`` learn that ``pair[0]`` is alive or gone, under all its names."""
+        node, listener = pair
+        names = [node]
+        if node in self.nodes:
+            names += sorted(self.nodes[node].claims)
 
         for name in names:
             self.notify(listener, name, is_alive)
@@ -351,7 +357,7 @@ class Node:
     def __init__(self, bus: SimBus, name: str) -> None:
         self.bus = bus
         self.name = name
-        self.claims: set[str] = set()
+        self.claims: set[str] = set()  # further names under which other nodes see this one
         self.alive_listeners: list[OnAlive] = []
         self.order_server: OnOrder | None = None
         self.fault_server: OnFault | None = None

@@ -7,8 +7,8 @@ wait for one receiver as one aggregate, as in 802.11n. A nearly full channel the
 packets in each turn, but later.
 
 The access point is a station like the others. It has a queue for each vehicle, and its window grows
-less, as 802.11e allows. Messages from vehicle to vehicle go through it. The durations come from
-onboard/feasibility/airtime.py.
+less, as 802.11e allows. Messages from vehicle to vehicle go through it, unless the radio's link is
+``direct``. The durations come from onboard/feasibility/airtime.py.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ from onboard.feasibility.airtime import MOST_IN_TURN, OFDM, OVERHEAD_BYTES, mess
 
 _ACCESS_POINT = ""  # the station name of the access point; no node has this name
 _SMALL_BYTES = 100  # size of a liveliness token, and of a call that carries no message
-_MOST_WAITING_NS = 300_000_000  # a message of which only the newest matters is dropped after this
+# A message is dropped after this time if only the newest one of its topic matters.
+_MOST_WAITING_NS = 300_000_000
 
 FIRST_WINDOW = 16  # slots
 
@@ -206,7 +207,7 @@ class Channel:
             most_doubled = _MOST_DOUBLED_ACCESS_POINT
 
         doubled = min(self._collisions_in_a_row.get(station, 0), most_doubled)
-        return int(self._rng.integers(FIRST_WINDOW << doubled))
+        return int(self._rng.integers(FIRST_WINDOW * 2**doubled))
 
     def _aggregate(self, station: str, slots: int) -> _Aggregate:
         """Return the packets that a station sends in its turn.

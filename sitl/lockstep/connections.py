@@ -9,8 +9,8 @@ from onboard.config.fleet import ConfigError, RadioConfig
 Pair = tuple[str, str]
 
 _PERIOD_NS = 20_000_000  # period of messages of 50 Hz
-# The first message of a connection is treated as if another one had been sent this long before it:
-# so long that it does not matter whether that one was lost.
+# The first message of a connection is treated as if a message had arrived this long before it. The
+# time is so long that the earlier message has no influence.
 _FORGOTTEN_NS = 10_000_000_000
 
 
@@ -67,16 +67,16 @@ class BusSettings:
 
 
 class Losses:
-    """Chooses the messages that are lost, and remembers the last one of each connection.
+    """Chooses the messages that are lost, and remembers the last message of each connection.
 
     Each connection is the two-state chain of Gilbert and Elliott: in one state it loses every
     message, in the other none. A state lasts for a time, not for a number of messages. The settings
     express this time as a number of messages of 50 Hz. So a connection of 5 Hz loses fewer messages
-    in a row, and of messages sent at the same instant all are lost or none.
+    in a row. Messages sent at the same instant are either all lost or all delivered.
     """
 
     def __init__(self) -> None:
-        # time of the last message, and whether it was lost
+        # pair -> time [ns] of its last message, and whether that was lost
         self._newest: dict[Pair, tuple[int, bool]] = {}
 
     def takes(self, pair: Pair, settings: BusSettings, draw: float, now_ns: int) -> bool:

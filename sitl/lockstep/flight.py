@@ -47,8 +47,8 @@ from sitl.lockstep.simulation import EPOCH_NS, Simulation
 from sitl.px4.modes import MODES, CommandResult, Mode
 
 GROUND = "ground-1"
-_DIRECT_DELAY_S = 0.01
-_WATCH_S = 0.2
+_DIRECT_DELAY_S = 0.01  # time that a direct command takes to PX4
+_WATCH_S = 0.2  # time between two checks for silent vehicles
 _FORCE = 21196.0  # parameter 2 of MAV_CMD_COMPONENT_ARM_DISARM: disarm also in the air
 
 # new objects until Python collects garbage; with Python's own 700 the collector takes a fifth of
@@ -70,7 +70,7 @@ class Lockstep:
         environment: wind, downwash and errors; a calm room by default.
         folder: the folder of the record; None records nothing.
         as_if_recorded: whether the ground subscribes and publishes as if the flight were recorded,
-            also without a folder, so that both flights are the same.
+            also without a folder; a flight with a record and one without are then the same.
         say: called with each line of progress.
         is_compiled: see :class:`Simulation`.
     """
@@ -139,6 +139,7 @@ class Lockstep:
 
     # -- scripts -----------------------------------------------------------------------------------
 
+    # these attributes and methods are what a script's host has (groundstation.missions.connection)
     ready_timeout_s = READY_TIMEOUT_SIM_S
     flown: FlightObservations | None = None
     at_end = "land"
@@ -309,9 +310,12 @@ class Lockstep:
         )
 
     async def _watch(self, run: MissionRun) -> None:
-        """End the mission when the vehicles fall silent."""
-        while not run.look_after():  # noqa: ASYNC110 - no event comes when vehicles fall silent
-            await asyncio.sleep(_WATCH_S)
+        """End the mission when the vehicles fall silent, of which no event tells."""
+        has_ended = False
+        while not has_ended:
+            has_ended = run.look_after()
+            if not has_ended:
+                await asyncio.sleep(_WATCH_S)
 
     def _say_as_event(self, line: str) -> None:
         """Report a line of progress, and publish it as an event of the mission."""

@@ -5,8 +5,8 @@ from its start, with the files in its folder. Every two seconds a digest of all 
 with the digest in the record. As long as the digests are equal, the flight equals the recorded one.
 They differ if the version of Covey, a library or the processor is another one.
 
-Changes take effect at the start, or at a given second. Until that second the flight must equal the
-recorded one; otherwise it is ended, because the change would be tried on another flight.
+Changes take effect at the start, or at a given second. If the flight differs from the recorded one
+before that second, it is ended, because the changes would be tried on another flight.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ class Reflown(NamedTuple):
     """The outcome of a flight that was flown again."""
 
     verdict: Verdict
-    min_separation_m: float  # by ground truth, while one of the two flew; inf without a pair
+    # smallest distance, by ground truth, of two vehicles of which at least one flew; inf if none
+    min_separation_m: float
     flown_s: float
     equal_until_s: float  # until this second its state was equal to the recorded one
 

@@ -27,7 +27,7 @@ from sitl.physics.wind import WindSettings
 OTHER_GROUND = "ground-2"
 OTHER_AUTHOR = "another operator"
 
-# a second ground waits at most so long for telemetry of all vehicles before it gives its order
+# longest time that the second ground waits for telemetry of all vehicles before it gives its order
 _HEARS_ALL_S = 2.0
 
 

@@ -112,5 +112,7 @@ def _attributes(value: object) -> Iterable[str]:
     names = set(getattr(value, "__dict__", ()))
     for kind in type(value).__mro__:
         slots = kind.__dict__.get("__slots__", ())
-        names.update([slots] if isinstance(slots, str) else slots)
+        if isinstance(slots, str):  # a single slot may be written without a list
+            slots = [slots]
+        names.update(slots)
     return sorted(names)

@@ -82,7 +82,7 @@ def main(words: Sequence[str]) -> int:
                 both.append(flown)
             if options.pictures:
                 mission = load_mission(ROOT / f"configs/missions/{name}.toml")
-                fence = ACCIDENTS[name].fleet_of_then(mission.fleet).fleet.geofence_m
+                fence = ACCIDENTS[name].accident_fleet(mission.fleet).fleet.geofence_m
                 with styled():
                     draw(both[0], both[1], fence, ROOT / f"docs/figures/gallery-{name}.png")
     return int(failed > 0)

@@ -39,7 +39,7 @@ _WIND_RISES_IN_S = 20.0
 _STRONGEST_WIND_M_S = 30.0  # the emulator accepts no more
 _SLOW_DELAY_S = 0.4
 _STARVED_FOR_S = 6.0
-# in addition to the time for which vehicles wait for a lost ground
+# times for which the ground stays away after vehicles have begun to land without it
 _HANGS_LONGER_S = 8.0
 _DEAD_LONGER_S = 16.0  # by then all vehicles have landed
 

@@ -143,7 +143,8 @@ def fly_broken(
             flight.at(breaking.at_s + breaking.gap_s, inject_second)
 
         verdict = flight.fly(mission)
-        # without faults of the bus, and after a second, all hear each other and the order to land
+
+        # a second after all cuts of the bus have ended, every vehicle receives the order to land
         flight.bus.heal()
         flight.run(1.0)
         _bring_down(flight, judge, height_m)

@@ -27,28 +27,38 @@ def beyond_m(area: Area, position_enu_m: Xyz) -> float:
     from_ends_m = min(up - area.low_m, area.high_m - up)
 
     if area.keeps_in:
-        aside_m = 0.0 if is_within else edge_m
+        aside_m = 0.0
+        if not is_within:
+            aside_m = edge_m
         return max(aside_m, -from_ends_m, 0.0)
-    if not is_within or from_ends_m <= 0.0:
-        return 0.0
-    return min(edge_m, from_ends_m)
+
+    is_inside = is_within and from_ends_m > 0.0
+    if is_inside:
+        return min(edge_m, from_ends_m)
+    return 0.0
 
 
 def _is_within(area: Area, point: Point) -> bool:
-    """Whether a ray to the east crosses the outline an odd number of times."""
+    """Return whether a point is within the outline of an area.
+
+    It is within if a ray from it to the east crosses the outline an odd number of times.
+    """
     if not area.corners_enu_m:
         return math.dist(point, area.center_enu_m) < area.radius_m
 
     east, north = point
     crossings = 0
     for (x1, y1), (x2, y2) in _sides(area):
-        if (y1 > north) != (y2 > north):
+        has_ends_on_both_sides = (y1 > north) != (y2 > north)
+        if has_ends_on_both_sides:
             crossing_east = x1 + (north - y1) / (y2 - y1) * (x2 - x1)
-            crossings += crossing_east > east
+            if crossing_east > east:
+                crossings += 1
     return crossings % 2 == 1
 
 
 def _edge_distance_m(area: Area, point: Point) -> float:
+    """Return the distance [m] of a point from the nearest point of an area's outline."""
     if not area.corners_enu_m:
         return abs(math.dist(point, area.center_enu_m) - area.radius_m)
 
@@ -56,13 +66,15 @@ def _edge_distance_m(area: Area, point: Point) -> float:
     for begin, end in _sides(area):
         dx = end[0] - begin[0]
         dy = end[1] - begin[1]
+        # the nearest point of the side, as a share of the way from its begin to its end
         along = ((point[0] - begin[0]) * dx + (point[1] - begin[1]) * dy) / (dx * dx + dy * dy)
         share = min(1.0, max(0.0, along))
-        foot = (begin[0] + share * dx, begin[1] + share * dy)
-        least_m = min(least_m, math.dist(point, foot))
+        nearest = (begin[0] + share * dx, begin[1] + share * dy)
+        least_m = min(least_m, math.dist(point, nearest))
     return least_m
 
 
 def _sides(area: Area) -> list[tuple[Point, Point]]:
+    """Return the begin and the end of each side of a polygon."""
     corners = area.corners_enu_m
     return list(itertools.pairwise([*corners, corners[0]]))

@@ -34,9 +34,9 @@ from sitl.lockstep.campaign.injections import FIELD_INJECTIONS, INJECTIONS, Inje
 from sitl.lockstep.campaign.judge import action_of_table
 from sitl.lockstep.flight import Lockstep
 
-_SEEDS_OF_A_ROUND = 1000
-_ARMING_S = 1.0  # faults begin as early as this before the first vehicle is in the air
-_LEAST_UNDISTURBED = 2
+_SEEDS_OF_A_ROUND = 1000  # seeds reserved for each round
+_ARMING_S = 1.0  # the earliest fault comes this long before the first vehicle is in the air
+_LEAST_UNDISTURBED = 2  # least number of undisturbed flights
 _NEVER_S = 1e6  # a time after the end of every flight
 _PATH_STEP_S = 0.25
 _NOTHING = Injection(NOTHING, lambda flight, name: None)
@@ -169,8 +169,9 @@ def broken_cases(
 
 
 def _wind(rng: np.random.Generator, wind_m_s: float) -> tuple[float, float]:
-    angle = float(rng.uniform(0.0, 2.0 * math.pi))
-    return (round(wind_m_s * math.cos(angle), 3), round(wind_m_s * math.sin(angle), 3))
+    """Return a wind of a random direction: its velocity to the east and to the north."""
+    angle_rad = float(rng.uniform(0.0, 2.0 * math.pi))
+    return (round(wind_m_s * math.cos(angle_rad), 3), round(wind_m_s * math.sin(angle_rad), 3))
 
 
 def possible_victims(fleet: FleetConfig, injection: Injection) -> list[str]:
@@ -187,8 +188,10 @@ def possible_victims(fleet: FleetConfig, injection: Injection) -> list[str]:
             return []
         return [name for name in names if fleet.takes_corrections(fleet.vehicles[name])]
 
-    needs_poses = injection.needs == "poses"  # or else satellites
-    fitting = [name for name in names if fleet.vehicles[name].mocap_required is needs_poses]
+    if injection.needs == "poses":
+        fitting = [name for name in names if fleet.vehicles[name].mocap_required]
+    else:  # satellites
+        fitting = [name for name in names if not fleet.vehicles[name].mocap_required]
     # an injection that hits all vehicles needs a fleet in which all of them fit
     if "of all" in injection.name and len(fitting) < len(names):
         return []
@@ -242,7 +245,9 @@ def line_of(flown: FlownCase) -> str:
     fault = case.fault
     if case.victim:
         fault += f", {case.victim} at {case.at_s:.1f} s"
-    nearest = "-" if flown.smallest_m is None else f"{flown.smallest_m:.2f} m"
+    nearest = "-"
+    if flown.smallest_m is not None:
+        nearest = f"{flown.smallest_m:.2f} m"
     verdict = "as it should"
     if flown.wrong:
         verdict = f"WRONG: {flown.wrong[0]}"
@@ -292,12 +297,15 @@ def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
             wrong.append(flown.verdict.sentences[-1])
 
     extent = extents[0]
+    first_airborne_s = 0.0
+    if extent.took_off:
+        first_airborne_s = round(extent.first_airborne_s, 2)
     return FlownCase(
         case=case,
         wrong=tuple(wrong),
         seen=dict(sorted(seen.items())),
         took_off=extent.took_off,
-        first_airborne_s=round(extent.first_airborne_s, 2) if extent.took_off else 0.0,
+        first_airborne_s=first_airborne_s,
         last_airborne_s=round(extent.last_airborne_s, 2),
         smallest_m=_finite(smallest_m[0]),
         smallest_silenced_m=_finite(smallest_m[1]),
@@ -335,4 +343,7 @@ def _action_by_claims(situation: Situation, conditions: Collection[Condition]) -
 
 
 def _finite(distance_m: float) -> float | None:
-    return round(distance_m, 3) if math.isfinite(distance_m) else None
+    """Return a distance rounded to millimetres, or None if it is infinite."""
+    if math.isfinite(distance_m):
+        return round(distance_m, 3)
+    return None

@@ -7,7 +7,7 @@ import math
 from groundstation.evidence.volumes import Point, convex_hull
 from sitl.lockstep.flight import Lockstep
 
-_LOOK_S = 0.1  # time between two samples
+_SAMPLE_S = 0.1  # time between two samples
 
 
 class Extent:
@@ -24,7 +24,7 @@ class Extent:
         self.fastest_m_s = 0.0  # horizontal
         self.first_airborne_s = math.inf
         self.last_airborne_s = 0.0
-        self._look()
+        self._sample()
 
     @property
     def took_off(self) -> bool:
@@ -36,7 +36,7 @@ class Extent:
         """The convex hull of all positions in the air, rounded to centimetres."""
         return tuple((round(east, 2), round(north, 2)) for east, north in self._outline)
 
-    def _look(self) -> None:
+    def _sample(self) -> None:
         """Add the present positions and speeds of flying vehicles, and do so again later."""
         simulation = self._flight.simulation
         world = simulation.emulator.world
@@ -57,4 +57,4 @@ class Extent:
             self.first_airborne_s = min(self.first_airborne_s, now_s)
             self.last_airborne_s = now_s
             self._outline = convex_hull([*self._outline, *positions_m])
-        simulation.at(simulation.time_s + _LOOK_S, self._look)
+        simulation.at(simulation.time_s + _SAMPLE_S, self._sample)

@@ -89,6 +89,7 @@ def _f(*conditions: C) -> frozenset[C]:
     return frozenset(conditions)
 
 
+# conditions of a vehicle without poses, and of one that misses the messages of a neighbour
 _POSITION = (C.POSITION_STALE, C.POSITION_LOST)
 _SILENT = _f(C.NEIGHBOUR_SILENT, C.NEIGHBOUR_UNSEEN, C.NEIGHBOUR_STALE)
 

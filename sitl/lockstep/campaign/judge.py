@@ -32,9 +32,10 @@ _TILT_SLACK_DEG = 0.5
 # returns the action that conditions demand in a situation
 ActionOf = Callable[[Situation, Collection[Condition]], Action]
 
-# demanded action -> behaviours (words of _behaviour) that satisfy the demand: all that do as much
-# or more; an armed vehicle still stands on the ground
-_DOES: dict[Action, tuple[str, ...]] = {
+# demanded action -> behaviours (words of _behaviour) that satisfy the demand: that action, and
+# every stronger one. An armed vehicle that has not taken off stands on the ground, so it satisfies
+# HOLD and LEVEL.
+_SATISFYING: dict[Action, tuple[str, ...]] = {
     Action.HOLD: ("hold", "land", "px4", "failed", "armed"),
     Action.LEVEL: ("hold", "land", "px4", "failed", "armed"),
     Action.LAND: ("land", "px4", "failed"),
@@ -84,6 +85,7 @@ class Judge:
         self.areas = flight_space_of(flight.config).areas
 
         self._wrong: dict[str, None] = {}  # sentences, each once, in their order
+        # vehicle -> condition -> number of ticks in which the vehicle noticed it
         self.seen: dict[str, Counter[Condition]] = {
             name: Counter() for name in flight.config.enabled_names
         }
@@ -97,11 +99,10 @@ class Judge:
         self.highest_m = math.inf  # height that the victim may reach; no limit before the fault
         self.height_share = flight.config.fleet.height_share
 
-        # by vehicle: the strongest action demanded since its newest order, the id of that order,
-        # and the action demanded in the last tick
-        self._strongest: dict[str, Action] = {}
-        self._order_of: dict[str, str] = {}
-        self._demanded: dict[str, Action] = {}
+        # by vehicle
+        self._strongest: dict[str, Action] = {}  # strongest action demanded since its newest order
+        self._newest_order_id: dict[str, str] = {}
+        self._demanded: dict[str, Action] = {}  # action demanded in its last tick
 
         node = flight.bus.node("judge")
         node.start()
@@ -182,7 +183,7 @@ class Judge:
         """Note a vehicle that leaves the fence, or that rises too much after the fault."""
         fence = self.flight.config.fleet.geofence_m
         x, y, z = truth.position_enu_m
-        is_inside = (
+        is_in_fence = (
             fence.x[0] - _FENCE_SLACK_M <= x <= fence.x[1] + _FENCE_SLACK_M
             and fence.y[0] - _FENCE_SLACK_M <= y <= fence.y[1] + _FENCE_SLACK_M
             and z <= fence.z[1] + _FENCE_SLACK_M
@@ -190,7 +191,7 @@ class Judge:
         is_excused = self.injection.may_leave_fence and (
             truth.vehicle == self.victim or truth.vehicle in self.silenced
         )
-        if not is_inside and not is_excused:
+        if not is_in_fence and not is_excused:
             self.note(f"{truth.vehicle} leaves the fence")
         for area in self.areas:
             if not is_excused and beyond_m(area, (x, y, z)) > _FENCE_SLACK_M:
@@ -213,8 +214,8 @@ class Judge:
         order_id = ""
         if flight.order is not None:
             order_id = flight.order.order_id
-        if order_id and order_id != self._order_of.get(name):
-            self._order_of[name] = order_id
+        if order_id and order_id != self._newest_order_id.get(name):
+            self._newest_order_id[name] = order_id
             self._strongest[name] = Action.GO_ON
 
         situation = flight.situation
@@ -232,7 +233,7 @@ class Judge:
         self._strongest[name] = strongest
 
         behaviour = _behaviour(core)
-        if strongest in _DOES and behaviour not in _DOES[strongest]:
+        if strongest in _SATISFYING and behaviour not in _SATISFYING[strongest]:
             listed = ", ".join(condition.value for condition in conditions)
             self.note(f"{name}: {WORDS[strongest]} is asked for ({listed}), {behaviour} is done")
         if strongest <= Action.SLOW and behaviour in ("failed", "px4") and not flight.reason:
@@ -267,9 +268,10 @@ class Judge:
         """Note if none of these vehicles has noticed and reported any of these conditions."""
         if not wanted or not names:
             return
-        noticed = {
-            condition for name in names for condition in wanted if self.seen[name][condition]
-        }
+
+        noticed: set[Condition] = set()
+        for name in names:
+            noticed |= {condition for condition in wanted if self.seen[name][condition]}
         if not noticed:
             words = " or ".join(sorted(condition.value for condition in wanted))
             self.note(f"{' or '.join(names)} did not notice {words}")
@@ -288,11 +290,20 @@ class Judge:
 
 
 def _behaviour(core: object) -> str:
-    """Return a word for what an agent does now: the words of _DOES, or ``fly``."""
+    """Return a word for what an agent does now.
+
+    The words are fly, armed, hold, land (by the agent), px4 (landing by PX4 alone) and failed.
+    """
     flight = core.flight  # type: ignore[attr-defined]
     if flight.state == "landing":
-        return "px4" if flight.step is FlightStep.PX4_LANDING else "land"
-    return {"holding": "hold", "failed": "failed", "armed": "armed"}.get(flight.state, "fly")
+        if flight.step is FlightStep.PX4_LANDING:
+            return "px4"
+        return "land"
+    if flight.state == "holding":
+        return "hold"
+    if flight.state in ("failed", "armed"):
+        return str(flight.state)
+    return "fly"
 
 
 def _code(condition: Condition) -> str:
