@@ -35,10 +35,11 @@ from sitl.monte_carlo.vehicles import TICK_S
 MakeController = Callable[
     [Sequence[pipeline.PipelineParams], Array, Sequence[Capsule]], batch.Controller
 ]
-_TIMES_STRAIGHT = 5.5  # a flight has failed if it takes more than so many times its straight line
+# a flight has failed if it takes more than this multiple of its straight-line time
+_TIMES_STRAIGHT = 5.5
 _ALONE_SPARE_S = 20.0  # time added to the expected time of a straight-line flight
 
-# names of position and velocity in rows of states and of the law
+# names of the fields of position and velocity, in rows of states and in rows of the law
 _OF_STATE = ("position_enu_m", "velocity_enu_m_s")
 _OF_LAW = ("predicted_position_enu_m", "predicted_velocity_enu_m_s")
 
@@ -79,8 +80,10 @@ def fly(
     straight_s = straight_line_s(plans, setup, physics=physics)
     longest_s = []
     for plan, one_straight_s, limit_s in zip(plans, straight_s, limits_s, strict=True):
-        by_straight_s = _TIMES_STRAIGHT * min(one_straight_s, limit_s)
-        longest_s.append(plan.longest_s or by_straight_s)
+        if plan.longest_s:
+            longest_s.append(plan.longest_s)
+        else:
+            longest_s.append(_TIMES_STRAIGHT * min(one_straight_s, limit_s))
 
     outcomes, refusals = _fly(
         plans,
@@ -233,6 +236,7 @@ def _fly(
         normals, link_draws = noise.next()
         states = sensors.update(truth, normals, throttle, hover)
         published_states = states
+        # of the positions that liars publish: their offset, and how fast it changes
         offset_m = velocity_m_s = np.zeros_like(start)
         if has_lies:
             offset_m, velocity_m_s = lies.offsets(metrics.time_s)
@@ -268,14 +272,16 @@ def _fly(
         world.advance(ticks["attitude"]["quaternion_wxyz"], throttle, normals)
         truth = world.truth()
 
+        # index of the neighbour whose row binds most: among the received ones, then in the fleet
         active = ticks["law"]["active_neighbour"].astype(np.int64)
-        if radio is not None:  # from the index among the received neighbours to the vehicle's
+        if radio is not None:
             active = radio.vehicle(active)
         going_on = metrics.update(truth, ticks, active)
         orders.advance(metrics)
         if len(going_on) == len(start):
             continue
         if not len(going_on):
+            # only the control by a user's own law has refusals
             return metrics.outcomes, getattr(pipelines, "refusals", {})
 
         start = start[going_on]

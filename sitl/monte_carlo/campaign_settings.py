@@ -312,8 +312,10 @@ def _type_names(types: str | None, tables: Mapping[str, Any]) -> tuple[str, ...]
     Raises:
         ConfigError: a type is unknown.
     """
-    if types is None:
-        types = "sih" if "sih" in tables else next(iter(tables), "")
+    if types is None and "sih" in tables:
+        types = "sih"
+    elif types is None:
+        types = next(iter(tables), "")
 
     names = tuple(types.split(","))
     for name in names:

@@ -61,8 +61,10 @@ def run(
 
         if folder is not None:
             _make(folder)
-        if picture is not None:
-            _make(picture.parent if picture.suffix else picture)
+        if picture is not None and picture.suffix:
+            _make(picture.parent)
+        elif picture is not None:
+            _make(picture)
 
         chunks = process_chunks.campaign(
             subjects, seeds, setup, jobs=jobs, physics=physics, trace_folder=folder
@@ -99,7 +101,7 @@ def _check_picture(picture: Path, *, flights: int) -> None:
 
 
 def _make(folder: Path) -> None:
-    """Create a folder and check that it is writable, before minutes of flying for nothing."""
+    """Create a folder, and check before the flights that files can be written there."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -180,7 +182,9 @@ def _print_table(
     for row in results.summary(records):
         table.add_row(*row)
 
-    width = None if sys.stdout.isatty() else 140  # a file or a pipe has no width of its own
+    width = None  # the terminal's
+    if not sys.stdout.isatty():
+        width = 140  # a file or a pipe has no width of its own
     console = Console(file=drawing(sys.stdout), width=width)
     console.print(table)
 

@@ -127,6 +127,7 @@ def search(
             random_m = min(random_m, float(distances_m.min()))
             flown += random_count
 
+            # each pass draws and flies one generation
             while len(points) < tries_of_restart:
                 best = points[np.argsort(distances_m)[:_KEPT]]
                 spread = np.maximum(best.std(axis=0), _LEAST_SPREAD)

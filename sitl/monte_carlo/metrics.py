@@ -124,13 +124,13 @@ class FlightMetrics:
         self._done: dict[int, FlightOutcome] = {}  # by index of the plan
         self._pairs = np.triu_indices(count, 1)
 
-        # From here on: rows (F, ...) of the flights under way, among which keep() selects.
+        # From here on: rows (F, ...) of the flights under way; keep() drops those that have ended.
         self._flights = np.arange(flights)
         self._goal = np.stack([plan.goal_enu_m for plan in plans])
         self._earliest = np.array([plan.earliest_s for plan in plans])
         self._longest = np.array(longest_s, dtype=np.float64)
 
-        # what the types of vehicles keep from one that does not avoid, at least
+        # least distance that vehicles keep from a vehicle that does not avoid
         least_lag_s = min(vehicle.lag_s for vehicle in fleet.vehicles.values())
         margin_m = fleet.law.margin_m(least_lag_s) + fleet.law.uncooperative_margin_m
         self._kept_from_lost_m = self._limit_m + margin_m
@@ -290,9 +290,9 @@ class FlightMetrics:
         Aerodynamics, section 2.3.
         """
         thrust_g = command_m_s2 / GRAVITY_M_S2
-        thrust_g[..., 2] += 1.0
-        thrust_2 = np.einsum("fnc,fnc->fn", thrust_g, thrust_g)
-        power = thrust_2**0.75  # relative to hovering
+        thrust_g[..., 2] += 1.0  # the weight
+        thrust_squared = np.einsum("fnc,fnc->fn", thrust_g, thrust_g)
+        power = thrust_squared**0.75  # relative to hovering
         self._sums["energy"] += TICK_S * power.mean(-1)
 
     def _measure_motion(self, position: Array, speed: Array) -> None:
@@ -341,6 +341,7 @@ class FlightMetrics:
         makespan_s = math.inf
         reason = None
         if has_arrived:
+            # the time of the first tick in which all were there
             makespan_s = self.time_s - (self._ticks_there[row] - 1.0) * TICK_S
         else:
             reason = self._reason(row, missing=~is_there)
@@ -390,7 +391,7 @@ class FlightMetrics:
         return "livelock"
 
     def _is_blocked(self, row: int, missing: BoolArray) -> bool:
-        """Whether a lost vehicle is too near to the goal of every missing vehicle.
+        """Return whether the goal of every missing vehicle is too near to a lost vehicle.
 
         Args:
             row: row of the flight.
@@ -398,8 +399,9 @@ class FlightMetrics:
         """
         lost = self._position[row, self._is_lost[row], :2]  # (L, 2)
         goals = self._goal[row, missing, :2]  # (M, 2)
-        gaps_m = np.hypot(*(goals[:, None] - lost[None, :]).transpose(2, 0, 1))
-        return bool((gaps_m < self._kept_from_lost_m).any(axis=1).all())
+        gaps_m = np.hypot(*(goals[:, None] - lost[None, :]).transpose(2, 0, 1))  # (M, L)
+        is_goal_blocked = (gaps_m < self._kept_from_lost_m).any(axis=1)
+        return bool(is_goal_blocked.all())
 
     def keep(self, flights: IntArray) -> None:
         """Keep only these rows (flights), and drop the others."""

@@ -60,7 +60,8 @@ class FlightOrders:
 
         The goal of a vehicle that has just frozen is the position where it comes to rest.
         """
-        # In flights with lost vehicles each has one goal: a sequence above 0 is of a frozen one.
+        # In a flight with a lost vehicle each vehicle has one goal, with sequence 0. The goal of a
+        # frozen vehicle gets sequence 1, so that it is set only once.
         has_just_frozen = is_frozen & (self._sequence == 0)
         if has_just_frozen.any():
             resting = truth.position_enu_m + _STOP_S * truth.velocity_enu_m_s

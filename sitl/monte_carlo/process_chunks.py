@@ -5,6 +5,7 @@ Neither the sizes of the chunks nor the number of processes changes a digit of t
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -59,7 +60,7 @@ def campaign(
 
 def _parts(seeds: Sequence[int], count: int, jobs: int) -> list[Sequence[int]]:
     """Return the seeds split into chunks, for flights of ``count`` vehicles."""
-    per_job = -(-len(seeds) // jobs)  # rounded up
+    per_job = math.ceil(len(seeds) / jobs)
     by_vehicles = CHUNK_VEHICLES // count
     by_links = _CHUNK_LINKS // (count * count)
     size = max(1, min(by_vehicles, by_links, per_job))

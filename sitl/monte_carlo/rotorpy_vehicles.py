@@ -75,16 +75,14 @@ class RotorPyPhysics:
 
         hover_frac = np.array([vehicle.hover_thrust_frac for vehicle in vehicles])
         self._newton_per_frac = preset["mass"] * GRAVITY_M_S2 / hover_frac  # (N,)
-        self._bodies = [
-            [
-                multirotor(
-                    _differing(preset, perturbation, noise.uniform[f, i]),
-                    control_abstraction="cmd_ctatt",
-                )
-                for i in range(count)
-            ]
-            for f in range(flights)
-        ]
+        # RotorPy's objects and states, both by flight and vehicle
+        self._bodies = []
+        for f in range(flights):
+            bodies_of_flight = []
+            for i in range(count):
+                params = _differing(preset, perturbation, noise.uniform[f, i])
+                bodies_of_flight.append(multirotor(params, control_abstraction="cmd_ctatt"))
+            self._bodies.append(bodies_of_flight)
         self._states = [[_hovering(place, preset) for place in flight] for flight in start_enu_m]
         self._acceleration = np.zeros_like(start_enu_m)
 

@@ -163,10 +163,13 @@ def changes(cell: Cell) -> tuple[str, ...]:
     vehicle = next(iter(fleet.vehicles.values()))
     law = fleet.law
 
+    # distance from which the law has to keep the vehicles
     margin_m = max(law.design_margin_m, margin_for_age_m(fleet, accuracy))
     flown_margin_m = max(margin_m, effective_margin_m(fleet, accuracy))
     distance_m = fleet.fleet.safety_distance_m + flown_margin_m
 
+    # range from which on a neighbour is avoided: two vehicles that close head-on can then still
+    # brake, also with old messages and the lag of the attitude
     closing_m_s = 2.0 * law.avoid_speed_frac * cell.speed_m_s
     row_range_m = bounds.row_range_m(closing_m_s, distance_m, law.kappa_1_1_s, law.kappa_2_1_s)
     late_m = closing_m_s * (message_age_s(fleet) + vehicle.lag_s)
@@ -209,7 +212,7 @@ def setup(cell: Cell, scenario: str) -> campaign_settings.Setup:
     """Return the setup of a scenario in a cell.
 
     The scenario is scaled so that vehicles fly at top speed for a while, and that all of them can
-    park at their goals.
+    hover at their goals at the same time.
     """
     unscaled = campaign_settings.setup_for(errors=cell.errors, changes=changes(cell))
     fleet = unscaled.fleet(cell.vehicles)
@@ -224,7 +227,8 @@ def setup(cell: Cell, scenario: str) -> campaign_settings.Setup:
         longest_m = math.sqrt(6.0 * cell.vehicles)
         spacing_m = 1.4
 
-    required_m = parking_m(fleet, ACCURACIES[cell.errors]) + 0.15  # the starts are jittered
+    # distance at which vehicles can hover beside each other, and more for the jitter of the starts
+    required_m = parking_m(fleet, ACCURACIES[cell.errors]) + 0.15
     scale_for_speed = _held_distance_m(cell.speed_m_s) / longest_m
     scale_for_parking = required_m / spacing_m
     scale = max(1.0, scale_for_speed, scale_for_parking)

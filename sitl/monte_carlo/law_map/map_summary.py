@@ -93,7 +93,10 @@ def table_row(cell: Cell, rows: MapRows) -> list[str]:
 
 
 def _mean_ratio(flown: list[MapRow]) -> float:
-    """Return the mean of the stages' ratios, weighted by their flights; 0 if there are none."""
+    """Return the mean ratio of makespan to straight-line time over all flights; 0 without any.
+
+    Each stage has the mean ratio of its flights, and counts by the number of its flights.
+    """
     measured = [row for row in flown if row["ratio"] is not None]
     weighted: float = sum(row["ratio"] * row["flights"] for row in measured)
     flights: int = sum(row["flights"] for row in measured)

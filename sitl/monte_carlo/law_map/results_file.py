@@ -100,7 +100,8 @@ class ResultsFile:
     def _read(self) -> dict[tuple[str, int], MapRow]:
         """Return the complete rows, and cut off an incomplete line that a killed run has left."""
         data = read_bytes(self.path, RESULTS_FILE)
-        complete = data[: data.rfind(b"\n") + 1]
+        after_last_newline = data.rfind(b"\n") + 1
+        complete = data[:after_last_newline]
 
         # A file of another kind is not changed. The first line may be incomplete, too.
         begin = f'{{"{self._kind.head}": '.encode()

@@ -1,14 +1,14 @@
-"""The law that a benchmark judges: how it flies in a campaign, and a stop-watch around it.
+"""The law that a benchmark judges: how it flies in a campaign, and the time that it takes.
 
-A law of somebody's own is interpreted, and no law of Covey's is computed beside it: a flight in
-which it would be refused has failed. Covey's laws fly compiled, and are timed in one flight of
-their own, interpreted as on a drone.
+A user's own law is interpreted. No law of Covey's takes over from it: if its answer is refused, the
+flight has failed. Covey's laws fly compiled. They are timed in a further flight, in which they are
+interpreted as on a drone.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -23,7 +23,7 @@ from onboard.types import Thrust
 from sitl.monte_carlo.campaign_settings import Setup
 from sitl.monte_carlo.open_benchmark.laws import covey
 
-_UNTIMED_CALLS = 20  # memory that is allocated on first use is none of the law's cost
+_UNTIMED_CALLS = 20  # the first calls also allocate memory, so they are not timed
 
 
 class JudgedLaw:
@@ -38,10 +38,15 @@ class JudgedLaw:
         Raises:
             ConfigError: the law cannot be imported.
         """
+        self._function: Callable[[Any, LawInputs], tuple[Any, Thrust]]
         own = setup.fleet(1).own_law
-        self.is_own = own is not None
-        self.source_hash = "" if own is None else own.source_hash
-        self._function = covey.law if own is None else own.load()
+        self.is_own = own is not None  # whether it is a user's own law
+        if own is None:
+            self.source_hash = ""
+            self._function = covey.law
+        else:
+            self.source_hash = own.source_hash
+            self._function = own.load()
         self._name = setup.law
 
         self.setup = setup

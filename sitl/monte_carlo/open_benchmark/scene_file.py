@@ -26,6 +26,7 @@ _SUFFIX = ".json"
 _MOST_OBSTACLES = 500
 _LARGEST_M = 1000.0  # largest coordinate
 _LARGEST_M_S = 20.0
+# key -> smallest and largest value
 BOUNDS: dict[str, tuple[float, float]] = {
     "vehicles": (1, 250),
     "radius_m": (0.01, _LARGEST_M),
@@ -181,7 +182,8 @@ def parsed(data: bytes, path: str) -> Scene:
 
 def _problems(scene: Scene) -> Iterator[str]:
     """Yield a sentence for each value that cannot be flown; a check relies on those before it."""
-    is_plain = scene.name.replace("-", "").replace("_", "").isalnum() and scene.name.isascii()
+    without_dashes = scene.name.replace("-", "").replace("_", "")
+    is_plain = without_dashes.isalnum() and without_dashes.isascii()
     if not is_plain or len(scene.name) > 40:
         yield (
             f"'name' is {scene.name!r}; write up to 40 letters, digits, - and _, because files "
@@ -254,6 +256,7 @@ def _points(scene: Scene) -> Iterator[tuple[str, Point]]:
 
 
 def _index_problems(scene: Scene) -> Iterator[str]:
+    """Yield a sentence for each index that is no vehicle of the scene."""
     last = scene.placing.vehicles - 1
     for index in scene.blind:
         yield from bound_problems("blind", index, 0, last)

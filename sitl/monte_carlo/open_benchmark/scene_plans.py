@@ -60,7 +60,7 @@ def setup(
 
 
 def _check_places(scene: Scene, setup: campaign_settings.Setup) -> None:
-    """Refuse a scene that is lost before it begins, or whose goals cannot all be held."""
+    """Refuse a scene whose starts or goals are too near to each other or to an obstacle."""
     count = vehicle_count(scene)
     fleet = setup.fleet(count).fleet
     exact = plan(scene, seed=0, is_jittered=False)
@@ -89,7 +89,9 @@ def _check_places(scene: Scene, setup: campaign_settings.Setup) -> None:
 
 def vehicle_count(scene: Scene) -> int:
     """Return the number of vehicles of a scene, with its intruder."""
-    return scene.placing.vehicles + (scene.intruder is not None)
+    if scene.intruder is None:
+        return scene.placing.vehicles
+    return scene.placing.vehicles + 1
 
 
 def plan(scene: Scene, seed: int, *, is_jittered: bool = True) -> FlightPlan:

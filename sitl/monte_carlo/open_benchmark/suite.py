@@ -24,7 +24,8 @@ KIND = ResultsKind(
     numbers=("first_seed", "busy_s", "calls"),
     others=("law", "scene", "flights"),
 )
-_SEEDS_OF_UNIT = 5  # of a law that flies compiled; one of somebody's own has a unit for each seed
+# seeds in a unit of a law that flies compiled; a unit of a user's own law has one seed
+_SEEDS_OF_UNIT = 5
 _COST_SCENE = "circle"  # in which laws are timed
 # what is kept of the record of a flight
 _KEPT = (
@@ -45,7 +46,7 @@ class Unit:
     """Some seeds of one scene by one law: the smallest piece of work whose results are kept."""
 
     law: str
-    source_hash: str  # of a law of somebody's own
+    source_hash: str  # of a user's own law; empty for Covey's
     scene: Scene
     seeds: tuple[int, ...]
     physics: str = worlds.DEFAULT
@@ -67,14 +68,16 @@ def scenes() -> list[Scene]:
 
 
 def units(law: str, seeds: range, physics: str = worlds.DEFAULT) -> list[Unit]:
-    """Return the work of a law, seed by seed: after any part of it all scenes were flown.
+    """Return the units of a law, seed by seed, so that an interrupted run has flown all scenes.
 
     Raises:
         ConfigError: the law cannot be imported, or there is no such physics.
     """
     worlds.world_of(physics)  # refuses an unknown name
     judged = JudgedLaw(_setup(scenes()[0], law))  # with any scene: only the law counts here
-    size = 1 if judged.is_own else _SEEDS_OF_UNIT
+    size = _SEEDS_OF_UNIT
+    if judged.is_own:
+        size = 1
     found = []
     for index in range(0, len(seeds), size):
         part = tuple(seeds[index : index + size])
@@ -112,6 +115,12 @@ def fly(unit: Unit) -> SuiteRow:
         if is_timed:
             batch_flight.fly(plans[:1], judged.setup, controller=judged.interpreted)
 
+    busy_s = 0.0
+    calls = 0
+    if is_timed:
+        busy_s = judged.busy_s
+        calls = max(0, judged.calls)  # below 0 if the flights ended before the first timed call
+
     return {
         "cell": unit.cell,
         "stage": 0,  # a unit of the suite has one stage, unlike those of the map
@@ -120,9 +129,8 @@ def fly(unit: Unit) -> SuiteRow:
         "scene": unit.scene.name,
         "first_seed": unit.seeds[0],
         "flights": [_kept(flight, judged) for flight in flown],
-        "busy_s": judged.busy_s if is_timed else 0.0,
-        # below 0 where the flights were over before the first timed call
-        "calls": max(0, judged.calls) if is_timed else 0,
+        "busy_s": busy_s,
+        "calls": calls,
     }
 
 

@@ -1,4 +1,8 @@
-"""What the laws share: the bodies around a vehicle, velocities to thrusts, and half-planes."""
+"""What the laws share: the bodies around a vehicle, the thrust for a velocity, and half-planes.
+
+A row is a half-plane of allowed velocities, accelerations or positions. ``length_2`` and ``dot_2``
+are length and scalar product of horizontal vectors.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,7 @@ _GAIN_1_S = 4.0  # a velocity error times this is an acceleration
 _STUCK_M_S = 0.12  # a slower vehicle that is blocked turns to the right
 _BLOCKED_FRAC = 1.3  # of the distance to keep: nearer bodies ahead block
 _LEAST_DISTANCE_M = 1e-6  # smaller distances count as this one, so that none is 0
-_LEAST_BLOCKED_M_S2 = 0.3  # a vehicle whose baseline asks for less has nowhere to go
+_LEAST_BLOCKED_M_S2 = 0.3  # a vehicle whose baseline asks for less is at its goal
 _AHEAD_COS = 0.2  # cosine of the largest angle between the wanted direction and a body ahead
 # rows that cannot all hold give way by the first of these amounts that is enough
 _GIVES_WAY = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
@@ -66,8 +70,8 @@ def _nearest_point(obstacle: Capsule, x: float, y: float) -> Vec2:
     """Return the point of an obstacle's axis that is nearest to (x, y)."""
     begin, end = obstacle.begin_enu_m, obstacle.end_enu_m
     along = Vec2(end.x - begin.x, end.y - begin.y)
-    length_2_m2 = max(dot_2(along, along), 1e-12)  # a pillar has length 0
-    share = dot_2(Vec2(x - begin.x, y - begin.y), along) / length_2_m2
+    length_squared_m2 = max(dot_2(along, along), 1e-12)  # a pillar has length 0
+    share = dot_2(Vec2(x - begin.x, y - begin.y), along) / length_squared_m2
     share = min(1.0, max(0.0, share))
     return Vec2(begin.x + share * along.x, begin.y + share * along.y)
 
@@ -80,8 +84,8 @@ def own_velocity(inputs: LawInputs) -> Vec2:
 def preferred_velocity(inputs: LawInputs, around: Sequence[Body] = ()) -> Vec2:
     """Return the velocity that the baseline steers for, within the top speed.
 
-    It is turned 60 degrees to the right while the vehicle stands still before one of the bodies:
-    laws without a rule of their own would stand face to face for ever.
+    It is turned 60 degrees to the right while the vehicle stands still before one of the bodies.
+    Otherwise two vehicles would stand face to face for ever.
 
     Args:
         inputs: inputs of the law.
@@ -132,14 +136,16 @@ def nearest(point: Vec2, rows: Sequence[HalfPlane]) -> Vec2:
         if found is not None:
             return found
         found = _nearest(point, [HalfPlane(row.normal, row.bound - amount) for row in rows])
-    return found or point
+    if found is None:
+        return point
+    return found
 
 
 def _nearest(point: Vec2, rows: Sequence[HalfPlane]) -> Vec2 | None:
     """Return the nearest point in all half-planes; None if they have none in common.
 
-    One row after the other: where the point so far violates a row, the new one lies on the edge of
-    that row, between the edges of the rows before it.
+    The rows are added one after the other. If the point so far violates the next row, the new point
+    lies on the edge of that row, between the edges of the rows before it.
     """
     found = point
     for index, (normal, bound) in enumerate(rows):
@@ -149,7 +155,7 @@ def _nearest(point: Vec2, rows: Sequence[HalfPlane]) -> Vec2 | None:
         # the point of the edge that is nearest to the given point
         missing = bound - dot_2(normal, point)
         foot = Vec2(point.x + missing * normal.x, point.y + missing * normal.y)
-        # the part of the edge, counted along it from the foot, that the rows before leave
+        # the part of the edge that the rows before allow: distances along the edge from the foot
         along = Vec2(-normal.y, normal.x)
         low, high = -math.inf, math.inf
         for other, other_bound in rows[:index]:

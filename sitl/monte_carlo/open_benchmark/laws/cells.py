@@ -36,7 +36,7 @@ def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
 def cell_row(body: Body) -> HalfPlane:
     """Return the edge of the buffered cell towards a body; positions relative to the own one.
 
-    The plane is halved between two vehicles, and moved back by half of the distance to keep. An
-    obstacle has no cell: all but the distance to keep is the vehicle's.
+    Between two vehicles the edge lies in the middle, moved back by half of the distance to keep.
+    An obstacle has no cell, so there the edge lies at the distance to keep from the obstacle.
     """
     return HalfPlane(body.unit, body.share * (body.d_m - body.distance_m))

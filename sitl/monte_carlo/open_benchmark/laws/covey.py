@@ -1,4 +1,7 @@
-"""Covey's own law as anybody's: to time it, and to show that the door gives all that it needs."""
+"""Covey's law with the interface of a user's own law.
+
+So it can be timed, and it shows that the interface passes all that such a law needs.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,10 @@ def law(memory: oist.LawMemory | None, inputs: LawInputs) -> tuple[oist.LawMemor
     baseline = interface.Baseline(
         inputs.baseline, inputs.compensation_enu_m_s2, inputs.intent_enu_m_s
     )
+    if memory is None:
+        memory = oist.initial()
     memory, output = oist.step(
-        memory or oist.initial(),
+        memory,
         baseline,
         inputs.predicted,
         inputs.state,

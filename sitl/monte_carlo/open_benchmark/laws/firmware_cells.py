@@ -42,9 +42,10 @@ def law(memory: Vec2 | None, inputs: LawInputs) -> tuple[Any, Thrust]:
     goal_m = Vec2(_HORIZON_S * preferred.x, _HORIZON_S * preferred.y)
     to_wall_m = math.inf
     for normal, bound in rows:
-        # share of the way to the goal that leads towards this wall, and the distance to the wall
+        # cosine of the angle between the goal and the direction straight to this wall
         towards = -dot_2(normal, goal_m) / max(length_2(goal_m), 1e-9)
         if towards > 0.0:
+            # distance to the wall in the direction of the goal
             to_wall_m = min(to_wall_m, max(0.0, -bound) / towards)
     if to_wall_m < min(_SIDESTEP_M, length_2(goal_m)):
         aside = turned_right(goal_m, 0.5 * math.pi)

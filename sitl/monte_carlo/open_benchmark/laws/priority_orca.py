@@ -35,7 +35,7 @@ def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
 
 
 def _share(body: Body) -> float:
-    """Return the share of this vehicle."""
+    """Return the share of the change that this vehicle makes."""
     if body.share == 1.0:
         return 1.0  # the body makes no part of the change
     if body.e_m > (0.0, 0.0):  # this vehicle is further east, or as far and further north
