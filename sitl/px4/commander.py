@@ -188,7 +188,7 @@ class EmulatedPx4:
     def request_mode(self, now_s: float, main: int, sub: int, base_mode: int = 1) -> CommandResult:
         """Change the mode as requested by DO_SET_MODE or SET_MODE; return the commander's answer.
 
-        PX4's MAVLink receiver answers earlier, and otherwise.
+        A client sees the answer of PX4's MAVLink receiver instead, which comes before it.
         """
         mode = modes.mode_of(base_mode, main, sub)
         if mode is not None:
@@ -301,6 +301,7 @@ class EmulatedPx4:
         return self._inputs is not None and self._inputs.has_local_position
 
     def _follow(self, setpoint: Setpoint) -> None:
+        """Command the actuation of a setpoint."""
         if not setpoint.is_rotation and not self.version.survives_no_rotation:
             self.mode_control.has_lost_attitude = True
         self.mode_control.take_setpoint(setpoint)
@@ -346,7 +347,9 @@ class EmulatedPx4:
         if not self.is_armed:
             return
 
-        sticks = self.sticks.positions if self.has_sticks(now_s) else None
+        sticks = None
+        if self.has_sticks(now_s):
+            sticks = self.sticks.positions
         has_taken_off = self.mode_control.step(
             inputs, self.mode, self.landed, self.params, self.setpoint, sticks
         )
@@ -354,6 +357,7 @@ class EmulatedPx4:
             self._intend(Mode.LOITER)
 
     def _available(self, now_s: float) -> ModeCondition:
+        """Return the conditions of modes that are met now."""
         available = ModeCondition.NOTHING
         if self._has_local_position:
             available |= ModeCondition.LOCAL_POSITION
@@ -426,6 +430,7 @@ class EmulatedPx4:
             if self.intent is Mode.TERMINATION:
                 mode = Mode.TERMINATION
 
+            # a fallback mode is announced when it begins
             flyable = self._flyable(mode)
             if flyable is not mode and flyable is not self.mode:
                 shown = MODES[flyable].custom_mode
@@ -527,7 +532,10 @@ class EmulatedPx4:
         self._tilted_since_s = min(self._tilted_since_s, inputs.time_s)
         if inputs.time_s - self._tilted_since_s >= self.params["FD_FAIL_R_TTRI"]:
             self._has_attitude_failed = True
-            self.journal.say(inputs.time_s, "roll failure" if is_roll else "pitch failure")
+            if is_roll:
+                self.journal.say(inputs.time_s, "roll failure")
+            else:
+                self.journal.say(inputs.time_s, "pitch failure")
 
     def _auto_disarm(self, now_s: float) -> None:
         if self.landed is not LandedState.ON_GROUND:

@@ -71,6 +71,7 @@ _DRIFT_ACCELERATION_1_S2 = 0.214
 _REST_DETECTION_S = 4.0
 
 _START_HEIGHT_M = (-0.2, 0.2)  # limits of the estimated height before the first flight
+# Limits of the mean error of the compass, and of the standard deviation of its changes.
 _COMPASS_MEAN_DEG = (2.0, 17.0)
 _COMPASS_STD_DEG = (2.0, 7.0)
 _YAW_KEEP = math.exp(-PERIOD_S / estimator_errors.YAW_CORRELATION_S)
@@ -124,7 +125,7 @@ class Estimator:
     Attributes:
         offset_ned_m: offset (n, 3) of the local position from the true motion since the start.
         yaw_error_rad: estimated heading minus true heading (n,).
-        compass_error_rad: mean of it (n,) with a heading by the compass.
+        compass_error_rad: mean error (n,) of a heading that comes from the compass.
         tilt_error_rad: turn (n, 2) about north and east that takes the estimated attitude to the
             true one.
         source: source of each estimate.
@@ -175,7 +176,7 @@ class Estimator:
         self.compass_error_rad = self._errors["yaw_mean"]
         self.tilt_error_rad = self._errors["tilt_error"]
 
-        # Times of events of each vehicle.
+        # Times of the newest event of each kind, per vehicle.
         self._vision_time_s = [-math.inf] * n  # newest external position
         self._height_time_s = [-math.inf] * n  # newest external position whose height was fused
         self._lost_time_s = [-math.inf] * n  # loss of the last source
@@ -210,7 +211,7 @@ class Estimator:
         # State at the last selection of the sources.
         self._levels: list[ErrorLevel | None] = [None] * n
         self._is_resting = [True] * n
-        self._rest_begin_s = [-math.inf] * n
+        self._rest_begin_s = [-math.inf] * n  # last time in the air
 
     def _begin_errors(self) -> None:
         """Draw the errors at the start."""

@@ -228,7 +228,7 @@ class ModeControl:
         else:
             self._fly(inputs, PositionGoal(home, _ZERO, start.yaw_rad), params)
 
-    def _sink(self, inputs: AutopilotInputs, params: Parameters) -> None:
+    def _descend_without_position(self, inputs: AutopilotInputs, params: Parameters) -> None:
         # The descent is level and holds no position, because sticks or a position are missing.
         velocity = np.array([0.0, 0.0, params["MPC_LAND_SPEED"]])
         goal = PositionGoal(_NO_POSITION, velocity, self._start(inputs).yaw_rad)
@@ -239,7 +239,7 @@ class ModeControl:
     def _fly_position_by_hand(self, inputs: AutopilotInputs, params: Parameters) -> None:
         """Fly POSCTL: centred sticks hold the position, others command a velocity."""
         if self._sticks is None:
-            self._sink(inputs, params)
+            self._descend_without_position(inputs, params)
             return
 
         pitch, roll, throttle, _ = self._sticks
@@ -265,7 +265,7 @@ class ModeControl:
         No position is held.
         """
         if self._sticks is None:
-            self._sink(inputs, params)
+            self._descend_without_position(inputs, params)
             return
 
         climb = 2.0 * self._sticks[2] - 1.0
@@ -279,7 +279,7 @@ class ModeControl:
         The vehicle hovers with the throttle in its middle.
         """
         if self._sticks is None:
-            self._sink(inputs, params)
+            self._descend_without_position(inputs, params)
             return
 
         throttle = self._sticks[2]
@@ -306,7 +306,9 @@ class ModeControl:
 
     def _start(self, inputs: AutopilotInputs) -> AutopilotInputs:
         """Return the inputs at the begin of the mode."""
-        return self._entry or inputs
+        if self._entry is None:
+            return inputs
+        return self._entry
 
     def _takeoff_down_m(self, params: Parameters) -> float:
         height_m = self.takeoff_height_m
@@ -420,5 +422,5 @@ _MODE_STEPS: dict[Mode, Callable[[ModeControl, AutopilotInputs, Parameters], Non
     Mode.ALTCTL: ModeControl._fly_height_by_hand,
     Mode.STABILIZED: ModeControl._fly_attitude_by_hand,
     Mode.MANUAL: ModeControl._fly_attitude_by_hand,
-    Mode.DESCEND: ModeControl._sink,
+    Mode.DESCEND: ModeControl._descend_without_position,
 }

@@ -87,7 +87,9 @@ class Parameters:
         """Return the checksum of all names and values, as :data:`HASH_CHECK` carries it."""
         checksum = 0
         for name in self.defaults:
-            layout = "<i" if isinstance(self.defaults[name], int) else "<f"
+            layout = "<f"
+            if isinstance(self.defaults[name], int):
+                layout = "<i"
             packed = struct.pack(layout, self.values[name])
             checksum = zlib.crc32(name.encode("ascii") + packed, checksum)
 

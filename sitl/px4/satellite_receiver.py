@@ -51,7 +51,7 @@ class Assembly:
     """Fragments of the frame that is being assembled."""
 
     sequence: int = -1
-    pieces: dict[int, bytes] = field(default_factory=dict)
+    pieces: dict[int, bytes] = field(default_factory=dict)  # number of the fragment -> its data
     newest_s: float = -math.inf
 
     def take(self, flags: int, data: bytes, time_s: float) -> bytes | None:
@@ -135,7 +135,7 @@ class SatelliteReceiver:
             return
 
         self.frames += 1
-        number = frame[3] << 4 | frame[4] >> 4
+        number = frame[3] << 4 | frame[4] >> 4  # of the message: 12 bits behind the header
         if number in _BASE_POSITION and len(frame) >= _BASE_FRAME_BYTES:
             self._hear_base(frame)
         elif self._base_m is not None and any(number in span for span in _OBSERVATIONS):
@@ -146,9 +146,13 @@ class SatelliteReceiver:
         # complement. Two other bits precede Y, and two precede Z.
         bits = int.from_bytes(frame[3:22], "big")
         modulus = 1 << _COORDINATE_BITS
-        unsigned = [bits >> shift & (modulus - 1) for shift in (80, 40, 0)]
-        signed = [value - modulus if 2 * value >= modulus else value for value in unsigned]
-        self._base_m = np.array(signed, dtype=np.float64) * _BASE_RESOLUTION_M
+        coordinates: list[int] = []
+        for shift in (80, 40, 0):
+            value = bits >> shift & (modulus - 1)
+            if 2 * value >= modulus:  # negative
+                value -= modulus
+            coordinates.append(value)
+        self._base_m = np.array(coordinates, dtype=np.float64) * _BASE_RESOLUTION_M
         if self._first_base_m is None:
             self._first_base_m = self._base_m
 
@@ -195,13 +199,14 @@ class SatelliteReceiver:
 
 
 def _is_right(frame: bytes) -> bool:
-    """Whether bytes are one frame with a right checksum."""
+    """Return whether bytes are one frame with a right checksum."""
     if not _LEAST_FRAME_BYTES <= len(frame) <= _MOST_FRAME_BYTES:
         return False
     if frame[0] != _PREAMBLE or frame[1] & 0xFC:
         return False
     if (frame[1] << 8 | frame[2]) + _FRAME_OVERHEAD_BYTES != len(frame):
         return False
+    # CRC-24Q; over a frame with its checksum it is 0
     crc = 0
     for byte in frame:
         crc = (crc << 8 ^ _CRC_TABLE[crc >> 16 ^ byte]) & 0xFFFFFF
