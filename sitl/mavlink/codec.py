@@ -71,11 +71,12 @@ def _zero(layout: MessageLayout, field_name: str, count: int) -> Any:
     return 0
 
 
-# Name, count and default value of each field of each message.
-_ZEROS: dict[str, tuple[tuple[str, int, Any], ...]] = {
-    layout.name: tuple((name, count, _zero(layout, name, count)) for name, count in layout.fields)
-    for layout in LAYOUTS.values()
-}
+# Name of a message -> name, count and default value of each of its fields.
+_ZEROS: dict[str, list[tuple[str, int, Any]]] = {}
+for _message_layout in LAYOUTS.values():
+    _ZEROS[_message_layout.name] = [
+        (name, count, _zero(_message_layout, name, count)) for name, count in _message_layout.fields
+    ]
 # Data of each message for the encoder: struct, lower 16 and upper 8 bits of the id, checksum seed.
 _ENCODER_DATA: dict[int, tuple[struct.Struct, int, int, bytes]] = {
     number: (layout.packer, number & 0xFFFF, number >> 16, bytes((layout.crc_extra,)))
@@ -222,11 +223,15 @@ class Encoder:
         """Return the bytes of a message from its values in wire order, arrays flattened."""
         packer, id_low, id_high, crc_extra = _ENCODER_DATA[message_id]
         # MAVLink 2 removes zeros at the end, and leaves at least one byte.
-        payload = packer.pack(*values).rstrip(b"\0") or b"\0"
+        payload = packer.pack(*values).rstrip(b"\0")
+        if not payload:
+            payload = b"\0"
 
         sequence = self.sequence
         self.sequence = (sequence + 1) & 0xFF
-        flags = _SIGNED if self.is_signed else 0
+        flags = 0
+        if self.is_signed:
+            flags = _SIGNED
         head = _HEAD.pack(
             len(payload), flags, sequence, self.system_id, self.component_id, id_low, id_high
         )

@@ -183,8 +183,10 @@ def _reposition(link: CommandedLink, command: ReceivedCommand) -> Answer:
 
 def _change_speed(link: CommandedLink, command: ReceivedCommand) -> Answer:
     # The speed holds until the mode ends. Without a speed above zero the parameter holds again.
-    speed_m_s = command[2]
-    link.autopilot.mode_control.cruise_m_s = speed_m_s if speed_m_s > 0.0 else None
+    speed_m_s: float | None = command[2]
+    if command[2] <= 0.0:
+        speed_m_s = None
+    link.autopilot.mode_control.cruise_m_s = speed_m_s
     return CommandResult.ACCEPTED, []
 
 

@@ -62,7 +62,9 @@ def onboard_ports(autopilot: str, key: str) -> Ports:
         return Ports(bind=(host, port), peer=None)
 
     # The agent waits at this address. PX4 sends first, from a port that is 40 higher.
-    peer_host = "127.0.0.1" if host == "0.0.0.0" else host
+    peer_host = host
+    if host == "0.0.0.0":
+        peer_host = "127.0.0.1"
     return Ports(bind=(host, port + ONBOARD_PORT_OFFSET), peer=(peer_host, port))
 
 
@@ -85,10 +87,12 @@ def ground_ports(
     if station is None:
         return None
 
-    # Outside of PX4's layout any free port is right, because a ground station answers to the port
-    # of the sender.
-    port = ground_port_of(autopilot) or 0
-    return Ports(bind=("127.0.0.1", port), peer=station)
+    px4_port = ground_port_of(autopilot)
+    if px4_port is None:
+        # Outside of PX4's layout any free port (0) is right, because a ground station answers to
+        # the port of the sender.
+        px4_port = 0
+    return Ports(bind=("127.0.0.1", px4_port), peer=station)
 
 
 def ground_port_of(autopilot: str) -> int | None:
@@ -137,7 +141,9 @@ def station_of(text: str) -> Address:
         raise StartError(
             f"'{text}' is no address of a ground station. Write it as 127.0.0.1:14550."
         )
-    return host or GROUND_STATION[0], int(port)
+    if not host:
+        host, _ = GROUND_STATION
+    return host, int(port)
 
 
 def _parse(endpoint: str, key: str) -> tuple[str, str, int]:
@@ -279,4 +285,5 @@ def read_all(ready: selectors.BaseSelector) -> None:
     Waking up for each datagram would take as much time as the rest of the emulator.
     """
     for key, _ in ready.select(0):
-        key.data()
+        read_socket = key.data  # Socket.read, registered by Socket.open
+        read_socket()

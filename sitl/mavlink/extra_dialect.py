@@ -52,11 +52,15 @@ def declare(message_id: int, name: str, fields: Sequence[str]) -> MessageLayout:
 
     for entry in fields:
         kind, _, declarator = entry.partition(" ")
-        label, _, count_text = declarator.rstrip("]").partition("[")
-        count = int(count_text or 0)
+        label, is_array, count_text = declarator.rstrip("]").partition("[")
+        count = 0
+        code = _CODES[kind]
+        if is_array:
+            count = int(count_text)
+            code = f"{count}{code}"
 
         named.append((label, count))
-        codes += f"{count or 1}{_CODES[kind]}"
+        codes += code
         seed = mcrf4xx(f"{kind} {label} ".encode(), seed)
         if count:
             seed = mcrf4xx(bytes((count,)), seed)

@@ -83,7 +83,9 @@ class Link:
         self._decoder = Decoder()
         self._key = LinkKey(emulator.key_stores[index], link_id, self.encoder, self._decoder)
 
-        logs = None if emulator.flight_logs is None else emulator.flight_logs[index]
+        logs = None
+        if emulator.flight_logs is not None:
+            logs = emulator.flight_logs[index]
         self._file_server = FileServer(logs)
         self._log_sender = LogSender(logs)
 
@@ -118,8 +120,11 @@ class Link:
         answers: list[bytes] = []
         for message in self._decoder.decode(datagram):
             reaction = REACTIONS.get(message.name)
-            if reaction is not None and reaction.is_meant(self, message):
-                answers.extend(reaction.handler(self, message) or ())
+            if reaction is None or not reaction.is_meant(self, message):
+                continue
+            handler_answers = reaction.handler(self, message)
+            if handler_answers is not None:
+                answers.extend(handler_answers)
         return self._key.signed(answers)
 
     def poll(self) -> list[bytes]:
@@ -199,7 +204,11 @@ class Link:
         if not self._has_gcs:
             self._has_gcs = True
             new = [text for text in journal.texts.newest if now_s - text.time_s < _TEXT_BACKLOG_S]
-        return [chunk for text in new for chunk in self._chunks(text)]
+
+        chunks: list[bytes] = []
+        for text in new:
+            chunks.extend(self._chunks(text))
+        return chunks
 
     def _chunks(self, text: StatusText) -> list[bytes]:
         """Return a text as STATUSTEXTs."""

@@ -124,7 +124,9 @@ class FileServer:
             answer = _packed(request, _ACK, answer_data)
 
         is_small = answer[_SIZE_BYTE] <= _REPEATED_BYTES
-        self._last_answer = answer if is_small else b""
+        self._last_answer = b""
+        if is_small:
+            self._last_answer = answer
         return answer
 
     def due(self) -> list[tuple[bytes, tuple[int, int]]]:
@@ -241,7 +243,9 @@ class FileServer:
     def _has_ended(self, count: int) -> bool:
         """Add sent bytes to the session; at its limit, end it silently and return True."""
         self._sent_bytes += count
-        limit_bytes = 0 if self._logs is None else self._logs.session_limit_bytes
+        limit_bytes = 0
+        if self._logs is not None:
+            limit_bytes = self._logs.session_limit_bytes
         if not limit_bytes or self._sent_bytes <= limit_bytes:
             return False
         self._close()
@@ -253,7 +257,9 @@ class FileServer:
 
     @property
     def _files(self) -> Sequence[LogFile]:
-        return () if self._logs is None else self._logs.files
+        if self._logs is None:
+            return ()
+        return self._logs.files
 
 
 def _answer_sequence(sequence: int) -> bytes:
@@ -292,7 +298,9 @@ class LogSender:
 
     def listed(self) -> list[dict[str, int]]:
         """Number the logs; return the fields of LOG_ENTRY for each."""
-        self._listed = [] if self._logs is None else list(self._logs.files)
+        self._listed = []
+        if self._logs is not None:
+            self._listed = list(self._logs.files)
         last = max(0, len(self._listed) - 1)
         return [
             {
