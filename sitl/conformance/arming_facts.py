@@ -52,9 +52,9 @@ def _greet_as_companion(client: VehicleClient) -> None:
     was_ground_station = client.is_ground_station
     client.greet(as_ground_station=False)
     if was_ground_station:
-        client.spend(_TEXTS_END_S)
+        client.wait(_TEXTS_END_S)
     else:
-        client.spend(0.5)
+        client.wait(0.5)
 
 
 def _mode_on_ground(client: VehicleClient, report: FactReport) -> None:
@@ -69,16 +69,16 @@ def _mode_on_ground(client: VehicleClient, report: FactReport) -> None:
 def _arming_denied(client: VehicleClient, report: FactReport) -> None:
     since_s = client.now_s
     report.add("arm.denied", client.command(ARM, 1.0))
-    client.spend(0.5)
+    client.wait(0.5)
     report.add("event.denied", sent_or_not(client.received.of("EVENT", since_s)))
-    report.add("text.none-for-companion", client.said(since_s))
+    report.add("text.none-for-companion", client.first_text(since_s))
 
 
 def _text_about_denial(client: VehicleClient, report: FactReport, denied_s: float) -> None:
     """Report the text about a denial that came before the ground station appeared."""
     client.greet(as_ground_station=True)
     client.text("Arming denied", denied_s, wait_s=1.5)  # wait until its first piece has come
-    client.spend(0.2)  # for the remaining pieces of the text
+    client.wait(0.2)  # for the remaining pieces of the text
 
     text = client.text("Arming denied", denied_s)
     report.add("text.backlog", sent_or_not(text))
@@ -90,11 +90,11 @@ def _text_about_denial(client: VehicleClient, report: FactReport, denied_s: floa
 
 def _texts_stop(client: VehicleClient, report: FactReport) -> None:
     client.greet(as_ground_station=False)
-    client.spend(5.0)
+    client.wait(5.0)
     since_s = client.now_s
     client.command(ARM, 1.0)
-    client.spend(0.5)
-    report.add("text.stops", client.said(since_s))
+    client.wait(0.5)
+    report.add("text.stops", client.first_text(since_s))
 
 
 def _set_mode_message(client: VehicleClient, report: FactReport) -> None:
@@ -117,13 +117,13 @@ def _set_mode_message(client: VehicleClient, report: FactReport) -> None:
 def _armed(client: VehicleClient, report: FactReport) -> None:
     grounded(client)
     client.greet(as_ground_station=True)
-    client.spend(1.2)
+    client.wait(1.2)
     report.add("arm.disarm-disarmed", client.command(ARM, 0.0))
 
     # Arming comes half way between two heartbeats, so that a heartbeat caused by the change would
     # be early.
     client.next_heartbeat()
-    client.spend(0.4)
+    client.wait(0.4)
     armed_s = client.now_s
     report.add("arm.accepted", client.command(ARM, 1.0))
     client.next_heartbeat(2)
@@ -138,7 +138,7 @@ def _armed(client: VehicleClient, report: FactReport) -> None:
 
     again_s = client.now_s
     report.add("arm.again", client.command(ARM, 1.0))
-    report.add("arm.again-text", client.said(again_s))
+    report.add("arm.again-text", client.first_text(again_s))
 
     if not report.wants("arm.auto-disarm*"):
         return

@@ -22,7 +22,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
     """Take off, wait and land."""
     client.greet(as_ground_station=True)
     grounded(client)
-    client.spend(1.2)
+    client.wait(1.2)
     client.interval("EXTENDED_SYS_STATE", 20.0)
     ground_z = client.newest("LOCAL_POSITION_NED").z
 
@@ -36,7 +36,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
     armed_s = client.now_s
     if client.command(ARM, 1.0) != "ACCEPTED":
         raise Stuck("it did not arm in AUTO.TAKEOFF")
-    client.spend(12.0, lambda: math.isfinite(_state_after_s(client, "IN_AIR", armed_s)))
+    client.wait(12.0, lambda: math.isfinite(_state_after_s(client, "IN_AIR", armed_s)))
     report.add("takeoff.text", client.quote("Using default", armed_s))
     report.add("takeoff.detected", client.delay_s("Takeoff detected", armed_s))
     report.add("takeoff.state", _state_after_s(client, "TAKEOFF", armed_s))
@@ -46,7 +46,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
     since_s = client.now_s
     client.next_heartbeat(2)
     report.add("takeoff.then", client.mode)
-    client.spend(1.0)
+    client.wait(1.0)
     count = len(client.received.of("POSITION_TARGET_GLOBAL_INT", since_s))
     report.add("stream.position-target-global-int", count / (client.now_s - since_s))
 

@@ -40,7 +40,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
     client.params.restore()
 
     disarmed_s = client.now_s
-    is_full = client.spend(10.0, lambda: client.newest("BATTERY_STATUS").battery_remaining >= 99)
+    is_full = client.wait(10.0, lambda: client.newest("BATTERY_STATUS").battery_remaining >= 99)
     refill_s = math.inf
     if is_full:
         refill_s = client.now_s - disarmed_s
@@ -70,7 +70,7 @@ def _drain(client: VehicleClient, report: FactReport) -> None:
     if packets:
         begin_s = packets[-1].at_s
 
-    client.spend(5.0)
+    client.wait(5.0)
     end = client.received.of("BATTERY_STATUS", begin_s)[-1]
     # The voltage has a finer resolution than the percentage.
     drained_pct = (begin_mv - end.message.voltages[0]) / _MV_PER_PCT
@@ -79,7 +79,7 @@ def _drain(client: VehicleClient, report: FactReport) -> None:
 
 def _empty(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     since_s = client.now_s
-    client.spend(
+    client.wait(
         1.2 * _FAST_DRAIN_S,
         lambda: client.newest("BATTERY_STATUS").battery_remaining <= _SLOW_FROM_PCT,
     )
@@ -105,7 +105,7 @@ def _empty(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     report.add("battery.hold-mode", client.mode)
     report.add("battery.hold-status", client.status)
     report.add("battery.hold-text", _words(client, "Failsafe activated: entering", since_s))
-    is_landing = client.spend(8.0, lambda: client.mode == "AUTO.LAND")
+    is_landing = client.wait(8.0, lambda: client.mode == "AUTO.LAND")
     if is_landing:
         # The heartbeat shows the landing up to a second later.
         report.add("battery.land-after", client.now_s - critical_s)
@@ -125,7 +125,7 @@ def _empty(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     states = sorted({packet.message.charge_state for packet in statuses})
     report.add("battery.charge-states", " ".join(map(str, states)))
 
-    is_disarmed = client.spend(25.0, lambda: not client.is_armed)
+    is_disarmed = client.wait(25.0, lambda: not client.is_armed)
     report.add("battery.disarms", yes_or_no(is_disarmed))
     client.stream(None)
 

@@ -223,7 +223,7 @@ class Recording:
             frame = _frame(datagram, start)
             if frame is None:
                 return
-            self._file(frame, clock, port_s)
+            self._record_frame(frame, clock, port_s)
             start += len(frame)
 
         # The first stamp dates the earlier packets, as if the vehicle ran in real time.
@@ -232,7 +232,7 @@ class Recording:
                 packet.at_s = max(0.0, clock.boot_s - (port_s - arrival_s))
             self._undated.clear()
 
-    def _file(self, frame: bytes, clock: VehicleClock, port_s: float) -> None:
+    def _record_frame(self, frame: bytes, clock: VehicleClock, port_s: float) -> None:
         is_v1 = frame[0] == _MAGIC_V1
         self.frames += 1
         if is_v1:

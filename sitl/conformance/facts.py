@@ -140,7 +140,11 @@ class FactReport:
 
         A flight that no requested fact needs is left out.
         """
-        return any(fnmatchcase(name, pattern) for name in self.facts for pattern in patterns)
+
+        def is_wanted(name: str) -> bool:
+            return any(fnmatchcase(name, pattern) for pattern in patterns)
+
+        return any(is_wanted(name) for name in self.facts)
 
     def add(self, name: str, measured: Measured) -> None:
         """Judge one measurement; it is dropped if its fact was not requested."""
@@ -151,8 +155,10 @@ class FactReport:
             self._waiting[name] = measured
             return
 
-        verdict = FactVerdict.AGREES if fact.accepts(measured) else FactVerdict.DIFFERS
-        self._file(FactResult(fact, verdict, fact.show(measured)))
+        verdict = FactVerdict.DIFFERS
+        if fact.accepts(measured):
+            verdict = FactVerdict.AGREES
+        self._record(FactResult(fact, verdict, fact.show(measured)))
 
     def skip(self, facts: Iterable[Fact], reason: str) -> None:
         """Report facts as skipped, for a reason that the vehicle has not caused."""
@@ -171,9 +177,9 @@ class FactReport:
             is_requested = fact.name in self.facts
             is_measured = fact.name in self.results or fact.name in self._waiting
             if is_requested and not is_measured:
-                self._file(FactResult(fact, verdict, "nothing", reason))
+                self._record(FactResult(fact, verdict, "nothing", reason))
 
-    def _file(self, result: FactResult) -> None:
+    def _record(self, result: FactResult) -> None:
         self.results[result.fact.name] = result
         self.show(result)
 
@@ -223,9 +229,12 @@ def facts_of(version: str, facts: Sequence[Fact]) -> dict[str, Fact]:
         for pattern, expected in CHANGES[changed_version].items():
             words = tuple(value for value in expected if isinstance(value, str))
             numbers = [value for value in expected if not isinstance(value, str)]
-            low, high = numbers or (math.nan, math.nan)
-            for name in [name for name in by_name if fnmatchcase(name, pattern)]:
-                by_name[name] = replace(by_name[name], allowed=words, low=low, high=high)
+            low = high = math.nan
+            if numbers:
+                low, high = numbers
+            for name, fact in by_name.items():
+                if fnmatchcase(name, pattern):
+                    by_name[name] = replace(fact, allowed=words, low=low, high=high)
     return by_name
 
 

@@ -79,7 +79,7 @@ class Hover:
         self.goal[2] = self.ground_z - height_m
         self.is_resting = False
 
-    def here(self) -> None:
+    def hold_here(self) -> None:
         """Hold the present position."""
         position = self._client.newest("LOCAL_POSITION_NED")
         self.goal[:2] = [float(position.x), float(position.y)]
@@ -95,7 +95,10 @@ class Hover:
             return quaternion(0.0, 0.0, self.yaw_rad), 0.0
 
         position = self._client.newest("LOCAL_POSITION_NED")
-        roll, pitch = self.tilt or self._tilt(position)
+        if self.tilt is None:
+            roll, pitch = self._tilt_to_goal(position)
+        else:
+            roll, pitch = self.tilt
 
         # The error in height determines a vertical speed, the error in speed a lift.
         down_m_s = _clip(self.goal[2] - position.z, _CLIMB_LIMIT_M_S, _SINK_LIMIT_M_S)
@@ -109,7 +112,7 @@ class Hover:
         thrust = self.thrust * lift_m_s2 / _GRAVITY / (math.cos(roll) * math.cos(pitch))
         return quaternion(roll, pitch, self.yaw_rad), min(1.0, max(_LEAST_THRUST, thrust))
 
-    def _tilt(self, position: Any) -> tuple[float, float]:
+    def _tilt_to_goal(self, position: Any) -> tuple[float, float]:
         """Return roll and pitch that lead to the goal, from a LOCAL_POSITION_NED."""
         north = self._acceleration(self.goal[0] - position.x, position.vx)
         east = self._acceleration(self.goal[1] - position.y, position.vy)
@@ -163,7 +166,7 @@ def _arm_in_offboard(client: VehicleClient) -> Hover:
     fast_streams(client)
     hover = Hover(client)
     client.stream(hover)
-    client.spend(0.3)
+    client.wait(0.3)
 
     client.set_mode("OFFBOARD")
     answer = client.command(ARM, 1.0)
@@ -191,7 +194,7 @@ def settle(client: VehicleClient, hover: Hover, timeout_s: float = 14.0) -> None
             and math.hypot(roll, pitch) < _CALM_TILT_RAD
         )
 
-    if not client.spend(timeout_s, is_calm):
+    if not client.wait(timeout_s, is_calm):
         raise Stuck("it did not come to rest in the air")
 
 
@@ -235,9 +238,9 @@ def _disarm(client: VehicleClient) -> None:
         client.command(ARM, 0.0)
 
     # In the air setpoints continue until PX4 has left OFFBOARD for the landing.
-    client.spend(2.0, lambda: client.mode != "OFFBOARD")
+    client.wait(2.0, lambda: client.mode != "OFFBOARD")
     client.stream(None)
 
-    if not client.spend(40.0, lambda: not client.is_armed):
+    if not client.wait(40.0, lambda: not client.is_armed):
         client.command(ARM, 0.0, FORCE)
         client.next_heartbeat()

@@ -22,7 +22,7 @@ def run_ground_link(client: VehicleClient, report: FactReport) -> None:
         if not client.listen(5.0, lambda: client.received.newest("HEARTBEAT") is not None):
             report.fail(FACTS, "nobody is heard there")
             return
-    client.spend(4.2)
+    client.wait(4.2)
 
     all_beats = client.received.of("HEARTBEAT")
     beats = [packet for packet in all_beats if packet.system_id == system_id]
@@ -48,11 +48,11 @@ def run_ground_link(client: VehicleClient, report: FactReport) -> None:
     report.add("gcs.version", version)
 
     client.greet(as_ground_station=True)
-    client.spend(1.2)
+    client.wait(1.2)
     report.add("gcs.answers", client.set_mode("OFFBOARD").partition(",")[0])
     since_s = client.now_s
     client.command(ARM, 1.0)  # PX4 refuses it in OFFBOARD without setpoints, with a text
-    client.spend(0.5)
+    client.wait(0.5)
     report.add("gcs.text", sent_or_not(client.texts(since_s)))
     client.set_mode("AUTO.LOITER")
     client.next_heartbeat()

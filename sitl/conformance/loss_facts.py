@@ -85,7 +85,7 @@ def _in_the_air(client: VehicleClient, report: FactReport, hover: Hover) -> None
 
 def _short_gap(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     since_s = _stop(client, hover)
-    client.spend(0.8)
+    client.wait(0.8)
     _resume(client, hover)
     client.next_heartbeat(2)
 
@@ -128,7 +128,7 @@ def _stop(client: VehicleClient, hover: Hover) -> float:
 
 
 def _resume(client: VehicleClient, hover: Hover) -> None:
-    hover.here()
+    hover.hold_here()
     client.stream(hover)
 
 
@@ -147,7 +147,7 @@ def _act(client: VehicleClient, report: FactReport, hover: Hover, action: int) -
         _default_action(client, report, since_s)
 
     _resume(client, hover)
-    client.spend(0.1)
+    client.wait(0.1)
     client.next_heartbeat()
     report.add(f"loss.action-{action}-return", client.mode)
 
@@ -212,20 +212,20 @@ def _on_the_ground(client: VehicleClient, report: FactReport) -> None:
     fast_streams(client)
     hover = Hover(client)
     client.stream(hover)
-    client.spend(0.3)
+    client.wait(0.3)
     client.set_mode("OFFBOARD")
     client.command(ARM, 1.0)
-    client.spend(0.5)
+    client.wait(0.5)
 
     client.stream(None)
     _until_failsafe(client, client.now_s)
     client.next_heartbeat()
     report.add("loss.ground-mode", client.mode)
-    client.spend(5.0)
+    client.wait(5.0)
     report.add("loss.ground-armed", client.arming_state)
 
     client.stream(hover)
-    client.spend(0.1)
+    client.wait(0.1)
     client.next_heartbeat()
     report.add("loss.ground-return", client.mode)
 

@@ -32,7 +32,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
     """Start OFFBOARD, fly, request refused actions, and land."""
     client.greet(as_ground_station=True)
     grounded(client)
-    client.spend(1.0)
+    client.wait(1.0)
     hover = _start(client, report)
 
     if report.wants("hover.*", "offboard.no-position-target"):
@@ -54,7 +54,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
 def _request_disarm_in_air(client: VehicleClient, report: FactReport) -> None:
     since_s = client.now_s
     report.add("offboard.disarm-in-air", client.command(ARM, 0.0))
-    client.spend(0.3)
+    client.wait(0.3)
     text = client.text("Disarming denied", since_s) or NO_TEXT
     report.add("offboard.disarm-text", repr(text.words))
     report.add("offboard.disarm-severity", str(text.severity))
@@ -67,7 +67,7 @@ def _start(client: VehicleClient, report: FactReport) -> Hover:
     level = quaternion(0.0, 0.0, hover.yaw_rad)
     client.interval("SERVO_OUTPUT_RAW", 250.0)
     client.stream(lambda: client.attitude(level, _EARLY_THRUST))
-    client.spend(0.3)
+    client.wait(0.3)
 
     client.set_mode("OFFBOARD")
     client.next_heartbeat()
@@ -76,7 +76,7 @@ def _start(client: VehicleClient, report: FactReport) -> Hover:
 
     armed_s = client.now_s
     client.send_command(ARM, 1.0)
-    client.spend(0.7)
+    client.wait(0.7)
     answers = client.received.of("COMMAND_ACK", armed_s)
     if not answers or answers[0].message.result:  # 0: accepted
         client.interval("SERVO_OUTPUT_RAW", 0.0)
@@ -102,7 +102,7 @@ def _start(client: VehicleClient, report: FactReport) -> Hover:
     ]
     report.add("offboard.early-climb", -mean(sinking_m_s))
 
-    client.spend(0.5)
+    client.wait(0.5)
     takeoff_s = client.delay_s("Takeoff detected", armed_s) + armed_s
     report.add("offboard.takeoff-text", max(takeoff_s - acked_s, 0.0))
 
@@ -116,7 +116,7 @@ def _start(client: VehicleClient, report: FactReport) -> Hover:
 def _hover(client: VehicleClient, report: FactReport) -> None:
     client.interval("SERVO_OUTPUT_RAW", 50.0)
     since_s = client.now_s
-    client.spend(4.0)
+    client.wait(4.0)
 
     thrusts = [packet.message.thrust for packet in client.received.of("ATTITUDE_TARGET", since_s)]
     pulses_us: list[float] = []
@@ -134,11 +134,11 @@ def _hover(client: VehicleClient, report: FactReport) -> None:
 def _odometry(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     """Fly sideways to the heading, and report the frame of the velocity of ODOMETRY."""
     hover.yaw_rad += math.pi / 2
-    client.spend(2.5)
+    client.wait(2.5)
     hover.goal[0] += 2.0
     hover.goal[1] += 2.0
     since_s = client.now_s
-    client.spend(1.8)
+    client.wait(1.8)
 
     # Errors of the velocity of ODOMETRY if it is in NED, and if it is along the body. The frame is
     # that of the smaller error.
@@ -162,19 +162,19 @@ def _odometry(client: VehicleClient, report: FactReport, hover: Hover) -> None:
             frame = "NED"
         report.add("quirk.odometry-velocity", frame)
 
-    hover.here()
+    hover.hold_here()
     settle(client, hover)
 
 
 def _send_at_two_hertz(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     level = quaternion(0.0, 0.0, hover.yaw_rad)
     client.stream(lambda: client.attitude(level, hover.thrust), hz=2.0)
-    client.spend(3.0)
+    client.wait(3.0)
     report.add("offboard.two-hertz", client.mode)
 
     client.stream(hover)
-    hover.here()
-    client.spend(1.0)
+    hover.hold_here()
+    client.wait(1.0)
 
 
 def _hold(client: VehicleClient, report: FactReport, hover: Hover) -> None:
@@ -184,23 +184,23 @@ def _hold(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     report.add("offboard.hold-base-mode", str(client.newest("HEARTBEAT").base_mode))
 
     client.stream(None)
-    client.spend(1.4)
+    client.wait(1.4)
     since_s = client.now_s
     report.add("offboard.refused", client.set_mode("OFFBOARD"))
     client.next_heartbeat()
     report.add("offboard.refused-mode", client.mode)
-    report.add("offboard.refused-text", client.said(since_s))
+    report.add("offboard.refused-text", client.first_text(since_s))
 
-    hover.here()
+    hover.hold_here()
     client.stream(hover)
-    client.spend(0.3)
+    client.wait(0.3)
     report.add("offboard.again", client.set_mode("OFFBOARD"))
 
 
 def _land_and_cut_thrust(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     hover.to_height(-0.3)  # the goal is below the ground
-    client.spend(8.0, lambda: hover.height_m < 0.05)
-    client.spend(0.5)
+    client.wait(8.0, lambda: hover.height_m < 0.05)
+    client.wait(0.5)
     hover.is_resting = True
     since_s = client.now_s
     report.add("offboard.cut-disarm", client.delay_s("Disarmed by", since_s, wait_s=8.0))

@@ -30,7 +30,7 @@ class Messenger(Protocol):
     def send(self, name: str, **fields: Any) -> None:
         """Send one message."""
 
-    def spend(self, duration_s: float, until: Any = None) -> bool:
+    def wait(self, duration_s: float, until: Any = None) -> bool:
         """Wait for a time, or until a condition holds."""
 
 
@@ -128,7 +128,7 @@ class ParameterClient:
             return False
 
         wait_s = max(_ANSWER_S, _ANSWER_REAL_S * self._client.clock.pace)
-        self._client.spend(wait_s, is_answered)
+        self._client.wait(wait_s, is_answered)
         if not answers:
             return None
         return answers[0]

@@ -80,7 +80,7 @@ def _rates(client: VehicleClient, report: FactReport) -> None:
             report.add("rate.get", _get_interval(client))
 
         since_s = client.now_s
-        client.spend(_WATCH_S)
+        client.wait(_WATCH_S)
         elapsed_s = client.now_s - since_s
         for fact, message, _ in requested:
             report.add(fact, len(client.received.of(message, since_s)) / elapsed_s)
@@ -95,7 +95,7 @@ def _rates(client: VehicleClient, report: FactReport) -> None:
 
     if report.wants("rate.default-again"):
         since_s = client.now_s
-        client.spend(1.5)
+        client.wait(1.5)
         elapsed_s = client.now_s - since_s
         count = len(client.received.of("ATTITUDE", since_s))
         report.add("rate.default-again", count / elapsed_s)
@@ -152,7 +152,7 @@ def _latency(client: VehicleClient, report: FactReport) -> None:
         count_before = len(acks)
         sent_s = client.port.now_s()
         client.send_command(SET_INTERVAL, float(common_id("SYS_STATUS")), 0.0)
-        is_answered = client.spend(
+        is_answered = client.wait(
             max(_ACK_S, _ACK_REAL_S * client.clock.pace), partial(_has_more, acks, count_before)
         )
         if is_answered:
@@ -161,7 +161,7 @@ def _latency(client: VehicleClient, report: FactReport) -> None:
             times_ms.append(math.inf)
         for ack in acks[count_before:]:
             targets.add((ack.message.target_system, ack.message.target_component))
-        client.spend(0.02)
+        client.wait(0.02)
 
     identity = client.identity
     if targets == {(identity.system_id, identity.component_id)}:

@@ -142,12 +142,12 @@ def _tilt(
             hover.tilt = (0.0, sign * step)
 
     hover.tilt = (0.0, 0.0)
-    client.spend(0.5)
+    client.wait(0.5)
     response = _record(client, axis, step, lambda: command(1.0), 0.6)
     command(-1.0)  # the opposite step removes the speed
-    client.spend(0.6)
-    hover.here()
-    client.spend(0.5)
+    client.wait(0.6)
+    hover.hold_here()
+    client.wait(0.5)
 
     name = f"step.{axis}-{step_deg}"
     for part in _TILT_TIMES:
@@ -161,17 +161,17 @@ def _tilt(
 def _yaw(client: VehicleClient, report: FactReport, hover: Hover, step_deg: int) -> None:
     """Step the heading by an angle, and report the response."""
     hover.tilt = (0.0, 0.0)
-    client.spend(0.3)
+    client.wait(0.3)
     # The step begins at the actual heading, so that its size is right.
     hover.yaw_rad = client.euler()[2]
-    client.spend(0.8)
+    client.wait(0.8)
     goal = wrap(hover.yaw_rad + math.radians(step_deg))
 
     def command() -> None:
         hover.yaw_rad = goal
 
     response = _record(client, "yaw", math.radians(step_deg), command, 2.0)
-    hover.here()
+    hover.hold_here()
     settle(client, hover)
 
     times, _ = _YAW[step_deg]
@@ -211,7 +211,7 @@ def _record(
 
     command()
     client.setpoint_duty.due_s = 0.0
-    client.spend(duration_s)
+    client.wait(duration_s)
 
     # The target has the new setpoint once it has turned by a quarter of the step. The distance of
     # two quaternions is half of the angle between them.
@@ -239,14 +239,14 @@ def _thrust(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     """Step the thrust by 0.1 from a hover, and report the climb that follows."""
     level = quaternion(0.0, 0.0, hover.yaw_rad)
     client.stream(lambda: client.attitude(level, hover.thrust))
-    client.spend(0.6)
+    client.wait(0.6)
     down_before_m_s = client.newest("LOCAL_POSITION_NED").vz
 
     client.stream(lambda: client.attitude(level, hover.thrust + 0.1))
-    client.spend(0.6)
+    client.wait(0.6)
     report.add("step.thrust", down_before_m_s - client.newest("LOCAL_POSITION_NED").vz)
 
-    hover.here()
+    hover.hold_here()
     client.stream(hover)
     settle(client, hover)
 

@@ -31,15 +31,15 @@ def run(client: VehicleClient, report: FactReport) -> None:
         FACTS[1:], "it leaves the vehicle locked to a port that is gone: see --from-elsewhere"
     )
     client.greet(as_ground_station=False)
-    client.spend(0.5)
+    client.wait(0.5)
 
     second = client.port.another_sender()
     try:
         for _ in range(3):
             second.send(client.pack_heartbeat())
-            client.spend(0.3)
+            client.wait(0.3)
         streamed_before = second.receive(0.0)
-        client.spend(0.3)
+        client.wait(0.3)
         has_moved = bool(streamed_before) or bool(second.receive(0.0))
         report.add("link.second-sender", "moves" if has_moved else "stays")
     finally:
@@ -52,15 +52,15 @@ def _from_elsewhere(client: VehicleClient, report: FactReport) -> None:
     first = client.port.another_sender()
     client.port = first
     client.greet(as_ground_station=False)
-    client.spend(0.6)
+    client.wait(0.6)
     listener.receive(0.0)  # drop what has arrived so far
-    client.spend(0.4)
+    client.wait(0.4)
     has_moved = not listener.receive(0.0)
     report.add("link.first-sender", "moves there" if has_moved else "stays")
 
     for _ in range(3):
         listener.send(client.pack_heartbeat())
-        client.spend(0.3)
+        client.wait(0.3)
     comes_back = bool(listener.receive(0.0))
     stays = has_moved and not comes_back
     report.add("link.listening-port", "stays" if stays else "comes back")
@@ -126,13 +126,13 @@ def _set_key(client: VehicleClient, key: bytes, timestamp: int) -> None:
             secret_key=key,
             initial_timestamp=timestamp,
         )
-        client.spend(0.2)
+        client.wait(0.2)
 
 
 def _messages(client: VehicleClient) -> str:
     """Return whether the vehicle's messages of the next half second are signed, as a word."""
     since_s = client.now_s
-    client.spend(0.5)
+    client.wait(0.5)
     packets = [packet for packet in client.received.of("ATTITUDE", since_s) if not packet.is_v1]
     kinds = {is_signed(packet.frame) for packet in packets}
     if kinds == {True}:

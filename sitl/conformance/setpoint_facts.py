@@ -55,7 +55,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
     _attitudes(client, report, hover)
     client.next_heartbeat()
     report.add("setpoint.mode-kept", client.mode)
-    report.add("setpoint.silent", client.said(since_s))
+    report.add("setpoint.silent", client.first_text(since_s))
 
     if report.wants("setpoint.rates*"):
         _rates(client, report, hover)
@@ -106,12 +106,12 @@ def _attitudes(client: VehicleClient, report: FactReport, hover: Hover) -> None:
 def _for_a_moment(client: VehicleClient, send: Callable[[], None], duration_s: float) -> None:
     """Send a setpoint again and again for a time, in place of the hold."""
     client.stream(send)
-    client.spend(duration_s)
+    client.wait(duration_s)
 
 
 def _recover(client: VehicleClient, hover: Hover) -> None:
     """Return to the hold, and wait until the vehicle rests."""
-    hover.here()
+    hover.hold_here()
     # The height stays, unless the next fall would end on the ground.
     hover.to_height(min(_HEIGHT_M + 2.0, max(_LOWEST_M, hover.height_m)))
     client.stream(hover)
@@ -139,7 +139,7 @@ def _rates(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     _recover(client, hover)
 
     client.stream(lambda: client.attitude(ignored, hover.thrust, mask=_RATES, rates=roll_rates))
-    client.spend(0.45)
+    client.wait(0.45)
     attitudes = client.received.of("ATTITUDE", client.now_s - 0.06)
     roll_rate = mean(packet.message.rollspeed for packet in attitudes)
     report.add("setpoint.rates", math.degrees(roll_rate))
@@ -150,7 +150,7 @@ def _other_sender(client: VehicleClient, report: FactReport, hover: Hover) -> No
     was_ground_station = client.is_ground_station
     client.is_ground_station = False
     client.heartbeat_duty.act = None
-    client.spend(2.2)
+    client.wait(2.2)
     report.add("setpoint.any-sender", client.mode)
     client.greet(as_ground_station=was_ground_station)
 
@@ -178,11 +178,11 @@ def _positions(client: VehicleClient, report: FactReport, hover: Hover) -> None:
         )
 
     client.stream(target(_IGNORE_ALL_BUT_POSITION))
-    client.spend(4.0)
+    client.wait(4.0)
     report.add("setpoint.position", client.newest("LOCAL_POSITION_NED").x - start.x)
     report.add("setpoint.position-mode", client.mode)
     client.stream(target(_IGNORE_ALL_BUT_VELOCITY, 1.0))
-    client.spend(2.0)
+    client.wait(2.0)
     report.add("setpoint.velocity", float(client.newest("LOCAL_POSITION_NED").vy))
     _recover(client, hover)
 
@@ -220,7 +220,7 @@ def run_sticks(client: VehicleClient, report: FactReport) -> None:
         # the duty for vision poses sends the sticks, since no poses are sent here
         client.vision_duty.act = _sticks(client, client.now_s + 2.0, rate_1_s)
         client.vision_duty.period_s = 1.0 / _STICKS_HZ
-        client.spend(3.2)
+        client.wait(3.2)
         client.next_heartbeat()
         report.add(name, client.mode)
 
@@ -229,7 +229,7 @@ def run_sticks(client: VehicleClient, report: FactReport) -> None:
         if client.mode != "OFFBOARD":
             client.set_mode("OFFBOARD")
             client.next_heartbeat()
-        hover.here()
+        hover.hold_here()
         settle(client, hover)
 
 
@@ -261,7 +261,7 @@ def run_breaking(client: VehicleClient, report: FactReport) -> None:
             continue
         try:
             hover = _calm(client)
-            client.spend(1.0)
+            client.wait(1.0)
         except Stuck as error:
             report.skip(
                 [fact for fact in BREAKING if fact.name.startswith(name)], f"before it: {error}"
@@ -271,7 +271,7 @@ def run_breaking(client: VehicleClient, report: FactReport) -> None:
         no_rotation = (part,) * 4
         _for_a_moment(client, partial(client.attitude, no_rotation, hover.thrust), _UNUSUAL_S)
         report.add(name, math.degrees(math.hypot(*client.euler()[:2])))
-        hover.here()
+        hover.hold_here()
 
         follows = True
         # Two tilts are needed, because a vehicle that drifts may have one of them by chance.

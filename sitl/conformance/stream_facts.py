@@ -96,12 +96,12 @@ def run(client: VehicleClient, report: FactReport) -> None:
         return
 
     if client.now_s < _READY_S:
-        client.spend(_READY_S - client.now_s)
+        client.wait(_READY_S - client.now_s)
     since_s = client.now_s
     datagrams_before = client.received.datagrams
     octets_before = client.received.octets
 
-    client.spend(_WATCH_S)
+    client.wait(_WATCH_S)
     until_s = client.now_s
     elapsed_s = until_s - since_s
     datagrams = client.received.datagrams - datagrams_before
@@ -135,15 +135,15 @@ def _boot(client: VehicleClient, report: FactReport) -> None:
     if not report.wants("boot.*"):
         return
 
-    client.spend(_FIRST_LOOK_S)
+    client.wait(_FIRST_LOOK_S)
     armable_s = NOT_MEASURED
-    if client.spend(_READY_S, client.shows_ready):
+    if client.wait(_READY_S, client.shows_ready):
         armable_s = client.now_s
         if armable_s < _READY_BEFORE_S:
             # The vehicle was ready before the first look. The time of its first SYS_STATUS is the
             # best estimate.
             armable_s = received.of("SYS_STATUS")[0].at_s
-    client.spend(1.0)
+    client.wait(1.0)
 
     heartbeats = received.of("HEARTBEAT")
     first_status = "none"

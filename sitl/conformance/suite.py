@@ -55,8 +55,9 @@ LINKS: tuple[tuple[FactGroup, str], ...] = (
     (link_facts.GROUND_LINK, "--gcs"),
     (link_facts.SIMULATOR_LINK, "--sih"),
 )
+_LINK_GROUPS = tuple(group for group, _ in LINKS)
 FACTS: tuple[Fact, ...] = tuple(
-    fact for group in (*FACT_GROUPS, *(group for group, _ in LINKS)) for fact in group.facts
+    fact for group in (*FACT_GROUPS, *_LINK_GROUPS) for fact in group.facts
 )
 
 # Groups that begin before the first datagram to the vehicle.
@@ -151,9 +152,7 @@ def _signature(terms: Terms) -> Signature | None:
 def is_simulated(client: VehicleClient) -> bool:
     """Whether the vehicle sends ground truth, which only a simulated vehicle has."""
     client.interval("HIL_STATE_QUATERNION", 20.0)
-    has_truth = client.spend(
-        2.0, lambda: client.received.newest("HIL_STATE_QUATERNION") is not None
-    )
+    has_truth = client.wait(2.0, lambda: client.received.newest("HIL_STATE_QUATERNION") is not None)
     client.interval("HIL_STATE_QUATERNION", 0.0)
     return has_truth
 
@@ -214,7 +213,7 @@ def _measure_all(
                 client.params.set("SIM_BAT_DRAIN", _DRAIN_S)
                 # A vehicle with vision only is never ready on the ground. The check continues.
                 left_s = max(0.0, _READY_S - client.now_s)
-                client.spend(left_s, client.shows_ready)
+                client.wait(left_s, client.shows_ready)
                 _measure(group, client, report, say)
             else:
                 report.skip(group.facts, _NOT_SIMULATED)
@@ -237,7 +236,7 @@ def _greet_once(client: VehicleClient) -> None:
     """Start heartbeats, unless they have started already."""
     if not _has_greeted(client):
         client.greet(as_ground_station=False)
-        client.spend(0.5)
+        client.wait(0.5)
 
 
 def _judge_by_version(
@@ -248,7 +247,10 @@ def _judge_by_version(
         return
     _greet_once(client)
     version, trouble = nearest(client.reported_version())
-    say(trouble or f"it is PX4 v{version}")
+    if trouble:
+        say(trouble)
+    else:
+        say(f"it is PX4 v{version}")
     report.expect(facts_of(version, FACTS))
 
 

@@ -62,7 +62,7 @@ _HEARTBEAT_S = 1.4  # longest time between two heartbeats
 # longest waits for a datagram, after which the condition of `listen` or the duties are checked
 _LISTEN_WAIT_S = 0.05
 _LONGEST_WAIT_S = 0.2
-# A shorter wait would make the loop of `spend` busy, a longer one would make setpoints late.
+# A shorter pause would make the loop of `wait` busy, a longer one would make setpoints late.
 _SHORTEST_WAIT_S = 0.0002
 _CLASSES = {kind.msgname: kind for kind in common.mavlink_map.values()}
 
@@ -109,7 +109,7 @@ class Signature:
 
 @dataclass(slots=True)
 class Duty:
-    """A message that is sent periodically."""
+    """A message that the client sends periodically while it waits."""
 
     period_s: float
     act: Callable[[], None] | None = None  # function that sends the message; None: a pause
@@ -197,8 +197,8 @@ class VehicleClient:
         self._heard_s = self.port.now_s()
         return True
 
-    def spend(self, duration_s: float, until: Callable[[], bool] | None = None) -> bool:
-        """Carry out the duties for a time, or until a condition holds.
+    def wait(self, duration_s: float, until: Callable[[], bool] | None = None) -> bool:
+        """Wait for a time, or until a condition holds; meanwhile send the messages of the duties.
 
         Returns:
             whether the condition holds.
@@ -289,7 +289,7 @@ class VehicleClient:
     def next_heartbeat(self, count: int = 1) -> None:
         """Wait for the next heartbeats."""
         since_s = self.now_s
-        self.spend(
+        self.wait(
             _HEARTBEAT_S * count, lambda: len(self.received.of("HEARTBEAT", since_s)) >= count
         )
 
@@ -331,7 +331,7 @@ class VehicleClient:
                     return text
             return None
 
-        self.spend(wait_s, lambda: first() is not None)
+        self.wait(wait_s, lambda: first() is not None)
         return first()
 
     def quote(self, start: str, since_s: float) -> str:
@@ -348,7 +348,7 @@ class VehicleClient:
             return NOT_MEASURED
         return text.at_s - since_s
 
-    def said(self, since_s: float) -> str:
+    def first_text(self, since_s: float) -> str:
         """Return the first text since a time, in quotes; "none" without a text."""
         texts = self.texts(since_s)
         if not texts:
@@ -435,7 +435,7 @@ class VehicleClient:
     def acks(self, number: int, since_s: float, within_s: float = _ANSWER_S) -> str:
         """Wait, then return the acknowledgements of a command since a time."""
         # A busy machine needs a least real time to answer, at any pace of the vehicle.
-        self.spend(max(within_s, _ANSWER_REAL_S * self.clock.pace))
+        self.wait(max(within_s, _ANSWER_REAL_S * self.clock.pace))
 
         results: list[str] = []
         for packet in self.received.of("COMMAND_ACK", since_s):

@@ -38,7 +38,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
     _set_origin(client, 0.0)  # it replaces the origin by satellites
 
     if report.wants("vision.before-*"):
-        client.spend(_NO_GPS_S)
+        client.wait(_NO_GPS_S)
         report.add("vision.before-streams", _streams(client))
         report.add("vision.before-arming", client.command(ARM, 1.0))
         client.command(ARM, 0.0)
@@ -61,32 +61,32 @@ def _fused(client: VehicleClient, report: FactReport) -> None:
     since_s = client.now_s
     position = list(_POSITION_NED_M)
     client.vision_duty.act = _vision(client, position)
-    client.spend(_SETTLE_S)
+    client.wait(_SETTLE_S)
     report.add("vision.estimate", _error_m(client, position))
     report.add("vision.flags", float(client.newest("ESTIMATOR_STATUS").flags))
 
     if report.wants("vision.jump"):
         position[0] += _JUMP_M
-        client.spend(2.0)
+        client.wait(2.0)
         report.add("vision.jump", _error_m(client, position, axes="xy"))
 
     if report.wants("vision.height-jump"):
         position[2] -= _JUMP_M
-        client.spend(8.0)
+        client.wait(8.0)
         report.add("vision.height-jump", _error_m(client, position))
 
     if report.wants("vision.odometry"):
         position[1] += 0.3
         client.vision_duty.act = _odometry(client, position)
-        client.spend(_SETTLE_S)
+        client.wait(_SETTLE_S)
         report.add("vision.odometry", _error_m(client, position))
 
     if report.wants("vision.origin-height"):
         _set_origin(client, _ORIGIN_M)
-        client.spend(_SETTLE_S)
+        client.wait(_SETTLE_S)
         report.add("vision.origin-height", _error_m(client, position))
         _set_origin(client, 0.0)
-        client.spend(_SETTLE_S)
+        client.wait(_SETTLE_S)
 
     answers = len(client.received.of("COMMAND_ACK", since_s))
     report.add("vision.silent", count_or_none(answers, "acknowledgements"))
@@ -95,14 +95,14 @@ def _fused(client: VehicleClient, report: FactReport) -> None:
 def _lost(client: VehicleClient, report: FactReport) -> None:
     if client.vision_duty.act is None:
         client.vision_duty.act = _vision(client, list(_POSITION_NED_M))
-        client.spend(_SETTLE_S)
+        client.wait(_SETTLE_S)
 
     # PX4 does not fuse ATT_POS_MOCAP. While it is sent, the position is lost all the same.
     client.vision_duty.act = None
     if report.wants("vision.mocap-ignored"):
         client.vision_duty.act = _mocap(client, list(_POSITION_NED_M))
     since_s = client.now_s
-    client.spend(8.0)
+    client.wait(8.0)
     report.add("vision.lost-streams", _streams(client))
 
     flags = _flags_in_turn(client, since_s)
@@ -132,9 +132,9 @@ def _flags_in_turn(client: VehicleClient, since_s: float) -> list[str]:
 def _arm_in_offboard(client: VehicleClient, report: FactReport) -> None:
     hover = Hover(client)
     client.stream(hover)
-    client.spend(0.3)
+    client.wait(0.3)
     client.set_mode("OFFBOARD")
-    client.spend(0.6)
+    client.wait(0.6)
     report.add("vision.offboard-prearm", client.prearm_bit)
     report.add("vision.offboard-arming", client.command(ARM, 1.0))
 
