@@ -62,7 +62,7 @@ _LARGEST_BACKLOG_STEPS = 70
 TRUTH_EVERY_STEPS = 5  # every tick of the agents, 20 ms
 _REALTIME_PRIORITY = 5  # below the priority that the loops of agents may request
 _HOVER_S = 300.0  # hover time of a battery without a value in the fleet file
-_PEOPLE_SEED = 1  # their noise is not that of the vehicles
+_PEOPLE_SEED = 1  # added to the seed, so that people have other noise than the vehicles
 _LONGEST_WAIT_S = 1e6  # longest time until an ordered fault begins
 
 
@@ -486,10 +486,13 @@ def simulator_bus(
     agents = [fleet.vehicles[name].agent for name in fleet.enabled_names]
     # While only a part is emulated, the relay of the other part has the main endpoint.
     main_endpoint, second_endpoint = fleet.pose_endpoints
+    endpoint = main_endpoint
+    if is_partial:
+        endpoint = second_endpoint
     return BusSession(
         namespace=fleet.namespace,
         node=node,
-        listen=[second_endpoint if is_partial else main_endpoint],
+        listen=[endpoint],
         connect=agents,
         credentials=credentials_of(fleet, NodeRole.EMULATOR),
         routers=fleet.fleet.routers,

@@ -221,7 +221,9 @@ class Listener(asyncio.DatagramProtocol):
 
     def _has_home(self, addr: tuple[str | Any, int], now_ns: int) -> bool:
         """Whether states are passed on: home is known, or was not received within the time."""
-        missing = () if self._body is None else self._body.missing()
+        if self._body is None:
+            return True
+        missing = self._body.missing()
         if not missing or now_ns - self._first_ns > _HOME_WITHIN_S * 1e9:
             return True
 
@@ -347,9 +349,13 @@ async def _show_silence(listeners: dict[str, Listener], stopped: asyncio.Event) 
         except TimeoutError:
             for name, listener in listeners.items():
                 is_heard = listener.heard > counts[name]
-                if is_heard != was_heard[name]:
-                    was_heard[name] = is_heard
-                    print(f"{name}: {'heard' if is_heard else 'silent'}", flush=True)
+                if is_heard == was_heard[name]:
+                    continue
+                was_heard[name] = is_heard
+                if is_heard:
+                    print(f"{name}: heard", flush=True)
+                else:
+                    print(f"{name}: silent", flush=True)
 
 
 def run(fleet: FleetConfig, names: Sequence[str], *, with_mocap: bool) -> None:

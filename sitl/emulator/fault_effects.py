@@ -144,7 +144,9 @@ def _apply(emulator: FaultyEmulator, fault: Fault, *, is_on: bool) -> None:
     family, _, kind = fault.name.partition("_")
 
     if family in ("mocap", "vision"):
-        pose_fault = _pose_fault(emulator, fault, family, kind) if is_on else None
+        pose_fault = None  # ends the fault
+        if is_on:
+            pose_fault = _pose_fault(emulator, fault, family, kind)
         faults: PoseFaults = getattr(emulator.disturbances, family)
         faults.set(index, pose_fault)
     elif family == "link":
@@ -178,8 +180,12 @@ def _pose_fault(emulator: FaultyEmulator, fault: Fault, family: str, kind: str) 
 def _disturb_wires(
     emulator: FaultyEmulator, index: int, fault: Fault, kind: str, *, is_on: bool
 ) -> None:
-    links = LINKS if fault.word("link") == "both" else (fault.word("link"),)
-    directions = DIRECTIONS if fault.word("direction") == "both" else (fault.word("direction"),)
+    links: tuple[str, ...] = (fault.word("link"),)
+    if links == ("both",):
+        links = LINKS
+    directions: tuple[str, ...] = (fault.word("direction"),)
+    if directions == ("both",):
+        directions = DIRECTIONS
 
     values: dict[str, float]  # changed fields of ChannelFaults
     if kind == "delay":
@@ -195,13 +201,17 @@ def _disturb_wires(
         for direction in directions:
             channel = emulator.disturbances.wires[index][link, direction]
             changed: ChannelFaults = replace(channel.faults, **values)
-            channel.faults = NO_FAULTS if changed == NO_FAULTS else changed
+            if changed == NO_FAULTS:
+                changed = NO_FAULTS  # LossyChannel.is_clear compares the object
+            channel.faults = changed
 
 
 def _motor(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
     effectiveness = 1.0
-    if is_on:
-        effectiveness = fault.number("effectiveness") if fault.name == "motor_weak" else 0.0
+    if is_on and fault.name == "motor_weak":
+        effectiveness = fault.number("effectiveness")
+    elif is_on:
+        effectiveness = 0.0
     emulator.world.vehicles.set_motor(index, int(fault.number("motor")), effectiveness)
 
 
@@ -216,7 +226,10 @@ def _gps_loss(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -
 
 
 def _gps_late(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
-    emulator.estimator.gps_delay_s[index] = fault.number("delay_s") if is_on else 0.0
+    delay_s = 0.0
+    if is_on:
+        delay_s = fault.number("delay_s")
+    emulator.estimator.gps_delay_s[index] = delay_s
 
 
 def _gps_drift(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:

@@ -15,7 +15,7 @@ Position = tuple[float, float, float]  # east, north, up
 def position_at(points: Sequence[Point], speed_m_s: float, time_s: float) -> Position:
     """Return where a person is [m], ENU.
 
-    He begins at the first point of his walk, goes to the last one and back again.
+    The person begins at the first point of the walk, goes to the last one and back, and so on.
 
     Args:
         points: points of the walk, at least one.
@@ -27,7 +27,8 @@ def position_at(points: Sequence[Point], speed_m_s: float, time_s: float) -> Pos
         return (*points[0], _BODY_HEIGHT_M)
 
     walked_m = (speed_m_s * max(time_s, 0.0)) % (2.0 * there_m)
-    along_m = min(walked_m, 2.0 * there_m - walked_m)  # on the way back it shrinks
+    # distance from the first point along the walk, which shrinks on the way back
+    along_m = min(walked_m, 2.0 * there_m - walked_m)
     return (*_point_at(points, along_m), _BODY_HEIGHT_M)
 
 

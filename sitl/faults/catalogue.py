@@ -202,7 +202,9 @@ def _checked(
     """Return the value of a parameter, or raise FaultError for a value out of its bounds."""
     assignment = f"{fault.name}: {parameter.name} is {value!r}"
     if parameter.words is not None:
-        words = parameter.words or [name for name in vehicles if name != fault.vehicle]
+        words = parameter.words
+        if not words:
+            words = [name for name in vehicles if name != fault.vehicle]
         if value not in words:
             allowed = ", ".join(words) or "other vehicles, and there is none"
             raise FaultError(f"{assignment}; it must be one of {allowed}.")
@@ -249,11 +251,12 @@ def _targets(fault: Fault) -> set[tuple[str, str]]:
         if values["direction"] != "both":
             directions = (str(values["direction"]),)
 
-        return {
-            (fault.vehicle, f"{acts_on.format(link=link)} ({direction})")
-            for link in links
-            for direction in directions
-        }
+        link_targets: set[tuple[str, str]] = set()
+        for link in links:
+            for direction in directions:
+                part = f"{acts_on.format(link=link)} ({direction})"
+                link_targets.add((fault.vehicle, part))
+        return link_targets
 
     if "motor" in values:
         values["motor"] = int(fault.number("motor"))
