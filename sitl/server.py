@@ -324,7 +324,11 @@ class Server:
             self.emulator.inject(fault)
 
         self.bus = bus
-        self._poses = None if bus is None else PosePublisher(bus)
+        self._poses: PosePublisher | None = None
+        own_node = ""
+        if bus is not None:
+            self._poses = PosePublisher(bus)
+            own_node = bus.node
         self._broadcast = Broadcast(
             self.emulator,
             self._vehicles,
@@ -334,7 +338,7 @@ class Server:
             boot_id=time.time_ns() & 0x7FFFFFFF,  # another one at each start
             # The clock of the event loop is the monotonic one, from which all nodes take stamps.
             stamp_ns=lambda time_s: round((self._epoch_s + time_s) * 1e9),
-            source="" if bus is None else bus.node,
+            source=own_node,
             truth_offset_m=truth_offset_m,
         )
         self._sockets: list[Socket] = []
@@ -346,8 +350,9 @@ class Server:
         for vehicle, px4, store in zip(
             self._vehicles, self.emulator.autopilots, self.emulator.key_stores, strict=True
         ):
-            if px4.version.knows_signing:
-                store.put(mavlink_key(fleet, vehicle.name) or b"", 0)
+            key = mavlink_key(fleet, vehicle.name)
+            if px4.version.knows_signing and key is not None:
+                store.put(key, 0)
 
     async def start(self) -> list[str]:
         """Bind all ports, or no port if one cannot be bound; return a line per link.
@@ -510,6 +515,7 @@ def run(server: Server) -> None:
 
 
 async def _serve(server: Server) -> None:
+    """Run a server until SIGINT or SIGTERM, and close its sockets and its bus at the end."""
     bus = server.bus
     stopped = asyncio.Event()
     loop = asyncio.get_running_loop()

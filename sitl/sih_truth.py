@@ -220,7 +220,7 @@ class Listener(asyncio.DatagramProtocol):
         self._set_interval(addr, ID_BY_NAME[_ACTUATORS], -1.0)  # PX4 then stops sending it
 
     def _has_home(self, addr: tuple[str | Any, int], now_ns: int) -> bool:
-        """Whether states are passed on: home is known, or was not received within the time."""
+        """Return whether states are passed on: home is known, or did not come within the time."""
         if self._body is None:
             return True
         missing = self._body.missing()

@@ -115,6 +115,7 @@ def _set_mode_message(client: VehicleClient, report: FactReport) -> None:
 
 
 def _armed(client: VehicleClient, report: FactReport) -> None:
+    """Arm on the ground, and report the answers until PX4 disarms by itself."""
     grounded(client)
     client.greet(as_ground_station=True)
     client.wait(1.2)

@@ -68,6 +68,7 @@ def _state_after_s(client: VehicleClient, state: str, since_s: float) -> float:
 
 
 def _land(client: VehicleClient, report: FactReport, ground_z: float) -> None:
+    """Land by a command, and report mode, speed, texts and times."""
     since_s = client.now_s
     report.add("land.accepted", client.command(LAND))
     client.next_heartbeat(2)

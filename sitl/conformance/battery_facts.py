@@ -78,6 +78,7 @@ def _drain(client: VehicleClient, report: FactReport) -> None:
 
 
 def _empty(client: VehicleClient, report: FactReport, hover: Hover) -> None:
+    """Empty the battery, and report PX4's texts and actions at each charge state."""
     since_s = client.now_s
     client.wait(
         1.2 * _FAST_DRAIN_S,

@@ -117,7 +117,7 @@ class UdpPort:
 
 
 def is_signed(frame: bytes) -> bool:
-    """Whether a signature follows the checksum of a frame."""
+    """Return whether a signature follows the checksum of a frame."""
     return frame[0] == _MAGIC_V2 and bool(frame[2] & 1)
 
 

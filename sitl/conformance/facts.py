@@ -38,7 +38,7 @@ class Fact:
     allowed: tuple[str, ...] = ()  # allowed words of a fact that is not a number
 
     def accepts(self, measured: Measured) -> bool:
-        """Whether a measurement agrees with the fact."""
+        """Return whether a measurement agrees with the fact."""
         if self.allowed or isinstance(measured, str):
             return self.show(measured) in self.allowed
         return self.low <= measured <= self.high
@@ -136,7 +136,7 @@ class FactReport:
             self.add(name, measured)
 
     def wants(self, *patterns: str) -> bool:
-        """Whether a fact was requested that matches one of these shell patterns.
+        """Return whether a fact was requested that matches one of these shell patterns.
 
         A flight that no requested fact needs is left out.
         """

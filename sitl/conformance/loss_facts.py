@@ -208,6 +208,7 @@ def _descend_blindly(
 
 
 def _on_the_ground(client: VehicleClient, report: FactReport) -> None:
+    """Pause the setpoints of an armed vehicle on the ground, and report its modes."""
     grounded(client)
     fast_streams(client)
     hover = Hover(client)

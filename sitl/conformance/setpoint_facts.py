@@ -156,6 +156,7 @@ def _other_sender(client: VehicleClient, report: FactReport, hover: Hover) -> No
 
 
 def _positions(client: VehicleClient, report: FactReport, hover: Hover) -> None:
+    """Send position and velocity setpoints, and report the motion."""
     start = client.newest("LOCAL_POSITION_NED")
     # The hold is off, so that only these setpoints are flown.
     x = start.x + 1.0

@@ -116,6 +116,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
 
 
 def _boot(client: VehicleClient, report: FactReport) -> None:
+    """Report the times of PX4's first messages, if PX4 has just started."""
     received = client.received
     report.add("boot.unasked", "yes")  # the check came here without sending
 
@@ -217,7 +218,7 @@ def _clock(client: VehicleClient, report: FactReport, since_s: float) -> None:
 
 
 def _is_whole(gap_ms: int) -> bool:
-    """Whether a gap is a whole number of steps; its stamps are rounded to a millisecond."""
+    """Return whether a gap is a whole number of steps; its stamps are rounded to a millisecond."""
     remainder_ms = gap_ms % _TIMED_STEP_MS
     off_ms = min(remainder_ms, _TIMED_STEP_MS - remainder_ms)
     return off_ms <= 1 and gap_ms >= _TIMED_STEP_MS - 1
@@ -255,6 +256,8 @@ def _checksums(client: VehicleClient) -> str:
 
 
 def _quirks(client: VehicleClient, report: FactReport) -> None:
+    """Report details of the fields of messages."""
+
     def add_field(name: str, message: str, field: str) -> None:
         packet = client.received.newest(message)
         if packet is None:

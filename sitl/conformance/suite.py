@@ -150,7 +150,7 @@ def _signature(terms: Terms) -> Signature | None:
 
 
 def is_simulated(client: VehicleClient) -> bool:
-    """Whether the vehicle sends ground truth, which only a simulated vehicle has."""
+    """Return whether the vehicle sends ground truth, which only a simulated vehicle has."""
     client.interval("HIL_STATE_QUATERNION", 20.0)
     has_truth = client.wait(2.0, lambda: client.received.newest("HIL_STATE_QUATERNION") is not None)
     client.interval("HIL_STATE_QUATERNION", 0.0)

@@ -277,7 +277,7 @@ class VehicleClient:
         return LANDED.get(self.newest("EXTENDED_SYS_STATE").landed_state, "?")
 
     def shows_ready(self) -> bool:
-        """Whether SYS_STATUS has the prearm bit."""
+        """Return whether SYS_STATUS has the prearm bit."""
         packet = self.received.newest("SYS_STATUS")
         return packet is not None and bool(packet.message.onboard_control_sensors_health & _PREARM)
 

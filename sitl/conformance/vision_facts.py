@@ -93,6 +93,7 @@ def _fused(client: VehicleClient, report: FactReport) -> None:
 
 
 def _lost(client: VehicleClient, report: FactReport) -> None:
+    """Stop the external positions, and report what PX4 still sends and accepts."""
     if client.vision_duty.act is None:
         client.vision_duty.act = _vision(client, list(_POSITION_NED_M))
         client.wait(_SETTLE_S)

@@ -180,6 +180,7 @@ def _pose_fault(emulator: FaultyEmulator, fault: Fault, family: str, kind: str) 
 def _disturb_wires(
     emulator: FaultyEmulator, index: int, fault: Fault, kind: str, *, is_on: bool
 ) -> None:
+    """Change the faults of the channels of a vehicle's links, or reset them at the end."""
     links: tuple[str, ...] = (fault.word("link"),)
     if links == ("both",):
         links = LINKS

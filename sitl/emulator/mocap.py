@@ -87,6 +87,7 @@ class Mocap:
         return arrived
 
     def _measure(self, time_s: float, position_enu_m: Array, attitude_enu_flu: Array) -> list[Pose]:
+        """Return the poses of one frame, with noise, losses and faults."""
         settings = self.settings
         count = position_enu_m.shape[0]
 

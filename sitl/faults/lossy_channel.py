@@ -88,7 +88,7 @@ class LossyChannel(Generic[Load]):
             heapq.heappush(self._in_transit, (arrival_s, self._count, load))
 
     def _happens(self, share: float) -> bool:
-        """Whether a fault with this share happens; no random number is drawn for a share of 0."""
+        """Return whether a fault with this share happens; a share of 0 draws no random number."""
         return share > 0.0 and self._rng.random() < share
 
     def pop(self, now_s: float) -> list[Load]:

@@ -52,7 +52,7 @@ class PoseFaults:
             self._faults[fault.other] = PoseFault("swapped", other=index)
 
     def is_lost(self, index: int) -> bool:
-        """Whether a body is not measured."""
+        """Return whether a body is not measured."""
         fault = self._faults[index]
         return fault is not None and fault.kind == "lost"
 

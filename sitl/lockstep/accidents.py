@@ -111,13 +111,17 @@ class FlownAccident:
     @property
     def line(self) -> str:
         """One line that sums the flight up."""
-        which = "with" if self.is_defended else "without"
+        which = "without"
+        if self.is_defended:
+            which = "with"
 
         nearest = "nobody flew"
         if self.took_off:
             nearest = f"closest {self.min_separation_m:.2f} m"
 
-        harm = self.harm or "no harm"
+        harm = self.harm
+        if not harm:
+            harm = "no harm"
         return f"{self.name}, {which} its defence, seed {self.seed}: {harm}; {nearest}"
 
 

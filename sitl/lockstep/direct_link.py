@@ -283,7 +283,9 @@ class LinkBank:
             fix_type = self.emulator.fix_type(index)
             fields["has_fix"] = estimator.sees_satellites(index, now_s)
             fields["fix_type"] = fix_type
-            fields["satellites"] = 10 if fields["has_fix"] else 0
+            fields["satellites"] = 0
+            if fields["has_fix"]:
+                fields["satellites"] = 10
             fields["fix_accuracy_m"] = ACCURACIES_M[fix_type]
         return fields
 

@@ -156,6 +156,7 @@ def _terminate(link: CommandedLink, command: ReceivedCommand) -> Answer:
 
 
 def _reposition(link: CommandedLink, command: ReceivedCommand) -> Answer:
+    """Enter Hold, and let Hold fly to the position in the command."""
     changes_mode = command.integer(2) == 1
     if not changes_mode:
         return CommandResult.UNSUPPORTED, []

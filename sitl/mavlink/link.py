@@ -253,22 +253,22 @@ class Link:
     # -- addressees of messages --------------------------------------------------------------------
 
     def _is_for_vehicle(self, message: MavlinkMessage) -> bool:
-        """Whether a message is for this vehicle or for all."""
+        """Return whether a message is for this vehicle or for all."""
         return message.fields.get("target_system", 0) in (0, self.view.system_id)
 
     def _is_for_autopilot(self, message: MavlinkMessage) -> bool:
-        """Whether a message is for the autopilot of this vehicle or for all."""
+        """Return whether a message is for the autopilot of this vehicle or for all."""
         if not self._is_for_vehicle(message):
             return False
         return message.fields["target_component"] in (0, _AUTOPILOT_COMPONENT)
 
     def _is_for_autopilot_alone(self, message: MavlinkMessage) -> bool:
-        """Whether a message names this vehicle; PX4 carries out no command of a broadcast."""
+        """Return whether a message names this vehicle; PX4 ignores commands of a broadcast."""
         is_named = message.fields["target_system"] == self.view.system_id
         return is_named and self._is_for_autopilot(message)
 
     def _is_command_for_us(self, message: MavlinkMessage) -> bool:
-        """Whether a command is for this autopilot; all vehicles answer some commands."""
+        """Return whether a command is for this autopilot; all vehicles answer some commands."""
         if message.fields["command"] in commands.FOR_EVERYBODY:
             return self._is_for_vehicle(message)
         return self._is_for_autopilot_alone(message)

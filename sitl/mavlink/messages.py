@@ -242,7 +242,10 @@ def local_position_ned(v: View) -> Values:
 
 @functools.cache
 def _covariance(off_diagonal: float) -> tuple[float, ...]:
-    return tuple(0.01 if position in _DIAGONAL else off_diagonal for position in range(21))
+    covariance = [off_diagonal] * 21
+    for position in _DIAGONAL:
+        covariance[position] = 0.01
+    return tuple(covariance)
 
 
 def odometry(v: View) -> Values:
@@ -555,7 +558,9 @@ def open_drone_id_location(v: View) -> Values:
 
     on_ground = 1
     airborne = 2
-    is_flying = v.autopilot.landed is not LandedState.ON_GROUND
+    status = airborne
+    if v.autopilot.landed is LandedState.ON_GROUND:
+        status = on_ground
     return _ordered(
         "OPEN_DRONE_ID_LOCATION",
         latitude=latitude,
@@ -567,7 +572,7 @@ def open_drone_id_location(v: View) -> Values:
         direction=_heading_cdeg(v),
         speed_horizontal=_clip(100.0 * math.hypot(vx, vy), 0, 25425),
         speed_vertical=_clip(-100.0 * vz, -6200, 6200),
-        status=airborne if is_flying else on_ground,
+        status=status,
     )
 
 

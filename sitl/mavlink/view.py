@@ -195,6 +195,7 @@ class View:
         return std_x * noise_x, std_y * noise_y, std_z * noise_z - lift_m_s2
 
     def _sense(self) -> Sensed:
+        """Return the values of the present step, with a sample of noise."""
         states = self.emulator.world.vehicles.states
         estimator = self.emulator.estimator
         index = self.index

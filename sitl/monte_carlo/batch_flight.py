@@ -232,7 +232,9 @@ def _fly(
     throttle = np.broadcast_to(nominal_hover, start.shape[:2])
     hover = throttle
 
+    # each pass is one tick of all flights under way; F falls when a flight ends
     while True:
+        # the vehicles sense; liars change what they publish, or also what they believe
         normals, link_draws = noise.next()
         states = sensors.update(truth, normals, throttle, hover)
         published_states = states
@@ -244,6 +246,7 @@ def _fly(
             # a liar that believes its false position flies by it, too
             states = np.where(lies.is_believed()[:, None], published_states, states)
 
+        # they receive the messages of earlier ticks
         if radio is None and not is_alone:
             radio = Radio(
                 states,
@@ -258,7 +261,7 @@ def _fly(
         if radio is not None:
             neighbours = radio.receive(link_draws, is_mute, is_frozen, sensors.tracked())
 
-        # the autopilot of a frozen vehicle holds by itself, and avoids nobody
+        # they control and publish; the autopilot of a frozen vehicle holds and avoids nobody
         has_neighbours = ~(is_frozen | orders.is_blind)
         is_present = np.broadcast_to(has_neighbours[..., None], neighbours.shape)
         goals = orders.goals(is_frozen, truth)
@@ -267,12 +270,14 @@ def _fly(
             published_ticks = _published_ticks(ticks, offset_m, velocity_m_s, lies.is_believed())
             radio.publish(published_states, published_ticks)
 
+        # the physics moves them
         throttle = ticks["attitude"]["thrust_frac"]
         hover = ticks["hover_thrust_frac"]
         world.advance(ticks["attitude"]["quaternion_wxyz"], throttle, normals)
         truth = world.truth()
 
-        # index of the neighbour whose row binds most: among the received ones, then in the fleet
+        # The metrics judge them. `active` is the neighbour whose row binds most: its index among
+        # the received neighbours, and then its index in the fleet.
         active = ticks["law"]["active_neighbour"].astype(np.int64)
         if radio is not None:
             active = radio.vehicle(active)
@@ -284,6 +289,7 @@ def _fly(
             # only the control by a user's own law has refusals
             return metrics.outcomes, getattr(pipelines, "refusals", {})
 
+        # the rows of the flights that have ended are removed from all arrays
         start = start[going_on]
         throttle = throttle[going_on]
         hover = hover[going_on]

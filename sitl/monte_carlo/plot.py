@@ -227,14 +227,18 @@ def _draw_closest_moment(axes: Any, data: _TraceData) -> None:
     for i in range(data.count):
         middle = position[i, :2]
         radius = 0.5 * data.limit_m
-        face = colour(i) if data.is_few else SOFT
+        face = SOFT
+        if data.is_few:
+            face = colour(i)
 
         opacity = 0.16
         edge = face
         edge_width = 0.9
         if i in nearest:
             opacity = 0.35
-            edge = LIMIT if is_too_near else _EDGE
+            edge = _EDGE
+            if is_too_near:
+                edge = LIMIT
             edge_width = 1.8
 
         axes.add_patch(Circle(middle, radius, fc=face, alpha=opacity, lw=0, zorder=3))

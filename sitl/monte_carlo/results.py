@@ -140,6 +140,7 @@ def summary(records: Sequence[FlightRecord]) -> list[list[str]]:
 
 
 def _table_row(name: str, records: Sequence[FlightRecord]) -> list[str]:
+    """Return the row of COLUMNS that sums some flights up."""
     count = len(records)
     arrivals = sum(1 for values in records if values["success"])
     violations = sum(1 for values in records if values["violation_s"] > 0.0)

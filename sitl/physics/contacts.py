@@ -124,6 +124,7 @@ class World:
         )
 
     def _interact(self) -> list[Collision]:
+        """Find collisions and downwash; stop the motors of vehicles that have collided."""
         states = self.vehicles.states
         if states.on_ground.shape[0] < 2 or states.on_ground.all():
             return []

@@ -108,7 +108,7 @@ class EmulatedPx4:
         return self.is_armed and (self.failsafe.is_active or self.mode is not self.intent)
 
     def has_fresh_setpoint(self, now_s: float) -> bool:
-        """Whether the newest setpoint for OFFBOARD is recent, and the estimate allows it."""
+        """Return whether the newest setpoint for OFFBOARD is recent, and the estimate allows it."""
         if self.setpoint is None:
             return False
         if now_s - self.setpoint.time_s > self.params["COM_OF_LOSS_T"]:
@@ -244,7 +244,9 @@ class EmulatedPx4:
         if result is not CommandResult.ACCEPTED:
             return result
 
-        self.mode_control.takeoff_height_m = height_m if math.isfinite(height_m) else None
+        self.mode_control.takeoff_height_m = None
+        if math.isfinite(height_m):
+            self.mode_control.takeoff_height_m = height_m
         if self.is_armed:
             self._say_takeoff_height(now_s)
         return result
@@ -293,7 +295,7 @@ class EmulatedPx4:
             self.request(now_s, Mode.ALTCTL)
 
     def has_sticks(self, now_s: float) -> bool:
-        """Whether the sticks of a pilot are received."""
+        """Return whether the sticks of a pilot are received."""
         return now_s - self.sticks.time_s <= self.params["COM_RC_LOSS_T"]
 
     @property
@@ -418,6 +420,7 @@ class EmulatedPx4:
     # -- the mode that is flown --------------------------------------------------------------------
 
     def _select_mode(self, now_s: float) -> None:
+        """Enter the mode that is flown: the intent, a failsafe's mode, or a fallback of either."""
         mode = self.intent
 
         if self.is_armed:
@@ -456,6 +459,7 @@ class EmulatedPx4:
         return mode
 
     def _step_failsafe(self, now_s: float) -> None:
+        """Advance the failsafes with the present inputs, and announce a new action."""
         needs_setpoints = self.intent is Mode.OFFBOARD
         inputs = FailsafeInputs(
             has_offboard_signal=not needs_setpoints or self.has_fresh_setpoint(now_s),
@@ -509,6 +513,7 @@ class EmulatedPx4:
             self.journal.say(now_s, "no shutdown")
 
     def _watch_attitude(self, inputs: AutopilotInputs) -> None:
+        """Note an attitude failure when roll or pitch is beyond its limit for long."""
         if self._has_attitude_failed or inputs.on_ground:
             return
 

@@ -532,7 +532,7 @@ class Estimator:
         return math.hypot(GPS_ACCURACY_M, _ACCURACY_M_S * lost_s + _ACCURACY_M_S2 * lost_s**2)
 
     def sees_satellites(self, index: int, time_s: float) -> bool:
-        """Whether satellites are allowed, are received and give a fix."""
+        """Return whether satellites are allowed, are received and give a fix."""
         has_fix = time_s - self._start_time_s[index] >= GPS_FIX_S
         return self.has_gps[index] and has_fix and not self.gps_blocked[index]
 
@@ -541,14 +541,21 @@ class Estimator:
     def _select_source(self, index: int, time_s: float, is_resting: bool) -> None:
         """Select the source of one vehicle's estimate, and with it the error level."""
         source = Source.NONE
-        level = RESTING if is_resting else self.gps_levels[index]
         if time_s - self._vision_time_s[index] < _VISION_TIMEOUT_S:
             source = Source.VISION
-            level = RESTING_WITH_VISION if is_resting else self.vision_levels[index]
         elif self.sees_satellites(index, time_s):
             source = Source.GPS
-        elif not is_resting and not self.has_gps[index]:
+
+        if source is Source.VISION:
+            level = self.vision_levels[index]
+            if is_resting:
+                level = RESTING_WITH_VISION
+        elif is_resting:
+            level = RESTING
+        elif source is Source.NONE and not self.has_gps[index]:
             level = RECKONING
+        else:
+            level = self.gps_levels[index]
 
         self._watch_drift(index, time_s, is_resting=is_resting)
 
@@ -594,6 +601,7 @@ class Estimator:
             self._errors["std_velocity_goal"][index] *= self._scale
 
     def _change_source(self, index: int, time_s: float, source: Source) -> None:
+        """Note the new source of one vehicle's estimate, with all that depends on the source."""
         before = self.source[index]
         self.source[index] = source
         self._errors["has_satellites"][index] = source is Source.GPS
@@ -606,17 +614,20 @@ class Estimator:
         # The heading comes from vision (share 0 of the compass) or from the compass (share 1).
         # Without a source the gyros keep the heading, with its present error.
         has_vision_yaw = source is Source.VISION and self.uses_vision_yaw[index]
-        if source is not Source.NONE:
-            self._errors["yaw_share_goal"][index] = 0.0 if has_vision_yaw else 1.0
         if has_vision_yaw:
+            self._errors["yaw_share_goal"][index] = 0.0
             self.resets[index, HEADING] += 1
+        elif source is not Source.NONE:
+            self._errors["yaw_share_goal"][index] = 1.0
 
         if source is Source.NONE:
             self._lost_time_s[index] = time_s
         elif before is Source.NONE:
             # The first position is a jump of position and velocity. With vision, the fusion has
             # already counted the jump of the position (XY and Z).
-            counters = [VXY, VZ] if source is Source.VISION else [XY, VXY, Z, VZ]
+            counters = [XY, VXY, Z, VZ]
+            if source is Source.VISION:
+                counters = [VXY, VZ]
             self.resets[index, counters] += 1
 
     def _begin_drift(self, index: int) -> None:

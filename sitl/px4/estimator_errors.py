@@ -239,6 +239,7 @@ def set_level(error: Record, level: ErrorLevel, bias_draw: Array, dt_s: float) -
 
 @compiled
 def _advance_motion(e: Record, draws: Array, dt_s: float, position: Array, velocity: Array) -> None:
+    """Advance the errors of position and velocity of one vehicle, and form its estimates."""
     blend = dt_s / BLEND_S
     spread = math.sqrt(1.0 - e.keep * e.keep)  # with it the variance of the unit process stays 1
 
@@ -271,6 +272,7 @@ def _advance_motion(e: Record, draws: Array, dt_s: float, position: Array, veloc
 
 @compiled
 def _advance_turn(e: Record, dt_s: float, velocity: Array) -> None:
+    """Advance the errors of velocity and position that a wrong heading causes."""
     # The change of the true velocity, and the same as the filter takes it to be.
     north = velocity[0] - e.last_velocity[0]
     east = velocity[1] - e.last_velocity[1]
@@ -297,6 +299,7 @@ def _advance_turn(e: Record, dt_s: float, velocity: Array) -> None:
 
 @compiled
 def _advance_tilt(e: Record, dt_s: float) -> None:
+    """Advance the error of the attitude in dead reckoning."""
     for k in range(2):
         if not e.is_drifting:
             e.tilt_error[k] -= dt_s / BLEND_S * e.tilt_error[k]
@@ -306,6 +309,7 @@ def _advance_tilt(e: Record, dt_s: float) -> None:
 
 @compiled
 def _advance_heading(e: Record, draw: float, dt_s: float, yaw_keep: float) -> None:
+    """Advance the error of the heading, by the compass or by vision."""
     # The error of the compass changes in flight only.
     lag = 0.0
     if e.is_flying:

@@ -333,6 +333,7 @@ class ModeControl:
         up_m_s: float | None = None,
         is_level: bool = False,
     ) -> None:
+        """Command the attitude and the thrust that lead to a goal."""
         self.goal = goal
         yaw_rad = self._heading(goal, inputs)
 
@@ -388,13 +389,17 @@ class ModeControl:
     def _command(
         self, attitude: Array, thrust_frac: float, rate_rad_s: Array | None = None
     ) -> None:
+        """Command an attitude, or body rates in place of it."""
         if self.has_lost_attitude:
             rate_rad_s = DRIFT_RAD_S
+        is_rate = rate_rad_s is not None
+        if rate_rad_s is None:
+            rate_rad_s = _ZERO
 
         self.actuation = Actuation(
             attitude=attitude,
-            rate_rad_s=_ZERO if rate_rad_s is None else rate_rad_s,
-            is_rate=rate_rad_s is not None,
+            rate_rad_s=rate_rad_s,
+            is_rate=is_rate,
             thrust_frac=thrust_frac,
             motors_on=True,
         )

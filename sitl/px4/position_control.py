@@ -166,8 +166,9 @@ def _velocity_setpoint(
 
         if math.isfinite(goal_position_m):
             approach_m_s = _POSITION_GAIN_1_S * (goal_position_m - position_ned_m[axis])
-            added_m_s = goal_velocity_m_s if math.isfinite(goal_velocity_m_s) else 0.0
-            velocity_m_s[axis] = approach_m_s + added_m_s
+            velocity_m_s[axis] = approach_m_s
+            if math.isfinite(goal_velocity_m_s):
+                velocity_m_s[axis] += goal_velocity_m_s
         elif math.isfinite(goal_velocity_m_s):
             velocity_m_s[axis] = goal_velocity_m_s
 

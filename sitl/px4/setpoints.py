@@ -194,6 +194,7 @@ def _setpoint(
     acceleration: Array,
     now_s: float,
 ) -> Setpoint | str:
+    """Return the setpoint of a position target, or the key of PX4's refusal."""
     has_position = bool(np.isfinite(position).any())
     has_velocity = bool(np.isfinite(velocity).any())
     has_acceleration = bool(np.isfinite(acceleration).any())

@@ -39,9 +39,13 @@ class KeyStore:
 
     def put(self, key: bytes, timestamp: int) -> None:
         """Store a key; a key of zeros with timestamp 0 removes it."""
-        is_key = any(key) or timestamp != 0
-        self.key = key if is_key else b""
-        self.timestamp = timestamp if self.key else 0
+        is_removal = not any(key) and timestamp == 0
+        if is_removal:
+            key = b""
+        if not key:
+            timestamp = 0
+        self.key = key
+        self.timestamp = timestamp
         self.changes += 1
 
     def restart(self) -> None:
@@ -77,14 +81,14 @@ class LinkSigning:
     def takes(
         self, frame: bytes, message_id: int, sender: tuple[int, int], *, is_signed: bool
     ) -> bool:
-        """Whether PX4 accepts a frame; a right signature stores the timestamp of the frame."""
+        """Return whether PX4 accepts a frame; with a right signature, store its timestamp."""
         self._follow()
         if is_signed and self._is_fresh(frame, sender):
             return True
         return message_id in _ACCEPTED_UNSIGNED
 
     def _is_fresh(self, frame: bytes, sender: tuple[int, int]) -> bool:
-        """Whether a frame has the right signature and is newer than the last of its sender."""
+        """Return whether a frame has the right signature and is the newest of its sender."""
         signed = frame[:-_HASH_BYTES]
         if sha256(self.store.key + signed).digest()[:_HASH_BYTES] != frame[-_HASH_BYTES:]:
             return False

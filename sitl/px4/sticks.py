@@ -47,7 +47,7 @@ class _StickAxis:
         self.direction = direction
 
     def is_moving(self, faster_than_1_s: float) -> bool:
-        """Whether the stick moves faster than a speed, for several samples."""
+        """Return whether the stick moves faster than a speed, for several samples."""
         is_fast = abs(self.speed_1_s) > faster_than_1_s
         is_steady = self.samples >= _LEAST_SAMPLES and self.direction != 0
         return is_fast and is_steady
@@ -79,7 +79,7 @@ class Sticks:
             axis.take(position, dt_s)
 
     def is_moving(self, faster_than_1_s: float) -> bool:
-        """Whether a stick moves faster than a speed; False for a negative speed."""
+        """Return whether a stick moves faster than a speed; False for a negative speed."""
         if faster_than_1_s < 0.0:
             return False
         return any(axis.is_moving(faster_than_1_s) for axis in self._axes)

@@ -142,6 +142,7 @@ def fly_broken(
             )
             flight.at(breaking.at_s + breaking.gap_s, inject_second)
 
+        # the mission, and then the landing of all vehicles that still fly
         verdict = flight.fly(mission)
 
         # a second after all cuts of the bus have ended, every vehicle receives the order to land
@@ -150,6 +151,7 @@ def fly_broken(
         _bring_down(flight, judge, height_m)
         judge.finish()
 
+        # what the vehicles noticed, and the distances that they kept
         seen: dict[str, int] = {}
         for counts in judge.seen.values():
             for condition, ticks in counts.items():
@@ -177,11 +179,11 @@ def fly_broken(
 
 def _bring_down(flight: Lockstep, judge: Judge, height_m: float) -> None:
     """Order vehicles that still fly to land, and wait until all are down and disarmed."""
-    airborne = [
-        name
-        for name, shell in flight.agents.items()
-        if shell.core.flight.situation is Situation.FLYING and shell.is_ticking
-    ]
+    airborne = []
+    for name, shell in flight.agents.items():
+        is_flying = shell.core.flight.situation is Situation.FLYING
+        if is_flying and shell.is_ticking:
+            airborne.append(name)
     if airborne:
         with contextlib.suppress(OrderFailed):  # the judge notes vehicles that are not down
             flight.land(",".join(airborne))

@@ -5,8 +5,8 @@ are random numbers that follow from the number of the round, so a campaign that 
 continued gives the same flights. First come undisturbed flights, which show how long the mission
 takes and where its vehicles are.
 
-What a flying vehicle has to do is judged by the claims of the matrix, and not by the failsafe table
-that the vehicle itself uses.
+What a flying vehicle has to do is judged by the claims in ``groundstation/evidence/hazards.py``,
+and not by the failsafe table that the vehicle itself uses.
 """
 
 from __future__ import annotations

@@ -124,6 +124,10 @@ def plan(scene: Scene, seed: int, *, is_jittered: bool = True) -> FlightPlan:
     if is_jittered:
         start = start + rng.normal(0.0, 1.0, start.shape) * scene.jitter_m
 
+    longest_s = 0.0
+    if scene.within_s is not None:
+        longest_s = scene.within_s
+
     later_goals = None
     if len(goals) > 1:
         later_goals = _raised(goals[1:])
@@ -143,7 +147,7 @@ def plan(scene: Scene, seed: int, *, is_jittered: bool = True) -> FlightPlan:
         later_goals_enu_m=later_goals,
         blind=scene.blind,
         other_law=other_law,
-        longest_s=scene.within_s or 0.0,
+        longest_s=longest_s,
     )
 
 

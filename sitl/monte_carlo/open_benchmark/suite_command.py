@@ -45,7 +45,9 @@ def judge(
     """
     work = suite.units(law, seeds, physics)
     with tempfile.TemporaryDirectory() as scratch:
-        path = keep or Path(scratch) / "open-benchmark.jsonl"
+        path = Path(scratch) / "open-benchmark.jsonl"
+        if keep is not None:
+            path = keep
         with ResultsFile(path, version(), kind=suite.KIND, is_anew=is_anew) as file:
             try:
                 _fly(work, file, jobs=jobs, scheduler=scheduler)

@@ -47,7 +47,9 @@ def table_row(rows: Sequence[SuiteRow]) -> list[str]:
 
     busy_s = sum(row["busy_s"] for row in rows)
     calls = sum(row["calls"] for row in rows)
-    cost = f"{1e6 * busy_s / calls:.0f}" if calls else "-"
+    cost = "-"
+    if calls:
+        cost = f"{1e6 * busy_s / calls:.0f}"
 
     return [
         str(count),

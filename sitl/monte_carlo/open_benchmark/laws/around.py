@@ -48,7 +48,9 @@ def bodies(inputs: LawInputs) -> list[Body]:
     """Return the nearest neighbours, and of each obstacle its nearest point."""
     found = []
     for near in inputs.neighbours:
-        share = SHARE_OF_PAIR if near.is_cooperative else 1.0
+        share = 1.0
+        if near.is_cooperative:
+            share = SHARE_OF_PAIR
         found.append(_body(near.e_m, near.w_m_s, near.d_m, share))
 
     x, y, _ = inputs.predicted.position_enu_m

@@ -43,7 +43,9 @@ def orca_row(body: Body, velocity: Vec2, share: float, horizon_s: float) -> Half
         share: share of the change u that this vehicle makes; 1/2 in the paper.
         horizon_s: tau.
     """
-    tau_s = horizon_s if body.distance_m > body.d_m else _TOO_NEAR_S
+    tau_s = horizon_s
+    if body.distance_m <= body.d_m:
+        tau_s = _TOO_NEAR_S
     # the velocity obstacle: a cone about -e, cut off by a disc of radius d / tau about -e / tau
     centre = Vec2(-body.e_m.x / tau_s, -body.e_m.y / tau_s)
     radius_m_s = body.d_m / tau_s
@@ -70,8 +72,11 @@ def _out_of_cone(body: Body, sin: float) -> tuple[Vec2, float]:
     """Return the direction out of the cone across its nearer leg, and the distance to that leg."""
     cos = math.sqrt(max(0.0, 1.0 - sin * sin))
     along = Vec2(-body.unit.x, -body.unit.y)
-    # 1: the left leg is nearer; -1: the right one
-    side = 1.0 if along.x * body.w_m_s.y - along.y * body.w_m_s.x > 0.0 else -1.0
+    # The cross product says on which side of the axis of the cone the relative velocity lies. The
+    # left leg is nearer to it on the left side (1), and the right leg on the right side (-1).
+    side = -1.0
+    if along.x * body.w_m_s.y - along.y * body.w_m_s.x > 0.0:
+        side = 1.0
     # outward normal of that leg
     normal = Vec2(
         -sin * along.x - side * cos * along.y,

@@ -47,7 +47,9 @@ class Rules(NamedTuple):
 
 def law(memory: Rules | None, inputs: LawInputs) -> tuple[Rules, Thrust]:
     """Return the thrust towards the centroid of the cell."""
-    rules = memory or Rules()
+    rules = memory
+    if rules is None:
+        rules = Rules()
     preferred = preferred_velocity(inputs)
     ahead_m = min(1.0, length_2(preferred) / inputs.vehicle.max_speed_m_s) * _RADIUS_M
     # a vector in the preferred direction, longer than ahead_m, is shortened to just this length
