@@ -167,7 +167,10 @@ class ScriptOrders:
 
     def position(self, name: str) -> Xyz:
         """Return the reported position [m], ENU; NaN if it is not known."""
-        return self.fleet[name].position_enu_m or _UNKNOWN
+        position_enu_m = self.fleet[name].position_enu_m
+        if position_enu_m is None:
+            return _UNKNOWN
+        return position_enu_m
 
     # -- time passes -------------------------------------------------------------------------------
 
@@ -245,11 +248,12 @@ class ScriptOrders:
 
     def _open_tasks(self, kind: Kind, names: set[str]) -> list[asyncio.Task[None]]:
         """Return the tasks of orders of a kind that have been sent to some of these vehicles."""
-        return [
-            order.task
-            for order in self._open
-            if order.kind == kind and names.intersection(order.names)
-        ]
+        tasks = []
+        for order in self._open:
+            has_vehicle = bool(names.intersection(order.names))
+            if order.kind == kind and has_vehicle:
+                tasks.append(order.task)
+        return tasks
 
     def _send_takeoffs(self, takeoffs: dict[str, _Takeoff]) -> None:
         for height_m in sorted({takeoff.height_m for takeoff in takeoffs.values()}):
@@ -327,7 +331,9 @@ class ScriptOrders:
 
     def _take_failure(self, task: asyncio.Task[None]) -> None:
         """Keep the first failure, and end the sleep that runs."""
-        error = None if task.cancelled() else task.exception()
+        if task.cancelled():
+            return
+        error = task.exception()
         if error is None:
             return
 

@@ -149,7 +149,9 @@ def longest_timescale(script: str) -> float | None:
         if node.func.attr != _START:
             continue
         timescale = _timescale_of(node)
-        numbers = [] if timescale is None else _numbers(timescale, known)
+        if timescale is None:
+            return None
+        numbers = _numbers(timescale, known)
         if not numbers:
             return None
         timescales += numbers
@@ -229,9 +231,13 @@ def _numbers(node: ast.expr, known: dict[str, ast.expr], depth: int = 0) -> list
     if isinstance(node, ast.Name) and node.id in known:
         return _numbers(known[node.id], known, depth + 1)
     if isinstance(node, ast.List | ast.Tuple):
-        element_numbers = [_numbers(element, known, depth + 1) for element in node.elts]
-        if all(element_numbers):  # every element is known
-            return [number for numbers in element_numbers for number in numbers]
+        all_numbers: list[float] = []
+        for element in node.elts:
+            element_numbers = _numbers(element, known, depth + 1)
+            if not element_numbers:  # one unknown element makes the whole list unknown
+                return []
+            all_numbers += element_numbers
+        return all_numbers
     return []
 
 
@@ -255,17 +261,18 @@ def _reached(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def _is_conditional(node: ast.AST) -> bool:
-    """Whether code below a node may not be run, or may fail without harm."""
+    """Return whether code below a node may be skipped, or may fail without harm."""
     if isinstance(node, ast.If):
         return not _is_main(node.test)
-    if isinstance(node, ast.comprehension | ast.GeneratorExp | ast.ListComp):
-        generators = [node] if isinstance(node, ast.comprehension) else node.generators
-        return any(generator.ifs for generator in generators)
+    if isinstance(node, ast.comprehension):
+        return bool(node.ifs)
+    if isinstance(node, ast.GeneratorExp | ast.ListComp):
+        return any(generator.ifs for generator in node.generators)
     return isinstance(node, ast.IfExp | ast.Match | ast.Try | ast.BoolOp | ast.While)
 
 
 def _is_main(test: ast.expr) -> bool:
-    """Whether a condition is that of ``if __name__ == "__main__"``."""
+    """Return whether a condition is that of ``if __name__ == "__main__"``."""
     return any(isinstance(node, ast.Name) and node.id == "__name__" for node in ast.walk(test))
 
 

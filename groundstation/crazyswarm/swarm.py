@@ -134,7 +134,7 @@ class Buttons:
         self._has_terminal = sys.stdin is not None and sys.stdin.isatty()
 
     def checkIfButtonIsPressed(self) -> bool:
-        """Whether Enter has been pressed."""
+        """Return whether Enter has been pressed."""
         self._clock.sleep(0.0)
 
         if self._has_terminal:

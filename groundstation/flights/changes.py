@@ -37,11 +37,11 @@ _BUS = "bus."
 _LAW = "law."
 _WITHOUT_FAULT = "without_fault"
 _WITHOUT_ORDER = "without_order"
-# keys that may change in flight, beside those of the bus and the law
-_IN_FLIGHT = ("wind", "gust", "fault", "order", _WITHOUT_FAULT, _WITHOUT_ORDER)
 _WITHOUT_STEP = "without_step"
-# keys that are not keys of the fleet file, beside those of the bus
-_OF_FLIGHT = (*_IN_FLIGHT, "seed", _WITHOUT_STEP)
+# keys that may change in flight; keys of the bus and the law may, too
+_MAY_CHANGE_IN_FLIGHT = ("wind", "gust", "fault", "order", _WITHOUT_FAULT, _WITHOUT_ORDER)
+# keys that are no keys of the fleet file; keys of the bus are none either
+_NOT_OF_FLEET_FILE = (*_MAY_CHANGE_IN_FLIGHT, "seed", _WITHOUT_STEP)
 
 
 class Change(NamedTuple):
@@ -58,7 +58,7 @@ class Change(NamedTuple):
     @property
     def is_of_fleet_file(self) -> bool:
         """Whether it changes a value of the fleet file."""
-        return self.key not in _OF_FLIGHT and not self.key.startswith(_BUS)
+        return self.key not in _NOT_OF_FLEET_FILE and not self.key.startswith(_BUS)
 
 
 class FlightOrigin(NamedTuple):
@@ -134,7 +134,7 @@ def _changed_in_flight(
     """Return settings with a change that takes effect at a second of the flight."""
     is_of_law = change.key.startswith(_LAW) and change.key != "law.name"
     is_of_bus = change.key.startswith(_BUS)
-    may_change = change.key in _IN_FLIGHT or is_of_bus or is_of_law
+    may_change = change.key in _MAY_CHANGE_IN_FLIGHT or is_of_bus or is_of_law
     if not may_change:
         raise ConfigError(
             f"--what-if {change.text}: this cannot change in flight. Leave --resume-at out, and it"
@@ -181,7 +181,9 @@ def _without(lines: tuple[str, ...], change: Change, noun: str) -> tuple[str, ..
         raise ConfigError(
             f"--what-if {change.text}: this flight has {len(lines)} {noun}, counted from 1."
         )
-    return lines[: number - 1] + lines[number:]
+    remaining = list(lines)
+    del remaining[number - 1]
+    return tuple(remaining)
 
 
 def _without_step(origin: FlightOrigin, change: Change) -> str:
@@ -212,7 +214,11 @@ def timed_change(line: str) -> tuple[float, Change]:
 
 def edited_fleet(text: str, change: Change) -> str:
     """Return the text of a fleet file with one value changed."""
-    key = "law.name" if change.key == "law" else change.key
+    key = change.key
+    if key == "law":
+        key = "law.name"
+
+    # each part of the dotted key, from the last to the first, becomes a table around the value
     values: Any = _value(change.value)
     for part in reversed(key.split(".")):
         values = {part: values}

@@ -1,6 +1,6 @@
 """One flight of a mission from the command line, in real time.
 
-:class:`MissionFlight` composes the work of other rooms, in this order:
+:class:`MissionFlight` does the following, in this order:
 
 1. the record opens, and in a simulated flight emulator and agents start,
 2. the client connects with the fleet, and the mission runs, with the console or without,
@@ -37,7 +37,8 @@ from onboard.plain_text import plain_line, plain_lines
 
 READY_TIMEOUT_S = 10.0  # longest wait until agents that run already are ready
 _PROCESS_CHECK_PERIOD_S = 0.2
-_FLUSH_MARGIN_S = 0.3  # the last message is in the file so long after a flush period
+# time after a flush period until the last message of that period is in the file
+_FLUSH_MARGIN_S = 0.3
 
 Say = Callable[[str], None]
 
@@ -66,7 +67,9 @@ class MissionFlight:
             return await self._fly()
         except ProcessError as error:
             self._print(str(error))
-            return EXIT_WRONG_INPUT if self._run is None else EXIT_FAILED
+            if self._run is None:
+                return EXIT_WRONG_INPUT
+            return EXIT_FAILED
         except asyncio.CancelledError:
             if self._signals < 2:
                 raise
@@ -76,6 +79,7 @@ class MissionFlight:
             listen_no_more()
 
     async def _fly(self) -> int:
+        """Open the flight and fly the mission, with the console or without."""
         ready_timeout_s = READY_TIMEOUT_S
         if self.settings.is_simulated:
             ready_timeout_s = READY_TIMEOUT_SIM_S
@@ -90,7 +94,7 @@ class MissionFlight:
                 at=self.settings.at,
             )
             self._run = run
-            if self._signals:
+            if self._signals:  # an interrupt came before there was a run
                 run.interrupt()
 
             watch = asyncio.create_task(self._watch_processes(run))
@@ -109,6 +113,7 @@ class MissionFlight:
         return verdict.exit_status
 
     async def _fly_in_console(self, client: FleetClient) -> int:
+        """Fly the mission in the console; return the exit status when the operator leaves it."""
         # Imported here: a headless flight needs no textual.
         from groundstation.console.app import ConsoleApp
         from groundstation.orders.forecast_process import Forecaster
@@ -263,8 +268,9 @@ class MissionFlight:
 
     def _progress(self) -> str:
         """Return one line about the mission, for the console."""
-        live_line = "" if self._run is None else self._run.fleet.ground.title_line
-        return live_line or self._last_line
+        if self._run is not None and self._run.fleet.ground.title_line:
+            return self._run.fleet.ground.title_line
+        return self._last_line
 
     def _say(self, line: str) -> None:
         """Report a line of progress: to console or output, and as an event on the bus."""

@@ -47,7 +47,9 @@ def open_recorded(folder: Path) -> RecordedFlight:
             f"{folder}: this flight was simulated in real time, where no two flights are alike."
             " Only flights in lockstep can be flown again: add --lockstep."
         )
-    suffix = Path(settings.mission_path).suffix or ".toml"
+    suffix = Path(settings.mission_path).suffix
+    if not suffix:
+        suffix = ".toml"
     origin = FlightOrigin(
         fleet_text=read_text(folder / FLEET_NAME, FLEET_FILE),
         mission_text=read_text(folder / f"mission{suffix}", MISSION_FILE),

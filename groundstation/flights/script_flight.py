@@ -125,7 +125,9 @@ def fly_script(
         if not sentence:
             sentence = "The script has connected with no fleet: groundstation.Fleet.connect() does."
         print(plain_lines(f"{script}: {sentence}"), file=sys.stderr)
-        return end.status or EXIT_FAILED
+        if end.status != EXIT_OK:
+            return end.status
+        return EXIT_FAILED
 
     host.flown.failure = end.failure
     host.flown.is_interrupted = end.status == EXIT_INTERRUPTED
@@ -133,14 +135,18 @@ def fly_script(
     # vehicles may stay in the air only if the script has declared "hold" as its state at the end
     is_up = any(view.is_airborne for view in host.flown.state.vehicles.values())
     may_stay_up = is_up and host.at_end == "hold"
-    record_end = host.end_record() or RecordEnd(begin_ns=host.flown.begin_ns)
+    record_end = host.end_record()
+    if record_end is None:  # nothing was recorded
+        record_end = RecordEnd(begin_ns=host.flown.begin_ns)
     expect = Expect(all_landed=not may_stay_up)
     verdict = final_verdict(host.flown, expect, folder, record_end)
 
     for line in verdict.sentences:
         print(plain_lines(line), flush=True)
     print(f"See it again: covey replay {folder}", flush=True)
-    return end.status or verdict.exit_status
+    if end.status != EXIT_OK:
+        return end.status
+    return verdict.exit_status
 
 
 def _run_to_end(
@@ -184,7 +190,9 @@ def missing_module_words(module: str, script: str = "") -> str:
     """
     package = module.partition(".")[0]
     imported = [name for name in _imports_of(script, package) if name not in PROVIDED]
-    wanted = imported or [module]
+    wanted = [module]
+    if imported:
+        wanted = imported
 
     sentence = f"It imports {' and '.join(wanted)}, which is not installed here."
     if "uav_trajectory" in wanted:

@@ -55,7 +55,8 @@ def wind_of(text: str) -> tuple[float, float]:
         east, north = (float(part) for part in text.split(","))
     except ValueError:
         east = north = math.nan
-    if not (abs(east) <= LARGEST_WIND_M_S and abs(north) <= LARGEST_WIND_M_S):
+    is_allowed = abs(east) <= LARGEST_WIND_M_S and abs(north) <= LARGEST_WIND_M_S  # False for NaN
+    if not is_allowed:
         raise ConfigError(
             f"--wind-m-s is '{text}'; write it as EAST,NORTH, each at most"
             f" {LARGEST_WIND_M_S:g} m/s."
@@ -74,7 +75,8 @@ def timed_order(line: str) -> TimedOrder:
         at_s = float(time_word)
     except ValueError:
         at_s = math.nan
-    if not (0.0 <= at_s <= _LATEST_ORDER_S) or not text.strip():
+    is_time = 0.0 <= at_s <= _LATEST_ORDER_S  # False for NaN
+    if not is_time or not text.strip():
         raise ConfigError(
             f"--order is '{line}'; write the second of simulated time and the order,"
             " for instance '12.5 hold all'."

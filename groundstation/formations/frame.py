@@ -92,7 +92,8 @@ def frame_paths(
         slot_of = nearest_slots(turned, positions, begin.position_enu_m)
         slots = {vehicle: slots[slot_of[vehicle]] for vehicle in names}
 
-    # The frame and the slots within it, at the begin and at each point.
+    # The frame and the slots within it, at the begin and at each point. `offsets` has one array
+    # (N, 3) for each of them.
     name = begin.name
     spacing_m = begin.spacing_m
     centres = [begin.position_enu_m]
@@ -107,7 +108,8 @@ def frame_paths(
                 spacing_m = point.spacing_m
             elif point.name:
                 spacing_m = None  # the new formation's own
-            name = point.name or name
+            if point.name:
+                name = point.name
             slots = _slots(fleet, name, spacing_m, begin.leader)
             if set(slots) != set(names):
                 raise ConfigError(
@@ -121,7 +123,9 @@ def frame_paths(
                 slot_of = nearest_slots(slots, offset_of, (0.0, 0.0, 0.0))
                 slots = {vehicle: slots[slot_of[vehicle]] for vehicle in names}
 
-        centre = point.position_enu_m or centres[-1]
+        centre = centres[-1]
+        if point.position_enu_m is not None:
+            centre = point.position_enu_m
         angle_rad = angles_rad[-1] + math.radians(point.turn_deg)
         offsets.append(_array(slots, names))
 
@@ -171,7 +175,8 @@ def _carried(
     count = max(2, math.ceil(times_s[-1] / GRID_S) + 1)
     grid_s = np.linspace(0.0, times_s[-1], count)
     centre = _smooth(times_s, centres, grid_s)
-    padded = np.column_stack([angles_rad, np.zeros((len(angles_rad), 2))])  # three columns
+    # the angle as the first of the three columns that _smooth takes
+    padded = np.column_stack([angles_rad, np.zeros((len(angles_rad), 2))])
     angle_rad = _smooth(times_s, padded, grid_s)[:, 0]
     cosine = np.cos(angle_rad)
     sine = np.sin(angle_rad)

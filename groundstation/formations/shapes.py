@@ -61,7 +61,9 @@ def circle(count: int) -> Array:
 
 def grid(count: int, columns: int | None) -> Array:
     """Return rows from north to south, each from west to east; the last row is centred."""
-    width = columns or math.ceil(math.sqrt(count))
+    width = math.ceil(math.sqrt(count))
+    if columns is not None:
+        width = columns
     slots = []
     for k in range(count):
         row, index_in_row = divmod(k, width)

@@ -22,14 +22,15 @@ from groundstation.identification.logged_stretch import (
 from onboard.arrays import Array
 
 _CLUSTER_S = 1.0  # residuals of so much time form a cluster of the jackknife
+# the coarse grid: delays [s] and natural frequencies wn [rad/s]
 _GRID_DELAYS_S = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2)
 _GRID_WN = (4.0, 6.0, 9.0, 14.0, 22.0)
-_OUTLIER = 6.0  # a difference of more than so many times the median is an outlier
-# half steps of the numeric derivatives with respect to delay, wn and zeta
+_OUTLIER = 6.0  # a difference above this multiple of the median is an outlier
+# half steps of the numeric derivatives with respect to delay [s], wn [rad/s] and zeta
 _STEPS = np.array([1e-3, 1e-2, 1e-3])
 _LEAST = [-0.02, 1.5, 0.15]  # lower bounds of delay, wn, zeta
 _MOST = [0.5, 60.0, 3.0]  # upper bounds of the same
-_ROUNDS = 25
+_ROUNDS = 25  # most steps of Gauss-Newton
 _MOST_DAMPING = 1e6
 
 
@@ -52,8 +53,8 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> LeastSquares:
         ago_s=commands.ago_s[::4], change=commands.change[::4], oldest=commands.oldest[::4]
     )
 
-    # Coarse grid, with every fourth sample. For a delay, wn and zeta, gain and errors are the
-    # solution of a linear fit.
+    # First the coarse grid, with every fourth sample. For a given delay, wn and zeta, the gain and
+    # the errors are the solution of a linear fit.
     def gain_and_errors(theta: Array) -> tuple[Array, Array]:
         """Return the best gain and errors for a delay, wn and zeta, and the model's tilt."""
         unit_tilt = response(every_fourth, theta)  # the tilt for a gain of one
@@ -69,7 +70,8 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> LeastSquares:
     best = min(grid, key=cost)
     theta = np.concatenate([best, gain_and_errors(best)[0]])
 
-    # Gauss-Newton from there, with all samples
+    # Then Gauss-Newton from the best point of the grid, with all samples. theta holds delay, wn,
+    # zeta, gain, error x and error y.
     def unit_tilt_of(theta: Array) -> Array:
         return response(commands, theta)
 

@@ -159,10 +159,12 @@ def type_toml(kind: str, members: Sequence[IdentifiedVehicle]) -> str:
     hover = _mean([model.hover_thrust_frac for model in models])
     drag = _mean([model.drag_1_s for model in models])
     gain = _mean([model.static_gain for model in models])
-    tilt_deg = max(
-        max(abs(model.tilt_error_x_deg.value), abs(model.tilt_error_y_deg.value))
-        for model in models
-    )
+
+    # the largest tilt error of all vehicles about either axis
+    tilt_deg = 0.0
+    for model in models:
+        for tilt in (model.tilt_error_x_deg, model.tilt_error_y_deg):
+            tilt_deg = max(tilt_deg, abs(tilt.value))
 
     delay_s = lag_s.value - 2.0 * zeta.value / wn.value
     wn_rad_s = wn.value

@@ -44,7 +44,8 @@ from onboard.constants import GRAVITY_M_S2
 MIN_DURATION_S = 8.0
 MIN_TILT_RMS_DEG = 0.5
 # least standard deviations, for effects that the model leaves out: battery sag, the thrust curve,
-# steady wind (which looks like tilt), the length of a tick
+# steady wind (which looks like tilt), the length of a tick; hover as a share of the hover thrust,
+# lag in s, drag in 1/s
 _FLOOR = {"hover": 0.001, "lag": 0.003, "drag": 0.02, "tilt_deg": 0.1, "gain": 0.003}
 
 

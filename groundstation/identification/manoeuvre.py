@@ -58,7 +58,9 @@ def manoeuvre(
     to_fence_m, _ = flight_space_of(fleet).room_m((x, y, height_m))
     room_m = min(room_m, to_fence_m - _FENCE_M)
     # areas may have edges in any direction, so there the corners of the box must fit, too
-    corner_factor = 1.0 if math.isinf(to_fence_m) else math.sqrt(2.0)
+    corner_factor = 1.0
+    if math.isfinite(to_fence_m):
+        corner_factor = math.sqrt(2.0)
     half_m = min(half_m, room_m / corner_factor, apart_m)
     if not half_m >= _LEAST_HALF_M:
         raise ConfigError(

@@ -64,7 +64,7 @@ def _log(ticks: list[Sample], poses: list[Sample]) -> Log | None:
     thrust = np.array([tick.values["setpoint_thrust_frac"] for tick in air], np.float64)
 
     tracked = [pose for pose in poses if origin_ns <= pose.stamp_ns <= last_ns]
-    # without a mocap, or with too few poses of it: from the ticks
+    # without a mocap, or with too few poses, attitudes and positions come from the ticks
     if len(tracked) < 0.5 * len(air):
         return Log(
             command_time_s=time_s,

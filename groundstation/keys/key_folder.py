@@ -13,6 +13,7 @@ _IGNORED = """\
 # Private keys belong into no repository: git leaves this whole folder out.
 *
 """
+# permissions: only the owner reads the file, or everybody
 _OF_THE_OWNER = 0o600
 _READABLE = 0o644
 
@@ -55,7 +56,9 @@ def write_files(contents: Mapping[Path, bytes]) -> None:
         for path, content in contents.items():
             new_path = _new_path(path)
             new_path.unlink(missing_ok=True)
-            mode = _OF_THE_OWNER if path.suffix == ".key" else _READABLE
+            mode = _READABLE
+            if path.suffix == ".key":
+                mode = _OF_THE_OWNER
             descriptor = os.open(new_path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
             with os.fdopen(descriptor, "wb") as file:
                 file.write(content)
