@@ -1,4 +1,4 @@
-"""Fig. 6: thrust before and after OIST, and the distances of all pairs with the limit."""
+"""Fig. 6: thrust before and after OIST (the law of the paper), and the distances of all pairs."""
 
 from __future__ import annotations
 

@@ -191,7 +191,9 @@ def _start_ns(truths: dict[str, list[Sample]], ticks: dict[str, list[Sample]]) -
     """
     lifted_ns = []
     for name, own_ticks in ticks.items():
-        path = truths[name] if len(truths[name]) > 1 else own_ticks
+        path = own_ticks
+        if len(truths[name]) > 1:
+            path = truths[name]
         height_m = _vectors(path, "position_enu_m", 3)[:, 2]
         known_m = height_m[np.isfinite(height_m)]
         if not known_m.size:
@@ -213,8 +215,11 @@ def _track(
     telemetry: list[Sample],
     start_ns: int,
 ) -> Track:
+    """Return one vehicle's track from its samples."""
     has_truth = len(truth) > 1
-    path = truth if has_truth else ticks
+    path = ticks
+    if has_truth:
+        path = truth
     return Track(
         name=name,
         time_s=_times(ticks, start_ns),

@@ -108,12 +108,16 @@ def _slots(slots_enu_m: Array) -> list[tuple[Array, str]]:
     """Return the slots, each with the numbers of all orders that went to it."""
     slots: list[tuple[Array, str]] = []
     for number, slot_m in enumerate(slots_enu_m, start=1):
-        for index, (other_m, orders) in enumerate(slots):
-            if np.hypot(*(other_m[:2] - slot_m[:2])) < _SAME_M:
-                slots[index] = (other_m, f"{orders}, {number}")
-                break
-        else:
+        same = [
+            index
+            for index, (other_m, _) in enumerate(slots)
+            if np.hypot(*(other_m[:2] - slot_m[:2])) < _SAME_M
+        ]
+        if not same:
             slots.append((slot_m, str(number)))
+            continue
+        other_m, orders = slots[same[0]]
+        slots[same[0]] = (other_m, f"{orders}, {number}")
     return slots
 
 
@@ -125,10 +129,14 @@ def draw_outlines(ax: Any, flight: FlightData) -> None:
         flight: holds the outlines of fences and obstacles.
     """
     for outline in flight.outlines:
-        edge = SOFT if outline.keeps_in else LIMIT
+        edge = LIMIT
+        face: Any = to_rgba(LIMIT, 0.12)
+        if outline.keeps_in:
+            edge = SOFT
+            face = "none"
         patch = Polygon(
             outline.corners_enu_m,
-            facecolor="none" if outline.keeps_in else to_rgba(LIMIT, 0.12),
+            facecolor=face,
             edgecolor=edge,
             linewidth=1.2,
             zorder=0.5,

@@ -37,7 +37,9 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], bool
         OSError: the figures cannot be written.
     """
     path = record_path(folder)
-    flight_folder = folder if folder.is_dir() else folder.parent
+    flight_folder = folder
+    if not folder.is_dir():
+        flight_folder = folder.parent
 
     title = flight_folder.resolve().name
     flight = from_samples(
@@ -53,7 +55,9 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], bool
             " DIR`."
         )
 
-    target = out or flight_folder / "figures"
+    target = flight_folder / "figures"
+    if out is not None:
+        target = out
     target.mkdir(parents=True, exist_ok=True)
     paths: list[Path] = []
     with styled():

@@ -322,8 +322,9 @@ def _at_most(
     step, index = np.unravel_index((values / np.array(bounds)).argmax(), values.shape)
     name = flown.names[index]
     bound = bounds[index]
-    is_at_the_end = len(values) == 2 and step > 0
-    time_s = flown.times_s[-1] if is_at_the_end else flown.times_s[step]
+    time_s = flown.times_s[step]
+    if len(values) == 2 and step > 0:
+        time_s = flown.times_s[-1]
 
     return at_most(
         f"path {noun}, {where}",

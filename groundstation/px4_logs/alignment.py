@@ -234,7 +234,7 @@ def _best_lags(record: Array, log: Array) -> list[int]:
     overlap = _correlated(np.ones(record.shape[0]), np.ones(log.shape[0]), size)
     score[overlap * GRID_S < LEAST_OVERLAP_S] = -1.0
 
-    # The best lags, each far from those before. The upper half of the indexes are negative lags.
+    # The best lags, each far from those before. An index in the upper half is a negative lag.
     lags: list[int] = []
     least_distance = round(_OTHER_PLACE_S / GRID_S)
     remaining = score.copy()
@@ -242,10 +242,15 @@ def _best_lags(record: Array, log: Array) -> list[int]:
         lag = int(remaining.argmax())
         if remaining[lag] <= 0.0:
             break
-        lags.append(lag if lag < size // 2 else lag - size)
+        if lag < size // 2:
+            lags.append(lag)
+        else:
+            lags.append(lag - size)
         near = (np.arange(lag - least_distance, lag + least_distance + 1)) % size
         remaining[near] = -1.0
-    return lags or [0]
+    if not lags:
+        return [0]
+    return lags
 
 
 def _correlated(first: Array, second: Array, size: int) -> Array:

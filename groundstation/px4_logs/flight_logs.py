@@ -130,7 +130,9 @@ def logs_of_folder(folder: Path) -> FoundLogs:
     Raises:
         ConfigError: there is no record.
     """
-    flight_folder = folder if folder.is_dir() else folder.parent
+    flight_folder = folder
+    if not folder.is_dir():
+        flight_folder = folder.parent
     log_folder = flight_folder / FOLDER
     has_logs = log_folder.is_dir() and any(log_folder.glob(f"*{SUFFIX}"))
     if not has_logs:

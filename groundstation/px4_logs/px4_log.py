@@ -253,13 +253,15 @@ def _about(log: ULog) -> dict[str, str]:
     infos = log.msg_info_dict
     about: dict[str, str] = {}
 
-    version = ""
+    about["version"] = str(infos.get("ver_sw_release_str", ""))
     with contextlib.suppress(*_BROKEN):
-        version = log.get_version_info_str() or ""
-    about["version"] = version or str(infos.get("ver_sw_release_str", ""))
+        version = log.get_version_info_str()  # "" or None if the log has none
+        if version:
+            about["version"] = version
     about["board"] = str(infos.get("ver_hw", ""))
     about["commit"] = str(infos.get("ver_sw", ""))[:10]
     about["serial"] = str(infos.get("sys_uuid", ""))
     system_id = log.initial_parameters.get("MAV_SYS_ID")
-    about["MAVLink id"] = "" if system_id is None else f"{system_id}"
+    if system_id is not None:
+        about["MAVLink id"] = f"{system_id}"
     return {key: plain_line(value)[:60] for key, value in about.items() if value}

@@ -57,8 +57,10 @@ def _vehicle_settings(fleet: FleetConfig) -> list[ShownSetting]:
 
     found = []
     for setting, names in names_by_setting.items():
-        is_of_all = len(names) == len(fleet.vehicles)
-        found.append(setting._replace(vehicles="" if is_of_all else ", ".join(names)))
+        vehicles = ", ".join(names)
+        if len(names) == len(fleet.vehicles):
+            vehicles = ""
+        found.append(setting._replace(vehicles=vehicles))
     found.sort(key=lambda setting: setting.key)
     return found
 
@@ -78,11 +80,14 @@ def _table_settings(table: str, values: msgspec.Struct, prefix: str = "") -> Ite
         if default is msgspec.NODEFAULT and field.default_factory is not msgspec.NODEFAULT:
             default = field.default_factory()
         has_default = default is not msgspec.NODEFAULT
+        default_words = ""
+        if has_default:
+            default_words = _words(default)
         yield ShownSetting(
             table=table,
             key=key,
             value=_words(value),
-            default=_words(default) if has_default else "",
+            default=default_words,
             is_chosen=has_default and value != default,
             vehicles="",
         )

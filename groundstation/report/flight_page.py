@@ -51,9 +51,13 @@ def make_page(
         ConfigError: there is no record, it has no vehicle, or no tile covers its fence.
     """
     flight = read_flight(folder, fleet_path)
-    ghost = None if compared is None else read_flight(compared)
+    ghost = None
+    if compared is not None:
+        ghost = read_flight(compared)
     logs = logs_of_flight(folder, flight)
-    ground = None if tiles is None else _ground(folder, tiles, flight.fleet)
+    ground = None
+    if tiles is not None:
+        ground = _ground(folder, tiles, flight.fleet)
     data = payload(flight, made_by=_made_by(), ghost=ghost, logs=logs, ground=ground)
     text = page(flight.title, data, has_pictures=ground is not None)
     return MadePage(text=text, notes=(*flight.notes, *logs.notes))
@@ -92,7 +96,11 @@ def write_page(
     """
     made = make_page(folder, fleet_path=fleet_path, compared=compared, tiles=tiles)
     text = made.text.encode("utf-8")
-    path = out or (folder if folder.is_dir() else folder.parent) / PAGE_NAME
+    path = folder.parent / PAGE_NAME
+    if folder.is_dir():
+        path = folder / PAGE_NAME
+    if out is not None:
+        path = out
 
     # Replacing the file in one step means that a reader never gets half a page.
     part = path.with_suffix(".part")

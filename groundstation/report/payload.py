@@ -165,6 +165,7 @@ def _people_columns(flight: Flight, grid_s: Array) -> Iterator[Column]:
 def _tick_columns(
     number: int, vehicle: VehicleFlight, names: tuple[str, ...], grid_s: Array, step_s: float
 ) -> Iterator[Column]:
+    """Yield the curves from the agent's ticks: position, law, throttle, timing."""
     ticks = vehicle.ticks
 
     def shown(values: Array) -> Array:
@@ -201,6 +202,7 @@ def _fix_numbers(fixes: Sequence[str]) -> Array:
 def _telemetry_columns(
     number: int, vehicle: VehicleFlight, grid_s: Array, step_s: float
 ) -> Iterator[Column]:
+    """Yield the curves from the telemetry: battery, wind, satellites, ages, failures, goal."""
     telemetry = vehicle.telemetry
     gap_s = max(_TELEMETRY_GAP_S, 2.0 * step_s)
 
@@ -287,6 +289,10 @@ def _lift_off_s(flight: Flight) -> float:
 def _header(
     flight: Flight, made_by: str, grid_s: Array, step_s: float, columns: Iterable[Column]
 ) -> dict[str, Any]:
+    """Return the header: all of the report but the samples of its curves."""
+    shown_settings: list[list[Any]] = []
+    if flight.fleet is not None:
+        shown_settings = [list(row) for row in settings(flight.fleet)]
     return {
         "format": FORMAT,
         "made_by": made_by,
@@ -321,7 +327,7 @@ def _header(
             for order in flight.orders[:MAX_EVENTS]
         ],
         "pairs": _pairs(flight),
-        "settings": [] if flight.fleet is None else [list(row) for row in settings(flight.fleet)],
+        "settings": shown_settings,
         "versions": _versions(flight),
         "mission": plain_lines(flight.mission)[:MAX_MISSION],
         "columns": [[column.key, column.scale, column.offset] for column in columns],
@@ -329,6 +335,7 @@ def _header(
 
 
 def _fleet(flight: Flight) -> dict[str, Any] | None:
+    """Return the values of the fleet file that the page draws; None without a fleet file."""
     if flight.fleet is None:
         return None
     fleet = flight.fleet.fleet
@@ -407,7 +414,9 @@ def _pairs(flight: Flight) -> list[list[Any]]:
             is_collided=False,
         )
 
-    height_share = 0.0 if flight.fleet is None else flight.fleet.fleet.height_share
+    height_share = 0.0  # heights do not count
+    if flight.fleet is not None:
+        height_share = flight.fleet.fleet.height_share
     numbers = {name: number for number, name in enumerate(flight.vehicles)}
     found = [
         [

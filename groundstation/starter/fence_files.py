@@ -241,7 +241,9 @@ def _geometry_fences(
         )
 
     for number, rings in enumerate(polygons, 1):
-        own_label = label if len(polygons) == 1 else f"{label} {number}"
+        own_label = label
+        if len(polygons) > 1:
+            own_label = f"{label} {number}"
         if not isinstance(rings, list) or not rings:
             raise ConfigError(f"{where} has no corners. Draw it again.")
         for hole, ring in enumerate(rings):

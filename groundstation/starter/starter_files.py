@@ -48,7 +48,7 @@ _FIRST_DIRECT = 18570
 # ports of PX4's instance 0: to its companion, and direct. From the eleventh instance on PX4's two
 # ranges of ports would overlap, so others are used.
 _PORTS = (14540, 18570)
-_PORTS_FROM_TEN = (15540, 19570)
+_PORTS_FROM_TEN = (15540, 19570)  # the number of the instance is added to these
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,7 +109,9 @@ def starter(answers: Answers) -> Starter:
     if answers.is_outdoors:
         default_spacing_m = 4.0
         wider_in_ring = 1.3
-    spacing_m = answers.spacing_m or default_spacing_m
+    spacing_m = default_spacing_m
+    if answers.spacing_m is not None:
+        spacing_m = answers.spacing_m
 
     names = [f"mav{index}" for index in range(answers.vehicles)]
     spots = grid(answers.vehicles, spacing_m)
@@ -140,6 +142,7 @@ def _example_types() -> dict[str, dict[str, object]]:
 def _fleet_text(
     answers: Answers, names: Sequence[str], spots: list[Plan], slots: list[Plan], spacing_m: float
 ) -> str:
+    """Return the text of the fleet file."""
     if answers.is_outdoors:
         room_m = 2.0 * spacing_m
         heights_m = [-1.0, 10.0]
@@ -244,6 +247,7 @@ def law_lines(answers: Answers) -> list[str]:
 
 
 def _mocap(answers: Answers, names: Sequence[str]) -> list[str]:
+    """Return the lines of the table [mocap], or a comment in its place."""
     if answers.position == "bus":
         return [
             "",
@@ -301,7 +305,9 @@ def type_lines(answers: Answers) -> list[str]:
             *emulated_values,
         ]
 
-    top_speed_m_s = 1.3 if answers.is_outdoors else 1.0
+    top_speed_m_s = 1.0
+    if answers.is_outdoors:
+        top_speed_m_s = 1.3
     return [
         head,
         f"mass_kg = {answers.mass_kg}  # with battery",
@@ -396,6 +402,7 @@ def _seconds(spots: list[Plan], slots: list[Plan], answers: Answers) -> int:
 
 
 def _mission_text(answers: Answers, fleet: FleetConfig, seconds: int) -> str:
+    """Return the text of the first mission: take-off, ring, move, landing."""
     height_m = 1.0
     near_m = 0.15
     if answers.is_outdoors:

@@ -191,12 +191,15 @@ def static_scene(fleet: FleetConfig, stamp_ns: int) -> SceneUpdate:
     update.entities.append(entity)
 
     for number, area in enumerate(flight_space_of(fleet).outlines()):
+        opacity = 1.0
+        if area.keeps_in:
+            opacity = 0.7
         entity = _entity(f"area {number} {plain_line(area.name)}", stamp_ns)
         for height_m in (area.low_m, area.high_m):
             outline = entity.lines.add(
                 type=LinePrimitive.LINE_LOOP, thickness=1.5, scale_invariant=True
             )
-            outline.color.CopyFrom(_colour(_GREY, 0.7 if area.keeps_in else 1.0))
+            outline.color.CopyFrom(_colour(_GREY, opacity))
             for x, y in area.corners_enu_m:
                 outline.points.add(x=x, y=y, z=height_m)
         update.entities.append(entity)
@@ -238,8 +241,10 @@ def _capsule(capsule: tuple[float, ...], height_m: float) -> list[Point3]:
     points = []
     for corner in range(_CAPSULE_CORNERS):
         angle_rad = heading_rad + math.pi / 2.0 + 2.0 * math.pi * corner / _CAPSULE_CORNERS
-        is_at_begin = corner <= _CAPSULE_CORNERS // 2
-        x, y = (x1, y1) if is_at_begin else (x2, y2)
+        # the first half of the corners is around the begin, the second half around the end
+        x, y = x1, y1
+        if corner > _CAPSULE_CORNERS // 2:
+            x, y = x2, y2
         points.append(
             Point3(
                 x=x + radius_m * math.cos(angle_rad),

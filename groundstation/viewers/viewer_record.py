@@ -67,8 +67,12 @@ def write_viewer_record(folder: Path, out: Path | None = None) -> Path:
             f" {MAX_LENGTH_S / 3600.0:g} are written for viewers."
         )
 
-    flight_folder = folder if folder.is_dir() else folder.parent
-    path = out or flight_folder / VIEWER_NAME
+    flight_folder = folder
+    if not folder.is_dir():
+        flight_folder = folder.parent
+    path = flight_folder / VIEWER_NAME
+    if out is not None:
+        path = out
     part = path.with_suffix(".part")
     try:
         with contextlib.closing(Timeline(folder)) as timeline, part.open("wb") as stream:
@@ -178,7 +182,9 @@ def _scenes(flight: Flight) -> Iterator[_Message]:
     motion = _motion(flight, SCENE_S)
     scenes = VehicleScenes(flight, motion)
     law = LawScenes(flight, motion)
-    origin = flight.fleet.fleet.global_origin if flight.fleet is not None else None
+    origin = None
+    if flight.fleet is not None:
+        origin = flight.fleet.fleet.global_origin
 
     for index, stamp_ns in enumerate(_stamps_ns(flight, motion)):
         yield _Message(stamp_ns, "/scene", scenes.at(index, stamp_ns))

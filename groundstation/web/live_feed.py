@@ -197,8 +197,10 @@ class LiveFeed:
         now_ns = self._client.now_ns()
         state = self._client.state
         self._alarms.update(state, now_ns)
-        control = self._client.control if self._can_order else None
-        mission = ("", False)  # its line in words, and whether it counts down
+        control = None
+        if self._can_order:
+            control = self._client.control
+        mission = ("", False)  # the mission's line in words, and whether it counts down
         if self.cards is not None:
             mission = (self.cards.missions.live_line, self.cards.missions.counts_down)
         return _text(

@@ -21,9 +21,9 @@ from onboard.config.fleet import FleetConfig
 from onboard.config.flight_space import outlines_of
 from onboard.plain_text import plain_line
 
-AHEAD_S = 10.0  # time for which the way of a vehicle is predicted
-_MOST_TEXT = 300
-_STILL_M = 0.05  # no way is shown to a goal that is nearer
+AHEAD_S = 10.0  # time for which the path of a vehicle is predicted
+_MOST_TEXT = 300  # most letters of a text
+_STILL_M = 0.05  # no predicted path is shown to a goal that is nearer
 
 PageMessage = dict[str, Any]
 
@@ -111,6 +111,7 @@ def event_message(logged: LoggedEvent) -> PageMessage:
 
 
 def _vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> PageMessage:
+    """Return one vehicle's part of the state; without telemetry only its name and age."""
     telemetry = view.telemetry
     message: PageMessage = {
         "name": view.name,
@@ -184,7 +185,7 @@ def _service_words(telemetry: Telemetry) -> str:
 def _way(
     telemetry: Telemetry, position_enu_m: Sequence[float] | None, fleet: FleetConfig
 ) -> list[Sequence[float]]:
-    """Return the ends of the predicted way: towards the goal, as far as it gets in AHEAD_S.
+    """Return both ends of the predicted path: straight to the goal, as far as it gets in AHEAD_S.
 
     A vehicle that is slow now is taken to fly with at least half its top speed.
 

@@ -49,7 +49,9 @@ class OrderCard:
     def __init__(self, number: int, text: str) -> None:
         self.number = number
         self.text = text
-        self.phase = "previewed"  # previewed, sent, refused or dropped
+        self.phase = (
+            "previewed"  # previewed (it waits for its confirmation), sent, refused, dropped
+        )
         self.sentences: tuple[str, ...] = ()  # the reasons of a refusal or drop, or an answer
         self.prepared: PreparedOrder | None = None  # set for an order that needs a confirmation
         self.result: OrderResult | None = None  # set once the order is sent

@@ -24,7 +24,7 @@ from urllib.parse import urlsplit
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from groundstation.scene.ground_tiles import GroundTiles
+from groundstation.scene.ground_tiles import GroundTile, GroundTiles
 from groundstation.scene.static_files import text_of
 from groundstation.web.live_feed import LiveFeed, TooSlow
 from groundstation.web.order_cards import OrderCards
@@ -115,7 +115,9 @@ class PageServer:
         Raises:
             ConfigError: the port cannot be opened.
         """
-        base = f"/{self._key}" if self._key else ""
+        base = ""  # the part before every path
+        if self._key:
+            base = f"/{self._key}"
         app = web.Application(middlewares=[self._admit])
         app.router.add_get(f"{base}/", self._page)
         if self._feed is not None:
@@ -167,7 +169,9 @@ class PageServer:
 
     async def _tile(self, request: web.Request) -> web.Response:
         """Return one picture of the ground."""
-        tiles = self._ground.tiles if self._ground is not None else ()
+        tiles: tuple[GroundTile, ...] = ()
+        if self._ground is not None:
+            tiles = self._ground.tiles
         number = int(request.match_info["number"])
         if number >= len(tiles):
             raise web.HTTPNotFound(text="There is no such tile.")
