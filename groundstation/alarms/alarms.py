@@ -89,7 +89,9 @@ class AlarmLine:
 
     def duration_s(self, now_ns: int) -> float:
         """Return the duration of the alarm until now or until its end [s]."""
-        end_ns = now_ns if self.over_ns is None else self.over_ns
+        end_ns = now_ns
+        if self.over_ns is not None:
+            end_ns = self.over_ns
         return max(0.0, (end_ns - self.since_ns) * 1e-9)
 
     def text(self, now_ns: int) -> str:
@@ -158,7 +160,9 @@ class Alarms:
         self._last_ns[key] = now_ns
         line = self._lines.get(key)
         if line is None:
-            since_ns = now_ns if alarm.since_ns is None else alarm.since_ns
+            since_ns = now_ns
+            if alarm.since_ns is not None:
+                since_ns = alarm.since_ns
             self._lines[key] = AlarmLine(alarm, since_ns)
             return
 
@@ -246,7 +250,7 @@ class Alarms:
 
 
 def _is_part_of(single: AlarmLine, shown: AlarmLine) -> bool:
-    """Whether the line of a single alarm is part of a shown line, maybe of many vehicles."""
+    """Return whether the line of a single alarm is part of a shown line of one or many vehicles."""
     has_kind = single.alarm.kind == shown.alarm.kind
     has_severity = single.alarm.severity == shown.alarm.severity
     has_subject = shown.count > 1 or single.alarm.subject == shown.alarm.subject
@@ -277,9 +281,11 @@ def _together(lines: list[AlarmLine]) -> AlarmLine:
 
 
 def _by_number(what: str) -> tuple[float, str]:
-    """Return what orders values in sentences: by their first number, those without one last."""
-    number = re.search(r"\d+(\.\d+)?", what)
-    return (float(number[0]) if number else math.inf), what
+    """Return a sort key for values in sentences: their first number, or infinity without one."""
+    match = re.search(r"\d+(\.\d+)?", what)
+    if match is None:
+        return math.inf, what
+    return float(match[0]), what
 
 
 # -- alarms of this moment -------------------------------------------------------------------------
@@ -302,7 +308,7 @@ def conditions(state: FleetState, fleet: FleetConfig, now_ns: int) -> list[Alarm
     for view in state.vehicles.values():
         is_at_rest = not (view.is_armed or view.is_airborne)
         if is_at_rest and view.name in replaced_or_disabled:
-            continue  # it stands, and is repaired or carried about
+            continue  # such a vehicle is being repaired or carried about
         alarms.extend(_of_vehicle(view, fleet, now_ns, is_after_stall))
     return sorted(alarms, key=_urgency)
 
@@ -310,14 +316,18 @@ def conditions(state: FleetState, fleet: FleetConfig, now_ns: int) -> list[Alarm
 def _alarm(kind: Kind, subject: str, *, is_flying: bool, what: str = "", names: str = "") -> Alarm:
     row = TABLE[kind]
     advice = row.advice
+    severity = row.on_ground
     if is_flying:
         advice = f"{row.advice_in_flight} {row.advice}".strip()
+        severity = row.in_flight
+    if not names:
+        names = subject
 
     return Alarm(
         kind=kind,
         subject=subject,
-        severity=row.in_flight if is_flying else row.on_ground,
-        sentence=row.sentence.format(who=names or subject, what=what),
+        severity=severity,
+        sentence=row.sentence.format(who=names, what=what),
         advice=advice,
         what=what,
     )
@@ -326,6 +336,7 @@ def _alarm(kind: Kind, subject: str, *, is_flying: bool, what: str = "", names: 
 def _of_fleet(
     state: FleetState, fleet: FleetConfig, now_ns: int, replaced_or_disabled: set[str]
 ) -> Iterator[Alarm]:
+    """Yield the alarms of pairs of vehicles and of the fleet as a whole."""
     yield from _close_pairs(state, fleet.fleet.safety_distance_m, now_ns)
 
     for name in state.disabled:

@@ -167,7 +167,9 @@ def _facts_of(vehicle: _Seen, seen: dict[str, _Seen]) -> Iterator[str]:
             f" {telemetry.max_wind_m_s:.1f} m/s."
         )
     if telemetry.conditions:
-        action = telemetry.action or "going on"
+        action = telemetry.action
+        if not action:
+            action = "going on"
         yield f"{name}: in force were {', '.join(telemetry.conditions)}; its answer: {action}."
 
 
@@ -193,7 +195,9 @@ def _knowledge(vehicle: _Seen, tick: TickSample, other: _Seen) -> Iterator[str]:
     if tick.law_status == _INACTIVE:
         yield f"{name}: its law let the thrust of the trajectory pass unchanged."
     else:
-        avoided = tick.active_neighbour or "nobody"
+        avoided = tick.active_neighbour
+        if not avoided:
+            avoided = "nobody"
         yield (
             f"{name}: its law ({tick.law_status}) changed the thrust by"
             f" {tick.intervention_m_s2:.1f} m/s², mostly for {avoided}."

@@ -1,9 +1,9 @@
-"""The changes of a flight that might have kept its promise; they are flown one by one.
+"""The changes of a flight that might have kept its promise, the safety distance of the fleet file.
 
-There are two kinds. A cause is something unusual in this flight: a fault, an order of another
-ground, an unusual value in the fleet file, weather, a bad bus, another law. The change takes it
-away. A defence is something that was not wrong, but could be safer: the change adds margin or takes
-away speed.
+The flight is flown again with one candidate at a time. There are two kinds of candidates. A cause
+is something unusual in this flight: a fault, an order of another ground, an unusual value in the
+fleet file, weather, a bad bus, another law. The change removes it. A defence is something that was
+not wrong, but could be safer: the change adds margin or lowers the speed.
 """
 
 from __future__ import annotations
@@ -85,7 +85,8 @@ def _orders(origin: FlightOrigin) -> Iterator[Candidate]:
 def _numbers(fleet: Mapping[str, Any]) -> Iterator[Candidate]:
     """Yield candidates that replace one unusual value of the fleet file by the usual one.
 
-    Usual are the defaults of the tables, the shipped vehicle types, and for a vehicle its type.
+    Usual values are the defaults of the tables, for a vehicle type the values of the shipped type
+    of that name, and for a vehicle the values of its type.
     """
     for table, kind in (("law", LawConfig), ("fleet", FleetSection), ("radio", RadioConfig)):
         usual = _defaults(kind)
@@ -135,11 +136,11 @@ def _weather(origin: FlightOrigin) -> Iterator[Candidate]:
 
 
 def _bus(origin: FlightOrigin) -> Iterator[Candidate]:
-    bad = {
-        name: value
-        for name, value in origin.settings.bus.items()
-        if name in _USUAL_BUS and value != _USUAL_BUS[name]
-    }
+    """Yield candidates that give the simulated bus its usual quality, in one value or in all."""
+    bad = {}
+    for name, value in origin.settings.bus.items():
+        if name in _USUAL_BUS and value != _USUAL_BUS[name]:
+            bad[name] = value
     for name, value in bad.items():
         what = f"with the usual {name} of the bus ({_USUAL_BUS[name]:g} in place of {value:g})"
         yield _cause(what, f"bus.{name}", _USUAL_BUS[name])

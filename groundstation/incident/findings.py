@@ -1,4 +1,7 @@
-"""Sorts the changed flights by whether they kept the promise, and words the result."""
+"""Sorts the changed flights by whether they kept the promise, and writes the result in sentences.
+
+The promise is the safety distance of the fleet file.
+"""
 
 from __future__ import annotations
 

@@ -151,7 +151,9 @@ def busy_ports(fleet: FleetConfig) -> list[str]:
                 f" {LAST_PORT}."
             )
         elif not is_free(port, used.kind):
-            protocol = "TCP" if used.kind == socket.SOCK_STREAM else "UDP"
+            protocol = "UDP"
+            if used.kind == socket.SOCK_STREAM:
+                protocol = "TCP"
             busy.append(
                 f"'{used.key}' ({used.endpoint}) needs {protocol} port {port}, which is in use."
             )

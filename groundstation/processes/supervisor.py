@@ -102,8 +102,10 @@ class StartedProcess:
             name = _signal_name(-status)
             return f"{self.name} was ended by signal {-status} ({name}), see {self.log}"
 
+        complaint = ""
         last_line = self.tail.rpartition("\n")[2]
-        complaint = f": {last_line}" if last_line else ""
+        if last_line:
+            complaint = f": {last_line}"
         return f"{self.name} ended by itself (status {status}), see {self.log}{complaint}"
 
 

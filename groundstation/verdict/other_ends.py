@@ -57,7 +57,9 @@ def other_ends(orders: Mapping[str, LastOrder], state: FleetState) -> dict[str, 
         end = _end(state.vehicles[name])
         if not order.leaves_flying or not end:
             continue
-        cause = _cause(name, order, state) or "it has not said why."
+        cause = _cause(name, order, state)
+        if not cause:
+            cause = "it has not said why."
         sentences[name] = f"{name} {end}, though its last order was '{order.words}': {cause}"
     return sentences
 
@@ -79,8 +81,8 @@ def _end(view: VehicleView) -> str:
 def _cause(name: str, order: LastOrder, state: FleetState) -> str:
     """Return why a vehicle came down after its order; empty if it has not said why.
 
-    An event is critical if the vehicle landed, levelled or stopped because of it. The last of these
-    is the cause, and not a warning that followed on the way down.
+    An event is critical if the vehicle landed, levelled or stopped because of it. The last critical
+    event is the cause. Without one, it is the last warning, or else the reason in the telemetry.
     """
     warning = ""
     for logged in reversed(state.events):
@@ -91,8 +93,8 @@ def _cause(name: str, order: LastOrder, state: FleetState) -> str:
             continue
         if event.severity == "critical":
             return event.sentence
-        if event.severity == "warning":
-            warning = warning or event.sentence
+        if event.severity == "warning" and not warning:
+            warning = event.sentence
 
     telemetry = state.vehicles[name].telemetry
     if not warning and telemetry is not None:

@@ -271,7 +271,7 @@ def _collided(flown: FlightObservations, report: FlightReport | None) -> list[st
     names = set(collided_vehicles(flown.state))
     if report is not None:
         names.update(report.collided)
-    # the emulator never takes it back: its motors stay dead
+    # a vehicle that collided before this flight stays collided in the emulator's truth
     return sorted(names.difference(flown.earlier_collided))
 
 
@@ -290,7 +290,9 @@ def _still_up(flown: FlightObservations, expect: Expect) -> str:
     if not up:
         return ""
 
-    are = "is" if len(up) == 1 else "are"
+    are = "are"
+    if len(up) == 1:
+        are = "is"
     return (
         f"The mission has ended and {', '.join(up)} {are} not down. End it with a step "
         "'land', or declare expect.all_landed = false."
@@ -309,11 +311,13 @@ def _unknown_times(flown: FlightObservations, expect: Expect) -> list[UnknownTim
     permitted_m = flown.fleet.fleet.safety_distance_m
     if expect.min_separation_m is not None:
         permitted_m = expect.min_separation_m
-    return [
-        time
-        for time in unknown_until(flown.state, flown.end_ns)
-        if time.end_ns > flown.begin_ns and time.possible_m < permitted_m
-    ]
+
+    times = []
+    for time in unknown_until(flown.state, flown.end_ns):
+        is_of_flight = time.end_ns > flown.begin_ns
+        if is_of_flight and time.possible_m < permitted_m:
+            times.append(time)
+    return times
 
 
 def _unknown_sentence(times: Sequence[UnknownTime], begin_ns: int) -> str:
@@ -434,12 +438,15 @@ def _rounded(closest: Separation | None, begin_ns: int) -> SmallestSeparation | 
     if closest is None:
         return None
 
+    source = "telemetry"
+    if closest.is_truth:
+        source = "truth"
     return SmallestSeparation(
         first=closest.first,
         second=closest.second,
         distance_m=round(closest.distance_m, 4),
         time_s=round((closest.stamp_ns - begin_ns) * 1e-9, 2),
-        source="truth" if closest.is_truth else "telemetry",
+        source=source,
     )
 
 
