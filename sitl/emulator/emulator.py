@@ -307,7 +307,7 @@ class Emulator:
         """Return the heading with the compass's error [rad]."""
         true_yaw_rad = float(self.world.vehicles.states.yaw_rad[index])
         yaw_rad = true_yaw_rad + float(self.estimator.yaw_error_rad[index])
-        return math.pi - (math.pi - yaw_rad) % (2.0 * math.pi)
+        return math.pi - (math.pi - yaw_rad) % (2.0 * math.pi)  # in (-pi, pi]
 
     def attitude_setpoint(
         self,

@@ -156,6 +156,7 @@ def _apply(emulator: FaultyEmulator, fault: Fault, *, is_on: bool) -> None:
 
 
 def _pose_fault(emulator: FaultyEmulator, fault: Fault, family: str, kind: str) -> PoseFault:
+    """Return the errors of poses that a fault of the motion capture or of vision causes."""
     if kind == "swapped":
         other = emulator.disturbances.names.index(fault.word("other"))
         return PoseFault(kind, other=other)
@@ -321,6 +322,7 @@ def _outside(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) ->
         emulator.outside(fault, is_on)
 
 
+# Name of a fault -> its effect: (emulator, index of the vehicle, fault, whether it begins).
 _EFFECTS: dict[str, Callable[[FaultyEmulator, int, Fault, bool], None]] = {
     "motor_weak": _motor,
     "motor_dead": _motor,

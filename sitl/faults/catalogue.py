@@ -50,7 +50,8 @@ class FaultKind:
     is_outside: bool = False
 
 
-def _kind(parameters: Mapping[str, dict[str, Any]], **values: Any) -> FaultKind:
+def _kind(*, parameters: Mapping[str, dict[str, Any]] = {}, **values: Any) -> FaultKind:
+    """Return one row of the table: its parameters with their bounds, and its other values."""
     return FaultKind(
         parameters=tuple(FaultParameter(name, **bounds) for name, bounds in parameters.items()),
         **values,
@@ -58,9 +59,7 @@ def _kind(parameters: Mapping[str, dict[str, Any]], **values: Any) -> FaultKind:
 
 
 _TABLE = tomllib.loads(files(__package__).joinpath("catalogue.toml").read_text())
-FAULT_KINDS: dict[str, FaultKind] = {
-    name: _kind(**{"parameters": {}, **row}) for name, row in _TABLE.items()
-}
+FAULT_KINDS: dict[str, FaultKind] = {name: _kind(**row) for name, row in _TABLE.items()}
 
 _LONGEST_S = 1e6  # limit of times and durations
 _TIME_TOLERANCE_S = 1e-9  # two times that differ by less are the same

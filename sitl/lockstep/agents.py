@@ -1,8 +1,9 @@
-"""An agent's shell in simulated time: plain calls replace the threads and sockets of a real agent.
+"""An agent in simulated time: its real core, in a shell of plain calls.
 
-The core is the real one; this file replaces ``onboard.agent.loop``. Messages wait in an inbox until
-the next tick, orders are answered at once, and the commands of the core are executed in their
-order. The simulated process around the core can be stopped, continued, killed and started anew.
+The core of an agent takes inputs, decides, and returns commands. The shell around it receives
+messages and executes the commands; in a real agent it is ``onboard.agent.loop``, with threads and
+sockets. In this shell messages wait in an inbox until the next tick, and orders are answered at
+once. Its simulated process can be stopped, continued, killed and started anew.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ OnReply = Callable[[OrderReply], None]
 
 
 class AgentShell:
-    """One agent.
+    """One agent: a core, and the simulated process around it.
 
     Args:
         fleet: the fleet file.
@@ -116,7 +117,7 @@ class AgentShell:
         )
         # A real agent runs its pipeline once before it is ready, to load and compile it.
         self.core.preflight.is_warm = True
-        self._followed = self.core.neighbours.followed
+        self._followed = self.core.neighbours.followed  # vehicles whose fast states it receives
         self._inbox.clear()
         self._last_ns = 0
 
@@ -187,24 +188,24 @@ class AgentShell:
                 return other not in self._followed
             return True
 
-        def pose(_topic: Topic, _body: str, message: Message | Malformed) -> None:
+        def pose_received(_topic: Topic, _body: str, message: Message | Malformed) -> None:
             if isinstance(message, MocapPose):
                 inbox.append(agent_inputs.PoseReceived(message, now_ns()))
 
-        def all_poses(_topic: Topic, _name: str, message: Message | Malformed) -> None:
+        def all_poses_received(_topic: Topic, _name: str, message: Message | Malformed) -> None:
             if isinstance(message, MocapPoses):
                 inbox.append(agent_inputs.AllPosesReceived(message.poses, now_ns()))
 
         def node_changed(other: str, is_alive: bool) -> None:
             inbox.append(agent_inputs.NodeChanged(other, is_alive))
 
-        self._on_pose = pose
+        self._on_pose = pose_received
         node.is_interested = is_interested
 
         self._subscribe_neighbours(node)
         if vehicle.mocap_required and vehicle.body:
-            node.subscribe(Topic.MOCAP, vehicle.body, pose)
-        node.subscribe(Topic.ALL_POSES, "*", all_poses)
+            node.subscribe(Topic.MOCAP, vehicle.body, pose_received)
+        node.subscribe(Topic.ALL_POSES, "*", all_poses_received)
         if self.core.corrections is not None:
             node.subscribe(Topic.CORRECTIONS, "*", self._corrections_received)
         node.serve_orders(self.name, self._order_received)
@@ -217,7 +218,7 @@ class AgentShell:
         name = self.name
         boot_id = self.core.boot_id
 
-        def neighbour(topic: Topic, other: str, message: Message | Malformed) -> None:
+        def received(_topic: Topic, other: str, message: Message | Malformed) -> None:
             if isinstance(message, Malformed):
                 inbox.append(agent_inputs.MessagesCounted(malformed=1))
                 return
@@ -232,17 +233,17 @@ class AgentShell:
             if other != name or message.boot_id != boot_id:
                 inbox.append(agent_inputs.NeighbourReceived(message, now_ns()))
 
-        def near_state(topic: Topic, other: str, message: Message | Malformed) -> None:
+        def fast_state_received(topic: Topic, other: str, message: Message | Malformed) -> None:
             if other in self._followed:
-                neighbour(topic, other, message)
+                received(topic, other, message)
 
-        def far_state(topic: Topic, other: str, message: Message | Malformed) -> None:
+        def slow_state_received(topic: Topic, other: str, message: Message | Malformed) -> None:
             if other not in self._followed:
-                neighbour(topic, other, message)
+                received(topic, other, message)
 
-        node.subscribe(Topic.STATE, "*", near_state)
-        node.subscribe(Topic.FAR, "*", far_state)
-        node.subscribe(Topic.SLOW_TELEMETRY, "*", neighbour)
+        node.subscribe(Topic.STATE, "*", fast_state_received)
+        node.subscribe(Topic.FAR, "*", slow_state_received)
+        node.subscribe(Topic.SLOW_TELEMETRY, "*", received)
 
     def _corrections_received(
         self, _topic: Topic, _name: str, message: Message | Malformed

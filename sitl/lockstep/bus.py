@@ -72,7 +72,7 @@ class SimBus:
         self.now_ns = now_ns
         self.nodes: dict[str, Node] = {}
         self.subscribers: dict[tuple[Topic, str], list[tuple[Node, OnMessage]]] = defaultdict(list)
-        self.lost = 0  # messages so far
+        self.lost = 0  # number of messages lost so far
 
         # quality of every pair, and of the pairs that have their own
         self.settings = settings

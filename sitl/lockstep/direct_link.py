@@ -77,8 +77,8 @@ _TIMES = {
 class _Ends(NamedTuple):
     """A link and its two channels, which the emulator's faults can disturb.
 
-    The channels are made for bytes. Here they carry calls and fields instead, into which they do
-    not look.
+    The channels are typed for bytes. Here they carry calls and fields instead, which is possible
+    because a channel passes on its messages without reading them.
     """
 
     link: EmulatedLink
@@ -116,7 +116,7 @@ class LinkBank:
         self._delay_steps = max(1, int(np.ceil(delay_s / STEP_S - 1e-9)))
         self._rng = np.random.default_rng([seed, 12])
 
-        # PX4s are not switched on at the same moment: each sends at moments of its own
+        # The PX4s are not switched on at the same moment, so they do not send at the same moments.
         phase_rng = np.random.default_rng([seed, 13])
         phases = phase_rng.integers(_ATTITUDES_PER_HEARTBEAT, size=len(vehicles))
         self._phase_steps: list[int] = (_ATTITUDE_EVERY_STEPS * phases).tolist()

@@ -310,7 +310,7 @@ class Lockstep:
         )
 
     async def _watch(self, run: MissionRun) -> None:
-        """End the mission when the vehicles fall silent, of which no event tells."""
+        """End the mission when its vehicles fall silent, which no event reports."""
         has_ended = False
         while not has_ended:
             has_ended = run.look_after()
@@ -428,12 +428,11 @@ class Lockstep:
             answer = px4.request_arm(now_s, False, _FORCE)
         is_accepted = answer is CommandResult.ACCEPTED
 
-        # PX4 reports once a second whether it is armed; a restart replaces the emulated one
         if is_accepted:
             end_s = emulator.time_s + watch_s
             while px4.is_armed and emulator.time_s < end_s:
-                await asyncio.sleep(1.0)
-                px4 = emulator.autopilots[index]
+                await asyncio.sleep(1.0)  # PX4 reports once a second whether it is armed
+                px4 = emulator.autopilots[index]  # another object if PX4 was restarted meanwhile
 
         is_disarmed = is_accepted and not px4.is_armed and not is_hung[index]
         sentence = f"PX4 {answer.name.lower().replace('_', ' ')} it"

@@ -1,6 +1,7 @@
 """The agents' pipeline in lockstep: the same code as on a drone, but compiled and thus faster.
 
-An agent calls it like :func:`onboard.control.pipeline.step` and gets the same result. Inside, the
+The pipeline computes the setpoint of a tick: trajectory, avoidance law, attitude and thrust. An
+agent calls it like :func:`onboard.control.pipeline.step` and gets the same result. Inside, the
 values are written to rows of floats, the compiled loop of :mod:`onboard.rollout.batch` runs over
 them, and the result is read from the rows again. If numba is not installed, Python interprets the
 pipeline.

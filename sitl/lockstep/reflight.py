@@ -3,7 +3,7 @@
 A lockstep flight is repeatable, so its record needs no state of the simulation. It is flown again
 from its start, with the files in its folder. Every two seconds a digest of all state is compared
 with the digest in the record. As long as the digests are equal, the flight equals the recorded one.
-They differ if the version of Covey, a library or the processor is another one.
+They differ if Covey, a library or the processor has changed since.
 
 Changes take effect at the start, or at a given second. If the flight differs from the recorded one
 before that second, it is ended, because the changes would be tried on another flight.

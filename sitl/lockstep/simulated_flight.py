@@ -94,9 +94,9 @@ def _plan(flight: Lockstep, settings: SimulationSettings) -> None:
         except FaultError as error:
             raise ConfigError(f"The fault '{line}': {error}") from None
 
-    other = OtherGround(flight)
+    other_ground = OtherGround(flight)
     for line in settings.orders:
-        other.plan(timed_order(line))
+        other_ground.plan(timed_order(line))
 
     for line in settings.changes:
         at_s, change = timed_change(line)
@@ -132,11 +132,11 @@ def _prepared_change(flight: Lockstep, change: Change) -> Callable[[], None]:
 def _prepared_law(flight: Lockstep, change: Change) -> Callable[[], None]:
     """Return a function that changes a parameter of the law in all agents."""
     fleet = flight.config
-    other = fleet_of(edited_fleet(fleet.text, change), Path(fleet.path))
+    changed_fleet = fleet_of(edited_fleet(fleet.text, change), Path(fleet.path))
 
     def apply() -> None:
         for name, agent in flight.agents.items():
-            agent.core.control.params = pipeline_params(other, name)
+            agent.core.control.params = pipeline_params(changed_fleet, name)
 
     return apply
 

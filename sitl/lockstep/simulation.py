@@ -1,9 +1,9 @@
 """Agents' cores, emulated vehicles, motion capture and bus, advanced together by steps of 4 ms.
 
-One step has always the same order: calls that were planned for this time, physics and autopilots,
-links, motion capture and ground truth, the bus, and in every fifth step the agents. All agents tick
-at the same instant, so a neighbour's message is one whole period old when it is used. That is the
-worst case of a real fleet, whose agents tick at different instants.
+Each step has the same order: calls that were planned for this time, physics and autopilots, links,
+motion capture and ground truth, the bus, and in every fifth step the agents. All agents tick at the
+same instant, so a neighbour's message is one whole period old when it is used. That is the worst
+case of a real fleet, whose agents tick at different instants.
 """
 
 from __future__ import annotations
@@ -157,23 +157,26 @@ class Simulation:
             if self.base is not None:
                 self.base.move(east_m)
             return
-
         for other in self._others(fault):
-            if fault.name == "bus_cut":
-                if is_on:
-                    self.bus.cut(fault.vehicle, other)
-                else:
-                    self.bus.heal((fault.vehicle, other))
-            elif is_on:
-                usual = self.bus.settings
-                quality = replace(
-                    usual,
-                    loss=fault.number("share"),
-                    delay_s=usual.delay_s + fault.number("delay_s"),
-                )
-                self.bus.set_link(fault.vehicle, other, quality)
+            self._change_connection(fault, other, is_on)
+
+    def _change_connection(self, fault: Fault, other: str, is_on: bool) -> None:
+        """Begin or end a fault of the connection of two nodes."""
+        if fault.name == "bus_cut":
+            if is_on:
+                self.bus.cut(fault.vehicle, other)
             else:
-                self.bus.reset_link(fault.vehicle, other)
+                self.bus.heal((fault.vehicle, other))
+        elif is_on:
+            usual = self.bus.settings
+            quality = replace(
+                usual,
+                loss=fault.number("share"),
+                delay_s=usual.delay_s + fault.number("delay_s"),
+            )
+            self.bus.set_link(fault.vehicle, other, quality)
+        else:
+            self.bus.reset_link(fault.vehicle, other)
 
     def _change_agent(self, agent: AgentShell, fault_name: str, is_on: bool) -> None:
         """Begin or end a fault of an agent's process."""

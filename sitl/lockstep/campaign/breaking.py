@@ -33,7 +33,7 @@ from sitl.physics.vehicle import STEP_S
 from sitl.px4.modes import Mode
 
 _BEYOND_M = 5.0  # distance outside the fence
-_LEAST_HEIGHT_M = 0.5
+_LEAST_HEIGHT_M = 0.5  # of a goal that is the position of another vehicle
 _TICK_S = 0.02  # period of the agents' ticks
 _WIND_RISES_IN_S = 20.0
 _STRONGEST_WIND_M_S = 30.0  # the emulator accepts no more
@@ -90,7 +90,7 @@ def kill_and_start(flight: Lockstep, name: str) -> None:
 
 
 def hang(duration_s: float) -> Inject:
-    """Return an injection: the agent's event loop stalls for a time; infinite: for good."""
+    """Return an injection: the agent's event loop stalls; for good if the time is infinite."""
 
     def inject(flight: Lockstep, name: str) -> None:
         flight.agents[name].hang()
@@ -110,8 +110,8 @@ def cut(duration_s: float, *, keeps: tuple[str, ...] = (), all_agents: bool = Fa
 
     Args:
         duration_s: time after which the cut is healed.
-        keeps: names of nodes from which it is not cut.
-        all_agents: whether every vehicle is cut off, instead of the one.
+        keeps: names of nodes whose connections with the vehicle stay.
+        all_agents: whether every vehicle is cut off, and not only the given one.
     """
 
     def inject(flight: Lockstep, name: str) -> None:
@@ -128,7 +128,7 @@ def cut(duration_s: float, *, keeps: tuple[str, ...] = (), all_agents: bool = Fa
 
 
 def cut_ground(duration_s: float) -> Inject:
-    """Return an injection: the ground is cut from all nodes for a time; infinite: for good."""
+    """Return an injection: the ground is cut from all nodes; for good if the time is infinite."""
 
     def inject(flight: Lockstep, _name: str) -> None:
         flight.bus.partition([GROUND])
@@ -151,7 +151,7 @@ def starve_ground(flight: Lockstep, _name: str) -> None:
     while begin_s < flight.time_s + _STARVED_FOR_S:
         gap_s = float(rng.uniform(0.1, 0.9))
         flight.at(begin_s, functools.partial(flight.hold_ground, gap_s))
-        begin_s += gap_s + 0.02
+        begin_s += gap_s + _TICK_S  # between two gaps the loop runs for a tick
 
 
 def hang_ground(duration_s: float) -> Inject:
@@ -311,8 +311,8 @@ def wrong_report(name: str) -> Inject:
         if "quaternion_enu_flu_wxyz" in fields:
             fields.setdefault("px4_boot_ms", link.snapshot().px4_boot_ms + 10)
 
-        # in the last step before a tick, so that it comes after the true report and the agent reads
-        # this one
+        # It comes in the last step before a tick, after the true reports, so that the agent uses
+        # the wrong one.
         steps = flight.simulation.emulator.world.vehicles.steps
         step_before_tick = steps + TICK_STEPS - 1 - steps % TICK_STEPS
         flight.at(STEP_S * step_before_tick, lambda: link.receive(fields))

@@ -260,7 +260,7 @@ def _mission(fleet_path: str, mission_path: str) -> Mission:
 
 
 def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
-    """Fly one case; an exception is noted as what is wrong with it, and the campaign goes on."""
+    """Fly one case; an exception becomes a sentence of ``wrong``, and the campaign goes on."""
     mission = _mission(fleet_path, mission_path)
     injection = _NOTHING
     at_s = _NEVER_S

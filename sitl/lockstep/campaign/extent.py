@@ -37,7 +37,7 @@ class Extent:
         return tuple((round(east, 2), round(north, 2)) for east, north in self._outline)
 
     def _sample(self) -> None:
-        """Add the present positions and speeds of flying vehicles, and do so again later."""
+        """Add the present positions and speeds of flying vehicles, and plan the next sample."""
         simulation = self._flight.simulation
         world = simulation.emulator.world
         positions, velocities, _ = world.truth_enu()

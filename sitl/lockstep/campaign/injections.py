@@ -86,6 +86,7 @@ class Injection:
 
 
 def _f(*conditions: C) -> frozenset[C]:
+    """Return conditions as a set; the name is short, because the table is full of it."""
     return frozenset(conditions)
 
 

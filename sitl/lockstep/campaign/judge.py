@@ -106,7 +106,7 @@ class Judge:
 
         node = flight.bus.node("judge")
         node.start()
-        node.subscribe(Topic.TRUTH, "*", self._look)
+        node.subscribe(Topic.TRUTH, "*", self._truth_received)
         for shell in flight.agents.values():
             shell.link.send_attitude = functools.partial(  # type: ignore[method-assign]
                 self._check_setpoint, shell.name, shell.link.send_attitude
@@ -151,7 +151,7 @@ class Judge:
                 self.note(f"{name} sends more tilt than allowed")
         send(setpoint)  # type: ignore[operator]
 
-    def _look(self, _topic: Topic, name: str, truth: object) -> None:
+    def _truth_received(self, _topic: Topic, name: str, truth: object) -> None:
         """Check the fleet when the truth of its last vehicle has arrived."""
         assert isinstance(truth, Truth)
         self.truths[name] = truth
@@ -246,7 +246,8 @@ class Judge:
         flight = self.flight
         for collision in flight.simulation.emulator.world.collisions:
             both = {flight.simulation.names[i] for i in (collision.first, collision.second)}
-            if not both <= self.silenced:  # two vehicles that do not avoid may collide
+            one_avoids = bool(both - self.silenced)
+            if one_avoids:
                 self.note(f"{' and '.join(sorted(both))} collide")
 
         autopilots = flight.simulation.emulator.autopilots
