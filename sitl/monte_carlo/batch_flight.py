@@ -1,7 +1,8 @@
 """Many flights at once, from start to arrival, tick by tick.
 
-In each tick the vehicles sense, receive messages, control and publish. Then the emulator's physics
-moves them, and the metrics judge their true positions. Arrays hold F flights of N vehicles. When a
+In each tick the vehicles sense, receive messages, control and publish. The control of a vehicle is
+its pipeline, which computes trajectory, law and attitude. Then the emulator's physics moves the
+vehicles, and the metrics judge their true positions. Arrays hold F flights of N vehicles. When a
 flight is over, its row is removed from all arrays (``keep``).
 """
 
@@ -276,8 +277,8 @@ def _fly(
         world.advance(ticks["attitude"]["quaternion_wxyz"], throttle, normals)
         truth = world.truth()
 
-        # The metrics judge them. `active` is the neighbour whose row binds most: its index among
-        # the received neighbours, and then its index in the fleet.
+        # The metrics judge them. `active` is the neighbour that the law avoids most: its index
+        # among the received neighbours, and then its index in the fleet.
         active = ticks["law"]["active_neighbour"].astype(np.int64)
         if radio is not None:
             active = radio.vehicle(active)
@@ -334,7 +335,7 @@ def _with_other_law(
 
 
 def params_of(fleet: FleetConfig) -> list[pipeline.PipelineParams]:
-    """Return the numbers of the pipelines of all vehicles of a fleet."""
+    """Return the parameters of the pipelines of all vehicles of a fleet."""
     return [pipeline.pipeline_params(fleet, name) for name in fleet.vehicles]
 
 

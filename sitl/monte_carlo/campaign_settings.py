@@ -104,9 +104,9 @@ class ErrorClass:
     # correlation times of the errors; 0: white noise
     position_time_s: float
     velocity_time_s: float
-    # A vehicle has arrived when its true position is so near its goal and its true speed is so low,
-    # in calm air; gusts widen both limits. Both are three standard deviations wider than with a
-    # mocap, because a vehicle holds its estimated position on the goal, not its true one.
+    # A vehicle has arrived when its true position is nearer to its goal than the first limit, and
+    # its true speed is below the second. Gusts widen both. A vehicle holds its estimated position
+    # on the goal, not its true one, so both are three standard deviations wider than with a mocap.
     arrival_m: float = 0.15
     slow_m_s: float = 0.15
     # values of the law for this accuracy, unless the fleet file sets them
@@ -160,7 +160,7 @@ ERRORS = {
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """All settings of a campaign but its scenarios."""
+    """All settings of a campaign except its scenarios."""
 
     law: str
     types: tuple[str, ...]  # names of vehicle types, which the vehicles get in turn
@@ -178,7 +178,7 @@ class Setup:
         Raises:
             ConfigError: the values do not go together.
         """
-        # spots so far apart that the fleet file is valid; the scenarios have starts of their own
+        # The starts only have to be valid: the scenarios replace them. So they are far apart.
         spacing_m = 2.0 + 10.0 * float(self.fleet_table.get("safety_distance_m", 0.8))
         vehicles = {}
         for i in range(count):

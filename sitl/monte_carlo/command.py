@@ -177,8 +177,10 @@ def _print_table(
 
     flown_by = f"law {setup.law}, type {','.join(setup.types)}, errors {setup.errors.name}"
     table = Table(title=f"{flown_by}, seeds {seeds[0]}:{seeds[-1] + 1}")
-    for index, column in enumerate(results.COLUMNS):
-        table.add_column(column, justify="left" if index == 0 else "right")
+    scenario_column, *number_columns = results.COLUMNS
+    table.add_column(scenario_column)
+    for column in number_columns:
+        table.add_column(column, justify="right")
     for row in results.summary(records):
         table.add_row(*row)
 

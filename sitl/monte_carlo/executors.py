@@ -1,7 +1,7 @@
-"""Has units of work flown by several processes or a Dask cluster, and each kept when it is done.
+"""Flies units of work with several processes or a Dask cluster, and keeps each result at once.
 
-A run can be interrupted at any time. If the processes or the cluster are lost, the units that they
-were flying are flown again.
+So a run can be interrupted at any time. If the processes or the cluster are lost, the units that
+they were flying are flown again.
 """
 
 from __future__ import annotations
@@ -36,11 +36,15 @@ _ANSWER_S = 180.0  # longest wait until all workers have compiled the law
 
 
 class Work(Protocol):
-    """A unit of work; of each cell only one is under way at a time."""
+    """A unit of work: some flights of one cell.
+
+    The result of one unit can decide whether its cell needs another one. So only one unit of each
+    cell is under way at a time.
+    """
 
     @property
     def cell(self) -> Hashable:
-        """The cell of the unit."""
+        """The cell, which stands for flights with equal settings, as one point of a map."""
 
 
 W = TypeVar("W", bound=Work)
@@ -64,8 +68,8 @@ def fly_missing(
 
     Args:
         missing: returns the units that are still to be flown, in their order.
-        fly: flies one unit, in another process if there are several.
-        keep: keeps the row of a unit; called here, one after the other.
+        fly: flies one unit and returns its row; with several processes it runs in one of them.
+        keep: keeps the row of a unit; called in this process, for one row after the other.
         jobs: number of processes on this machine.
         scheduler: address of a Dask scheduler, whose workers fly instead of these processes.
         tell: called with each sentence about executors.
@@ -97,10 +101,10 @@ def fly_missing(
 def _flown(
     executor: Executor, width: int, missing: Callable[[], Sequence[W]], fly: Callable[[W], Row]
 ) -> Iterator[Row]:
-    """Yield each row when its unit is flown; the caller keeps it before it asks for the next.
+    """Yield the row of each unit as soon as it is flown.
 
-    At most ``width`` units are flown at the same time, and of each cell only one, because it may
-    decide whether another one is flown.
+    The caller keeps each row before it asks for the next one, so that ``missing`` knows of it. At
+    most ``width`` units are under way at the same time, and only one of each cell.
     """
     pending: dict[Future[Row], W] = {}
     while True:
@@ -129,7 +133,7 @@ def _stop(executor: Executor) -> None:
 
 
 def _has_lost_executor(error: BaseException, scheduler: str | None) -> bool:
-    """Return whether an error means that the executor is lost, so that another one can go on."""
+    """Return whether an error means that the executor is lost, so that another can replace it."""
     if isinstance(error, ConfigError):
         return False
     if isinstance(error, _LOST):
@@ -156,12 +160,12 @@ def _reason(error: BaseException, scheduler: str | None) -> str:
 
 
 def _executors(jobs: int, scheduler: str | None, tell: Say) -> Iterator[tuple[Executor, int]]:
-    """Yield an executor, and how many units it flies at a time.
+    """Yield executors, each with the number of units that it flies at a time.
 
-    The next one is taken when the one before it is lost.
+    The caller takes the next executor when the present one is lost.
 
     Raises:
-        ConfigError: the last one is lost, too.
+        ConfigError: the last executor is lost, too.
     """
     if scheduler is not None:
         yield cluster(scheduler)
@@ -191,10 +195,7 @@ class _SameProcess(Executor):
 
 
 def _end_with_parent() -> None:
-    """Let this worker process end when its parent process is killed.
-
-    Otherwise it would wait for work for ever.
-    """
+    """Let this worker process end when its parent is killed, instead of waiting for ever."""
 
     def _watch() -> None:
         parent = multiprocessing.parent_process()

@@ -100,7 +100,8 @@ def search(
 ) -> SearchReport:
     """Search the lies with which the others come nearest to each other.
 
-    In the search a lie is a point in the unit cube: the member, and then the numbers of BOUNDS.
+    In the search a lie is a point in the unit cube: its first coordinate stands for the member, and
+    the others for the numbers of BOUNDS.
 
     Args:
         setup: fleet, law and perturbation.
@@ -132,7 +133,7 @@ def search(
                 best = points[np.argsort(distances_m)[:_KEPT]]
                 spread = np.maximum(best.std(axis=0), _LEAST_SPREAD)
                 drawn = rng.normal(best.mean(axis=0), spread, (_GENERATION, len(BOUNDS) + 1))
-                # a mean of two members is no member, so it is drawn from those of the best
+                # The first coordinate is the member. It has no mean, so it is one of the best.
                 drawn[:, 0] = rng.choice(best[:, 0], _GENERATION)
                 drawn = np.clip(drawn, 0.0, 1.0)
                 new_m = _distances_m([_with_lie(plan, kind, point) for point in drawn], setup)

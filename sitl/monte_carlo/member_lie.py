@@ -2,8 +2,8 @@
 
 A spoofed vehicle believes the false position: it flies by it and publishes it. A liar flies by its
 true position and publishes the false one. The false position differs from the true one by an
-offset that rises, then stays or swings, and then ends. So the law of the others sees a vehicle
-where none is, and none where one is.
+offset that rises, then stays or swings, and then ends. So the other vehicles avoid an empty place,
+and do not avoid the place where the vehicle really is.
 """
 
 from __future__ import annotations
@@ -35,7 +35,9 @@ class MemberLie(NamedTuple):
     @property
     def words(self) -> str:
         """The lie in words."""
-        origin = "a spoofed receiver" if self.kind == "spoof" else "a lie"
+        origin = "a lie"
+        if self.kind == "spoof":
+            origin = "a spoofed receiver"
         return (
             f"{origin} of vehicle {self.member}: {self.size_m:.2f} m towards "
             f"{np.degrees(self.direction_rad) % 360.0:.0f} degrees from {self.start_s:.1f} s on, "

@@ -25,7 +25,7 @@ from sitl.monte_carlo.scenarios import FlightPlan, person_radii_m
 from sitl.monte_carlo.vehicles import TICK_S, TrueMotions
 from sitl.physics.contacts import HEIGHT_OF_DIAMETER
 
-HOLD_S = 0.5  # a flight has arrived when all vehicles were near their goals and slow for so long
+HOLD_S = 0.5  # time for which all vehicles must be near their goals and slow to have arrived
 _RECENT_S = 3.0  # time constant that smooths the progress towards a goal
 _STUCK_M_S = 0.10  # a slower vehicle stands still
 _APPROACHING_M_S = 0.02  # a vehicle that approaches its goal faster than this makes progress
@@ -39,7 +39,7 @@ class Trace:
     t_s: Array  # (T,)
     position_enu_m: Array  # (T, N, 3) true position
     status: NDArray[np.int8]  # (T, N) LawStatus
-    # (T, N) index of the vehicle whose row binds most in the law; -1 for none
+    # (T, N) index of the vehicle that the law avoids most; -1 for none
     active_neighbour: NDArray[np.int16]
 
 
@@ -58,9 +58,10 @@ class FlightOutcome:
     is_collision: bool
     makespan_s: float  # time at which all had arrived; inf if they did not arrive in time
     duration_s: float
-    # Why not all arrived in time: "blocked" (a lost vehicle is nearer to the goals of the missing
-    # ones than they may come to it), "deadlock" (the missing vehicles stand still), "livelock"
-    # (they move, but do not approach their goals) or "time" (they were still approaching them).
+    # Why not all arrived in time: "blocked" (a lost vehicle is so near to the goals of the missing
+    # vehicles that these must not fly there), "deadlock" (the missing vehicles stand still),
+    # "livelock" (they move, but do not approach their goals) or "time" (they were still
+    # approaching them).
     reason: str | None
     relaxed_share: float  # share of the vehicles' ticks in which the law was relaxed
     slew_rms_m_s3: float  # change of the horizontal command
@@ -69,8 +70,7 @@ class FlightOutcome:
     path_ratio: float  # length of all flown paths over that of all straight ones
     # smallest gap between a body and a static obstacle; inf without obstacles, below 0: a collision
     min_clearance_m: float
-    # what the motors of a mean vehicle spend, in seconds of hovering
-    energy_hover_s: float
+    energy_hover_s: float  # energy of the motors per vehicle, in seconds of hovering
     trace: Trace | None
 
     @property
@@ -161,7 +161,8 @@ class FlightMetrics:
                 self._straight[f] = plan.legs_m.sum(axis=0)[self._counts[f]].sum()
         # (F, N): whether a vehicle is at the goal that it flies to, and whether that is its last
         self.is_at_goal = np.zeros((flights, count), bool)
-        self._is_last = np.array([[plan.later_goals_enu_m is None] * count for plan in plans])
+        has_one_goal = np.array([plan.later_goals_enu_m is None for plan in plans])
+        self._is_last = np.repeat(has_one_goal[:, None], count, axis=1)
         self._ticks_there = np.zeros(flights)  # ticks since all have been at their goals
         self._recent_speed = np.zeros((flights, count))
         self._recent_gain = np.zeros((flights, count))  # smoothed speed towards the goal
@@ -194,7 +195,10 @@ class FlightMetrics:
         return is_judged
 
     def _pair_radii_m(self, plans: Sequence[FlightPlan]) -> Array:
-        """Return the radii (F, P) of persons' circles, to which distances are measured."""
+        """Return the radii (F, P) of the circles around persons, to which distances are measured.
+
+        They are 0 for pairs of vehicles.
+        """
         radii_m = person_radii_m(plans)
         first, second = self._pairs
         return np.asarray(np.maximum(radii_m[:, first], radii_m[:, second]))
@@ -215,7 +219,7 @@ class FlightMetrics:
         Args:
             truth: true motion after the tick.
             ticks: results (F, N) of the pipelines.
-            active: index (F, N) of the vehicle whose row binds most, -1 for none.
+            active: index (F, N) of the vehicle that the law avoids most, -1 for none.
         """
         self.ticks += 1
         position = truth.position_enu_m
@@ -346,7 +350,7 @@ class FlightMetrics:
         else:
             reason = self._reason(row, missing=~is_there)
 
-        # without a way to fly there is no ratio
+        # no ratio if the goals are at the starts
         path_ratio = math.nan
         if self._straight[row] > 0.1:
             path_ratio = sums["path"] / float(self._straight[row])

@@ -1,7 +1,7 @@
 """A fleet in which some vehicles fly by a second law.
 
-Both laws are computed for all vehicles, and each vehicle flies what its own law says. A pipeline
-knows nothing of the other vehicles but their messages, so the unused half changes nothing.
+Both laws are computed for all vehicles, and each vehicle flies the result of its own law. The
+unused results change nothing, because all that a vehicle knows of the others is their messages.
 """
 
 from __future__ import annotations

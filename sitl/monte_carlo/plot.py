@@ -2,7 +2,8 @@
 
 On the left are the paths in the plane, and all vehicles at the moment of closest approach. On the
 right are the distances of all pairs over time, and below them the status of the law of each
-vehicle.
+vehicle. The law makes a row for each neighbour: a limit of the thrust, which is active when it
+changes the thrust.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from onboard.arrays import Array
 from onboard.config.fleet import ConfigError
 from onboard.types import LawStatus
 
-_FEW = 8  # up to so many vehicles or pairs have a colour and a name of their own
+_FEW = 8  # most vehicles or pairs that each have a colour and a name
 _INACTIVE = "#eef1f3"
 _STATUS_COLOURS = (_INACTIVE, "#56B4E9", "#E69F00", LIMIT)  # by LawStatus
 _STATUS_WORDS = (
@@ -180,7 +181,9 @@ def _paths(figure: Any, axes: Any, data: _TraceData) -> None:
 def _draw_lines(axes: Any, data: _TraceData) -> LineCollection | None:
     """Draw the paths; return the lines of the last vehicle, for the colour bar."""
     norm = Normalize(0.0, data.t_s[-1])
-    width = 2.2 if data.is_few else 1.4
+    width = 1.4
+    if data.is_few:
+        width = 2.2
 
     lines = None
     for i in range(data.count):
@@ -315,15 +318,16 @@ def _distances(axes: Any, data: _TraceData) -> None:
     _draw_limit_words(axes, data, data.body_m, "they touch")
 
     if pair_count:
-        is_few = pair_count <= _FEW
-        if is_few:
+        legend_columns = 1
+        if pair_count <= _FEW:
             _draw_named_pairs(axes, data)
+            legend_columns = 3
         else:
             _draw_many_pairs(axes, data, top_m)
 
         sample, pair = data.closest
         axes.plot(data.t_s[sample], data.distance_m[sample, pair], "o", color=LIMIT, ms=6, zorder=5)
-        axes.legend(loc="upper right", ncols=3 if is_few else 1, fontsize=8)
+        axes.legend(loc="upper right", ncols=legend_columns, fontsize=8)
 
     axes.set(
         ylim=(0.0, top_m * 1.15),
@@ -368,7 +372,7 @@ def _draw_many_pairs(axes: Any, data: _TraceData, top_m: float) -> None:
 def _activity(axes: Any, data: _TraceData) -> None:
     """Draw for each vehicle when the law changed its thrust.
 
-    With few vehicles the colour is that of the neighbour whose row binds most, with many that of
+    With few vehicles the colour is that of the neighbour that is avoided most, with many that of
     the status.
     """
     status = data.status[1:].T  # (N, T-1)

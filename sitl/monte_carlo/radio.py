@@ -18,7 +18,7 @@ from sitl.monte_carlo.vehicles import TICK_S
 _REQUEST_S = 0.04  # from the request for a vehicle's mocap poses to the first of them
 _TRACKED_AFTER_S = OVERDUE_S + _REQUEST_S  # age of a message from which on a pose replaces it
 _TRACKED_AGE_S = 0.04  # age of a motion from mocap poses when the law uses it
-_MOST_SENDERS = 32  # a receiver gathers at most so many nearest senders; the law uses fewer
+_MOST_SENDERS = 32  # nearest senders that a receiver gathers; the law uses fewer
 
 
 class Radio:
@@ -42,7 +42,7 @@ class Radio:
             perturbation: delay, loss and silences.
             lateness_s: expected lateness of states, which is added to the time after which a
                 vehicle counts as silent.
-            radius_m: (F, N) radii of persons' circles, 0 for a vehicle.
+            radius_m: (F, N) radii of the circles around persons, 0 for a vehicle.
         """
         first = batch.message(states, None)
         flights, count = first.shape[:2]
@@ -95,7 +95,7 @@ class Radio:
         if tracked is not None:
             is_overdue = age_s > delay_s + _TRACKED_AFTER_S
             is_tracked = is_overdue | self._is_intruder[:, None, :]
-            if is_tracked.any():  # it seldom is, and the inbox of a large fleet is slow to copy
+            if is_tracked.any():  # rare; without it the slow copies of the inbox are saved
                 inbox = np.where(is_tracked, tracked[:, None], inbox)
                 age_s = np.where(is_tracked, _TRACKED_AGE_S, age_s)
                 is_cooperative = is_cooperative & ~is_tracked

@@ -55,7 +55,9 @@ def ratio(flown: Flown) -> float:
     if not 0.0 < flown.straight_line_s < math.inf:
         return math.nan
     value = flown.outcome.makespan_s / flown.straight_line_s
-    return value if math.isfinite(value) else math.nan
+    if not math.isfinite(value):
+        return math.nan
+    return value
 
 
 def _number(value: float) -> float | None:
@@ -186,8 +188,8 @@ def _mean(records: Sequence[FlightRecord], key: str) -> float:
 def upper_bound(events: int, count: int) -> float:
     """Return the upper bound of the true rate of events, with 95 % confidence.
 
-    This is the one-sided bound of Clopper and Pearson: the rate at which so few events, or fewer,
-    have a probability of 5 %. Without any event it is 1 - 0.05^(1/n), nearly 3/n.
+    This is the one-sided bound of Clopper and Pearson: the rate at which at most this number of
+    events has a probability of 5 %. Without any event it is 1 - 0.05^(1/n), nearly 3/n.
     """
     if events >= count:
         return 1.0
@@ -198,11 +200,12 @@ def upper_bound(events: int, count: int) -> float:
 def interval(events: int, count: int) -> tuple[float, float]:
     """Return the exact interval of the true rate of events, with 95 % confidence.
 
-    This is the interval of Clopper and Pearson. With no event, or with nothing but events, it has
-    one end only, and its other one is that of :func:`upper_bound`.
+    This is the interval of Clopper and Pearson. If all flights or none have the event, one end is
+    1 or 0, and all 5 % lie beyond the other end, as in :func:`upper_bound`.
     """
-    one_sided = events in (0, count)
-    tail = 0.05 if one_sided else 0.025
+    tail = 0.025  # the probability beyond each end
+    if events in (0, count):
+        tail = 0.05
 
     low = 0.0
     if events > 0:
@@ -214,7 +217,7 @@ def interval(events: int, count: int) -> tuple[float, float]:
 
 
 def _upper_end(events: int, count: int, tail: float) -> float:
-    """Return the rate at which so few events, or fewer, have this probability."""
+    """Return the rate at which at most this number of events has the probability ``tail``."""
     low = events / count
     high = 1.0
     for _ in range(60):  # bisection
@@ -227,7 +230,7 @@ def _upper_end(events: int, count: int, tail: float) -> float:
 
 
 def _chance_of_at_most(events: int, count: int, rate: float) -> float:
-    """Return the binomial probability of so many events or fewer."""
+    """Return the binomial probability of at most this number of events."""
     term = (1.0 - rate) ** count  # probability of exactly k events
     chance = 0.0
     for k in range(events + 1):

@@ -84,14 +84,14 @@ class FlightPlan:
     earliest_s: float = 0.0  # the flight does not end before this time
     # (3,) velocity of the last vehicle, which then is no member of the fleet and avoids nobody
     intruder_m_s: Array | None = None
-    # of a person's circle: the last vehicle then stands for a person who walks; 0: a vehicle
+    # If not 0, the last vehicle stands for a walking person within a circle of this radius.
     intruder_radius_m: float = 0.0
     # index, time [s] and kind of a vehicle that is lost on the way
     lost: tuple[int, float, str] | None = None
     lie: MemberLie | None = None  # the false position of one vehicle
     obstacles: tuple[Capsule, ...] = ()  # static; the same for all seeds of a scenario
 
-    # Only scenes in files (open_benchmark) have what follows.
+    # Only scenes in files (open_benchmark) use the fields from here on.
     later_goals_enu_m: Array | None = None  # (G, N, 3): each vehicle's next goals after its first
     blind: tuple[int, ...] = ()  # indexes of vehicles that hear nobody
     other_law: OtherLaw | None = None  # the same for all seeds of a scene
@@ -119,7 +119,7 @@ class FlightPlan:
 
 
 def person_radii_m(plans: Sequence[FlightPlan]) -> Array:
-    """Return the radii (F, N) of persons' circles; 0 for a vehicle."""
+    """Return the radii (F, N) of the circles around persons; 0 for a vehicle."""
     radii_m = np.zeros((len(plans), plans[0].count))
     radii_m[:, -1] = [each.intruder_radius_m for each in plans]
     return radii_m

@@ -59,6 +59,7 @@ def _stages(least_flights: int, cell: Cell) -> int:
     Args:
         least_flights: that number.
         cell: any cell; all of them have the same stages.
+
     Raises:
         ConfigError: the number is below 1, or all stages together have fewer flights.
     """
@@ -81,8 +82,11 @@ def _print(selected: list[Cell], file: ResultsFile) -> None:
     from rich.table import Table
 
     table = Table(title=f"map of the law, version {file.version}")
-    for index, column in enumerate(map_summary.COLUMNS):
-        table.add_column(column, justify="left" if index < 2 else "right")
+    cell_column, verdict_column, *number_columns = map_summary.COLUMNS
+    table.add_column(cell_column)
+    table.add_column(verdict_column)
+    for column in number_columns:
+        table.add_column(column, justify="right")
     for cell in selected:
         table.add_row(*map_summary.table_row(cell, file.rows))
 

@@ -17,6 +17,7 @@ from sitl.monte_carlo.law_map.cells import AXES, ERRORS, STAGES, Cell, changes
 from sitl.monte_carlo.law_map.unit_flights import MapRow
 from sitl.monte_carlo.results import upper_bound
 
+# "screened": flown without a failure, but too few flights for a promise; "-": not flown
 CellVerdict = Literal["holds", "failed", "screened", "-"]
 COLUMNS = (
     "cell",
@@ -59,7 +60,7 @@ def stages(cell: Cell, rows: MapRows) -> list[MapRow]:
 
 
 def verdict(cell: MapCell) -> CellVerdict:
-    """Return whether a cell holds, has failed, or was only screened."""
+    """Return the verdict of a cell."""
     if not cell.flights:
         return "-"
     if cell.has_failed:
@@ -105,7 +106,7 @@ def _mean_ratio(flown: list[MapRow]) -> float:
 
 def toml_summary(cells: Iterable[Cell], rows: MapRows, version: str) -> str:
     """Return the summary as TOML; cells without flights are left out."""
-    # any number of vehicles: only what does not depend on it is written
+    # 3 vehicles stand for any number: nothing that is written here depends on it
     fleets = {name: setup_for(errors=name).fleet(3) for name in ERRORS}
     first_fleet = next(iter(fleets.values()))
     lag_s = max(vehicle.lag_s for vehicle in first_fleet.vehicles.values())

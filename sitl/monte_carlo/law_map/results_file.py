@@ -154,9 +154,9 @@ class ResultsFile:
 def parsed(
     text: str, path: Path, kind: ResultsKind = MAP
 ) -> tuple[MapRow, dict[tuple[str, int], MapRow]]:
-    """Return the head of a file of results, which holds the version, and the rows.
+    """Return the head of a file of results, and its rows by cell and stage.
 
-    If two rows are of the same stage of a cell, the first one counts.
+    The head holds the version. If there are two rows of a cell and stage, the first one counts.
 
     Args:
         text: content of the file.

@@ -87,7 +87,7 @@ class Intruder(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     start_enu_m: tuple[float, float]  # east, north
     velocity_enu_m_s: tuple[float, float]  # east, north
     leaves_s: float  # the flight does not end before this time
-    # a person's circle, to which all distances are measured; 0: a vehicle
+    # radius of the circle around a person, to which all distances are measured; 0: a vehicle
     person_radius_m: float = 0.0
 
 

@@ -53,7 +53,10 @@ class Unit:
 
     @property
     def cell(self) -> str:
-        """Name of the unit in the file of results; another scene or law of the name differs."""
+        """Key of the unit in the file of results.
+
+        It has digests of scene and law, so that it changes when one of them is edited.
+        """
         scene = hashlib.sha256(msgspec.json.encode(self.scene)).hexdigest()[:8]
         seeds = f"{self.seeds[0]}:{self.seeds[-1] + 1}"
         key = f"{self.law} {self.source_hash} {self.scene.name} {scene} {seeds}"

@@ -78,4 +78,6 @@ def share(events: int, count: int) -> str:
 
 
 def _mean(values: Sequence[float]) -> str:
-    return f"{np.mean(values):.2f}" if values else "-"
+    if not values:
+        return "-"
+    return f"{np.mean(values):.2f}"

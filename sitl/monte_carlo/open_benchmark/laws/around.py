@@ -91,7 +91,7 @@ def preferred_velocity(inputs: LawInputs, around: Sequence[Body] = ()) -> Vec2:
 
     Args:
         inputs: inputs of the law.
-        around: bodies before which the vehicle turns; none for a law with a rule of its own.
+        around: bodies before which the vehicle turns; empty if the law has its own rule for that.
     """
     velocity = own_velocity(inputs)
     wanted_m_s2 = Vec2(*inputs.baseline.thrust_enu_m_s2[:2])

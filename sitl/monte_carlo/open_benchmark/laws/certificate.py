@@ -1,8 +1,9 @@
 """Barrier certificates: the smallest change of the acceleration that lets each pair still brake.
 
 Wang, Ames, Egerstedt: Safety Barrier Certificates for Collisions-Free Multirobot Systems, T-RO
-2017: the barrier h = sqrt(2 a (|e| - d)) + e.w / |e|, with a the braking of both
-vehicles together, and h' >= -gamma h^3. Each vehicle of a pair takes half of the row.
+2017: the barrier h = sqrt(2 a (|e| - d)) + e.w / |e| of a pair, with position e and velocity w
+relative to the other vehicle, the distance to keep d, and a the braking of both vehicles together.
+The law demands h' >= -gamma h^3, and each vehicle of a pair provides half of the change.
 """
 
 from __future__ import annotations

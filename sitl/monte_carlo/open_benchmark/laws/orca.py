@@ -1,7 +1,8 @@
-"""ORCA: each vehicle changes its velocity by half of what a pair needs to stay apart for a while.
+"""ORCA: each vehicle of a pair makes half of the change of velocity that keeps them apart.
 
 van den Berg, Guy, Lin, Manocha: Reciprocal n-Body Collision Avoidance, ISRR 2009, sections 3 to 5.
-Where the rows cannot all hold, each gives way by the same amount, as in section 5.3.
+Each neighbour gives a row, a half-plane of allowed velocities. Where the rows cannot all hold, each
+gives way by the same amount, as in section 5.3.
 """
 
 from __future__ import annotations

@@ -3,9 +3,10 @@
 Boldrer, Serra-Gomez, Lyons, Kratky, Alonso-Mora, Ferranti: Rule-Based Lloyd Algorithm for
 Multi-Robot Motion Planning and Control with Safety and Convergence Guarantees, arXiv 2310.19511.
 The cell is the disc of the sensing radius within the buffered Voronoi cell; the density is
-exp(-|q - goal| / beta). Two rules act while the centroid is near and neighbours have moved it: beta
-falls, which draws the centroid to the cell's edge, and the goal turns to the right; both come back
-afterwards. Simplified: the centroid is a sum over a grid, and the goal lies one radius ahead.
+exp(-|q - goal| / beta). Two rules act while the centroid is near the vehicle because of its
+neighbours: beta falls, which draws the centroid to the cell's edge, and the goal turns to the
+right. Afterwards both return to their old values. Two things are simpler than in the paper: the
+centroid is a sum over a grid, and the goal lies one radius ahead.
 """
 
 from __future__ import annotations
@@ -29,8 +30,10 @@ from sitl.monte_carlo.open_benchmark.laws.cells import cell_row
 
 _RADIUS_M = 1.5  # sensing radius
 _GAIN_1_S = 3.0  # the centroid times this is the velocity
-_BETA_M, _LEAST_BETA_M = 0.5, 0.1
-_NEAR_M, _MOVED_M = 0.1, 0.2  # d_1 and d_2 of the rules
+_BETA_M = 0.5  # beta without the rules
+_LEAST_BETA_M = 0.1
+_NEAR_M = 0.1  # a centroid within this distance is near the vehicle; d_1 of the paper
+_MOVED_M = 0.2  # neighbours that move the centroid further hold the vehicle up; d_2 of the paper
 _RATE_1_S = 1.0  # rate at which both rules act and end
 
 _AXIS_M = np.linspace(-_RADIUS_M, _RADIUS_M, 13)
@@ -58,7 +61,8 @@ def law(memory: Rules | None, inputs: LawInputs) -> tuple[Rules, Thrust]:
 
     weight = np.exp(-np.hypot(*(_DISC - goal).T) / rules.beta_m)
     free_centroid = weight @ _DISC / weight.sum()  # without the neighbours
-    for normal, bound in (cell_row(body) for body in bodies(inputs)):
+    for body in bodies(inputs):
+        normal, bound = cell_row(body)
         weight = np.where(_DISC @ normal >= bound, weight, 0.0)
     centroid = np.zeros(2)
     if weight.sum() > 0.0:
@@ -67,9 +71,11 @@ def law(memory: Rules | None, inputs: LawInputs) -> tuple[Rules, Thrust]:
     is_near = math.hypot(*centroid) < _NEAR_M
     is_moved = math.hypot(*(centroid - free_centroid)) > _MOVED_M
     is_held_up = is_near and is_moved
-    goal_beta_m, goal_turn_rad = _BETA_M, 0.0
+    goal_beta_m = _BETA_M
+    goal_turn_rad = 0.0
     if is_held_up:
-        goal_beta_m, goal_turn_rad = _LEAST_BETA_M, 0.5 * math.pi
+        goal_beta_m = _LEAST_BETA_M
+        goal_turn_rad = 0.5 * math.pi
     step = _RATE_1_S * inputs.dt_s
     after = Rules(
         beta_m=rules.beta_m + step * (goal_beta_m - rules.beta_m),

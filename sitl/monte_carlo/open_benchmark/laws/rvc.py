@@ -2,9 +2,10 @@
 
 RVC-NMPC: Nonlinear Model Predictive Control with Reciprocal Velocity Constraints for Mutual
 Collision Avoidance in Agile UAV Flight, arXiv 2512.08574, 2025. Its idea, much simplified: the rows
-hold for the predicted velocities of the controller, and not for one that another controller follows
-afterwards. In place of the nonlinear programme the acceleration is constant over the horizon, and
-the model is a point mass.
+(half-planes of allowed velocities, one for each neighbour, as in ORCA) hold for the velocities that
+the controller itself predicts, and not for one that another controller follows afterwards. In place
+of the nonlinear programme the acceleration is constant over the horizon, and the model is a point
+mass.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""Reciprocal velocity obstacles: of many sampled velocities the one with the least penalty.
+"""Reciprocal velocity obstacles: the vehicle flies the sampled velocity with the least penalty.
 
 van den Berg, Lin, Manocha: Reciprocal Velocity Obstacles for Real-Time Multi-Agent Navigation,
-ICRA 2008: a velocity v counts as 2 v - v_A against a vehicle that does the same, and its penalty is
-w / (time to collision) + |v_preferred - v|.
+ICRA 2008. The penalty of a velocity v is w / (time to collision) + |v_preferred - v|. The time to
+the collision with a vehicle that avoids, too, is that of the velocity 2 v - v_A, where v_A is the
+present velocity.
 """
 
 from __future__ import annotations
