@@ -55,9 +55,9 @@ from sitl.physics.vehicle import STEP_S, VehicleProfile
 from sitl.px4.parameters import DEFAULTS
 from sitl.px4.versions import VERSIONS
 
-# A busy machine delays the process at times. The process makes up for a delay of up to this number
+# A busy machine delays the process at times. The process catches up on a delay of up to this number
 # of steps, and reads its sockets between them. The number is below PX4's shortest COM_OF_LOSS_T in
-# use. A longer delay is a pause of simulated time.
+# use. After a longer delay the simulated time has paused.
 _LARGEST_BACKLOG_STEPS = 70
 TRUTH_EVERY_STEPS = 5  # every tick of the agents, 20 ms
 _REALTIME_PRIORITY = 5  # below the priority that the loops of agents may request
@@ -126,7 +126,7 @@ def emulator_of(
 
 
 def _earth_point(fleet: FleetConfig) -> EarthPoint:
-    """Return the origin of a fleet; without one, as indoors, that of PX4's own simulator."""
+    """Return the origin of a fleet; a fleet without one gets the origin of PX4's own simulator."""
     origin = fleet.fleet.origin
     if isinstance(origin, str):
         return ZURICH

@@ -67,7 +67,7 @@ class Link:
         emulator: emulator with the vehicle.
         index: index of the vehicle.
         rates_hz: default rate of each message that the link can stream.
-        link_id: PX4's number of the link: 0 for that of the ground, 1 for that of the companion.
+        link_id: PX4's number of the link: 0 is the link of the ground, 1 that of the companion.
     """
 
     def __init__(
@@ -346,8 +346,8 @@ class Link:
             self._params_to_send.clear()  # the ground station has all values already
             return []
 
-        # PX4 does not answer a wrong type, nor an unknown name before v1.18. It writes them to its
-        # console.
+        # PX4 answers neither a wrong type nor, before v1.18, an unknown name; its console shows
+        # them.
         is_set = self.autopilot.params.set_encoded(
             name, fields["param_value"], fields["param_type"]
         )

@@ -504,7 +504,9 @@ def distance_sensor(v: View) -> Values | None:
 
 
 def vibration(v: View) -> Values:
-    level = 0.002 if v.autopilot.landed is LandedState.ON_GROUND else 0.02
+    level = 0.02
+    if v.autopilot.landed is LandedState.ON_GROUND:
+        level = 0.002
     clippings = (0, 0, 0)
     return (v.boot_us, level, level, level, *clippings)
 

@@ -41,4 +41,6 @@ def compiled(function: Function) -> Function:
 def records(shape: int | tuple[int, ...], dtype: np.dtype[np.void]) -> Records:
     """Return zeroed records whose fields compiled and interpreted functions read as attributes."""
     array = np.zeros(shape, dtype)
-    return array if HAS_NUMBA else array.view(np.recarray)
+    if HAS_NUMBA:
+        return array
+    return array.view(np.recarray)

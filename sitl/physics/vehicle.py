@@ -58,7 +58,7 @@ _LONGEST_FILTER_S = 0.2  # largest delay of PX4's filter of attitude setpoints
 # Delay of that filter times its natural frequency: 2 by theory, and one step of PX4's loop.
 _FILTER_RAD = 2.2
 
-# Damping under other gains than those of the measurement.
+# The damping with other gains than those of the measurement.
 _LEAST_RATIO = 0.1  # limits of the ratio of the gains
 _MOST_RATIO = 10.0
 _LAG_POWER = 0.9  # the lag is inversely proportional to this power of the ratio
@@ -100,7 +100,7 @@ class VehicleProfile:
     setpoint_filter_rad_s: float = 0.0  # MC_REF_W_N; 0: PX4 has no such filter
 
     def damping(self, axis: int, attitude_p_1_s: float) -> float:
-        """Return the damping under another gain than that of the measurement.
+        """Return the damping with another gain than that of the measurement.
 
         The lag behind a tilt that moves at a constant rate is delay + 2 zeta / wn. It varies with
         a power of the gain, which was measured on SIH. Delay and natural frequency do not change,
@@ -120,7 +120,7 @@ class VehicleProfile:
         return max(_LEAST_ZETA, 0.5 * self.attitude_wn_rad_s * (lag_s - self.attitude_delay_s))
 
     def filter_delay_s(self, setpoint_filter_rad_s: float) -> float:
-        """Return the additional delay by another filter of setpoints than in the measurement.
+        """Return the delay that a filter of setpoints adds to that of the measurement's filter.
 
         The filter is of second order and critically damped. 0 rad/s stands for no filter.
         """
@@ -316,7 +316,7 @@ class Vehicles:
     def set_attitude_control(
         self, index: int, attitude_p_1_s: tuple[float, float], setpoint_filter_rad_s: float
     ) -> None:
-        """Change the response of a vehicle to that under other parameters.
+        """Give a vehicle the response that it has with other parameters of PX4.
 
         Args:
             index: index of the vehicle.

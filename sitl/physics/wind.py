@@ -2,8 +2,8 @@
 
 A gust is an Ornstein-Uhlenbeck process per axis, which is Dryden's longitudinal spectrum with L / V
 as correlation time. The second pole of Dryden's other two spectra is left out. The air pushes a
-vehicle by the vehicle's linear drag. A vehicle of which only the push is known, and not the drag,
-has its own gusts: an acceleration that follows the same process.
+vehicle by the vehicle's linear drag. Where only the acceleration by gusts is known, and not the
+drag, a vehicle has gusts of its own: an acceleration that follows the same process.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ class WindSettings:
     # Standard deviation of gusts per horizontal axis. Vertically it is half of this.
     gust_std_m_s: float = 0.0
     gust_time_s: float = GUST_TIME_S  # correlation time of gusts
-    # Whether one gust acts on all vehicles, as by the ventilation of a hall. Otherwise each vehicle
-    # has another gust, as outdoors and far apart.
+    # Whether the same gusts act on all vehicles, as by the ventilation of a hall. Otherwise each
+    # vehicle has different gusts, as outdoors and far apart.
     is_common: bool = False
 
 
@@ -63,7 +63,7 @@ class Wind:
         settings: mean and gusts of the wind.
         seed: seed of the gusts.
         own_gust_std_m_s2: standard deviation of each vehicle's own gusts, which push it in addition
-            to the air; without it there are none.
+            to the air; empty: no vehicle has own gusts.
         step_s: time from one sample to the next.
 
     Attributes:
@@ -82,7 +82,9 @@ class Wind:
         own_gust_std_m_s2: Sequence[float] = (),
         step_s: float = STEP_S,
     ) -> None:
-        gusts = 1 if settings.is_common else count
+        gusts = count
+        if settings.is_common:
+            gusts = 1
         self.settings = settings
         self._step_s = step_s
         self._rng = np.random.default_rng([seed, _AIR_STREAM])

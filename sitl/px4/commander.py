@@ -210,7 +210,8 @@ class EmulatedPx4:
         Args:
             now_s: present time.
             mode: the requested mode.
-            text: key of the text that PX4 sends on acceptance; by default that of the mode, if any.
+            text: key of the text that PX4 sends when it accepts; None: the text of a landing for
+                LAND, no text for other modes.
         """
         needs = MODES[mode].needs & ~ModeCondition.ARMING
         if mode is Mode.LAND:
@@ -229,7 +230,7 @@ class EmulatedPx4:
             self.journal.say(now_s, text)
 
         self._intend(mode)
-        self.failsafe.commanded_mode()
+        self.failsafe.mode_requested()
         self._select_mode(now_s)
         return CommandResult.ACCEPTED
 

@@ -158,8 +158,11 @@ class Estimator:
 
         # Random numbers.
         self._rng = np.random.default_rng([seed, _RANDOM_STREAM])
+        drift_streams = list(range(n))  # different random numbers for each vehicle
+        if is_common:
+            drift_streams = [0] * n
         self._drift_rngs = [
-            np.random.default_rng([seed, _DRIFT_STREAM, 0 if is_common else i]) for i in range(n)
+            np.random.default_rng([seed, _DRIFT_STREAM, stream]) for stream in drift_streams
         ]
         self._is_common = is_common
         self._scale = scale
@@ -334,7 +337,7 @@ class Estimator:
         else:
             # PX4 reads the height as one above the sea, so that its local height differs by the
             # altitude of its origin.
-            z += self.origin_altitude_m[index] or 0.0
+            z += self._known_origin_m(index)
             self._follow_vision(index, time_s, (x, y, z), estimated, is_first=is_first)
 
     def _fuse_vision_yaw(self, index: int, yaw_error_rad: float, *, is_first: bool) -> None:
@@ -438,13 +441,18 @@ class Estimator:
 
     def set_origin_altitude(self, index: int, altitude_m: float) -> None:
         """Set the altitude of the local frame's origin, and shift the height by the change."""
-        before_m = self.origin_altitude_m[index]
+        shift_m = altitude_m - self._known_origin_m(index)
         self.origin_altitude_m[index] = altitude_m
-
-        shift_m = altitude_m - (before_m or 0.0)
         if shift_m and self.source[index] is not Source.NONE:
             self._correct(index, (0.0, 0.0, shift_m))
             self.resets[index, Z] += 1
+
+    def _known_origin_m(self, index: int) -> float:
+        """Return the altitude of the local frame's origin, 0 while it is not known."""
+        altitude_m = self.origin_altitude_m[index]
+        if altitude_m is None:
+            return 0.0
+        return altitude_m
 
     def begin_vision_anew(self, index: int) -> None:
         """Let the estimate jump to the next external position, as the sender has requested."""

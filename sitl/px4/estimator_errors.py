@@ -5,11 +5,11 @@ integrates the velocity error, and measurements pull the position error back: e_
 T follows from the three measured numbers, since the variance of e_p is then
 sigma_v^2 T^2 tau / (T + tau).
 
-A wrong heading turns what the accelerometers measure. The filter integrates that, and satellites
-pull the estimate back: the velocity errs by the difference of the turned and the true acceleration,
-with the same tau and T. So the estimated velocity shows little of the wrong heading.
+With a wrong heading, the filter integrates turned accelerations, and satellites pull its estimate
+back. So the error of the velocity grows by the difference of the turned and the true acceleration,
+and decays with the same tau and T. The estimated velocity shows little of the wrong heading.
 
-So the errors are correlated, as those of a filter, and slow. The loss of separation by an error
+All these errors are slow, as those of a filter. That matters: how much separation an error costs
 depends more on its correlation time than on its size.
 
 All processes run with unit variance and are multiplied by their present sizes, which change
@@ -92,8 +92,8 @@ YAW_CORRELATION_S = 6.0
 YAW_FOUND_S3_M2 = 0.1
 BLEND_S = 0.5  # time constant of the change from one error level to another
 
-# Dead reckoning: the error of the horizontal velocity grows at first and is damped. That of the
-# vertical velocity ends soon, so that the height stays at another level.
+# Time constants north, east and down with which the velocity error of dead reckoning is damped. The
+# vertical one ends soon, so that the height stays at a wrong level.
 DRIFT_DAMPING_S = (4.0, 4.0, 0.5)
 # The error of the attitude begins at a quarter of its largest value, which it reaches after 3.5 s.
 TILT_ERROR_AT_FIRST = 0.25
@@ -273,7 +273,7 @@ def _advance_motion(e: Record, draws: Array, dt_s: float, position: Array, veloc
 @compiled
 def _advance_turn(e: Record, dt_s: float, velocity: Array) -> None:
     """Advance the errors of velocity and position that a wrong heading causes."""
-    # The change of the true velocity, and the same as the filter takes it to be.
+    # The true change of the velocity, and below the same change turned by the wrong heading.
     north = velocity[0] - e.last_velocity[0]
     east = velocity[1] - e.last_velocity[1]
     e.last_velocity[0] = velocity[0]
@@ -292,7 +292,7 @@ def _advance_turn(e: Record, dt_s: float, velocity: Array) -> None:
         e.velocity[k] += e.turned_velocity[k]
         e.position[k] += e.turned_position[k]
 
-    # The motion shows how wrong the heading is.
+    # By its motion the vehicle finds out how wrong its heading is.
     acceleration_squared = (north * north + east * east) / (dt_s * dt_s)
     e.yaw_mean -= min(1.0, dt_s * YAW_FOUND_S3_M2 * acceleration_squared) * e.yaw_mean
 

@@ -311,7 +311,7 @@ class Failsafe:
 
     @property
     def is_terminated(self) -> bool:
-        """Whether a failsafe has ended the flight; only a restart of PX4 ends that."""
+        """Whether a failsafe has ended the flight, for good until PX4 is restarted."""
         return self.action is FailsafeAction.TERMINATE
 
     def reset(self) -> None:
@@ -323,7 +323,7 @@ class Failsafe:
         self._latched.clear()
         self._waiting_since_s = math.inf
 
-    def commanded_mode(self) -> None:
+    def mode_requested(self) -> None:
         """End the actions that last until a mode is requested."""
         for trigger in FAILSAFE_TRIGGERS:
             if trigger.clears is Clears.BY_MODE_CHANGE:
@@ -367,14 +367,14 @@ class Failsafe:
 
         if self.action is FailsafeAction.NONE:
             return False
-        has_new_trigger = not self.present <= present_before
+        has_new_trigger = bool(self.present - present_before)
         is_new_warning = self.action is FailsafeAction.WARN and has_new_trigger
         return self.action > action_before or is_new_warning
 
     def _latching_action(
         self, trigger: FailsafeTrigger, inputs: FailsafeInputs, params: Parameters
     ) -> FailsafeAction:
-        """Return the present or latched action of one trigger; latch one that outlasts it."""
+        """Return the action of one trigger, present or latched; latch it if it is to outlast it."""
         latched = self._latched.get(trigger.name, FailsafeAction.NONE)
 
         action = FailsafeAction.NONE
@@ -388,7 +388,7 @@ class Failsafe:
     def _hold_first(
         self, now_s: float, waiting: FailsafeAction, params: Parameters
     ) -> FailsafeAction:
-        """Return Hold while an action has to wait, then the action."""
+        """Return Hold until COM_FAIL_ACT_T has passed, then the action that has waited."""
         self.delayed = FailsafeAction.NONE
         if waiting is FailsafeAction.NONE:
             self._waiting_since_s = math.inf

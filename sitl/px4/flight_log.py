@@ -258,7 +258,9 @@ class FlightLogs:
     def _write_status(self, writer: LogWriter, autopilot: EmulatedPx4, time_us: int) -> None:
         armed = 2
         disarmed = 1
-        arming_state = armed if autopilot.is_armed else disarmed
+        arming_state = disarmed
+        if autopilot.is_armed:
+            arming_state = armed
         nav_state = _NAV_STATES[autopilot.mode]
         writer.sample(STATUS, time_us, arming_state, nav_state, autopilot.is_failsafe)
 

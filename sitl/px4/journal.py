@@ -85,7 +85,7 @@ class EntryLog(Generic[Entry]):
         self.newest.append(entry)
 
     def since(self, count: int) -> list[Entry]:
-        """Return the entries after the first `count` of all, as far as they are stored."""
+        """Return the entries that came after the first `count` ones, as far as they are stored."""
         return self.newest[max(0, count - self.forgotten) :]
 
 

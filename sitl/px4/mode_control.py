@@ -311,6 +311,7 @@ class ModeControl:
         return self._entry
 
     def _takeoff_down_m(self, params: Parameters) -> float:
+        """Return the down coordinate of the height at which a take-off ends."""
         height_m = self.takeoff_height_m
         if height_m is None:
             height_m = params["MIS_TAKEOFF_ALT"]
@@ -319,6 +320,7 @@ class ModeControl:
     def _descend(
         self, inputs: AutopilotInputs, at_ned_m: Array, yaw_rad: float, params: Parameters
     ) -> None:
+        """Descend at landing speed above a position; level if there is no local position."""
         position = np.array([at_ned_m[0], at_ned_m[1], math.nan])
         velocity = np.array([0.0, 0.0, params["MPC_LAND_SPEED"]])
         goal = PositionGoal(position, velocity, yaw_rad)

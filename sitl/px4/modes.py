@@ -204,8 +204,8 @@ _IS_AUTO = 4
 _IS_GUIDED = 8
 _IS_STABILIZED = 16
 _IS_MANUAL = 64
-# Mode that a client requests by MAVLink's base_mode only: that of the first row whose bits are all
-# set.
+# Modes that a client requests by MAVLink's base_mode alone. The first row counts whose bits are all
+# set in the request.
 _BY_BASE_MODE: tuple[tuple[int, Mode], ...] = (
     (_IS_AUTO, Mode.MISSION),
     (_IS_MANUAL | _IS_GUIDED, Mode.POSCTL),
@@ -241,6 +241,8 @@ def mode_of(base_mode: int, main: int, sub: int) -> Mode | None:
                 return mode
         return None
 
-    if main == AUTO_MAIN:
-        return BY_NUMBERS.get((main, sub or MODES[Mode.MISSION].sub))
-    return BY_NUMBERS.get((main, 0))
+    if main != AUTO_MAIN:
+        sub = 0
+    elif sub == 0:
+        sub = MODES[Mode.MISSION].sub
+    return BY_NUMBERS.get((main, sub))

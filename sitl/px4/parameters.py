@@ -29,6 +29,7 @@ _GROUPS: dict[str, dict[str, int | float]] = tomllib.loads(
 
 
 def _defaults(version: Version) -> dict[str, int | float]:
+    """Return the defaults of a version in alphabetical order; its own values replace the common."""
     values = ChainMap(dict(version.parameters), *_GROUPS.values()).items()
     return {name: value for name, value in sorted(values) if name not in version.parameters_gone}
 

@@ -72,6 +72,7 @@ class Assembly:
             return data
 
         is_another = sequence != self.sequence or time_s - self.newest_s > _ASSEMBLY_S
+        # the fragment of this number has already come, with other data
         is_in_contradiction = self.pieces.get(number, data) != data
         if is_another or is_in_contradiction:
             self.pieces.clear()

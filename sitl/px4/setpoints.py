@@ -181,6 +181,7 @@ def _axes(fields: Mapping[str, Any], names: tuple[str, str, str], mask: int) -> 
 
 
 def _turned(vector: Array, yaw_rad: float) -> Array:
+    """Return a vector (3,) of the body's frame, turned by the heading to NED."""
     c = math.cos(yaw_rad)
     s = math.sin(yaw_rad)
     return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2]])

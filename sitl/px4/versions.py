@@ -51,6 +51,7 @@ _SETS = ("unsupported_commands", "silent_streams", "parameters_gone")
 
 
 def _versions(table: Mapping[str, Mapping[str, Any]]) -> dict[str, Version]:
+    """Return the versions by name, each from the values of the one before and its own changes."""
     versions: dict[str, Version] = {}
     values: dict[str, Any] = {}  # values of the version before
 

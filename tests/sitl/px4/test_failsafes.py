@@ -105,7 +105,7 @@ def test_a_fence_failsafe_ends_with_a_mode_request_and_a_signal_failsafe_with_th
     assert (failsafe.action, failsafe.delayed) == (FailsafeAction.HOLD, FailsafeAction.RETURN)
     failsafe.step(5.0, CALM, params)
     assert failsafe.action is FailsafeAction.RETURN
-    failsafe.commanded_mode()
+    failsafe.mode_requested()
     failsafe.step(6.0, CALM, params)
     assert failsafe.action is FailsafeAction.NONE
     failsafe.step(7.0, replace(CALM, has_offboard_signal=False), params)
