@@ -25,7 +25,7 @@ EMPTY = facts("battery", "empty")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
-    """Fly until the battery is empty, which is faster than usual, then let it fill up."""
+    """Fly until the battery is empty, which drains faster than usual; then let it fill up."""
     client.greet(as_ground_station=True)
     if report.wants("battery.floor"):
         _floor(client, report)
@@ -64,6 +64,7 @@ def _floor(client: VehicleClient, report: FactReport) -> None:
 
 
 def _drain(client: VehicleClient, report: FactReport) -> None:
+    """Report how fast the battery empties by default, measured by its voltage."""
     begin_mv = client.newest("BATTERY_STATUS").voltages[0]
     begin_s = client.now_s
     packets = client.received.of("BATTERY_STATUS", begin_s - 0.5)
@@ -87,13 +88,12 @@ def _empty(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     client.params.set("SIM_BAT_DRAIN", _SLOW_DRAIN_S)
     slow_s = client.now_s + _LAG_S
 
-    # Wait until the charge is low, and report how low it is.
-    # The slow drain takes 10 % of the charge in this time.
+    # Wait until the charge is low, for the time in which the slow drain takes 10 % of it.
     client.text("Low battery", since_s, wait_s=0.1 * _SLOW_DRAIN_S)
     low_s = _report_text(client, report, "low", "Low battery", since_s)
 
-    # Wait until the charge is critical. The last heartbeat came before PX4 said so, and therefore
-    # still has the mode of a low battery.
+    # Wait until the charge is critical. The last heartbeat came before that text, so it still has
+    # the mode of a low battery.
     client.text("Critical battery", since_s, wait_s=0.12 * _SLOW_DRAIN_S)
     low_mode = "not seen"
     if math.isfinite(low_s):

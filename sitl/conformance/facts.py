@@ -126,7 +126,7 @@ class FactReport:
     _waiting: dict[str, Measured] = field(default_factory=dict)
 
     def expect(self, facts: Mapping[str, Fact]) -> None:
-        """Judge the measurements by the facts of a version, also those that have waited."""
+        """Judge all measurements by the facts of a version from now on, and those that waited."""
         self.facts = {name: facts[name] for name in self.facts}
         self.is_version_known = True
 
@@ -136,9 +136,9 @@ class FactReport:
             self.add(name, measured)
 
     def wants(self, *patterns: str) -> bool:
-        """Return whether a fact was requested that matches one of these shell patterns.
+        """Return whether a requested fact matches one of these shell patterns.
 
-        A flight that no requested fact needs is left out.
+        A flight for facts that nobody requested can then be left out.
         """
 
         def is_wanted(name: str) -> bool:
@@ -161,11 +161,11 @@ class FactReport:
         self._record(FactResult(fact, verdict, fact.show(measured)))
 
     def skip(self, facts: Iterable[Fact], reason: str) -> None:
-        """Report facts as skipped, for a reason that the vehicle has not caused."""
+        """Report facts as skipped that could not be measured, through no fault of the vehicle."""
         self._unmeasured(facts, FactVerdict.SKIPPED, reason)
 
     def fail(self, facts: Iterable[Fact], reason: str) -> None:
-        """Report facts as different that the vehicle did not allow to measure."""
+        """Report facts as different that could not be measured because of the vehicle."""
         self._unmeasured(facts, FactVerdict.DIFFERS, reason)
 
     def count(self, verdict: FactVerdict) -> int:

@@ -54,7 +54,7 @@ class Hover:
     Attributes:
         goal: north, east, down in the local frame of the vehicle [m].
         yaw_rad: heading that is held.
-        thrust: thrust that balances the weight, estimated from that of the SIH quadrotor on.
+        thrust: estimate of the thrust that balances the weight; at first that of the SIH quadrotor.
         tilt: roll and pitch that replace the horizontal hold [rad]; None: the position is held.
         is_resting: whether level attitudes without thrust are sent, for a vehicle on the ground.
     """

@@ -1,7 +1,7 @@
 """Numbers and words of the facts, computed from received messages.
 
-A number that could not be measured is NOT_MEASURED, which reports show as "nothing". It agrees with
-no bounds, but only with a fact that allows the word "nothing".
+A number that could not be measured is NOT_MEASURED, which reports show as "nothing". It agrees only
+with a fact that allows the word "nothing".
 """
 
 from __future__ import annotations
@@ -32,12 +32,16 @@ def first_s(packets: Sequence[ReceivedPacket]) -> float:
 
 def sent_or_not(received: object) -> str:
     """Return the word of the facts for whether packets or texts were received."""
-    return "sent" if received else "not sent"
+    if received:
+        return "sent"
+    return "not sent"
 
 
 def yes_or_no(answer: bool) -> str:
     """Return the word of the facts for an answer."""
-    return "yes" if answer else "no"
+    if answer:
+        return "yes"
+    return "no"
 
 
 def count_or_none(count: int, unit: str) -> str:

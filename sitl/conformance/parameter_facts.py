@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from sitl.conformance.fact_group import FactGroup
-from sitl.conformance.facts import FactReport, facts, number
+from sitl.conformance.facts import Fact, FactReport, facts, number
 from sitl.conformance.measurements import NOT_MEASURED
 from sitl.conformance.vehicle_client import VehicleClient
 
@@ -38,17 +38,17 @@ _DEFAULTS = {
     "SIM_BAT_DRAIN": 60.0,
     "SIM_BAT_MIN_PCT": 50.0,
 }
+
+
+def _default_fact(name: str, value: float) -> Fact:
+    section = "13"
+    if name.startswith("SIM_BAT"):
+        section = "9"
+    return number(f"param.{name}", section, f"{name} by default", value, value)
+
+
 # A newly installed PX4 has these values. A drone in use usually has others.
-DEFAULTS = tuple(
-    number(
-        f"param.{name}",
-        "9" if name.startswith("SIM_BAT") else "13",
-        f"{name} by default",
-        value,
-        value,
-    )
-    for name, value in _DEFAULTS.items()
-)
+DEFAULTS = tuple(_default_fact(name, value) for name, value in _DEFAULTS.items())
 ACCESS = facts("parameters", "access")
 
 

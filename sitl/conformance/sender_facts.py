@@ -41,7 +41,10 @@ def run(client: VehicleClient, report: FactReport) -> None:
         streamed_before = second.receive(0.0)
         client.wait(0.3)
         has_moved = bool(streamed_before) or bool(second.receive(0.0))
-        report.add("link.second-sender", "moves" if has_moved else "stays")
+        if has_moved:
+            report.add("link.second-sender", "moves")
+        else:
+            report.add("link.second-sender", "stays")
     finally:
         second.close()
 
@@ -56,14 +59,19 @@ def _from_elsewhere(client: VehicleClient, report: FactReport) -> None:
     listener.receive(0.0)  # drop what has arrived so far
     client.wait(0.4)
     has_moved = not listener.receive(0.0)
-    report.add("link.first-sender", "moves there" if has_moved else "stays")
+    if has_moved:
+        report.add("link.first-sender", "moves there")
+    else:
+        report.add("link.first-sender", "stays")
 
     for _ in range(3):
         listener.send(client.pack_heartbeat())
         client.wait(0.3)
-    comes_back = bool(listener.receive(0.0))
-    stays = has_moved and not comes_back
-    report.add("link.listening-port", "stays" if stays else "comes back")
+    is_heard_again = bool(listener.receive(0.0))
+    if has_moved and not is_heard_again:
+        report.add("link.listening-port", "stays")
+    else:
+        report.add("link.listening-port", "comes back")
     # link.second-sender
     report.skip(FACTS[:1], "the first sender was another port")
 

@@ -235,7 +235,7 @@ def run_sticks(client: VehicleClient, report: FactReport) -> None:
 
 
 def _sticks(client: VehicleClient, from_s: float, rate_1_s: float) -> Callable[[], None]:
-    """Return a function that sends sticks, of which roll moves at a rate from a time on."""
+    """Return a function that sends sticks; from ``from_s`` on the roll stick moves at a rate."""
 
     def send() -> None:
         moved = min(0.5, max(0.0, rate_1_s * (client.now_s - from_s)))
@@ -283,10 +283,11 @@ def run_breaking(client: VehicleClient, report: FactReport) -> None:
             if not 5.0 < roll_deg < 15.0:
                 follows = False
 
-        report.add(f"{name}-after", "follows" if follows else "lost")
         if follows:
+            report.add(f"{name}-after", "follows")
             _recover(client, hover)
         else:
+            report.add(f"{name}-after", "lost")
             client.command(ARM, 0.0, FORCE)  # the vehicle would fly away otherwise
             client.next_heartbeat()
 

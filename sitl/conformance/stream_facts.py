@@ -16,10 +16,10 @@ from sitl.conformance.measurements import NOT_MEASURED, count_or_none, first_s, 
 from sitl.conformance.vehicle_client import MODES, STATUS, VehicleClient
 
 _WATCH_S = 10.0
-_READY_S = 6.0
-_FIRST_LOOK_S = 1.0  # time of the first look at the readiness after the first ATTITUDE
+_READY_S = 6.0  # longest wait until the vehicle is ready; its streams are watched from then on
+_FIRST_LOOK_S = 1.0  # time from the first ATTITUDE to the first look whether the vehicle is ready
 _READY_BEFORE_S = 1.3  # a vehicle ready before this may have been ready before the first look
-_FRESH_S = 1.8  # largest time of the clock of a new start at the first ATTITUDE
+_FRESH_S = 1.8  # a vehicle whose first ATTITUDE has at most this time has just started
 _RATE_SLACK_SHARE = 0.06
 _TIMED_STEP_MS = 4  # step of the clock
 _LEAST_PACE = 0.9  # limits of the pace of a vehicle in real time
@@ -191,8 +191,11 @@ def _message_layout(client: VehicleClient, report: FactReport, since_s: float) -
     report.add("wire.messages-per-datagram", received.frames / max(1, received.datagrams))
     report.add("wire.checksums", _checksums(client))
     report.add("wire.component", str(received.of("HEARTBEAT")[-1].component_id))
-    has_rc = bool(received.of("RC_CHANNELS")) or bool(received.of("RC_CHANNELS_RAW"))
-    report.add("wire.no-rc", "streamed" if has_rc else "none")
+    rc_packets = [*received.of("RC_CHANNELS"), *received.of("RC_CHANNELS_RAW")]
+    if rc_packets:
+        report.add("wire.no-rc", "streamed")
+    else:
+        report.add("wire.no-rc", "none")
     texts = len(received.of("STATUSTEXT"))
     report.add("text.silent-alone", count_or_none(texts, "texts"))
 

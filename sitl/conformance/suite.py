@@ -67,7 +67,7 @@ _NOT_SIMULATED = (
     "motors: see --i-have-removed-the-propellers"
 )
 _DRAIN_S = 60.0  # time in which PX4's own simulator uses a whole charge
-_READY_S = 8.0  # until this time of its own clock the vehicle may become ready
+_READY_S = 8.0  # time since the vehicle's boot until which the check waits for it to become ready
 _MEETING_S = 3.0  # longest wait for the first heartbeat, after the first datagram
 _MAV_AUTOPILOT_PX4 = 12
 _MAV_COMP_ID_AUTOPILOT1 = 1

@@ -269,7 +269,9 @@ class VehicleClient:
     @property
     def arming_state(self) -> str:
         """The word "armed" or "disarmed", by the newest heartbeat."""
-        return "armed" if self.is_armed else "disarmed"
+        if self.is_armed:
+            return "armed"
+        return "disarmed"
 
     @property
     def landed(self) -> str:
@@ -284,7 +286,9 @@ class VehicleClient:
     @property
     def prearm_bit(self) -> str:
         """State of the prearm bit of SYS_STATUS as text."""
-        return "set" if self.shows_ready() else "not set"
+        if self.shows_ready():
+            return "set"
+        return "not set"
 
     def next_heartbeat(self, count: int = 1) -> None:
         """Wait for the next heartbeats."""

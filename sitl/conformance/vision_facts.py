@@ -1,4 +1,8 @@
-"""Facts of external positions on the ground: fusion, ignored messages, and their loss."""
+"""Facts of external positions on the ground: fusion, ignored messages, and their loss.
+
+Positions are sent by a duty of the client: a function that the client calls periodically while it
+waits.
+"""
 
 from __future__ import annotations
 
@@ -52,14 +56,15 @@ def run(client: VehicleClient, report: FactReport) -> None:
 
 def _streams(client: VehicleClient) -> str:
     """Return "streams" if LOCAL_POSITION_NED is still sent, otherwise "stops"."""
-    recent = client.received.of("LOCAL_POSITION_NED", client.now_s - 0.5)
-    return "streams" if recent else "stops"
+    if client.received.of("LOCAL_POSITION_NED", client.now_s - 0.5):
+        return "streams"
+    return "stops"
 
 
 def _fused(client: VehicleClient, report: FactReport) -> None:
-    """Report the facts of positions that PX4 fuses; the duty sends the values of `position`."""
+    """Report the facts of positions that PX4 fuses."""
     since_s = client.now_s
-    position = list(_POSITION_NED_M)
+    position = list(_POSITION_NED_M)  # the duty sends these values, also when they change below
     client.vision_duty.act = _vision(client, position)
     client.wait(_SETTLE_S)
     report.add("vision.estimate", _error_m(client, position))
@@ -98,7 +103,7 @@ def _lost(client: VehicleClient, report: FactReport) -> None:
         client.vision_duty.act = _vision(client, list(_POSITION_NED_M))
         client.wait(_SETTLE_S)
 
-    # PX4 does not fuse ATT_POS_MOCAP. While it is sent, the position is lost all the same.
+    # PX4 does not fuse ATT_POS_MOCAP: the position is lost also while this message is sent.
     client.vision_duty.act = None
     if report.wants("vision.mocap-ignored"):
         client.vision_duty.act = _mocap(client, list(_POSITION_NED_M))
@@ -131,6 +136,7 @@ def _flags_in_turn(client: VehicleClient, since_s: float) -> list[str]:
 
 
 def _arm_in_offboard(client: VehicleClient, report: FactReport) -> None:
+    """Report whether the vehicle can be armed in OFFBOARD without a position."""
     hover = Hover(client)
     client.stream(hover)
     client.wait(0.3)
@@ -157,6 +163,7 @@ def _error_m(client: VehicleClient, position: list[float], axes: str = "xyz") ->
 
 
 def _set_origin(client: VehicleClient, altitude_m: float) -> None:
+    """Set the global origin of the local frame."""
     client.send(
         "SET_GPS_GLOBAL_ORIGIN",
         target_system=client.system_id,
@@ -168,11 +175,15 @@ def _set_origin(client: VehicleClient, altitude_m: float) -> None:
 
 
 def _usec(client: VehicleClient) -> int:
+    """Return the present time [us]."""
     return round(client.now_s * 1e6)
 
 
 def _xyz(position: list[float]) -> dict[str, float]:
     return dict(zip("xyz", position, strict=True))
+
+
+# Each of these functions returns a function for the duty, which sends the values of `position`.
 
 
 def _vision(client: VehicleClient, position: list[float]) -> Callable[[], None]:
