@@ -80,7 +80,7 @@ COVERED: dict[Kind, Kind] = {
 
 
 def without_implied(texts: Sequence[str]) -> list[str]:
-    """Return the conditions that a vehicle reports, less those that a worse one of them implies.
+    """Return the conditions that a vehicle reports, without those that a worse one implies.
 
     Args:
         texts: conditions as the telemetry has them, known to this ground or not.
@@ -93,5 +93,5 @@ def without_implied(texts: Sequence[str]) -> list[str]:
 
 
 def implied_by(kinds: Set[Kind]) -> set[Kind]:
-    """Return the alarms that a worse one among ``kinds`` of the same vehicle implies."""
-    return {covered for covered, by in COVERED.items() if by in kinds}
+    """Return the alarms that a worse one among ``kinds``, all of one vehicle, implies."""
+    return {covered for covered, worse in COVERED.items() if worse in kinds}

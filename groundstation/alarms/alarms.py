@@ -157,6 +157,7 @@ class Alarms:
                 self.has_new = True
 
     def _begin_or_go_on(self, key: _Key, alarm: Alarm, now_ns: int) -> None:
+        """Add the line of an alarm that holds now, or update the line that it already has."""
         self._last_ns[key] = now_ns
         line = self._lines.get(key)
         if line is None:
@@ -172,7 +173,11 @@ class Alarms:
         self._lines[key] = dataclasses.replace(line, alarm=alarm, is_acknowledged=is_acknowledged)
 
     def _end_if_over(self, key: _Key, now_ns: int) -> None:
-        """End an alarm that does not hold now, unless it may only flicker."""
+        """End an alarm that does not hold now.
+
+        A latched alarm ends when it was acknowledged, any other after LINGER_S, because it may only
+        flicker.
+        """
         line = self._lines[key]
         last_ns = self._last_ns[key]
         if line.alarm.kind in _LATCHED:
@@ -187,6 +192,7 @@ class Alarms:
         self._last_ns.pop(key, None)
 
     def _of_events(self, state: FleetState) -> Iterator[Alarm]:
+        """Yield the alarms of events that have come since the last update."""
         for logged in state.events_after(self._last_event):
             kind = _EVENT_KINDS.get(logged.event.code)
             if kind is not None:
@@ -314,6 +320,7 @@ def conditions(state: FleetState, fleet: FleetConfig, now_ns: int) -> list[Alarm
 
 
 def _alarm(kind: Kind, subject: str, *, is_flying: bool, what: str = "", names: str = "") -> Alarm:
+    """Return an alarm with the words of the table; ``names`` replace its subject."""
     row = TABLE[kind]
     advice = row.advice
     severity = row.on_ground

@@ -256,6 +256,7 @@ class ScriptOrders:
         return tasks
 
     def _send_takeoffs(self, takeoffs: dict[str, _Takeoff]) -> None:
+        """Send one take-off for all vehicles with the same height."""
         for height_m in sorted({takeoff.height_m for takeoff in takeoffs.values()}):
             durations_s = {
                 name: takeoff.duration_s
@@ -324,7 +325,8 @@ class ScriptOrders:
             await order
         except OrderFailed as error:
             phases = {result.phase for result in error.results.values()}
-            if not phases <= {"done", "superseded"}:
+            has_failed = bool(phases - {"done", "superseded"})
+            if has_failed:
                 raise
             steps = self.fleet.steps
             steps[:] = [step for step in steps if "superseded" not in step.vehicles.values()]

@@ -27,8 +27,8 @@ GRID_S = 0.02
 _AIRBORNE_Z_M = 0.12
 _LONGEST_START_NS = 600_000_000_000  # longest time from a record's begin to its first vehicle
 _LEAD_S = 1.0  # time before the start that is shown
-_LIFTED_M = 0.05  # a vehicle that is so much above its first height has left the ground
-_SLOT_STEP_M = 0.05  # a goal further from the one before is another slot
+_LIFTED_M = 0.05  # height above its first position from which on a vehicle has left the ground
+_SLOT_STEP_M = 0.05  # largest distance of two goals that are the same slot
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,8 +245,11 @@ def _vectors(samples: list[Sample], field: str, size: int) -> Array:
     vectors = np.full((len(samples), size), np.nan)
     for index, sample in enumerate(samples):
         value = sample.values.get(field)
-        if isinstance(value, list) and len(value) == size:
-            vectors[index] = [entry if is_number(entry) else np.nan for entry in value]
+        if not isinstance(value, list) or len(value) != size:
+            continue
+        for part, entry in enumerate(value):
+            if is_number(entry):
+                vectors[index, part] = entry
     return vectors
 
 

@@ -38,9 +38,9 @@ _LAW = "law."
 _WITHOUT_FAULT = "without_fault"
 _WITHOUT_ORDER = "without_order"
 _WITHOUT_STEP = "without_step"
-# keys that may change in flight; keys of the bus and the law may, too
+# keys that may change in flight, in addition to all keys of the bus and the law
 _MAY_CHANGE_IN_FLIGHT = ("wind", "gust", "fault", "order", _WITHOUT_FAULT, _WITHOUT_ORDER)
-# keys that are no keys of the fleet file; keys of the bus are none either
+# keys that are not in the fleet file, in addition to all keys of the bus
 _NOT_OF_FLEET_FILE = (*_MAY_CHANGE_IN_FLIGHT, "seed", _WITHOUT_STEP)
 
 

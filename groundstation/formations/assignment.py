@@ -1,4 +1,4 @@
-"""Assigns slots to vehicles so that flights are short and ways do not cross. Pure.
+"""Assigns slots (places in a formation) to vehicles: flights are short, and do not cross. Pure.
 
 Two assignment problems are solved: the bottleneck problem (the largest cost is least) and the
 linear one (the sum of costs is least), both by shortest augmenting chains.

@@ -34,10 +34,10 @@ class FramePoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
     position_enu_m: Xyz | None = None  # position of the formation; by default as before
     turn_deg: float = 0.0  # turn on the way to this point, counterclockwise
-    # spacing from here on; by default as before, or with a name that formation's own
+    # spacing from here on; by default as before, or the new formation's own if `name` is given
     spacing_m: float | None = None
     name: str | None = None  # formation that it has become here; by default as before
-    # duration of the way to this point; 0: as six tenths of the top speed need
+    # duration of the way to this point; 0: the time that it takes at six tenths of the top speed
     duration_s: float = 0.0
 
 

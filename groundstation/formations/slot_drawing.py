@@ -148,18 +148,18 @@ def _matplotlib() -> Any:
 
 
 def _spread(pixels: Array, count: int, title: str) -> Array:
-    """Return N = `count` pixels (N, 3) of a drawing (P, 2), spread evenly over it.
+    """Return slots (N, 3), N = `count`: pixels of a drawing (P, 2), spread evenly over it.
 
-    This is Lloyd's iteration (k-means): each slot moves to the mean of the pixels that are nearest
-    to it. It begins with pixels that are far from each other.
+    This is Lloyd's iteration (k-means): again and again each centre moves to the mean of the pixels
+    that are nearest to it. The first centres are pixels that are far from each other.
     """
     if len(pixels) < count:
         raise ConfigError(
             f"{title} has {len(pixels)} dark pixels, too few for {count} slots. Draw it thicker."
         )
 
-    # The first is the one farthest west (the small weight decides between equals); each further
-    # one is as far from all before it as possible.
+    # The first centre is the pixel farthest west (the small weight decides between equals). Each
+    # further centre is the pixel that is farthest from all centres before it.
     centres = pixels[[int(np.argmin(pixels @ (1.0, -0.01)))]]
     distances = ((pixels - centres) ** 2).sum(-1)
     for _ in range(1, count):
@@ -175,7 +175,7 @@ def _spread(pixels: Array, count: int, title: str) -> Array:
             break
         centres = means
 
-    # each slot is the pixel nearest to its centre that is no slot yet
+    # each slot is, of the pixels that are no slot yet, the nearest to its centre
     chosen: list[int] = []
     for centre in centres:
         distances = ((pixels - centre) ** 2).sum(-1)

@@ -1,6 +1,7 @@
 """The slots of a fleet's formations, from the fleet file itself, from shapes, drawings or files.
 
-Orders, missions and shows get the slots of a formation from :func:`formation_slots`.
+A slot is the place of one vehicle in a formation. Orders, missions and shows get the slots of a
+formation from :func:`formation_slots`.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from groundstation.identification.logged_stretch import (
 )
 from onboard.arrays import Array
 
-_CLUSTER_S = 1.0  # residuals of so much time form a cluster of the jackknife
+_CLUSTER_S = 1.0  # duration of a cluster of residuals, for the jackknife
 # the coarse grid: delays [s] and natural frequencies wn [rad/s]
 _GRID_DELAYS_S = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2)
 _GRID_WN = (4.0, 6.0, 9.0, 14.0, 22.0)
@@ -64,11 +64,13 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> LeastSquares:
         return np.concatenate([[gain], error]), gain * unit_tilt + error
 
     def cost(theta: Array) -> float:
-        return float(((measured[::4] - gain_and_errors(theta)[1]) ** 2).sum())
+        _, tilt = gain_and_errors(theta)
+        return float(((measured[::4] - tilt) ** 2).sum())
 
     grid = [np.array([delay, wn, 0.7]) for delay in _GRID_DELAYS_S for wn in _GRID_WN]
     best = min(grid, key=cost)
-    theta = np.concatenate([best, gain_and_errors(best)[0]])
+    best_gain_and_errors, _ = gain_and_errors(best)
+    theta = np.concatenate([best, best_gain_and_errors])
 
     # Then Gauss-Newton from the best point of the grid, with all samples. theta holds delay, wn,
     # zeta, gain, error x and error y.

@@ -151,7 +151,9 @@ def toml_of_types(flown: Sequence[IdentifiedVehicle]) -> dict[str, str]:
 def type_toml(kind: str, members: Sequence[IdentifiedVehicle]) -> str:
     """Return TOML for ``[types.KIND]``: means over its vehicles, their intervals as comments."""
     names = ", ".join(member.vehicle.name for member in members)
-    table = f"types.{kind}" if kind else "defaults"
+    table = "defaults"
+    if kind:
+        table = f"types.{kind}"
     models = [member.identified for member in members]
     lag_s = _mean([model.lag_s for model in models])
     wn = _mean([model.wn_rad_s for model in models])

@@ -155,7 +155,7 @@ def _without(log: Log, bad_s: Array) -> Log:
     """
 
     def is_good(time_s: Array, after_s: float) -> BoolArray:
-        """Return whether each time (n,) is not around a bad time."""
+        """Return for each time (n,) whether no bad time lies from after_s before to 0.1 s after."""
         index = np.searchsorted(bad_s, time_s + 0.1)
         last_bad_s = np.where(index > 0, bad_s[np.maximum(index - 1, 0)], -np.inf)
         return np.asarray(time_s - last_bad_s > after_s)
@@ -211,5 +211,5 @@ def _student(clusters: int) -> float:
         clusters: clusters of the fit of the horizontal motion: one per window and axis, at least
             six, and one for the log's own value of the attitude's age.
     """
-    freedom = clusters - 1 - 4  # without the one of the age; four parameters are fitted
+    freedom = clusters - 1 - 4  # the cluster of the age does not count; four fitted parameters
     return 1.96 + 2.37 / freedom + 2.82 / freedom**2 + 2.56 / freedom**3 + 1.6 / freedom**4

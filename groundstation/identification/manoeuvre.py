@@ -33,8 +33,8 @@ def manoeuvre(
 ) -> tuple[tuple[Xyz, float], ...]:
     """Return goals and durations [s] of a zigzag in a box about the vehicle's start.
 
-    The box keeps a distance from the fence and from the spots of the others. A duration of 0 means
-    as fast as the limits allow.
+    The box keeps a distance from the fence and from the spots of the other vehicles. A duration of
+    0 means as fast as the limits allow.
 
     Args:
         fleet: the fleet file.
@@ -51,7 +51,7 @@ def manoeuvre(
 
     others = [fleet.vehicles[other].start_enu_m for other in fleet.enabled_names if other != name]
     apart_m = min((math.dist((x, y), other[:2]) for other in others), default=math.inf)
-    # the others stand on their spots, and do not give way
+    # the other vehicles stand on their spots, and do not give way
     apart_m -= parking_distance_m(fleet) + fleet.law.uncooperative_margin_m
 
     room_m = min(x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y) - _FENCE_M
@@ -86,7 +86,9 @@ def manoeuvre(
             goal_y += reach_m
 
         is_slow = index % 3 == 2
-        duration_s = _SLOW_S if is_slow else 0.0
+        duration_s = 0.0
+        if is_slow:
+            duration_s = _SLOW_S
         steps.append(((round(goal_x, 3), round(goal_y, 3), height_m), duration_s))
     return tuple(steps)
 

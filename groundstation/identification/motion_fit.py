@@ -2,7 +2,7 @@
 
 The acceleration by attitude and thrust is integrated twice and compared with the measured
 positions, in windows of two seconds. The position and the velocity at the begin of each window are
-unknown and are projected out. The rest is linear in the parameters.
+unknown; what they explain is removed by a projection. The rest is linear in the parameters.
 """
 
 from __future__ import annotations
@@ -52,8 +52,10 @@ def _drive(
 
     # direction of the thrust by the fitted response, on every second point to save time
     coarse_s = np.arange(begin_s, end_s + 2.0 * _GRID_S, 2.0 * _GRID_S)
-    theta = attitude.theta
-    coarse = theta[3] * response(commanded_tilt(log, coarse_s - shift_s), theta) + theta[4:6]
+    static_gain = attitude.theta[3]
+    tilt_error = attitude.theta[4:6]
+    responded = response(commanded_tilt(log, coarse_s - shift_s), attitude.theta)
+    coarse = static_gain * responded + tilt_error
     tilt = np.stack([np.interp(time_s, coarse_s, coarse[:, axis]) for axis in range(2)], axis=-1)
     angle = np.sqrt((tilt * tilt).sum(-1))
     horizontal = tilt * np.sinc(angle / np.pi)[:, None]
@@ -142,10 +144,9 @@ def _windows(
 
 
 def _covariance_m2(time_s: Array, gust_m_s2: float) -> Array:
-    """Return the covariance (n, n) of positions at these times.
+    """Return the covariance (n, n) of the errors of positions at these times.
 
-    It is the sum of that of white measurement noise, and of that of time-correlated gusts, which
-    are integrated twice.
+    The errors are white measurement noise, and time-correlated gusts integrated twice.
     """
     # matrices that integrate values at these times once and twice
     step_s = np.diff(time_s, prepend=time_s[0])
@@ -178,7 +179,7 @@ def _integral(values: Array) -> Array:
 def fit_vertical(
     log: Log, attitude: LeastSquares, begin_s: float, end_s: float
 ) -> tuple[float, float]:
-    """Fit the acceleration per throttle [m/s^2]; vertical drag and the motors' own lag are free.
+    """Fit the acceleration per throttle [m/s^2], together with vertical drag and the motors' lag.
 
     Args:
         log: one stretch in the air.

@@ -93,16 +93,18 @@ def _log(ticks: list[Sample], poses: list[Sample]) -> Log | None:
 
 
 def _is_flying(tick: Sample) -> bool:
+    """Return whether a vehicle flies high enough at a tick, and the tick has all values."""
     values = tick.values
     fields = ("position_enu_m", *_QUATERNIONS, "setpoint_thrust_frac")
-    if not _are_numbers(values, *fields, count=12):
+    if not _are_numbers(values, *fields, count=3 + 4 + 4 + 1):
         return False
     is_up = bool(values["position_enu_m"][2] > _LOW_M)
     return is_up and values.get("state") in ("flying", "holding", "taking off")
 
 
 def _is_tracked(pose: Sample) -> bool:
-    is_whole = _are_numbers(pose.values, "position_enu_m", "quaternion_enu_flu_wxyz", count=7)
+    """Return whether the mocap saw the body, and the pose has all values."""
+    is_whole = _are_numbers(pose.values, "position_enu_m", "quaternion_enu_flu_wxyz", count=3 + 4)
     return is_whole and bool(pose.values.get("is_tracked"))
 
 

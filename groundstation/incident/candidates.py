@@ -168,14 +168,17 @@ def _defences(fleet: Mapping[str, Any]) -> Iterator[Candidate]:
 
 
 def _cause(what: str, key: str, value: object) -> Candidate:
+    """Return the candidate that removes a cause by one change."""
     return Candidate(kind="cause", what=what, changes=(Change(key, f"{value}"),))
 
 
 def _other_value(key: str, value: object, usual: object) -> Candidate:
+    """Return the candidate that replaces an unusual value of the fleet file."""
     return _cause(f"with {key} = {usual} in place of {value}", key, _toml(usual))
 
 
 def _toml(value: object) -> str:
+    """Return a number, a truth value or a word as a change writes it."""
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value}"

@@ -1,7 +1,7 @@
 """Gives keys to a fleet's bus (``covey keys secure``).
 
-It makes the authority and the certificates of the nodes, as far as they are missing, and turns the
-endpoints in the fleet file into ``quic/`` endpoints.
+It makes the authority and the certificates of nodes that are missing, and turns the endpoints in
+the fleet file into ``quic/`` endpoints.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from onboard.config.fleet import ConfigError, FleetConfig
 # These ports lie below the kernel's range for outgoing connections, so that no connection gets one
 # of them by chance.
 PORT_RANGE = (20_000, 30_000)
-PX4_OFFSET = 40  # an emulated PX4 also binds the port that is so much above that of its endpoint
+PX4_OFFSET = 40  # an emulated PX4 also binds the port of its endpoint plus this
 
 _STREAMS = ("tcp/", "tls/")  # the other protocols of the bus use datagrams
 
@@ -35,8 +35,8 @@ def is_free(port: int, kind: socket.SocketKind) -> bool:
     """Return whether a loopback port can be bound now."""
     with socket.socket(socket.AF_INET, kind) as probe:
         if kind == socket.SOCK_STREAM:
-            # as the bus's listener does, so that a connection of the last flight in TIME_WAIT does
-            # not count
+            # The bus's listener does so, too. With it a connection of the last flight that is still
+            # in TIME_WAIT does not count.
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind(("127.0.0.1", port))
@@ -177,9 +177,9 @@ def _used_ports(fleet: FleetConfig) -> list[_UsedPort]:
 
 
 def _free_ports() -> Iterator[int]:
-    """Yield ports that are free for TCP and UDP, and whose emulated PX4's port is free as well."""
-    # The range is divided into blocks. The first half of a block is yielded. Its second half holds
-    # the ports of the emulated PX4s.
+    """Yield ports that are free for TCP and UDP, and whose port + PX4_OFFSET is free for UDP."""
+    # The range is divided into blocks of two halves. Ports of the first half are yielded; the
+    # second half is left to the emulated PX4s.
     low, high = PORT_RANGE
     step = 2 * PX4_OFFSET
     starts = list(range(low, high - step, step))

@@ -54,9 +54,9 @@ def agent_command(path: str, name: str, *, is_realtime: bool = True) -> list[str
 
 
 def leaves_room(count: int) -> bool:
-    """Return whether so many loops may take real-time priority on this machine.
+    """Return whether this number of loops may take real-time priority on this machine.
 
-    They must leave enough time for network and ground.
+    The loops must leave enough time for network and ground.
     """
     return count <= _LOOPS_PER_CORE * (os.cpu_count() or 1)
 
@@ -254,6 +254,7 @@ def _has_line(log: Path, text: str) -> bool:
 
 
 def _signal_group(process: subprocess.Popen[bytes], number: signal.Signals) -> None:
+    """Send a signal to the process group of a process that has not ended."""
     # The id of a process that has ended may belong to another process by now.
     if process.poll() is None:
         with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -261,5 +262,6 @@ def _signal_group(process: subprocess.Popen[bytes], number: signal.Signals) -> N
 
 
 def _die_with_parent() -> None:
+    """Let the kernel kill this process when its parent ends (Linux)."""
     if _LIBC is not None:
         _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

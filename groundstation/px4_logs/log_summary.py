@@ -205,16 +205,22 @@ def modes(status: LogRows) -> list[tuple[float, str]]:
 def _most(values: Any) -> float:
     """Return the largest finite value; 0 without any."""
     known = values[np.isfinite(values)]
-    return float(known.max()) if known.size else 0.0
+    if not known.size:
+        return 0.0
+    return float(known.max())
 
 
 def _least(values: Any) -> float:
     """Return the smallest finite value; 0 without any."""
     known = values[np.isfinite(values)]
-    return float(known.min()) if known.size else 0.0
+    if not known.size:
+        return 0.0
+    return float(known.min())
 
 
 def _first(values: Any) -> float:
     """Return the first finite value; 0 without any."""
     known = values[np.isfinite(values)]
-    return float(known[0]) if known.size else 0.0
+    if not known.size:
+        return 0.0
+    return float(known[0])

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from onboard.arrays import Array
 
-_MOST = 32_000  # largest quantised number of a curve, either sign
+_MOST = 32_000  # a curve is quantised to numbers from -_MOST to _MOST
 _NOT_KNOWN = -32_768  # the number that stands for NaN
 
 

@@ -138,6 +138,7 @@ def _columns(
 
 
 def _path_columns(number: int, vehicle: VehicleFlight, grid_s: Array) -> Iterator[Column]:
+    """Yield the path of one vehicle and its attitude: the true one if the record has it."""
     times_s, positions_enu_m = vehicle.path
     path_enu_m = between_times(times_s, positions_enu_m, grid_s, _PATH_GAP_S)
     yield from _axes(number, "", path_enu_m, _METRE)
@@ -157,6 +158,7 @@ def _path_columns(number: int, vehicle: VehicleFlight, grid_s: Array) -> Iterato
 
 
 def _people_columns(flight: Flight, grid_s: Array) -> Iterator[Column]:
+    """Yield the paths of all persons."""
     for index, track in enumerate(flight.people.values()):
         path_enu_m = between_times(track.time_s, track.position_enu_m, grid_s, _PERSON_GAP_S)
         yield from _axes(f"person{index}", "", path_enu_m, _METRE)
@@ -251,6 +253,7 @@ def _telemetry_columns(
 
 
 def _axes(owner: int | str, prefix: str, values: Array, resolution: float) -> Iterator[Column]:
+    """Yield a curve for each axis x, y, z of some vectors (n, 3)."""
     for axis, name in enumerate("xyz"):
         yield packed(f"{owner}/{prefix}{name}", values[:, axis], resolution)
 

@@ -94,7 +94,9 @@ def px4_header(found: FoundLogs, names: tuple[str, ...]) -> list[dict[str, Any]]
 
 def _finite(value: float) -> float | None:
     """Return a value rounded for JSON; None if it is not finite."""
-    return round(value, 3) if np.isfinite(value) else None
+    if not np.isfinite(value):
+        return None
+    return round(value, 3)
 
 
 def _columns(

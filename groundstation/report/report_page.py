@@ -51,7 +51,9 @@ def page(title: str, data: bytes, *, has_pictures: bool = False) -> str:
 
 def policy(scripts: list[str], styles: list[str], *, has_pictures: bool = False) -> str:
     """Return the content security policy, which allows only these scripts and styles."""
-    pictures = ["img-src data:"] if has_pictures else []
+    pictures = []
+    if has_pictures:
+        pictures.append("img-src data:")
     return "; ".join(
         [
             "default-src 'none'",

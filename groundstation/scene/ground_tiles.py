@@ -185,6 +185,7 @@ def _wrapped(columns: float, count: int) -> float:
 
 
 def _corners(address: _Address, origin: Origin) -> tuple[tuple[float, float], ...]:
+    """Return the corners of a tile [m], in the order of :class:`GroundTile`."""
     count = 2**address.zoom
     corners = []
     for row in (address.y, address.y + 1):
@@ -212,6 +213,7 @@ def _no_tiles_words(folder: Path, fleet: FleetConfig, origin: Origin) -> str:
 
 
 def _is_few(zoom: int, fleet: FleetConfig, origin: Origin) -> bool:
+    """Return whether at most MOST_TILES tiles of a zoom cover the fence."""
     return len(list(_covering(zoom, fleet, origin))) <= MOST_TILES
 
 
@@ -219,6 +221,7 @@ def _is_few(zoom: int, fleet: FleetConfig, origin: Origin) -> bool:
 
 
 def _png(path: Path) -> bytes:
+    """Return the bytes of a tile, after a check that it is a PNG of a usual size."""
     data = read_bytes(path, MAP_TILE)
     if len(data) < _HEADER_BYTES or not data.startswith(_PNG_BEGIN):
         raise ConfigError(f"{path} is no PNG. Export the tiles as PNG.")

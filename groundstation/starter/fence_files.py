@@ -1,8 +1,8 @@
 """Reads fences of other programs, and writes them as the ``[[fences]]`` of a fleet file.
 
-Two formats are read: the geoFence of QGroundControl's ``.plan``, and GeoJSON (RFC 7946). Of GeoJSON
-these are polygons, their holes as areas to stay out of, and points with a radius. All coordinates
-are latitudes and longitudes, in the files as in the result.
+Two formats are read: the geoFence of QGroundControl's ``.plan``, and GeoJSON (RFC 7946). From
+GeoJSON come polygons, their holes as areas to stay out of, and points with a radius. All
+coordinates are latitudes and longitudes, in the files as in the result.
 
 In PX4 a vehicle may be in any of several areas to stay in; in Covey all fences hold at once. So a
 file with more than one area to stay in is refused: vehicles could only be where these overlap.
@@ -22,8 +22,10 @@ from onboard.config.fleet import ConfigError
 PLAN_VERSION = 1
 GEOFENCE_VERSION = 2
 SHAPE_VERSION = 1
-_CRS84 = ("CRS84", "EPSG::4326", "EPSG:4326")
+_CRS84 = ("CRS84", "EPSG::4326", "EPSG:4326")  # names of the coordinates of GeoJSON
 _LONGEST_NAME = 40
+
+# In this file ``where`` names the place of a value in the file, for refusals.
 
 Degrees = tuple[float, float]  # latitude, longitude
 
@@ -115,6 +117,7 @@ def toml_of(fences: list[Fence]) -> str:
 
 
 def _text(name: str) -> str:
+    """Return a name as a TOML string, without letters that would need an escape."""
     allowed = "".join(letter for letter in name if letter.isprintable() and letter not in '"\\')
     return f'"{allowed}"'
 
@@ -137,21 +140,19 @@ def _plan_fences(data: dict[str, Any], name: str, stem: str) -> Iterator[Fence]:
     _check_version(fence, GEOFENCE_VERSION, name, "its geoFence")
 
     polygons = _list(fence, "polygons", name)
-    for number, polygon in enumerate(polygons, 1):
+    for number, polygon in enumerate(polygons, start=1):
         where = f"{name}: polygon {number} of geoFence"
         shape = _table(polygon, where)
         _check_version(shape, SHAPE_VERSION, name, f"polygon {number} of geoFence")
-        corners = [
-            _degrees(corner, where)
-            for corner in _ring(shape.get("polygon", []), f"{where}: polygon")
-        ]
+        ring = _ring(shape.get("polygon", []), f"{where}: polygon")
+        corners = [_degrees(corner, where) for corner in ring]
         yield Fence(
             name=f"{stem} {number}",
             keep=_keep(shape.get("inclusion"), where),
             polygon_deg=tuple(_opened(corners)),
         )
 
-    for number, circle in enumerate(_list(fence, "circles", name), 1):
+    for number, circle in enumerate(_list(fence, "circles", name), start=1):
         where = f"{name}: circle {number} of geoFence"
         outer = _table(circle, where)
         _check_version(outer, SHAPE_VERSION, name, f"circle {number} of geoFence")
@@ -197,7 +198,7 @@ def _geojson_fences(data: dict[str, Any], name: str, stem: str) -> Iterator[Fenc
     features = [data]
     if data["type"] == "FeatureCollection":
         features = [_table(feature, name) for feature in _list(data, "features", name)]
-    for number, feature in enumerate(features, 1):
+    for number, feature in enumerate(features, start=1):
         where = f"{name}: feature {number}"
         geometry = feature
         properties: dict[str, Any] = {}
@@ -240,7 +241,8 @@ def _geometry_fences(
             f"{where} is a {kind[:30]}; polygons, and points with a radius_m, are read. Remove it."
         )
 
-    for number, rings in enumerate(polygons, 1):
+    # The first ring of a polygon is its edge, and the others are its holes.
+    for number, rings in enumerate(polygons, start=1):
         own_label = label
         if len(polygons) > 1:
             own_label = f"{label} {number}"

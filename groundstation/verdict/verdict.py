@@ -52,7 +52,7 @@ class LandingSpeed(msgspec.Struct, frozen=True):
     vehicle: str
     time_s: float  # since the flight's begin
     speed_m_s: float  # downwards
-    limit_m_s: float  # limit for its kind of flight: by poses, by satellites, or without either
+    limit_m_s: float  # depends on what gives the vehicle its position: poses, satellites or nothing
     had_thrust: bool  # False: its motors were off, weak or dead; then the limit does not count
 
 

@@ -52,7 +52,9 @@ class LiveScene:
         known: dict[str, PointEnu] = {}  # positions of the vehicles that have one now
         for name in self._fleet.enabled_names:
             view = state.vehicles.get(name)
-            position = None if view is None else view.position_enu_m(now_ns)
+            if view is None:
+                continue
+            position = view.position_enu_m(now_ns)
             if position is not None and all(map(math.isfinite, position)):
                 known[name] = position
         self._extend_trails(known, now_ns)

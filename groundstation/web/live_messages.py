@@ -84,7 +84,7 @@ def state_message(
         now_ns: time on the ground's clock.
         mission: a few words on the mission that this server flies, and whether it counts down.
     """
-    line, counts_down = mission
+    mission_line, counts_down = mission
     views = [state.vehicles[name] for name in fleet.enabled_names if name in state.vehicles]
     return {
         "kind": "state",
@@ -94,7 +94,7 @@ def state_message(
         "smallest": _separation(state.smallest_truth or state.smallest),
         "alarms": [_alarm(line, now_ns) for line in alarms],
         "control": _control(control),
-        "mission": {"line": plain_line(line)[:_MOST_TEXT], "counts_down": counts_down},
+        "mission": {"line": plain_line(mission_line)[:_MOST_TEXT], "counts_down": counts_down},
     }
 
 
@@ -240,14 +240,18 @@ def _alarm(line: AlarmLine, now_ns: int) -> PageMessage:
 def _control(control: Control | None) -> Mapping[str, Any] | None:
     if control is None:
         return None
-    requester = control.requester
+    requester_label = None  # nobody asks for the control
+    if control.requester is not None:
+        requester_label = plain_line(control.requester.label)
     return {
         "text": plain_line(control.text),
         "refusal": control.refusal("move"),
-        "requester": None if requester is None else plain_line(requester.label),
+        "requester": requester_label,
     }
 
 
 def _known(value: float) -> float | None:
     """Return a number, or None if it is not known."""
-    return value if math.isfinite(value) else None
+    if not math.isfinite(value):
+        return None
+    return value

@@ -8,7 +8,7 @@ pages see all cards.
 Missions, countdowns and take-offs in waves are written as in the console, one at a time; their card
 ends with their verdict. They are flown by this server, and end with it.
 
-LAND ALL and HOLD ALL are sent at once by a call of their own, see :meth:`OrderCards.urgent`.
+LAND ALL and HOLD ALL do not come as lines: :meth:`OrderCards.urgent` sends them at once.
 """
 
 from __future__ import annotations
@@ -49,9 +49,8 @@ class OrderCard:
     def __init__(self, number: int, text: str) -> None:
         self.number = number
         self.text = text
-        self.phase = (
-            "previewed"  # previewed (it waits for its confirmation), sent, refused, dropped
-        )
+        # previewed (the card waits for its confirmation), sent, refused or dropped
+        self.phase = "previewed"
         self.sentences: tuple[str, ...] = ()  # the reasons of a refusal or drop, or an answer
         self.prepared: PreparedOrder | None = None  # set for an order that needs a confirmation
         self.result: OrderResult | None = None  # set once the order is sent
@@ -283,7 +282,8 @@ class OrderCards:
             self._tell(card.message())
             return
         if isinstance(verdict, Verdict):
-            card.outcome = "passed" if verdict.passed else "failed"
+            if verdict.passed:
+                card.outcome = "passed"
             others = [sentence for sentence in verdict.sentences if sentence != verdict.summary]
             sentences = [verdict.summary, *others]
             card.sentences = tuple(plain_line(sentence)[:_MOST_TEXT] for sentence in sentences)
