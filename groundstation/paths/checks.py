@@ -102,7 +102,7 @@ def closest_pairs(
     Args:
         flown: the paths.
         below_m: the separation [m]; 0 returns the nearest pair only.
-        height_share: weight of a metre of height.
+        height_share: factor of height differences in separations.
     """
     # one row for each pair: indices of its two vehicles
     first, second = np.triu_indices(len(flown.names), 1)
