@@ -107,6 +107,7 @@ class Snapshot(Struct, frozen=True):
     is_simulated: bool = False  # whether PX4's own identity says that it is a simulation
     px4_boot_ms: int = 0  # PX4's clock, which shows whether it stands still
     restarts: int = 0  # number of times that PX4's clock has begun anew
+    returns: int = 0  # number of times that its messages came back after a silence
     heartbeat_ns: int = 0
     is_armed: bool = False
     mode: str = ""

@@ -1,6 +1,8 @@
 """Upkeep of the link to PX4: waits for PX4, sets rates and origin, checks parameters.
 
-It runs beside the control loop, and begins anew whenever PX4 restarts.
+It runs beside the control loop. It begins anew whenever PX4 restarts, and whenever PX4 is heard
+again after a silence: when its USB cable is plugged in again, a PX4 that has kept its power sends
+at its default rates.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from onboard import agent_inputs
-from onboard.autopilot import LinkError, Version
+from onboard.autopilot import LinkError, Snapshot, Version
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.flight.context import FlightContext
 from onboard.process import realtime
@@ -91,11 +93,11 @@ class LinkUpkeep:
         await self._connect()
         while True:
             # counted before the work begins: PX4 may restart in the midst of it
-            restarts = self._link.snapshot().restarts
+            before = _beginnings(self._link.snapshot())
             await self._prepare()
-            await self._watch_until(restarts + 1)
+            await self._watch_while(before)
             self._absent.clear()
-            log.warning("PX4 has restarted")
+            log.warning("PX4 has restarted, or is heard again")
 
     async def _connect(self) -> None:
         while True:
@@ -135,8 +137,8 @@ class LinkUpkeep:
         required = required_params(self._fleet, self._vehicle, version)
         return [demand for name, demand in required.items() if name not in self._absent]
 
-    async def _watch_until(self, restarts: int) -> None:
-        """Check parameters, origin and disk from time to time, until PX4 has restarted so often."""
+    async def _watch_while(self, beginnings: int) -> None:
+        """Check parameters, origin and disk from time to time, until PX4 begins once more."""
         problems: tuple[str, ...] | None = None  # None: the parameters have not been read yet
         read_ns = 0  # time at which they were read
         read_for: Version | None = None  # PX4's version at that time
@@ -166,7 +168,7 @@ class LinkUpkeep:
             is_full = await self._in_thread(realtime.is_disk_full)
             self._notify(agent_inputs.DiskChecked(is_full))
 
-            if self._link.snapshot().restarts >= restarts:
+            if _beginnings(self._link.snapshot()) != beginnings:
                 return
 
     async def _read_params(self, has_origin: bool) -> tuple[str, ...]:
@@ -192,6 +194,11 @@ class LinkUpkeep:
 
     async def _in_thread(self, function: Callable[..., Any], *args: Any) -> Any:
         return await asyncio.get_running_loop().run_in_executor(self._blocking, function, *args)
+
+
+def _beginnings(px4: Snapshot) -> int:
+    """Return how often PX4 has restarted, or was heard again after a silence."""
+    return px4.restarts + px4.returns
 
 
 def _values(required: Iterable[RequiredParam]) -> dict[str, Value]:

@@ -57,6 +57,9 @@ _ONE_AT_A_TIME = threading.Lock()
 # sends no origin.
 _RESTARTED_MS = 500
 
+# PX4's messages have come back if nothing came for longer than this. A cable may have been pulled.
+_SILENT_NS = 1_000_000_000
+
 # Numbers of messages.
 _HEARTBEAT = 0
 _GPS_RAW_INT = 24
@@ -317,6 +320,7 @@ class Px4Link:
     def _read(self, known: Snapshot) -> Snapshot:
         """Return the snapshot with all messages that have come since the known one."""
         changes: dict[str, Any] = {}
+        oldest_ns = 0
         newest_ns = 0
         clocks_ms = []  # PX4's clock in the messages that carry it
         while self._unread:  # the relay's thread may add messages meanwhile
@@ -332,6 +336,7 @@ class Px4Link:
                 change = self._batteries.changes(fields["id"], change)
             changes |= change
             newest_ns = max(newest_ns, arrived_ns)
+            oldest_ns = min(oldest_ns or arrived_ns, arrived_ns)
             if "time_boot_ms" in fields:
                 clocks_ms.append(int(fields["time_boot_ms"]))
 
@@ -340,6 +345,8 @@ class Px4Link:
         if clocks_ms and self._has_restarted(min(clocks_ms)):
             changes.setdefault("global_origin", None)
             changes["restarts"] = known.restarts + 1
+        if known.last_packet_ns and oldest_ns - known.last_packet_ns > _SILENT_NS:
+            changes["returns"] = known.returns + 1
         if "sticks_ns" in changes:
             changes["sticks_before_ns"] = self._sticks_before_ns
         return replace(known, last_packet_ns=newest_ns, system_id=self.system_id, **changes)

@@ -8,6 +8,7 @@ import asyncio
 from collections.abc import Mapping
 
 import pytest
+from msgspec.structs import replace
 
 from onboard import agent_inputs
 from onboard.agent import link_upkeep
@@ -80,31 +81,36 @@ async def events_until(link: MuteLink, reads: int) -> list[agent_inputs.AgentInp
 
 
 class RestartingLink(MuteLink):
-    """PX4 that restarts while its parameters are read; its clock has caught up by the end."""
+    """PX4 that restarts while its parameters are read, and whose clock has caught up by the end; or
+    one whose cable is pulled meanwhile.
+    """
 
-    def __init__(self) -> None:
+    def __init__(self, counter: str) -> None:
         super().__init__()
         self.prepared = 0  # number of times that rates were requested
-        self.restarts = 0
+        self._counter = counter
+        self._count = 0
 
     def snapshot(self) -> Snapshot:
         boot_ms = 20_000 + 10_000 * len(self.read)
-        return Snapshot(heartbeat_ns=1 << 62, px4_boot_ms=boot_ms, restarts=self.restarts)
+        px4 = Snapshot(heartbeat_ns=1 << 62, px4_boot_ms=boot_ms)
+        return replace(px4, **{self._counter: self._count})
 
     def request_rates(self) -> None:
         self.prepared += 1
 
     def read_params(self, names: Mapping[str, float | int]) -> dict[str, float | int | None]:
         if not self.read:
-            self.restarts = 1
+            self._count = 1
         return super().read_params(names)
 
 
-async def test_rates_are_requested_again_after_a_restart_during_the_reading_of_parameters(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize("counter", ["restarts", "returns"])
+async def test_rates_are_requested_again_after_a_restart_or_a_silence_while_parameters_are_read(
+    monkeypatch: pytest.MonkeyPatch, counter: str
 ) -> None:
     monkeypatch.setattr(link_upkeep, "_LOOK_S", 0.01)
-    link = RestartingLink()
+    link = RestartingLink(counter)
     await events_until(link, 2)
     assert link.prepared == 2
 

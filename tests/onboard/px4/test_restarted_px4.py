@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 
 import pytest
 
 from onboard.autopilot import Snapshot
+from onboard.px4 import mavsdk_link
 from tests.onboard.px4.wire import Wire, wired
 
 _ORIGIN = (473977060, 85455408, 489400)  # 1e-7 degrees and mm
@@ -58,6 +60,22 @@ def test_messages_that_overtake_each_other_are_no_restart(wire: Wire) -> None:
     snapshot = _position(wire, 599_600)
     assert snapshot.global_origin is not None
     assert snapshot.restarts == 0
+
+
+def test_a_px4_that_is_heard_again_after_a_pulled_cable_is_counted(
+    wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mavsdk_link, "_SILENT_NS", 100_000_000)
+    before = wire.attitude(600_020)
+    time.sleep(0.15)
+    after = wire.attitude(600_170)
+    assert after.returns > before.returns
+    assert after.restarts == 0
+    assert after.global_origin is not None
+
+
+def test_a_px4_that_is_heard_all_the_time_does_not_count_as_heard_again(wire: Wire) -> None:
+    assert wire.attitude(600_020).returns == 0
 
 
 def test_a_restart_is_counted_although_its_clock_has_caught_up_since(wire: Wire) -> None:
