@@ -1,24 +1,24 @@
 """Offsets of other hosts' monotonic clocks from ours, measured over the bus. Pure.
 
-Twice a second every node publishes the time by its clock, and when by its clock it received the
-others' last clock messages. A message that another node sends at t1 by its clock and that arrives
-at t2 by ours shows that its clock is ahead of ours by at least t1 - t2, since nothing arrives
-before it is sent. In the same way, the arrival times that the other node publishes of our messages
-bound that offset from above. Both bounds hold whatever the delays are, even if they differ between
-the two directions; the quickest messages in each direction make them narrow. A bound widens as it
-ages, because clocks drift apart. Nothing is averaged, and no wall clock takes part, so a wall clock
-that jumps changes nothing.
+Twice a second every node publishes a clock message: its present time, and the times at which it
+received the last clock message of each other node, all by its own clock. If another node sends a
+message at t1 by its clock, and it arrives at t2 by our clock, the other clock is ahead of ours by
+at least t1 - t2, because nothing arrives before it is sent. In the same way, the arrival times of
+our messages that the other node publishes bound this offset from above. Both bounds hold for any
+delays, even if the two directions differ; the quickest messages in each direction make them narrow.
+A bound widens as it ages, because clocks drift apart. Nothing is averaged, and no wall clock is
+used, so a wall clock that jumps changes nothing.
 
-Each node also publishes the time of day by its computer's wall clock. That is only compared with
-ours, for starts at a time of day; no stamp is converted by it.
+Each node also publishes its computer's wall clock. It is only compared with ours, for flights that
+start at a time of day; no stamp is converted by it.
 
 Nodes that share a clock (one kernel, one boot, one time namespace) recognise that by their equal
 host ids.
 
 A message that contradicts the known bounds of its sender may be false. So the known bounds stay in
-use while messages agree with them, and the contradicting messages are collected beside them. Once
-no message has agreed with the known bounds for a while, and several in a row have agreed on other
-bounds, these replace the known ones: the sender has probably started anew.
+use while messages agree with them, and other bounds are collected from the contradicting messages.
+If no message agrees with the known bounds for a while, and several in a row agree with the other
+bounds, the other bounds replace the known bounds: the sender has probably restarted.
 """
 
 from __future__ import annotations
@@ -28,11 +28,12 @@ from dataclasses import dataclass, field, replace
 
 from onboard.bus.schema import ClockMessage, HeardClock
 
-# Crystals are within 100 ppm; a host whose wall clock is being disciplined slews its monotonic
-# clock too, by up to 500.
-DRIFT = 1e-3  # largest change of the difference of two such clocks, over the time that has passed
+# Crystals are within 100 ppm. While NTP corrects a host's wall clock, it slews the monotonic clock
+# as well, by up to 500 ppm.
+DRIFT = 1e-3  # largest change of the difference of two clocks, per elapsed time
 _UNKNOWN_DELAY_NS = 20_000_000  # delay of a message that is assumed while nothing is measured
-_SAME_CLOCK_NS = 500_000_000  # a stamp at most this long before its arrival may be by our own clock
+# a stamp at most this long before its arrival may come from our own clock
+_SAME_CLOCK_NS = 500_000_000
 _FORGET_NS = 60_000_000_000  # a node that is silent for this time may be forgotten
 _MAX_NODES = 64
 # The known bounds may be replaced after this time without a message that agrees with them: three
@@ -120,7 +121,8 @@ class Clocks:
     host: int  # our own host id
     restarts: int = 0  # how often the bounds of a node were replaced after a contradiction
     _peers: dict[str, Peer] = field(default_factory=dict)
-    # node -> another peer, by messages that contradict the known one, and how many in a row agree
+    # node -> the peer according to messages that contradict the known bounds, and the number of
+    # these messages in a row that agree with each other
     _contradictions: dict[str, tuple[Peer, int]] = field(default_factory=dict)
     _sequence: int = 0
 
@@ -185,10 +187,10 @@ class Clocks:
             self._peers[node], _ = self._contradictions.pop(node)
 
     def _contradiction(self, message: ClockMessage, received_ns: int) -> tuple[Peer, int] | None:
-        """Return the peer by a message that contradicts the known one, and how many agree on it.
+        """Return the peer according to a contradicting message, and how many messages agree on it.
 
-        Such a message either agrees with the contradicting messages before it or is the first of a
-        new row. Return None for a message that contradicts itself.
+        The message either agrees with the contradicting messages before it, or is the first of a
+        new row. The result is None for a message that contradicts itself.
         """
         earlier, count = self._contradictions.get(message.node, (None, 0))
         peer = self._merged(earlier, message, received_ns)
@@ -255,8 +257,8 @@ class Clocks:
     def own_ns(self, node: str, stamp_ns: int, received_ns: int) -> int:
         """Convert a stamp of another node to our clock.
 
-        While nothing is known of the node, a stamp shortly before its arrival counts as one by our
-        own clock; any other is replaced by its arrival, less an assumed delay.
+        While nothing is known of the node, a stamp shortly before its arrival counts as a stamp of
+        our own clock. Any other stamp is replaced by its arrival, less an assumed delay.
 
         Args:
             node: name of the node whose clock made the stamp.
@@ -287,7 +289,7 @@ class Clocks:
         Args:
             node: its name on the bus.
         Returns:
-            True if it shares our clock or its offset is bounded on both sides.
+            True if the node shares our clock, or its offset is bounded on both sides.
         """
         peer = self._peers.get(node)
         return peer is not None and (peer.host == self.host or peer.high_ns is not None)
@@ -352,4 +354,5 @@ class Clocks:
 
 
 def _drift_ns(age_ns: int) -> int:
+    """Return by how much two clocks may have drifted apart since a bound was measured."""
     return int(DRIFT * max(0, age_ns))

@@ -1,8 +1,8 @@
 """Clock synchronisation of one process with the others on the bus.
 
-The process publishes its monotonic clock and its computer's wall clock, receives those of the
-others (``clock_offsets.py`` compares them), and converts the stamps of messages to its own clock.
-It recognises processes that share its clock by the host id that they publish.
+The process publishes its monotonic clock and its computer's wall clock, and receives the clocks of
+the others, which ``clock_offsets.py`` compares. It converts the stamps of messages to its own
+clock. Processes that share its clock publish the same host id.
 """
 
 from __future__ import annotations
@@ -65,9 +65,9 @@ class ClockNode:
         self._bus = bus
         self.clocks = Clocks(bus.node, host_id())
 
-        # source whose poses cannot be used, as its clock is not known -> arrival of the first pose
+        # source with an unknown clock, whose poses cannot be used -> arrival of its first pose
         self._unknown_since_ns: dict[str, int] = {}
-        self._warned: set[str] = set()  # such sources that a warning has named
+        self._warned: set[str] = set()  # sources with an unknown clock that a warning has named
 
     def start(self) -> None:
         """Subscribe to the others' clocks; the bus must be open."""
@@ -120,6 +120,7 @@ class ClockNode:
         return replace(message, stamp_ns=stamp_ns)
 
     def _warn_of_unknown_clock(self, source: str, now_ns: int) -> None:
+        """Log a warning, once, if a source has been without a known clock for a while."""
         since_ns = self._unknown_since_ns.setdefault(source, now_ns)
         if source in self._warned or now_ns - since_ns <= _WARN_AFTER_NS:
             return
@@ -146,7 +147,7 @@ class ClockNode:
         offset_ns = stamp_ns - order.stamp_ns
 
         deadline_ns = order.deadline_ns
-        if deadline_ns != 0:  # 0 stands for none
+        if deadline_ns != 0:  # 0: no deadline
             deadline_ns += offset_ns
 
         path = order.path
@@ -168,6 +169,6 @@ class ClockNode:
             await asyncio.sleep(BEAT_S)
 
     def _receive(self, _topic: Topic, name: str, message: Message | Malformed) -> None:
-        # the key names the sender, so a message with another node's name is not used
+        # the key names the sender; a message that claims to be from another node is not used
         if isinstance(message, ClockMessage) and message.node == name:
             self.clocks.hear(message, time.monotonic_ns())

@@ -22,13 +22,13 @@ CONTROL_CLAIMS: tuple[ControlClaim, ...] = get_args(ControlClaim)
 
 EMERGENCY: tuple[OrderKind, ...] = ("land", "hold", "kill")  # orders that end a flight or a path
 OPEN_TO_ALL: tuple[OrderKind, ...] = (*EMERGENCY, "pause")  # orders that anybody may send
-# Orders that are open to every ground of the person who operates. A script or a mission operates in
-# its own process, while its person watches from another one. A move that lands, to fly home, is
+# Orders that every ground of the operating person may send. A script or a mission operates in its
+# own process, while the person watches from another ground. A move that lands, to fly home, is
 # open in the same way.
 _OF_THE_PERSON: tuple[OrderKind, ...] = ("resume", "skip")
 
-# End of the sentence with which a vehicle refuses a mission's order, because that would replace a
-# newer order of a person. Grounds recognise the refusal by it.
+# End of the sentence with which a vehicle refuses a mission's order because it would replace a
+# newer order of a person. Grounds recognise the refusal by this text.
 ORDER_STAYS = "that order stays."
 
 GROUND = "ground"  # first word of the nodes that may order
@@ -58,7 +58,7 @@ class ControlToken:
         return f"{self.author} ({self.node})"
 
     def is_of(self, author: str) -> bool:
-        """Whether the person with this user name has declared it."""
+        """Whether the person with this user name has declared this token."""
         return self.author == _token_part(author)
 
     def follows(self, other: ControlToken) -> bool:
@@ -75,14 +75,14 @@ class ControlToken:
     def beats(self, other: ControlToken) -> bool:
         """Whether this token wins when two grounds operate at once.
 
-        The later term wins; with equal terms the node that sorts first.
+        The later term wins. With equal terms, the node whose name sorts first wins.
 
         Args:
             other: token of the other ground.
         Returns:
             True if this token wins.
         """
-        # terms begin anew after the last one: less than half a round ahead counts as later
+        # after the last term comes term 1, so a term up to half of all terms ahead counts as later
         terms_ahead = (self.term - other.term) % LAST_TERM
         if terms_ahead == 0:
             return self.node < other.node
@@ -137,20 +137,21 @@ class ControlTokens:
 
         if is_alive:
             self._tokens[name] = token
-            self._drop_the_oldest_of_too_many()
+            self._limit_number()
         else:
             self._tokens.pop(name, None)
 
         self._choose_holder()
 
-    def _drop_the_oldest_of_too_many(self) -> None:
-        """Forget one token of too many, so that false ones cannot keep out those after them."""
+    def _limit_number(self) -> None:
+        """Forget the oldest token if there are too many: false tokens must not block new ones."""
         if len(self._tokens) <= _MAX_TOKENS:
             return
         oldest = next(name for name, token in self._tokens.items() if token != self.holder)
         del self._tokens[oldest]
 
     def _choose_holder(self) -> None:
+        """Choose the operator's token: the present one, unless another takes control by force."""
         claims = [token for token in self._tokens.values() if token.claim == "operator"]
         claims.sort(key=lambda token: token.node)  # every agent decides in the same order
 
@@ -202,6 +203,9 @@ class ControlTokens:
 def _token_part(text: str) -> str:
     """Return a text as one part of a token's name.
 
-    Characters that a key of the bus may not hold become underscores.
+    Characters that a key of the bus may not contain become underscores; an empty text does, too.
     """
-    return re.sub(r"[^\w-]", "_", text)[:_MAX_PART_LENGTH] or "_"
+    part = re.sub(r"[^\w-]", "_", text)[:_MAX_PART_LENGTH]
+    if not part:
+        return "_"
+    return part

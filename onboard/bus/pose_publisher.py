@@ -1,7 +1,7 @@
 """Publishes the poses of a motion capture: each under its body's name, and all of them together.
 
-A vehicle subscribes to the poses of its own body. From the messages with all bodies, which come
-less often, it learns where the mocap sees the other vehicles.
+A vehicle subscribes to the poses of its own body. It gets the mocap positions of the other vehicles
+from the messages with all bodies, which come less often.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class PosePublisher:
         self._bus = bus
         # body -> its newest pose since all bodies were last published together
         self._newest: dict[str, MocapPose] = {}
-        self._due_ns = 0  # stamp from which they are published together next
+        self._due_ns = 0  # stamp from which on all bodies are published together again
 
     def publish(self, pose: MocapPose) -> None:
         """Publish one pose; never blocks.
@@ -37,7 +37,7 @@ class PosePublisher:
 
         until_due_ns = self._due_ns - pose.stamp_ns
         is_due = until_due_ns < 0
-        has_jumped_back = until_due_ns > _PERIOD_NS  # the stamps, for instance of a new source
+        has_jumped_back = until_due_ns > _PERIOD_NS  # for instance the stamps of a new source
         if is_due or has_jumped_back:
             self._due_ns = pose.stamp_ns + _PERIOD_NS
             self._publish_together()
@@ -45,6 +45,7 @@ class PosePublisher:
         self._newest[pose.body] = pose
 
     def _publish_together(self) -> None:
+        """Publish the newest poses of all bodies, in as few messages as possible."""
         poses = tuple(self._newest.values())
         for begin in range(0, len(poses), _MOST_TOGETHER):
             together = MocapPoses(poses=poses[begin : begin + _MOST_TOGETHER])

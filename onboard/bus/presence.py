@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from onboard.bus.protocol import OnAlive
 
-_MAX_TOKENS = 20_000  # of all names together; further ones are ignored
+_MAX_TOKENS = 20_000  # of all names together; further tokens are ignored
 
 
 class Presence:

@@ -10,8 +10,8 @@ from onboard.bus.codec import Malformed
 from onboard.bus.schema import FaultOrder, Message, Order, OrderReply
 from onboard.bus.topics import Topic
 
-# Zenoh closes a connection that has been silent for this long. Over QUIC it waits longer:
-# onboard/bus/zenoh_settings.py.
+# Zenoh closes a connection that has been silent for this time. Over QUIC the time is longer
+# (onboard/bus/zenoh_settings.py).
 LEASE_MS = 1000
 MAX_COLLECTED = 1000  # default for the messages of one collected topic that wait for delivery
 
@@ -24,8 +24,8 @@ RefusalCode = Literal[
 class UntrustedOrder:
     """An order whose signature a fleet with keys does not accept: counted, answered, not obeyed.
 
-    In a flood of orders nobody is answered. The ground of a genuine order among them gets no reply;
-    it then sends land and kill straight to PX4.
+    In a flood of orders none is answered. So the ground of a genuine order gets no reply; it then
+    sends land and kill directly to PX4.
     """
 
     code: RefusalCode  # for programs and for counts
@@ -66,7 +66,8 @@ class OrderSignatures(Protocol):
 class NodeCredentials(Protocol):
     """Certificate and key of a node on a bus with keys, and the access that it allows to others.
 
-    ``onboard/security/credentials.py`` makes them from files; whoever opens the bus passes them in.
+    ``onboard/security/credentials.py`` makes them from files; the program that opens the bus passes
+    them in.
     """
 
     @property

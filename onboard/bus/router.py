@@ -25,7 +25,9 @@ def router_endpoint(fleets: Sequence[FleetConfig], endpoint: str | None = None) 
     Raises:
         ConfigError: there is no such endpoint, or there are several.
     """
-    own = endpoint or _only_endpoint_of_this_computer(fleets[0])
+    own = endpoint
+    if not own:
+        own = _only_endpoint_of_this_computer(fleets[0])
     for fleet in fleets:
         if own not in fleet.fleet.routers:
             routers = ", ".join(fleet.fleet.routers) or "none; add routers = [...] to [fleet]"
@@ -84,6 +86,7 @@ class Router:
 
 
 def _only_endpoint_of_this_computer(fleet: FleetConfig) -> str:
+    """Return the only router of the fleet file that has an address of this computer."""
     routers = fleet.fleet.routers
     if not routers:
         raise ConfigError(
@@ -106,7 +109,7 @@ def _only_endpoint_of_this_computer(fleet: FleetConfig) -> str:
 
 
 def _is_of_this_computer(host: str) -> bool:
-    """Whether a socket of this computer can have the address."""
+    """Return whether a socket of this computer can have the address."""
     try:
         candidates = socket.getaddrinfo(host.strip("[]"), 0, type=socket.SOCK_DGRAM)
     except OSError:
@@ -117,7 +120,7 @@ def _is_of_this_computer(host: str) -> bool:
             try:
                 probe.bind(address)
             except OSError as error:
-                # An address that is in use is one of this computer, too.
+                # an address that is in use is also an address of this computer
                 if error.errno != errno.EADDRINUSE:
                     continue
             return True

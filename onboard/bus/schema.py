@@ -57,8 +57,8 @@ ON_PATHS = ("pause", "resume", "skip")
 SERVICE = ("disable", "enable", "stand_in")
 # orders that begin no flight and end no other order
 BESIDE = (*LOCATE, "load_path", *ON_PATHS, *SERVICE)
-# Values of ``Order.reason``. An order without a reason comes from a person, to the vehicles that he
-# names.
+# Values of ``Order.reason``. An order without a reason comes from a person, to vehicles named by
+# the person.
 BY_MISSION = "mission"  # a mission or a script sends it, at its end or in its course
 TO_EVERYBODY = "everybody"  # a person sends it to all vehicles, as LAND ALL does
 OrderOutcome = Literal["accepted", "done", "refused", "superseded", "failed", "timed out"]
@@ -89,7 +89,7 @@ class StateMessage(Message, frozen=True, array_like=True, kw_only=True):
     velocity_enu_m_s: Xyz
     acceleration_enu_m_s2: Xyz  # 0 while its feet may touch the ground
 
-    # motion when a command of now takes effect: no command can change it any more
+    # its motion at the time when a command given now takes effect
     predicted_position_enu_m: Xyz
     predicted_velocity_enu_m_s: Xyz
     commanded_acceleration_enu_m_s2: Xyz  # its command at this tick
@@ -142,12 +142,12 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     # the newest order
     order_id: str
     order_kind: str
-    order_phase: str  # how far the vehicle is with it
+    order_phase: str  # text of the present step, such as "climb"
 
-    # time since the newest one arrived
-    state_age_s: float  # of its own position
-    autopilot_age_s: float  # of the packets from PX4
-    neighbour_age_s: float  # of the states of that neighbour which has been silent for longest
+    # time since the newest of these arrived
+    state_age_s: float  # its own position
+    autopilot_age_s: float  # packets from PX4
+    neighbour_age_s: float  # states of the neighbour that has been silent for longest
 
     # control loop: median, 99th percentile and maximum of the last ten seconds
     loop_period_p50_ms: float
@@ -160,20 +160,19 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     config_hash: str  # of the fleet file and the law: equal on all vehicles that fly together
     system_id: int  # MAV_SYS_ID of its PX4
 
-    conditions: tuple[str, ...] = ()  # those of the failsafe table that hold now, in words
-    action: str = ""  # that the failsafe table demands now, in words
+    conditions: tuple[str, ...] = ()  # conditions of the failsafe table that hold now, in words
+    action: str = ""  # action that the failsafe table demands now, in words
     operator: str = ""  # token of the operator, as this vehicle sees it: control_token.py
     roles: tuple[str, ...] = ()  # the other tokens of control_token.py
     loop_lateness_p99_ms: float = 0.0  # how far behind its schedule a tick began
     missed_ticks: int = 0  # since the start
-    # neighbour to which it gives way: because of which the law mostly intervenes, or for which the
-    # vehicle waits beside a passage; empty: none
+    # Neighbour that it avoids most, or for which it waits beside a passage; empty: none.
     avoids: str = ""
     doubles: tuple[str, ...] = ()  # vehicles of which two agents publish at the same time
     mocap_delay_s: float = 0.0  # mean time from a pose's measurement to its arrival
 
     # the path that it follows
-    show_id: str = ""  # empty without one
+    show_id: str = ""  # empty: it follows no path
     path_time_s: float = 0.0  # on the path's clock
     path_rate_frac: float = 1.0  # rate of that clock: 1 is real time
     path_lag_m: float = 0.0  # distance from the path's point at that time
@@ -192,17 +191,18 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     gust_m_s: float = math.nan  # standard deviation of the gusts, per axis; NaN: not known
     max_wind_m_s: float = math.nan  # limit of that mean for this vehicle; NaN: not known
 
-    is_flown_by_hand: bool = False  # its PX4 is in a pilot's mode and receives his sticks
+    is_flown_by_hand: bool = False  # its PX4 is in a pilot's mode and receives the sticks
     # the newest order that it has accepted, also after that order's end; `locate` and parts of
     # paths do not count
     taken_order_id: str = ""
     taken_order_kind: str = ""
     taken_order_from: str = ""  # author and node
 
-    # an order has stopped the clock of its path, and thereby of all vehicles on that show; or has
-    # interrupted its following of another vehicle until `resume`
+    # an order has stopped the clock of its path, and so the clocks of all vehicles of the show; or
+    # an order has interrupted its following of another vehicle until `resume`
     is_path_paused: bool = False
-    disabled_by: str = ""  # who has ordered that it takes part in no flight; empty: nobody
+    # the person who ordered that it takes part in no flight; empty: it takes part
+    disabled_by: str = ""
 
     # only for a vehicle that flies by satellites
     fix: str = ""  # kind of its receiver's fix, in words; empty while it is not known
@@ -225,8 +225,8 @@ class PreflightReport(Message, frozen=True, array_like=True, kw_only=True):
     sequence: int
     stamp_ns: int
     # (name, is_ok, sentence, remedy), in the order in which a person looks for a fault. A check
-    # that is not ok refuses take-off; one that is ok with a remedy is advice; one that is ok
-    # without a remedy needs no action.
+    # that is not ok refuses take-off. A check that is ok and has a remedy is advice. A check that
+    # is ok without a remedy needs no action.
     checks: tuple[tuple[str, bool, str, str], ...]
     px4_version: tuple[int, int] | None = None  # as this vehicle's PX4 reports it
 
@@ -267,7 +267,7 @@ class TickSample(Message, frozen=True, array_like=True, kw_only=True):
     law_status: str
     intervention_m_s2: float  # by how much it changes the thrust
     slack_m_s2: float  # by how much its constraints had to be relaxed
-    active_neighbour: str  # because of which it mostly intervenes; empty while it does not
+    active_neighbour: str  # neighbour because of which it mostly intervenes; empty: none
     neighbour_distances_m: dict[str, float]  # vehicle -> distance
     neighbour_ages_s: dict[str, float]  # vehicle -> age of its state
 
@@ -330,7 +330,7 @@ class Order(Message, frozen=True, array_like=True, kw_only=True):
     author: str  # user name of the person who sends it
     kind: OrderKind
     stamp_ns: int
-    # after which the order must not begin, on the sender's monotonic clock; 0: no deadline
+    # time after which the order must not begin, on the sender's monotonic clock; 0: no deadline
     deadline_ns: int
     # move only: the vehicle's own goal, to which the ground has added the offset of its slot
     position_enu_m: Xyz | None = None
@@ -346,11 +346,11 @@ class Order(Message, frozen=True, array_like=True, kw_only=True):
     # more than some seconds ago without trusting any other clock (only in a fleet with keys).
     heard_boot_id: int = 0
     heard_ns: int = 0
-    # BY_MISSION, TO_EVERYBODY, or empty for an order of a person to the vehicles that he names. A
-    # landing with a reason is refused while a pilot flies the vehicle by hand.
+    # BY_MISSION, TO_EVERYBODY, or empty for an order of a person to named vehicles. A landing with
+    # a reason is refused while a pilot flies the vehicle by hand.
     reason: str = ""
-    # stand_in only: the vehicle whose spot, slots and paths this one uses from now on; itself, to
-    # use its own again
+    # stand_in only: the vehicle whose spot, slots and paths this vehicle uses from now on; its own
+    # name ends the stand-in
     stands_in_for: str = ""
     follows: str = ""  # move only: the vehicle whose motion this goal follows
 

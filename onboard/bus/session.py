@@ -38,8 +38,8 @@ from onboard.bus.zenoh_settings import Setting, of_client, of_node
 from onboard.native_threads import keep_thread_state
 
 # One thread for all network work: zenoh's other runtimes hand their work over to `net`. By default
-# each runtime has a thread, and for every message one thread wakes up another, which costs more
-# than to read the message. Zenoh reads this variable when the first session opens.
+# each runtime has a thread, and for every message one thread wakes up another. That costs more than
+# reading the message. Zenoh reads this variable when the first session opens.
 _RUNTIMES = (
     "rx: (handover: net)",
     "tx: (handover: net)",
@@ -61,15 +61,15 @@ _EVERY_NAME = "*"
 # message to a peer that hangs does not hold up the control loop's messages.
 _BLOCKING_PRIORITY = zenoh.Priority.INTERACTIVE_HIGH
 
-# Topics that overtake all others on a link.
+# Topics with the highest priority on a link.
 _URGENT = (Topic.STATE, Topic.MOCAP)
 
-# Topics that all others overtake: on a radio without free capacity they are dropped first.
+# Topics with the lowest priority: on a radio without free capacity they are dropped first.
 _LAST = (Topic.CORRECTIONS, Topic.LOG_PIECES)
 
 # Topics whose messages fit into one datagram. Over QUIC a larger message would not arrive in a
-# datagram, so all other topics, such as ticks and preflight reports, are sent in streams. In a
-# stream, too, a publisher with LATEST delivery drops a message rather than wait.
+# datagram, so all other topics, such as ticks and preflight reports, are sent in streams. Also in a
+# stream, a publisher with LATEST delivery drops a message if it would have to wait.
 _IN_DATAGRAMS = (Topic.STATE, Topic.FAR, Topic.MOCAP, Topic.ALL_POSES, Topic.TRUTH)
 
 
@@ -253,8 +253,10 @@ class BusSession:
         """Call back for everything collected or followed, on the caller's thread; never blocks."""
         for subscriber, receive in self._collectors:
             try:
-                while (sample := subscriber.try_recv()) is not None:
+                sample = subscriber.try_recv()
+                while sample is not None:
                     receive(sample)
+                    sample = subscriber.try_recv()
             except zenoh.ZError:
                 continue  # another thread undeclares it at this moment
 
@@ -270,8 +272,11 @@ class BusSession:
         kind = TOPICS[topic].message
         assert kind is not None, f"{topic} carries no message"
 
+        def receive_of_one_name(sample: zenoh.Sample) -> None:
+            on_message(topic, name, decode(sample.payload.to_bytes(), kind))
+
         if name != _EVERY_NAME:
-            return lambda sample: on_message(topic, name, decode(sample.payload.to_bytes(), kind))
+            return receive_of_one_name
 
         # key expression -> name: parsing a key costs more than decoding its message
         names: dict[str, str] = {}
@@ -308,19 +313,22 @@ class BusSession:
         on_query: Callable[..., None],
         signatures: OrderSignatures | None = None,
     ) -> None:
-        """Answer queries of one kind; with ``signatures``, each query needs a valid one."""
+        """Answer queries of one kind; with ``signatures``, each query needs a valid signature."""
 
         def receive(query: zenoh.Query) -> None:
             payload = _bytes_of(query.payload)
-            untrusted: UntrustedOrder | None = None
-            if signatures is not None:
-                untrusted = signatures.refusal(own_key, payload, _bytes_of(query.attachment))
 
             def reply(answer: OrderReply) -> None:
                 with query:
                     query.reply(own_key, encode(answer))
 
-            on_query(untrusted or decode(payload, kind), reply)
+            untrusted: UntrustedOrder | None = None
+            if signatures is not None:
+                untrusted = signatures.refusal(own_key, payload, _bytes_of(query.attachment))
+            if untrusted is not None:
+                on_query(untrusted, reply)
+            else:
+                on_query(decode(payload, kind), reply)
 
         self._declared.append(
             self._open.declare_queryable(own_key, _callback(receive), complete=True)
@@ -405,8 +413,8 @@ class BusSession:
     def _declare_token(self, name: str) -> Any:
         """Declare a liveliness token of this node.
 
-        Nodes with the same name declare different tokens; otherwise the token would vanish when the
-        first of them leaves.
+        Nodes with the same name declare different tokens. A common token would vanish when the
+        first of these nodes leaves.
         """
         return self._open.liveliness().declare_token(
             key(self.namespace, Topic.ALIVE, f"{name}/{self._instance}")
@@ -448,7 +456,7 @@ def _listed(endpoints: Sequence[str]) -> str:
 
 
 def _reason(error: zenoh.ZError) -> str:
-    """Return the reason of an error of zenoh, without the place in zenoh's source."""
+    """Return the reason of an error of zenoh, without its line in zenoh's source."""
     text = str(error)
     if "in use" in text:
         return "the address is in use"

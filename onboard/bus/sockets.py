@@ -1,11 +1,11 @@
 """Sockets that close at once.
 
-Zenoh sets a linger time of ten seconds on each of its TCP sockets: for so long ``close()`` may wait
-until the bytes that are left have been delivered. It blocks the thread of all network work, so one
-peer that hangs, or whose cable is cut, would cut off all others from the bus.
+Zenoh sets a linger time of ten seconds on each of its TCP sockets: ``close()`` waits up to this
+time until the remaining bytes have been delivered. Meanwhile it blocks the thread of all network
+work. So one peer that hangs, or whose cable is cut, would cut off all others from the bus.
 
 Zenoh has no option for the linger time, so it is switched off here, on every socket of the process.
-The kernel then delivers the bytes that are left, and no thread waits.
+The kernel then delivers the remaining bytes, and no thread waits.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ import threading
 
 _LINGER = struct.Struct("ii")  # C's struct linger: on or off, seconds
 
-# The link of a silent peer is closed a second after its last message, so a search in time finds its
-# socket before that. The connection of a program that is no node is closed at once, and each such
-# closing holds up all other links until the socket is found. One search costs an agent, with about
-# twenty open files, 0.1 ms.
+# The link of a silent peer is closed a second after its last message; a search finds its socket
+# earlier. The connection of a program that is no node of the bus is closed at once, and delays all
+# other links until a search finds its socket. One search costs an agent, with about twenty open
+# files, 0.1 ms.
 _PERIOD_S = 0.1  # from one search for new sockets to the next
-_SOON_S = 0.01  # the same, after a search that found some
+_SOON_S = 0.01  # this time after a search that found new sockets
 
 
 class PromptSockets:
@@ -68,7 +68,7 @@ def let_all_close_at_once() -> int:
                 borrowed.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _LINGER.pack(0, 0))
                 changed += 1
         except OSError:
-            continue  # no socket, or closed meanwhile
+            continue  # not a socket, or closed meanwhile
         finally:
             borrowed.detach()  # the descriptor belongs to zenoh: it must not be closed here
 

@@ -1,8 +1,8 @@
 """The whole bus in one table: topic -> message, rate, greatest age, delivery and direction.
 
 A key is ``covey/<fleet>/<topic>/<name>``; ``name`` is a vehicle, a mocap body or a node. A sample
-older than ``stale_after_s`` is stale. For states and poses agents have limits of their own, by
-which they fly: onboard/neighbours/table.py and onboard/safety/limits.py.
+older than ``stale_after_s`` is stale. In flight, agents use other limits for states and poses:
+onboard/neighbours/table.py and onboard/safety/limits.py.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Delivery(Enum):
     """Transport of a message."""
 
     LATEST = "latest"  # only the newest matters: dropped under congestion
-    RELIABLE = "reliable"  # every one matters: the sender blocks rather than drops
+    RELIABLE = "reliable"  # every message matters: the sender blocks and drops none
     QUERY = "query"  # order and reply
     TOKEN = "token"  # liveliness
 

@@ -18,21 +18,21 @@ RETRY = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 
 
 # A lease is the silence after which the other end closes a link: LEASE_MS, with two exceptions.
 
-# Where there are several routers, the lease of a router is half as long. A node without its router
+# If there are several routers, the lease of a router is half as long. A node without its router
 # receives nothing, so it must notice soon that it has to change to another router.
 ROUTER_LEASE_MS = 500
 
-# Over QUIC the lease is a tenth longer, so that an outage of one second is over when the link is
-# closed. A closed link is opened anew at once, and a lost first packet would be repeated only a
-# second later. The last keep-alive came up to 0.11 s before the outage, since that is the period of
-# keep-alives. So the link is closed 0.99 s to 1.10 s after the begin of the outage: in one of ten
-# outages of a second by up to 0.01 s too early.
+# Over QUIC the lease is a tenth longer, so that the link is closed only after the end of an outage
+# of one second. A closed link is opened again at once, and if its first packet is lost, it is
+# repeated only a second later. Keep-alives come every 0.11 s, so the last one came up to 0.11 s
+# before the outage. The link is therefore closed 0.99 s to 1.10 s after the begin of the outage: up
+# to 0.01 s too early in one of ten outages of a second.
 QUIC_LEASE_MS = 1100
 _KEEP_ALIVES = 10  # sent on a silent link in one lease
 
-# Longest time to open a link: QUIC needs three round trips, TLS four. Over QUIC nothing refuses an
-# attempt to reach a node that is not there, so the attempt takes all of this time, and a node that
-# is closed meanwhile waits for its end.
+# Longest time to open a link: QUIC needs three round trips, TLS four. Over QUIC no host refuses an
+# attempt to reach an absent node, so the attempt takes all of this time. A node that is closed
+# meanwhile waits for the end of the attempt.
 _OPEN_MS = 3000
 
 # Longest time to open a link to one of several routers; then the next router is tried.
@@ -47,7 +47,7 @@ LONGEST_ROUND_TRIP_S = 0.6
 LONGEST_ROUND_TRIP_OF_ROUTERS_S = 0.15
 LONGEST_ROUND_TRIP_OF_TLS_ROUTERS_S = 0.12
 
-# A connection to a peer that reads nothing for so long is closed.
+# A connection to a peer that reads nothing for this time is closed.
 _CLOSE_AFTER_US = 1_000_000
 
 
@@ -75,8 +75,8 @@ def of_client(
 ) -> list[Setting]:
     """Return the settings of a node behind routers.
 
-    It connects to the first router that answers, and to the next one when that link is lost. A
-    single router has more time to answer, since there is no other to try.
+    The node connects to the first router that answers, and to the next router when that link is
+    lost. A single router has more time to answer, because there is no other router to try.
 
     Args:
         routers: endpoints, in the order in which they are tried.
@@ -195,13 +195,13 @@ def _with_datagrams(endpoint: str) -> str:
 
 
 def _security(credentials: NodeCredentials | None) -> list[Setting]:
-    """Return the settings with which both ends of each link prove who they are."""
+    """Return the settings with which both ends of each link prove their identity."""
     if credentials is None:
         return []
 
     tls = "transport/link/tls"
     if not credentials.certificate:
-        # it can check the others, but not prove who it is: a fleet with keys refuses its links
+        # the node can check the others, but not prove its identity; a fleet with keys refuses it
         return [(f"{tls}/root_ca_certificate", credentials.authority)]
 
     return [

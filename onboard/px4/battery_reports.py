@@ -1,7 +1,7 @@
-"""Makes one battery of the reports of several: PX4 reports each of its battery monitors.
+"""Combines the reports of all battery monitors of a PX4 to those of one battery.
 
 Autopilots with two power ports have two monitors. A monitor without a battery is reported as often
-as the other one, with neither charge nor voltage.
+as the other monitor, with neither charge nor voltage.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class BatteryReports:
         """Take a report, and return the fields of a snapshot that it changes.
 
         The charge is that of the weakest battery. The voltage is always that of the first battery,
-        since a change from one to another would look like a fall.
+        because a change between batteries would look like a fall of the voltage.
 
         Args:
             monitor: id of the monitor.
@@ -31,24 +31,25 @@ class BatteryReports:
         """
         self._newest[monitor] = report
         now_ns = report["battery_ns"]
-        batteries = [
-            known
-            for _, known in sorted(self._newest.items())
-            if _is_connected(known) and now_ns - known["battery_ns"] <= BATTERY_KNOWN_NS
-        ]
-        if not batteries:
+        connected = []  # recent reports of monitors with a battery, in the order of their ids
+        for _, newest in sorted(self._newest.items()):
+            is_recent = now_ns - newest["battery_ns"] <= BATTERY_KNOWN_NS
+            if is_recent and _is_connected(newest):
+                connected.append(newest)
+        if not connected:
             return report
         if not _is_connected(report):
             return {}
 
-        charges_frac = [known["battery_frac"] for known in batteries]
+        charges_frac = [newest["battery_frac"] for newest in connected]
         known_frac = [charge_frac for charge_frac in charges_frac if not math.isnan(charge_frac)]
         return {
             "battery_frac": min(known_frac, default=math.nan),
-            "battery_voltage_v": batteries[0]["battery_voltage_v"],
+            "battery_voltage_v": connected[0]["battery_voltage_v"],
             "battery_ns": now_ns,
         }
 
 
 def _is_connected(report: dict[str, Any]) -> bool:
+    """Return whether the monitor of a report has a battery."""
     return report["battery_voltage_v"] > 0.0 or not math.isnan(report["battery_frac"])

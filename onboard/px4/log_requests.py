@@ -14,10 +14,10 @@ from __future__ import annotations
 from onboard.autopilot import AUTOPILOT_COMPONENT
 from onboard.px4.packets import FILE_TRANSFER, LOG_REQUESTS, Packet
 
-LOG_FOLDERS = ("/fs/microsd/log", "/log")  # on a flight controller, and of a PX4 on a computer
+LOG_FOLDERS = ("/fs/microsd/log", "/log")  # on a flight controller, and in a simulated PX4
 LOG_SUFFIX = ".ulg"
 
-# Offset in the payload at which the ids of the requested system and component stand.
+# message number -> offset in its payload of the ids of the requested system and component
 _TARGET_AT = {
     FILE_TRANSFER: 1,
     117: 4,  # LOG_REQUEST_LIST
@@ -49,7 +49,7 @@ def is_allowed(packet: Packet, system_id: int) -> bool:
         packet: the request of a ground station.
         system_id: MAVLink id of the vehicle.
     """
-    if packet.number not in LOG_REQUESTS or not packet.is_right:
+    if packet.number not in LOG_REQUESTS or not packet.is_right:  # is_right: its checksum is
         return False
 
     payload = packet.payload.ljust(_MOST_BYTES, b"\0")

@@ -1,8 +1,8 @@
 """Relays MAVLink packets between an agent and its PX4.
 
-It signs the packets that it sends, and accepts only packets from this PX4. A thread of the agent's
-process receives them. A packet is sent in the call that makes it; none is kept to be sent later or
-again.
+The relay signs the packets that it sends, and accepts only packets from this PX4. A thread of the
+agent's process receives packets. A packet is sent in the call that makes it: the relay has no queue
+and repeats nothing.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from onboard.security.mavlink_key import signing_time
 _HEARTBEAT = 0
 _ANOTHER_NS = 3_000_000_000  # silence after which PX4 may send from another address
 _GREET_NS = 900_000_000  # shortest time between two greetings
-_GREETING = bytes((0, 0, 0, 0, 18, 8, 0, 4, 3))  # HEARTBEAT of an onboard controller
+# a greeting is a HEARTBEAT of an onboard controller (type 18); this is its payload
+_GREETING = bytes((0, 0, 0, 0, 18, 8, 0, 4, 3))
 
 # verdict about a wrong signature -> field of ``Refused`` that counts it
 _BY_VERDICT = {
@@ -66,8 +67,8 @@ class MavlinkRelay:
         self._sending = threading.Lock()  # needed because several threads send
         self._sequence = 0  # sequence of the next packet that is sent
 
-        # the first bytes of a packet of which a serial device has not delivered all bytes yet
-        self._rest = b""
+        # the first bytes of a packet whose other bytes a serial device has not delivered yet
+        self._begun = b""
         self._peer: Address | None = None  # address from which PX4 sends
         self._peer_ns = 0  # time of PX4's newest packet
         self._greeted_ns = 0  # time of the last greeting
@@ -114,6 +115,7 @@ class MavlinkRelay:
         self._send(number, payload, self._peer)
 
     def _send(self, number: int, payload: bytes, address: Address | None) -> None:
+        """Sign a message and send it to an address."""
         with self._sending:
             transport = self._transport
             if transport is None:
@@ -138,19 +140,21 @@ class MavlinkRelay:
                 self._greet(self._peer)
 
     def _take(self, data: bytes, address: Address | None) -> None:
-        """Take a datagram, or bytes from a serial device, which may end within a packet."""
+        """Take a datagram, or bytes from a serial device, which may end within a packet.
+
+        Bytes after the last whole packet are either the begin of a packet, or junk.
+        """
         is_serial = address is None
-        pending = self._rest + data
-        self._rest = b""
+        pending = self._begun + data
+        self._begun = b""
 
         while pending:
-            left_bytes = 0  # after the last packet; negative: they are no packet, see :func:`cut`
+            left_bytes = 0  # number of bytes after the last packet; negative: they are junk
             for packet_or_left in cut(pending):
                 if isinstance(packet_or_left, Packet):
                     self._judge(packet_or_left, address)
                 else:
                     left_bytes = packet_or_left
-            # they are either the begin of a packet, or no packet at all
             begun = b""
             junk = b""
             if left_bytes > 0:
@@ -160,7 +164,7 @@ class MavlinkRelay:
 
             # a serial device delivers the rest of a packet later; a datagram has no rest
             if begun and is_serial:
-                self._rest = begun
+                self._begun = begun
             elif begun or junk:
                 self._refuse("malformed", address)
 
@@ -197,7 +201,7 @@ class MavlinkRelay:
             self._on_packet(packet)
 
     def _is_fresh(self, packet: Packet, address: Address | None) -> bool:
-        """Whether a packet's signature is right and new; always True for a vehicle without a key.
+        """Return whether a packet's signature is right and new; True for a vehicle without a key.
 
         A packet with a wrong signature is counted.
         """
@@ -217,13 +221,14 @@ class MavlinkRelay:
         return False
 
     def _greet(self, address: Address | None) -> None:
-        """Send a heartbeat, unless one was sent lately."""
+        """Send a heartbeat, unless one was sent less than _GREET_NS ago."""
         now_ns = time.monotonic_ns()
         if now_ns - self._greeted_ns > _GREET_NS:
             self._greeted_ns = now_ns
             self._send(_HEARTBEAT, _GREETING, address)
 
     def _refuse(self, reason: str, address: Address | None) -> None:
+        """Count a refused packet; ``reason`` is a field of ``Refused``."""
         refused = self.refused
         self.refused = replace(
             refused,

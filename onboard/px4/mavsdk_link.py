@@ -1,11 +1,11 @@
 """The agent's link to its PX4; the only file of onboard that imports mavsdk.
 
-Setpoints, poses and commands go through the relay, in the call that makes them. MAVSDK's offboard
-plugin is not used: it repeats the last setpoint from its own thread, so that PX4 would not notice a
-hung loop, and it cannot sign. MAVSDK finds PX4, and reads and sets its parameters, through the same
-relay.
+Setpoints, poses and commands go through the relay (mavlink_relay.py), in the call that makes them.
+MAVSDK's offboard plugin is not used, because it cannot sign, and because it repeats the last
+setpoint from its own thread, so that PX4 would not notice a hung loop. MAVSDK finds PX4, and reads
+and sets its parameters, through the same relay.
 
-Modes and arming are plain commands. No answer is awaited, since PX4 may accept a command and not
+Modes and arming are plain commands. No answer is awaited, because PX4 may accept a command and not
 execute it; HEARTBEAT shows the result. Only the calls about parameters block; call them on an
 executor (:meth:`Px4Link.apply_params`).
 """
@@ -72,7 +72,7 @@ _AUTOPILOT_VERSION = 148
 _ESTIMATOR_STATUS = 230
 _EXTENDED_SYS_STATE = 245
 _STATUSTEXT = 253
-_MONITOR = slice(32, 33)  # place of the battery monitor's id in the payload of BATTERY_STATUS
+_MONITOR = slice(32, 33)  # the battery monitor's id in the payload of BATTERY_STATUS
 
 _RATES_HZ = {
     _ATTITUDE_QUATERNION: 50.0,
@@ -101,7 +101,7 @@ _ATTITUDE_VARIANCE_RAD2 = 1e-4  # of roll, pitch and yaw each
 
 _TUNE = "MFT180O4L8CEGO5CP4O4CEGO5C"  # a rising chord, twice; at most 29 characters
 
-# Indoors any latitude and longitude will do, because only PX4's global frame depends on them. The
+# Indoors any latitude and longitude are right, because only PX4's global frame uses them. The
 # altitude must be 0: PX4 treats heights of a mocap as altitudes, and its local height would be
 # wrong by the altitude of the origin.
 _ORIGIN = (47.397742, 8.545594, 0.0)  # latitude [deg], longitude [deg], altitude [m]
@@ -117,6 +117,7 @@ _ATTEMPTS = 2  # number of attempts to set a parameter
 def _pose_covariance(std_m: float) -> list[float]:
     """Return the upper triangle of the covariance of north, east, down, roll, pitch and yaw."""
     variance_m2 = std_m**2
+    # index in the triangle, which is written row by row -> variance
     diagonal = {
         0: variance_m2,
         6: variance_m2,
@@ -305,7 +306,9 @@ class Px4Link:
                 self._sticks_before_ns = self._sticks_ns
                 self._sticks_ns = arrived_ns
             payload = packet.payload
-            monitor = payload[_MONITOR] if packet.number == _BATTERY_STATUS else b""
+            monitor = b""
+            if packet.number == _BATTERY_STATUS:
+                monitor = payload[_MONITOR]
             if packet.number == _STATUSTEXT:
                 payload = self._texts.joined(fields_of(name, payload))
             self._unread[name, monitor] = (payload, arrived_ns)
@@ -352,10 +355,10 @@ class Px4Link:
         return replace(known, last_packet_ns=newest_ns, system_id=self.system_id, **changes)
 
     def _has_restarted(self, clock_ms: int) -> bool:
-        """Return whether PX4's clock has begun anew; then its known origin does not count any more.
+        """Return whether PX4's clock has restarted; then the known origin is no longer valid.
 
-        Its local positions are then relative to a new origin. With the known origin, a vehicle that
-        was carried while it was off would seem to be at its old place.
+        PX4's local positions are then relative to a new origin. With the known origin, a vehicle
+        that was carried while it was off would seem to be at its old position.
         """
         before_ms = self._clock_ms
         self._clock_ms = clock_ms
@@ -364,7 +367,7 @@ class Px4Link:
     # -- out ---------------------------------------------------------------------------------------
 
     def send_attitude(self, setpoint: AttitudeSetpoint) -> None:
-        """SET_ATTITUDE_TARGET with attitude and thrust, ENU/FLU in, NED/FRD on the wire."""
+        """Send SET_ATTITUDE_TARGET with attitude and thrust, converted from ENU/FLU to NED/FRD."""
         rates_rad_s = (0.0, 0.0, 0.0)  # ignored
         self._send(
             "SET_ATTITUDE_TARGET",
@@ -378,7 +381,7 @@ class Px4Link:
         )
 
     def set_offboard(self) -> None:
-        """DO_SET_MODE to OFFBOARD."""
+        """Command the mode OFFBOARD (DO_SET_MODE)."""
         self._command(
             modes.CMD_SET_MODE,
             float(modes.BASE_MODE_CUSTOM_ENABLED),
@@ -402,15 +405,15 @@ class Px4Link:
         self._command(modes.CMD_ARM, 0.0, modes.FORCE_DISARM_MAGIC)
 
     def request_heartbeat(self) -> None:
-        """REQUEST_MESSAGE of HEARTBEAT, whose rate PX4 does not let anybody raise."""
+        """Request one HEARTBEAT (REQUEST_MESSAGE), because PX4 does not let its rate be raised."""
         self._command(modes.CMD_REQUEST_MESSAGE, float(_HEARTBEAT))
 
     def reboot(self) -> None:
-        """PREFLIGHT_REBOOT_SHUTDOWN of the autopilot only; PX4 refuses while it is armed."""
+        """Reboot the autopilot only (PREFLIGHT_REBOOT_SHUTDOWN); an armed PX4 refuses."""
         self._command(modes.CMD_REBOOT, 1.0)
 
     def play_tune(self) -> None:
-        """PLAY_TUNE: PX4 plays it on its buzzer or motors, and acknowledges nothing."""
+        """Play a tune on PX4's buzzer or motors (PLAY_TUNE), which PX4 does not acknowledge."""
         self._send("PLAY_TUNE", self.system_id, AUTOPILOT_COMPONENT, _TUNE.encode())
 
     def request_log(self, number: int, payload: bytes) -> None:
@@ -418,7 +421,7 @@ class Px4Link:
         self._relay.send(number, payload)
 
     def send_corrections(self, flags: int, data: bytes) -> None:
-        """GPS_RTCM_DATA: PX4 passes the data to its receiver, and acknowledges nothing."""
+        """Send corrections to PX4's receiver (GPS_RTCM_DATA), which PX4 does not acknowledge."""
         self._send("GPS_RTCM_DATA", flags, len(data), data)
 
     def send_odometry(
@@ -428,7 +431,7 @@ class Px4Link:
         std_m: float,
         reset_count: int = 0,
     ) -> None:
-        """ODOMETRY in the fleet's axes as NED, without velocity, which a mocap does not measure.
+        """Send ODOMETRY in the fleet's axes as NED, without velocity: a mocap measures none.
 
         Nothing is sent to a disarmed PX4 that does not have its global origin yet.
         """
@@ -588,6 +591,7 @@ class Px4Link:
     # -- wire --------------------------------------------------------------------------------------
 
     def _boot_ms(self) -> int:
+        """Return the time since the start of the link, as an unsigned number of 32 bits."""
         since_start_ms = (time.monotonic_ns() - self._start_ns) // 1_000_000
         return since_start_ms & 0xFFFFFFFF
 
@@ -612,6 +616,7 @@ class Px4Link:
         )
 
     def _send(self, name: str, *values: float | bytes) -> None:
+        """Send a message of SENT with these values, in the order of the wire."""
         message = SENT[name]
         self._relay.send(message.number, message.layout.pack(*values))
 

@@ -1,8 +1,8 @@
 """Parsers of PX4's messages: from the fields of a message to the fields of a snapshot.
 
 A parser takes the fields of a message and its arrival [ns]. It returns the fields of
-:class:`onboard.autopilot.Snapshot` that the message changes. If the message's numbers cannot be
-used, it returns none.
+:class:`onboard.autopilot.Snapshot` that the message changes: an empty dictionary if the message's
+numbers cannot be used.
 """
 
 from __future__ import annotations

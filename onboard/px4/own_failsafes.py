@@ -69,6 +69,7 @@ class OwnFailsafe:
 
 
 def _version(text: str | None, otherwise: Version) -> Version:
+    """Return the version that a text like "1.16" names; ``otherwise`` without a text."""
     if text is None:
         return otherwise
     major, _, minor = text.partition(".")
@@ -78,6 +79,7 @@ def _version(text: str | None, otherwise: Version) -> Version:
 def _parameter(
     name: str, entry: Mapping[str, Any], since: Version, before: Version
 ) -> OwnParameter:
+    """Return a parameter of the file; without versions of its own it has those of its failsafe."""
     fields = dict(entry)
     since = _version(fields.pop("since", None), since)
     before = _version(fields.pop("before", None), before)
@@ -86,6 +88,7 @@ def _parameter(
 
 
 def _failsafe(entry: Mapping[str, Any]) -> OwnFailsafe:
+    """Return a failsafe of the file."""
     since = _version(entry.get("since"), FIRST)
     before = _version(entry.get("before"), LAST)
     parameters = []

@@ -48,8 +48,10 @@ def _message(number: int, seed: int, layout: str, fields: str = "") -> MessageLa
     indexed: list[tuple[str, int, int]] = []
     index = 0
     for word in fields.split():
-        name, _, written_count = word.partition("*")
-        count = int(written_count or 1)
+        name, star, written_count = word.partition("*")
+        count = 1
+        if star:
+            count = int(written_count)
         indexed.append((name, index, count))
         index += count
     return MessageLayout(number, seed, struct.Struct(f"<{layout}"), tuple(indexed))
@@ -197,8 +199,8 @@ def cut(data: bytes) -> Iterator[Packet | int]:
     Args:
         data: a datagram, or bytes from a serial device, which may begin anywhere.
     Yields:
-        Each packet. If bytes are left at the end that are no whole packet, their number comes last;
-        as a negative number if they cannot be the begin of a packet.
+        Each packet. If the bytes do not end with a whole packet, the number of the remaining bytes
+        comes last. It is negative if these bytes cannot be the begin of a packet.
     """
     start = 0
     while start < len(data):
@@ -280,8 +282,12 @@ def packed(
         component_id: component id of the sender.
         is_signed: whether the caller appends a signature.
     """
-    payload = payload.rstrip(b"\0") or b"\0"  # MAVLink 2 keeps at least one byte
-    incompatible_flags = _SIGNED if is_signed else 0
+    payload = payload.rstrip(b"\0")
+    if not payload:  # MAVLink 2 keeps at least one byte
+        payload = b"\0"
+    incompatible_flags = 0
+    if is_signed:
+        incompatible_flags = _SIGNED
     compatible_flags = 0
     head = _HEAD.pack(
         _MAGIC_2,

@@ -74,12 +74,12 @@ def _is_bound(endpoint: str) -> bool:
 
     host = udp["host"].strip("[]")
     try:
-        found = socket.getaddrinfo(host, int(udp["port"]), type=socket.SOCK_DGRAM)
-        family, _, _, _, address = found[0]
+        resolved = socket.getaddrinfo(host, int(udp["port"]), type=socket.SOCK_DGRAM)
+        family, _, _, _, address = resolved[0]
         with socket.socket(family, socket.SOCK_DGRAM) as probe:
             probe.bind(address)
     except OSError as error:
-        # the relay meets all other errors, and reports them, when it opens the endpoint
+        # all other errors are reported by the relay when it opens the endpoint
         return error.errno == errno.EADDRINUSE
     except ValueError:  # the host cannot be a name
         return False
@@ -104,8 +104,9 @@ def _key(endpoint: str) -> str:
         return f"udp-{address.rpartition(':')[2]}-{_network_namespace()}"
     if kind.startswith("serial"):
         device, _, rate = address.rpartition(":")
-        address = os.path.realpath(device if device and rate.isdigit() else address)
-        return _as_file_name(f"{kind}-{address}")
+        if not device or not rate.isdigit():
+            device = address  # without a baud rate
+        return _as_file_name(f"{kind}-{os.path.realpath(device)}")
     return _as_file_name(f"{kind}-{address}-{_network_namespace()}")
 
 

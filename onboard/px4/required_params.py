@@ -172,8 +172,8 @@ def all_params(
 ) -> tuple[RequiredParam, ...]:
     """Return all values that this vehicle's PX4 should have.
 
-    The fleet file's ``px4_params`` replace built-in ones, unless they weaken one that keeps a
-    failsafe of PX4 from interfering (:func:`weakened`).
+    The fleet file's ``px4_params`` replace built-in values, unless they weaken a value that keeps
+    one of PX4's own failsafes from interfering (:func:`weakened`).
 
     Args:
         fleet: the fleet file.
@@ -188,75 +188,74 @@ def all_params(
         is_advice=True,
         tolerance=0.1,
     )
-    failsafes = [_bounded(demand, fleet, vehicle) for demand in FAILSAFES]
+    failsafes = [_bounded(param, fleet, vehicle) for param in FAILSAFES]
     built_in = [*failsafes, hover_throttle]
     if vehicle.mocap_required:
         built_in = [*failsafes, *_MOCAP, *_MOCAP_ADVICE, hover_throttle]
 
     of_file = dict(vehicle.px4_params)
-    for demand in _weakened_demands(fleet, vehicle):
-        of_file.pop(demand.name)
+    for param in _weakened_params(fleet, vehicle):
+        of_file.pop(param.name)
 
-    params = [
-        demand for demand in built_in if demand.name not in of_file and demand.is_for(version)
-    ]
+    params = [param for param in built_in if param.name not in of_file and param.is_for(version)]
     for name, value in of_file.items():
         params.append(RequiredParam(name, value, "the fleet file's px4_params require it"))
     return tuple(params)
 
 
-def _bounded(demand: RequiredParam, fleet: FleetConfig, vehicle: Vehicle) -> RequiredParam:
-    """Return a demand with the bound that follows from the fleet file for this vehicle.
+def _bounded(param: RequiredParam, fleet: FleetConfig, vehicle: Vehicle) -> RequiredParam:
+    """Return a parameter with the bound that follows from the fleet file for this vehicle.
 
     ``OwnParameter.bound`` names the limit of the fleet file.
     """
-    bound = _OWN[demand.name].bound
+    bound = _OWN[param.name].bound
     if bound == "below battery_land_pct":
         most_frac = 0.01 * fleet.fleet.battery_land_pct - _BATTERY_GAP_FRAC
-        return replace(demand, most=round(max(most_frac, float(demand.value)), 4))
+        return replace(param, most=round(max(most_frac, float(param.value)), 4))
     if bound == "beyond max_tilt_deg":
-        return replace(demand, least=math.ceil(vehicle.max_tilt_deg) + _TILT_MARGIN_DEG)
+        return replace(param, least=math.ceil(vehicle.max_tilt_deg) + _TILT_MARGIN_DEG)
     if not bound:
-        return demand
+        return param
 
     fence = fence_of(fleet.fleet.geofence_m, vehicle)
     across_m, upwards_m = fence.farthest_m(vehicle.max_speed_m_s)
     distances_m = {"beyond geofence_m": across_m, "above geofence_m": upwards_m}
     least_m = float(math.ceil(distances_m[bound]))
-    return replace(demand, value=least_m, accepts=(demand.value,), least=least_m)
+    return replace(param, value=least_m, accepts=(param.value,), least=least_m)
 
 
-def _may_replace(demand: RequiredParam, value: Value) -> bool:
-    """Whether a fleet file may demand this value instead of the demanded one."""
-    own = _OWN[demand.name]
+def _may_replace(param: RequiredParam, value: Value) -> bool:
+    """Return whether a fleet file may require this value instead of the built-in value."""
+    own = _OWN[param.name]
     if own.file_least is None or own.file_most is None:
-        return demand.is_met(value)
+        return param.is_met(value)
     return own.file_least <= value <= own.file_most
 
 
-def _weakened_demands(fleet: FleetConfig, vehicle: Vehicle) -> list[RequiredParam]:
+def _weakened_params(fleet: FleetConfig, vehicle: Vehicle) -> list[RequiredParam]:
+    """Return the built-in parameters that the fleet file's ``px4_params`` weaken."""
     weak = []
-    for demand in FAILSAFES:
-        value = vehicle.px4_params.get(demand.name)
-        bounded = _bounded(demand, fleet, vehicle)
+    for param in FAILSAFES:
+        value = vehicle.px4_params.get(param.name)
+        bounded = _bounded(param, fleet, vehicle)
         if value is not None and not _may_replace(bounded, value):
             weak.append(bounded)
     return weak
 
 
 def weakened(fleet: FleetConfig, vehicle: Vehicle) -> tuple[str, ...]:
-    """Return a sentence for each of the fleet file's ``px4_params`` that weakens a demand.
+    """Return a sentence for each of the fleet file's ``px4_params`` that weakens a requirement.
 
     Args:
         fleet: the fleet file.
         vehicle: one of its vehicles.
     """
     sentences = []
-    for demand in _weakened_demands(fleet, vehicle):
-        value = vehicle.px4_params[demand.name]
+    for param in _weakened_params(fleet, vehicle):
+        value = vehicle.px4_params[param.name]
         sentences.append(
-            f"The fleet file's px4_params set {demand.name} = {value:g} for {vehicle.name}, which"
-            f" every flight needs at {demand.words}: {demand.reason}."
+            f"The fleet file's px4_params set {param.name} = {value:g} for {vehicle.name}, which"
+            f" every flight needs at {param.words}: {param.reason}."
         )
     return tuple(sentences)
 
@@ -266,7 +265,7 @@ def required_params(
 ) -> dict[str, RequiredParam]:
     """Return the parameters without which take-off is refused, by name.
 
-    They are the built-in ones and the fleet file's own.
+    These are the built-in parameters and those of the fleet file.
     """
     params = all_params(fleet, vehicle, version)
     return {param.name: param for param in params if not param.is_advice}
@@ -280,17 +279,17 @@ def silence_s(vehicle: Vehicle) -> float:
 def unmet(
     required: Iterable[RequiredParam], actual: Mapping[str, Value | None]
 ) -> list[RequiredParam]:
-    """Return the demands that PX4 does not meet; parameters that PX4 did not send are left out.
+    """Return the parameters whose value in PX4 is wrong; those that PX4 did not send are left out.
 
     Args:
-        required: demands.
+        required: required parameters.
         actual: name -> PX4's value; None if PX4 did not send it.
     """
     wrong = []
-    for demand in required:
-        value = actual.get(demand.name)
-        if value is not None and not demand.is_met(value):
-            wrong.append(demand)
+    for param in required:
+        value = actual.get(param.name)
+        if value is not None and not param.is_met(value):
+            wrong.append(param)
     return wrong
 
 
@@ -300,18 +299,18 @@ def differences(
     """Return a sentence for each parameter that is not as required.
 
     Args:
-        required: demands.
+        required: required parameters.
         actual: name -> PX4's value; None if PX4 did not send it.
     """
     sentences: list[str] = []
-    for demand in required:
-        value = actual.get(demand.name)
-        if value is None and not demand.is_optional:
+    for param in required:
+        value = actual.get(param.name)
+        if value is None and not param.is_optional:
             sentences.append(
-                f"PX4 did not send its parameter {demand.name}: check the link and PX4's version."
+                f"PX4 did not send its parameter {param.name}: check the link and PX4's version."
             )
-        elif value is not None and not demand.is_met(value):
+        elif value is not None and not param.is_met(value):
             sentences.append(
-                f"PX4 parameter {demand.name} is {value:g}, this fleet requires {demand.words}."
+                f"PX4 parameter {param.name} is {value:g}, this fleet requires {param.words}."
             )
     return tuple(sentences)

@@ -15,7 +15,7 @@ from onboard.px4.packets import SIGNATURE_BYTES, Packet
 _DIGEST_BYTES = 6
 _STAMP_BYTES = 6
 _MINUTE_STEPS = 60 * 100_000  # a minute in steps of 10 us
-_NEW_STREAM_STEPS = _MINUTE_STEPS  # most steps that a new sender's first timestamp may be behind
+_NEW_STREAM_STEPS = _MINUTE_STEPS  # a new sender's first timestamp may be behind by this
 _WRONG_CLOCK_STEPS = _MINUTE_STEPS  # our clock is wrong if another sender is further ahead
 
 
@@ -31,8 +31,8 @@ class SignatureVerdict(Enum):
 class Signer:
     """Signs packets of one sender, and checks packets that others signed with the same key.
 
-    Its timestamps follow the clock, but they never decrease, and they are greater than every
-    timestamp that it has checked. So PX4 accepts its packets even if this computer's clock is
+    The timestamps of its signatures follow the clock, but never decrease, and are greater than
+    every timestamp that it has checked. So PX4 accepts its packets even if this computer's clock is
     behind.
 
     Args:

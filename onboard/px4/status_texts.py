@@ -15,13 +15,13 @@ class StatusTexts:
     """The pieces of the newest text that have come."""
 
     def __init__(self) -> None:
-        self._id = -1  # of the text; all of its pieces have the same one
+        self._id = -1  # id of the newest text, which all of its pieces carry
         self._pieces: list[bytes] = []
 
     def joined(self, fields: dict[str, Any]) -> bytes:
-        """Return the text to which a piece belongs, as far as it has come.
+        """Return the text to which a piece belongs, with the pieces that have come so far.
 
-        A piece that does not continue the newest text begins a new one. So the rest of a text is
+        A piece that does not continue the newest text begins a new text. So the rest of a text is
         shown alone if its begin was lost.
 
         Args:

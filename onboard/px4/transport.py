@@ -116,7 +116,7 @@ class _Datagrams:
 
 
 class _Serial:
-    """A serial device; one that was unplugged is opened again as soon as it is back."""
+    """A serial device, which is opened again when it was unplugged and is back."""
 
     def __init__(self, endpoint: str) -> None:
         self._endpoint = endpoint
@@ -156,7 +156,7 @@ class _Serial:
         self._close()
 
     def _open_again(self) -> None:
-        """Open the device anew, unless it is still away or this transport has been stopped."""
+        """Open the device again, unless it is still unplugged or this transport was stopped."""
         # closed first, because a device that is in use comes back under another name
         if self._close():
             log.warning("%s is unplugged", self._endpoint)
