@@ -143,7 +143,7 @@ def self_crossing(corners: Sequence[Point]) -> tuple[int, int] | None:
 
 
 def _folds_back(before: tuple[Point, Point], after: tuple[Point, Point]) -> bool:
-    """Whether an edge goes back over the one that ends where it begins."""
+    """Return whether an edge goes back over the edge before it."""
     begin, shared = before
     _, end = after
 
@@ -153,8 +153,8 @@ def _folds_back(before: tuple[Point, Point], after: tuple[Point, Point]) -> bool
     x2 = end[0] - shared[0]
     y2 = end[1] - shared[1]
     are_parallel = x1 * y2 - x2 * y1 == 0.0
-    go_the_same_way = x1 * x2 + y1 * y2 > 0.0
-    return are_parallel and go_the_same_way
+    have_same_direction = x1 * x2 + y1 * y2 > 0.0
+    return are_parallel and have_same_direction
 
 
 def nearest(area: Area, x: float, y: float) -> Nearest:
@@ -200,6 +200,7 @@ def nearest(area: Area, x: float, y: float) -> Nearest:
 
 
 def _nearest_of_circle(area: Area, x: float, y: float) -> Nearest:
+    """Return the nearest point of a circle; from its centre, the point in the east."""
     to_x = x - area.center_enu_m[0]
     to_y = y - area.center_enu_m[1]
     distance_m = math.hypot(to_x, to_y)

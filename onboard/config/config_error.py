@@ -19,6 +19,7 @@ class ConfigError(ValueError):
 
 
 def _shortened(line: str) -> str:
+    """Return a line without the middle of a very long one."""
     if len(line) <= _LONGEST_LINE:
         return line
 

@@ -53,10 +53,10 @@ class CorrectionsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     sends_position: bool = False
     # worst fix of PX4's receiver for a take-off; a worse one in flight triggers a failsafe
     fix: Literal["any", "rtk_float", "rtk_fixed"] = "any"
-    max_age_s: float = 10.0  # if a fix is demanded, nobody takes off with older corrections
-    max_base_km: float = 20.0  # nobody takes off if the base is farther away
-    # latitude and longitude where the base was surveyed: PX4 does not get the corrections of a base
-    # at another position
+    max_age_s: float = 10.0  # if a fix is required, no vehicle takes off with older corrections
+    max_base_km: float = 20.0  # no vehicle takes off if the base is farther away
+    # surveyed latitude and longitude of the base: PX4 does not get the corrections of a base at
+    # another position
     base_deg: tuple[float, float] | None = None
     # its height above the ellipsoid of WGS 84, not above the sea; without it no height is compared
     base_height_m: float | None = None

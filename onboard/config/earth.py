@@ -12,7 +12,7 @@ import math
 import msgspec
 
 EARTH_RADIUS_M = 6_371_000.0  # radius of PX4's sphere
-_SAME_RAD = 1e-7  # below this angle an arc is as long as its chord
+_SAME_RAD = 1e-7  # an angle below this equals its sine
 
 
 class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -46,7 +46,7 @@ def east_north_m(origin: Origin, latitude_deg: float, longitude_deg: float) -> t
     ) * math.cos(turn)
     angle = math.acos(min(1.0, max(-1.0, cosine)))
 
-    stretch = 1.0  # length of the arc over that of its chord
+    stretch = 1.0  # the angle divided by its sine
     if angle > _SAME_RAD:
         stretch = angle / math.sin(angle)
     scale_m = EARTH_RADIUS_M * stretch

@@ -61,7 +61,10 @@ def area_of(fence: Fence, origin: Origin | None) -> Area:
         origin: origin of the fleet frame on Earth, if the file has one.
     """
     keeps_in = fence.keep == "in"
-    low_m, high_m = fence.height_m or (-math.inf, math.inf)
+    low_m = -math.inf
+    high_m = math.inf
+    if fence.height_m is not None:
+        low_m, high_m = fence.height_m
 
     corners: tuple[Point, ...] = ()
     center: Point = (0.0, 0.0)
@@ -144,14 +147,16 @@ def fence_fault(fence: Fence, origin: Origin | None, key: str) -> str | None:
     fault = _number_fault(fence, label)
     if fault is None:
         fault = _degree_fault(fence, origin, label)
-    if fault is None and fence.circle is not None:
-        fault = _circle_fault(fence.circle, origin, label)
-    elif fault is None:
-        fault = _polygon_fault(_corners(fence, origin), label)
-    return fault
+    if fault is not None:
+        return fault
+
+    if fence.circle is not None:
+        return _circle_fault(fence.circle, origin, label)
+    return _polygon_fault(_corners(fence, origin), label)
 
 
 def _number_fault(fence: Fence, label: str) -> str | None:
+    """Return what is wrong with buffer, heights or the number of corners, or None."""
     if not 0.0 <= fence.buffer_m <= _MOST_BUFFER_M:  # also True for NaN
         return (
             f"{label}: buffer_m is {fence.buffer_m:g}; it must lie between 0 and "
@@ -164,10 +169,16 @@ def _number_fault(fence: Fence, label: str) -> str | None:
                 f"{label}: height_m is [{low_m:g}, {high_m:g}]; give [low, high] with low < high."
             )
 
-    corners = fence.polygon_enu_m or fence.polygon_deg
-    if fence.circle is None and not 3 <= len(corners or ()) <= MOST_CORNERS:
+    if fence.circle is not None:
+        return None
+
+    corner_count = 0
+    for polygon in (fence.polygon_enu_m, fence.polygon_deg):
+        if polygon is not None:
+            corner_count = len(polygon)
+    if not 3 <= corner_count <= MOST_CORNERS:
         return (
-            f"{label} has {len(corners or ())} corners; a polygon has 3 to {MOST_CORNERS}. Add the "
+            f"{label} has {corner_count} corners; a polygon has 3 to {MOST_CORNERS}. Add the "
             "others, or leave out what a straight edge can join."
         )
     return None

@@ -64,7 +64,7 @@ RESULTS_FILE = FileKind("file", 64 * _MB, "Name a file of covey simulate --map."
 # a flight takes 1 kB
 EVIDENCE_FILE = FileKind("file", 64 * _MB, "Name a folder of covey evidence.")
 SIMULATION_FILE = FileKind("file", 1 * _MB, "Fly the mission anew.")
-# Twenty minutes take 100 MB; it is read into memory, of which only what is shown is kept.
+# Twenty minutes take 100 MB; the file is read into memory, and only the shown values are kept.
 ULOG = FileKind("log of PX4", 1_000 * _MB, "Fetch it with covey log fetch.")
 RECORD = FileKind("record", None, "Give the folder of a recorded flight.")
 
@@ -74,11 +74,11 @@ _MOST_WHOLE = 2**63  # whole numbers must be smaller, as TOML demands
 _CONTAINERS = (dict, list, tuple, set)
 
 # A JSON text is limited by the memory that its values take. A value of a list takes up to 64 bytes,
-# and a table as much as four of them. 6 million values take 480 MB at most.
+# and a table takes as much as four values. 6 million values take 480 MB at most.
 MOST_JSON_VALUES = 6_000_000
 _TABLE_VALUES = 4
 
-# kinds of files that are not opened, with their names
+# kinds of files that are not opened: test of the file's mode, and name for people
 _NO_REGULAR_FILE = (
     (stat.S_ISDIR, "a folder"),
     (stat.S_ISFIFO, "a pipe"),
@@ -320,8 +320,8 @@ def _shown(number: int | float) -> str:
 
 def _check_status(name: str, status: os.stat_result, kind: FileKind) -> None:
     """Refuse a file that is not regular, or too large."""
-    for is_one, words in _NO_REGULAR_FILE:
-        if is_one(status.st_mode):
+    for is_of_kind, words in _NO_REGULAR_FILE:
+        if is_of_kind(status.st_mode):
             raise ConfigError(
                 f"{name}: this {kind.words} cannot be read: it is {words}, no regular file. "
                 f"{kind.remedy}"

@@ -1,8 +1,8 @@
 """Loads fleet files as frozen, validated values; other packages import this module.
 
-An unknown key is an error that names file, key and remedy. A vehicle's own key has precedence over
-its type's, and that over ``[defaults]``. Only :func:`load_fleet` and the search for a user's own
-law do I/O. Loading a fleet file never runs code that the file names.
+An unknown key is an error that names file, key and remedy. A key of a vehicle has precedence over
+the same key of its type, which has precedence over ``[defaults]``. Only :func:`load_fleet` and the
+search for a user's own law do I/O. Loading a fleet file never runs code that the file names.
 """
 
 from __future__ import annotations

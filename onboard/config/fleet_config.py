@@ -92,11 +92,11 @@ class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     placing_m: float = 0.05
     battery_warning_pct: float = 30.0  # the console warns below it
     battery_land_pct: float = 20.0  # a vehicle lands by itself below it
-    # if an agent has not answered for so long, kill goes directly to PX4, and land is sent again
+    # if an agent has not answered for this time, kill goes directly to PX4, and land is sent again
     direct_command_timeout_s: float = 0.3
-    # a vehicle that receives nothing on the bus holds, and lands after so long
+    # a vehicle that receives nothing on the bus holds, and lands after this time
     bus_lost_land_s: float = 5.0
-    # vehicles in flight land when no ground that may order has been on the bus for so long
+    # vehicles in flight land when no ground that may order has been on the bus for this time
     ground_lost_land_s: float = 60.0
     # largest mean wind in which vehicles fly; by default only the limit of each vehicle counts
     max_wind_m_s: float | None = None
@@ -111,7 +111,7 @@ class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def height_share(self) -> float:
-        """Metres of separation that one metre of height counts as; 0 without a vertical one."""
+        """Metres of separation that one metre of height counts as; 0: heights do not count."""
         if self.vertical_separation_m is None:
             return 0.0
         return self.safety_distance_m / self.vertical_separation_m
@@ -265,7 +265,9 @@ class FleetConfig(msgspec.Struct, frozen=True):
         # the folders of keys and laws, and the nearest router, may differ between computers
         fleet = msgspec.structs.replace(self.fleet, keys="keys", routers=())
         law = msgspec.structs.replace(self.law, folder=".")
-        source = "" if self.own_law is None else self.own_law.source_hash
+        source = ""
+        if self.own_law is not None:
+            source = self.own_law.source_hash
 
         # of the radio only the lateness counts: it changes when a neighbour counts as silent
         late_s = self.expected_radio.lateness_s
@@ -291,14 +293,16 @@ class FleetConfig(msgspec.Struct, frozen=True):
         return hashlib.sha256(values).hexdigest()[:12]
 
     def takes_corrections(self, vehicle: Vehicle) -> bool:
-        """Whether a vehicle's PX4 gets corrections: if the fleet has them, and by satellites."""
+        """Whether the fleet has corrections, and the vehicle flies by satellites."""
         by_satellites = not vehicle.mocap_required and vehicle.px4_position == "gps"
         return self.corrections is not None and by_satellites
 
     @property
     def expected_radio(self) -> RadioConfig:
         """``[radio]``, or its defaults if the file has none."""
-        return self.radio or RadioConfig()
+        if self.radio is None:
+            return RadioConfig()
+        return self.radio
 
     @property
     def state_ticks(self) -> int:
@@ -309,7 +313,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
 
     @property
     def has_keys(self) -> bool:
-        """Whether the nodes of the bus authenticate with keys; the scheme of endpoints says so."""
+        """Whether the nodes of the bus authenticate with keys, as the agents' endpoints show."""
         return any(
             vehicle.agent.startswith(("quic/", "tls/")) for vehicle in self.vehicles.values()
         )
@@ -378,7 +382,11 @@ class FleetConfig(msgspec.Struct, frozen=True):
         Raises:
             ConfigError: There is no vehicle of a name or an index.
         """
-        text = vehicles if isinstance(vehicles, str) else ",".join(vehicles or ())
+        text = ""
+        if isinstance(vehicles, str):
+            text = vehicles
+        elif vehicles is not None:
+            text = ",".join(vehicles)
         selected = self.enabled_names
         if text not in ("", "all"):
             selected = self._names(text)
@@ -456,9 +464,9 @@ def parking_height_share(config: FleetConfig, accuracy_m: float = 0.0) -> float:
 def parking_distance_m(config: FleetConfig) -> float:
     """Return the smallest spacing at which two vehicles can hover under the configured law.
 
-    For the paper's law it is sqrt(d_inf^2 + d_inf v_perp / kappa_3), since (8) forbids to hover
-    nearer. For Covey's law it is the design distance plus 0.10 m. Without a law it is the diameter
-    of a body.
+    For the paper's law it is sqrt(d_inf^2 + d_inf v_perp / kappa_3), because equation (8) does not
+    allow a nearer hover. For Covey's law it is the design distance plus 0.10 m. Without a law it is
+    the diameter of a body.
 
     Args:
         config: the fleet.

@@ -1,7 +1,7 @@
 """The space that a fleet may fly in: the box, and the areas to stay in or out of. Pure.
 
 All of them hold at the same time. A vehicle breaches the space when it crosses an edge. Goals and
-flights keep each area's buffer from its edge in addition.
+flights also keep each area's buffer from its edge.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Outline(NamedTuple):
 
     name: str
     keeps_in: bool
-    corners_enu_m: tuple[Point, ...]  # corners; for a circle enough of them to look round
+    corners_enu_m: tuple[Point, ...]  # corners; for a circle, points on it
     low_m: float  # both heights are limited to those of the box
     high_m: float
 
@@ -89,16 +89,20 @@ class FlightSpace(NamedTuple):
     def outlines(self) -> tuple[Outline, ...]:
         """Return the areas for a picture, cut to the heights of the box."""
         floor_m, top_m = self.box.z
-        return tuple(
-            Outline(
+        outlines = []
+        for area in self.areas:
+            corners = area.corners_enu_m
+            if not corners:
+                corners = _on_circle(area.center_enu_m, area.radius_m)
+            outline = Outline(
                 name=area.name,
                 keeps_in=area.keeps_in,
-                corners_enu_m=area.corners_enu_m or _on_circle(area.center_enu_m, area.radius_m),
+                corners_enu_m=corners,
                 low_m=min(max(area.low_m, floor_m), top_m),
                 high_m=max(min(area.high_m, top_m), floor_m),
             )
-            for area in self.areas
-        )
+            outlines.append(outline)
+        return tuple(outlines)
 
     def room_m(self, position_enu_m: Xyz) -> tuple[float, str]:
         """Return the distance [m] to the nearest buffer, and the area's name.
@@ -173,7 +177,7 @@ def _room_m(area: Area, position_enu_m: Xyz) -> float:
     x, y, z = position_enu_m
     room_m = areas.nearest(area, x, y).room_m - area.buffer_m
     if area.keeps_in:
-        # The ceiling has no buffer, and the floor does not count: the ground is there.
+        # The ceiling has no buffer. The floor does not count, because the ground is there.
         return min(room_m, area.high_m - z)
 
     above_m = z - area.high_m - area.buffer_m
@@ -182,6 +186,7 @@ def _room_m(area: Area, position_enu_m: Xyz) -> float:
 
 
 def _refusal(area: Area, position_enu_m: Xyz) -> str:
+    """Return how a goal violates one area or its buffer; empty if it does not."""
     x, y, z = position_enu_m
     room_m = areas.nearest(area, x, y).room_m
     if area.keeps_in:
@@ -200,8 +205,8 @@ def _refusal(area: Area, position_enu_m: Xyz) -> str:
     if room_m < 0.0:
         if area.low_m <= z <= area.high_m:
             return f"inside the fence '{area.name}', which is to stay out of"
-        beside_m = z - area.high_m if z > area.high_m else area.low_m - z
-        return _too_near(area, beside_m)
+        above_or_below_m = max(z - area.high_m, area.low_m - z)
+        return _too_near(area, above_or_below_m)
     if room_m < area.buffer_m:
         return _too_near(area, room_m)
     return ""
@@ -218,7 +223,7 @@ def _moved_inside(area: Area, position_enu_m: Xyz, inside_m: float) -> Xyz:
     """Return a position after it is moved to a distance inside one area and its buffer."""
     x, y, z = position_enu_m
     highest_m = area.high_m - inside_m
-    has_height = highest_m > area.low_m  # else its ceiling is too low to keep the distance from it
+    has_height = highest_m > area.low_m  # False: the ceiling is too low to keep this distance
     if area.keeps_in and has_height:
         z = min(max(z, area.low_m), highest_m)
     elif not areas.counts_at(area, z, z):  # above it or below it by more than its buffer

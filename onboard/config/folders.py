@@ -33,6 +33,14 @@ def law_problems(folder: str) -> Iterator[str]:
 
 
 def _problems(key: str, folder: str, *, is_there: bool, example: str) -> Iterator[str]:
+    """Yield a sentence about a folder that a fleet file must not name.
+
+    Args:
+        key: key of the fleet file.
+        folder: value of the key.
+        is_there: whether an absolute path is accepted.
+        example: a right value, for the sentence.
+    """
     if os.path.isabs(folder) and is_there and ".." not in folder.split("/"):
         return
 

@@ -52,7 +52,7 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     # share that a vehicle takes over of the part of a correction that its neighbour visibly omits
     shortfall_gain: float = 0.85
     v_perp_m_s: float = 0.55  # speed of the turn about each other
-    v_perp_crowd_m_s: float = 0.65  # the same in a crowd
+    v_perp_crowd_m_s: float = 0.65  # speed of that turn in a crowd
     crowd_count: int = 4  # neighbours that make a crowd
     # violation from which a rotation row has its full strength; below it the strength is
     # proportional, so that nothing jumps when the row begins
@@ -60,7 +60,7 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     # 2: in a move on one level every second vehicle flies above the others between its ends, by
     # fleet.vertical_separation_m and a little more; 1: all stay on their level
     passing_heights: Literal[1, 2] = 1
-    max_neighbours: int = 12  # only so many of the nearest neighbours are avoided
+    max_neighbours: int = 12  # number of neighbours that are avoided, the nearest ones
     range_m: float = 8.0  # neighbours farther away are ignored
 
     # -- obstacles, geofence and speed --
@@ -89,9 +89,9 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def built_in(self) -> BuiltInLaw:
-        """Covey's law of that name; ``covey`` for a user's own law.
+        """The built-in law of that name; ``covey`` for a user's own law.
 
-        Covey's law is computed beside a user's own law, and takes over if that one fails.
+        Covey's law is computed beside a user's own law, and takes over if the own law fails.
         """
         for name in BUILT_IN:
             if name == self.name:
@@ -100,7 +100,7 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def changed_policies(self) -> tuple[str, ...]:
-        """Names of the policies that are not at their defaults: a variant for simulation only."""
+        """Names of the policies that are not at their defaults, which only a simulation may fly."""
         default = LawConfig()
         return tuple(name for name in POLICIES if getattr(self, name) != getattr(default, name))
 

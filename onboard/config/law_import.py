@@ -1,8 +1,9 @@
 """Finds a user's own law by the name in a fleet file, hashes its source, and imports it.
 
-Finding a law does not run its code: its file is only read and hashed. So a fleet file of a stranger
-can be loaded and checked. The law is imported when a vehicle flies by it, or when a person asks for
-it. Its code then has the rights of that process. docs/own-law.md describes the interface of a law.
+Finding a law does not run its code: its file is only read and hashed. So a fleet file of unknown
+origin can be loaded and checked. The law is imported when a vehicle flies by it, or when a person
+requests that. Its code then has the rights of that process. docs/own-law.md describes the interface
+of a law.
 """
 
 from __future__ import annotations
@@ -92,10 +93,13 @@ class LawImport(msgspec.Struct, frozen=True):
                 f"imports {error.name}: install that package into the Python of Covey."
             ) from None
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a user's module may raise anything
+            run_words = f"-m {self.module_name}"
+            if self.file is not None:
+                run_words = self.file
             raise ConfigError(
                 f"{self.where}: the module {self.module_name} cannot be imported "
                 f"({type(error).__name__}: {error}). Correct it; try it alone with: "
-                f"python {self.file or f'-m {self.module_name}'}"
+                f"python {run_words}"
             ) from None
 
 
@@ -114,7 +118,9 @@ def find_own_law(name: str, folders: Sequence[str], path: str) -> OwnLaw:
     module_name, _, function_name = _target(name, where).partition(":")
 
     file = _file_of(module_name, folders)
-    source = file or _installed_source(module_name, folders)
+    source = file
+    if source is None:
+        source = _installed_source(module_name, folders)
     if source is None:
         missing = f"No module named {module_name!r}"
         raise _not_found(where, module_name, folders, missing)
@@ -148,12 +154,14 @@ def _not_found(
 def _installed_source(module_name: str, folders: Sequence[str]) -> str | None:
     """Return the file of an installed module: empty if it has none, None if there is no module.
 
-    Unlike ``importlib.util.find_spec``, this does not import the packages around the module. A
-    package in the folders counts only if no installed one has its name, as when it is imported.
+    Unlike ``importlib.util.find_spec``, this does not import the packages around the module. As in
+    an import, an installed package has precedence over a package of that name in the folders.
     """
     importlib.invalidate_caches()
     package, *inner = module_name.split(".")
-    spec = _spec_of(package, None) or PathFinder.find_spec(package, folders)
+    spec = _spec_of(package, None)
+    if spec is None:
+        spec = PathFinder.find_spec(package, folders)
 
     full_name = package
     for name in inner:
@@ -188,7 +196,9 @@ def _folder_spec(full_name: str, path: Sequence[str]) -> ModuleSpec | None:
     folders = [os.path.join(folder, name) for folder in path]
     spec = ModuleSpec(full_name, None, is_package=True)
     spec.submodule_search_locations = [folder for folder in folders if os.path.isdir(folder)]
-    return spec if spec.submodule_search_locations else None
+    if not spec.submodule_search_locations:
+        return None
+    return spec
 
 
 def _file_of(module_name: str, folders: Sequence[str]) -> str | None:

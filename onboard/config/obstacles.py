@@ -71,7 +71,9 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 if x < crossing_x:
                     is_inside = not is_inside
 
-        return -nearest_m if is_inside else nearest_m
+        if is_inside:
+            return -nearest_m
+        return nearest_m
 
 
 def problems(

@@ -19,34 +19,36 @@ BY_SATELLITES_M = 1.5  # a position by satellites itself has an error of a metre
 
 
 def stand_in_refusal(
-    fleet: FleetConfig, spare: str, place: str, position_enu_m: Sequence[float] | None
+    fleet: FleetConfig, spare: str, replaced: str, position_enu_m: Sequence[float] | None
 ) -> str:
     """Return why a vehicle cannot stand in for another one; empty if it can.
 
     Args:
         fleet: the fleet file.
         spare: name of the vehicle that stands in.
-        place: name of the vehicle that it replaces.
+        replaced: name of the vehicle that it replaces.
         position_enu_m: position of the spare [m]; None: not known.
     """
-    if place not in fleet.vehicles:
+    if replaced not in fleet.vehicles:
         names = ", ".join(fleet.enabled_names)
-        return f"{place[:40]} is not a vehicle of fleet '{fleet.fleet.name}': it has {names}."
+        return f"{replaced[:40]} is not a vehicle of fleet '{fleet.fleet.name}': it has {names}."
 
     difference = ""
-    if spare != place:
-        difference = _difference(fleet, fleet.vehicles[spare], fleet.vehicles[place])
+    if spare != replaced:
+        difference = _difference(fleet, fleet.vehicles[spare], fleet.vehicles[replaced])
     if difference:
-        return f"{spare} cannot stand in for {place}: {difference}."
+        return f"{spare} cannot stand in for {replaced}: {difference}."
     if position_enu_m is None:
         return f"{spare} does not report where it stands, so nobody knows that it is on the spot."
 
-    spot_enu_m = fleet.vehicles[place].start_enu_m
+    spot_enu_m = fleet.vehicles[replaced].start_enu_m
     off_m = math.dist(position_enu_m[:2], spot_enu_m[:2])
     tolerance_m = _tolerance_m(fleet, spare)
     if off_m > tolerance_m:
         east_m, north_m, _ = spot_enu_m
-        spot_words = "its own spot" if spare == place else f"the spot of {place}"
+        spot_words = f"the spot of {replaced}"
+        if spare == replaced:
+            spot_words = "its own spot"
         return (
             f"{spare} stands {off_m:.1f} m from {spot_words}, ({east_m:g}, {north_m:g}); "
             f"{tolerance_m:.1f} m are allowed. Put it there, then order again."
@@ -68,8 +70,8 @@ def _difference(fleet: FleetConfig, spare: Vehicle, other: Vehicle) -> str:
     """
     if spare.mocap_required != other.mocap_required:
         return "one flies by the mocap, and the other one does not"
-    begins_where_it_stands = not spare.mocap_required and fleet.fleet.global_origin is None
-    if begins_where_it_stands:
+    has_frame_of_its_own = not spare.mocap_required and fleet.fleet.global_origin is None
+    if has_frame_of_its_own:
         return (
             "its frame begins where the fleet file says that it stands. Write the spot there: "
             f"vehicles.{spare.name}.start_enu_m"

@@ -99,7 +99,9 @@ def _sentence(text: str, kind: Any, path: str, key: str) -> str:
         return f"{path}: '{key}{tail}': {message}. Correct the value."
 
     names = ", ".join(_known_keys(kind, tail))
-    known = f" Known keys here: {names}." if names else ""
+    known = ""
+    if names:
+        known = f" Known keys here: {names}."
     return f"{path}: unknown key '{key}{tail}.{unknown[1]}'.{known} Remove or correct it."
 
 

@@ -66,11 +66,11 @@ _DIRECT_ENDPOINT = re.compile(r"(udpin|udpout|tcp)://.+:\d+")
 _ALL_NETWORKS = re.compile(r"[a-z]+/(0\.0\.0\.0|\[::\]):")
 _KEYED = ("quic/", "tls/")  # schemes of endpoints whose links use keys
 
-# names of keys that no vehicle may have: common names of other certificates, and the file of the
-# certificate authority
+# names that no vehicle of a fleet with keys may have: the certificates of other nodes have these
+# names, and the certificate authority
 _NODE_NAMES = ("ground", "viewer", "mocap", "corrections", "sitl", "router", "ca")
 
-# first words of the names of nodes that agents recognise by them
+# first words of node names, by which agents recognise the kind of a node
 _NODE_WORDS = ("ground", "watcher", "recorder", "sitl")
 
 _WITHOUT_SIGNING = ("1.16", "1.17")  # versions of PX4 that do not sign MAVLink
@@ -84,11 +84,13 @@ def check_fleet(config: FleetConfig) -> None:
     Raises:
         ConfigError: the first mistake.
     """
-    for sentence in _problems(config):
-        raise ConfigError(f"{config.path}: {sentence}")
+    first = next(_problems(config), None)
+    if first is not None:
+        raise ConfigError(f"{config.path}: {first}")
 
 
 def _problems(config: FleetConfig) -> Iterator[str]:
+    """Yield a sentence for each mistake, in the order of the checks."""
     yield from _fleet_section_problems(config)
     yield from _law_problems(config)
     for vehicle in config.vehicles.values():
@@ -250,8 +252,10 @@ def law_bounds(key: str) -> tuple[float, float]:
     Returns:
         least and largest value.
     """
-    may_be_zero = "margin" in key or "gain" in key
-    return (0.0 if may_be_zero else 1e-3, 100.0)
+    least = 1e-3
+    if "margin" in key or "gain" in key:
+        least = 0.0
+    return least, 100.0
 
 
 def _law_problems(config: FleetConfig) -> Iterator[str]:
@@ -280,8 +284,9 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
             yield from bound_problems(f"vehicles.{name}.{key}", value, low, high)
 
     for key, (low, high) in sitl_profile.BOUNDS.items():
-        value = getattr(vehicle.sitl, key)
-        numbers = value if isinstance(value, tuple) else (value,)
+        numbers = getattr(vehicle.sitl, key)
+        if not isinstance(numbers, tuple):
+            numbers = (numbers,)
         for number in numbers:
             yield from bound_problems(f"vehicles.{name}.sitl.{key}", number, low, high)
 
@@ -335,11 +340,13 @@ def _double_problems(config: FleetConfig) -> Iterator[str]:
                 continue
 
             # ports and serial devices have to be unique on one companion computer only
-            is_of_the_host = key == "autopilot" and not value.startswith("udpout://")
-            host = vehicle.host if is_of_the_host else ""
+            host = ""
+            where = ""
+            if key == "autopilot" and not value.startswith("udpout://"):
+                host = vehicle.host
+                where = f", on the same computer, {host}"
             owner = owners.setdefault((key, value, host), name)
             if owner != name:
-                where = f", on the same computer, {host}" if is_of_the_host else ""
                 yield (
                     f"'vehicles.{name}.{key}' is {value!r}, which 'vehicles.{owner}.{key}' has too"
                     f"{where}. Give each vehicle its own."

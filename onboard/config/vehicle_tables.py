@@ -89,6 +89,7 @@ def vehicle_from_tables(
 
 
 def _check_keys(table: dict[str, Any], prefix: str, allowed: set[str], path: str) -> None:
+    """Refuse a table with a key that is not allowed in it."""
     for entry in table:
         if entry not in allowed:
             raise ConfigError(

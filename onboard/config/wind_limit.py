@@ -1,8 +1,8 @@
 """The strongest wind in which a vehicle may fly, from its tilt, its thrust and its drag.
 
 Wind pushes a vehicle with an acceleration of drag times wind velocity. The vehicle tilts against
-it, and that tilt is missing for its trajectory and for avoidance. At most two thirds of the
-horizontal acceleration may be used against the wind. The disturbance observer is bounded to that.
+the wind, and has less tilt for its trajectory and for avoidance. At most two thirds of the
+horizontal acceleration may be used against the wind; this also bounds the disturbance observer.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ def largest_push_m_s2(vehicle: Vehicle) -> float:
 def wind_limit_m_s(fleet: FleetConfig, vehicle: Vehicle) -> float:
     """Return the mean wind in which a vehicle may fly [m/s]; NaN if it has no known drag.
 
-    It is the smaller of the fleet's and the vehicle's ``max_wind_m_s``. If the vehicle has none,
-    its limit follows from the drag: the push of the wind with its gusts must not exceed the share
-    _WIND_SHARE of the horizontal acceleration.
+    It is the smaller of the fleet's and the vehicle's ``max_wind_m_s``. If the vehicle has no
+    ``max_wind_m_s``, its limit follows from the drag: the push of the wind with its gusts must not
+    exceed the share _WIND_SHARE of the horizontal acceleration.
 
     Args:
         fleet: the fleet; its ``max_wind_m_s`` holds for all its vehicles.
