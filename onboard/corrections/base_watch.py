@@ -1,10 +1,10 @@
 """Check of the position that the base of the corrections reports. Pure.
 
 A receiver calculates its vehicle's position from the position that the base reports for itself. If
-the base reports a position that is wrong by ten metres, all vehicles fly ten metres aside. So a
-base is not trusted if it reports another position than the surveyed one. A base that moves, or is
-replaced by another base, while this vehicle flies is not trusted either. On the ground a new
-position is accepted, but no vehicle takes off until this position has been steady for a while.
+the base reports a position that is wrong by ten metres, all vehicles fly in wrong positions by ten
+metres. So a base is not trusted if it reports another position than the surveyed position. A base
+that moves, or is replaced by another base, while this vehicle flies is not trusted either. On the
+ground a new position is accepted, but no vehicle takes off until it has been steady for a while.
 """
 
 from __future__ import annotations
@@ -64,13 +64,14 @@ class BaseWatch:
         return max(0.0, moved_s)
 
     def _is_another(self, position: BasePosition) -> bool:
-        """Whether a position differs from the trusted one, or belongs to another station."""
+        """Whether a position differs from the trusted position, or is of another station."""
         assert self.base is not None
         moved_m = math.dist(position.ecef_m, self.base.ecef_m)
         is_moved = moved_m > self._corrections.base_tolerance_m
         return is_moved or position.station != self.base.station
 
     def _judge(self, position: BasePosition, *, is_on_ground: bool) -> BaseJudgement:
+        """Return whether a position is trusted, or its fault."""
         if not position.is_on_earth:
             return BaseJudgement(BaseFault.NOWHERE)
 
@@ -88,7 +89,7 @@ class BaseWatch:
         return FINE
 
     def _off_m(self, position: BasePosition) -> float:
-        """Return a position's distance from the surveyed one; 0 if the base was not surveyed."""
+        """Return the distance from the surveyed position; 0 if the base was not surveyed."""
         surveyed_deg = self._corrections.base_deg
         if surveyed_deg is None:
             return 0.0

@@ -3,8 +3,9 @@
 A fragment has up to 180 bytes and one byte of flags: the lowest bit says that the frame is cut into
 several fragments, two bits are the fragment's number, and five bits count the frames.
 
-A program that assembles a cut frame recognises its last fragment in two ways: it is the fourth one,
-or it is not full. So a shorter frame whose last fragment is full gets an empty fragment behind it.
+A program that assembles a cut frame recognises its last fragment in two ways: it is the fourth
+fragment, or it is not full. So a shorter frame whose last fragment is full gets one more fragment,
+which is empty.
 
 PX4 does not assemble frames: it passes every fragment on to its receiver, which checks the frame's
 checksum.
@@ -43,7 +44,7 @@ def fragments_of(frame: bytes, sequence: int) -> tuple[Fragment, ...]:
         its fragments, in the order in which they are sent.
     """
     assert len(frame) <= MOST_BYTES
-    sequence_flags = sequence % SEQUENCES << _SEQUENCE_SHIFT
+    sequence_flags = (sequence % SEQUENCES) << _SEQUENCE_SHIFT
     if len(frame) <= FRAGMENT_BYTES:
         return (Fragment(flags=sequence_flags, data=frame),)
 
@@ -53,7 +54,8 @@ def fragments_of(frame: bytes, sequence: int) -> tuple[Fragment, ...]:
     if len(pieces[-1]) == FRAGMENT_BYTES and len(pieces) < MOST_FRAGMENTS:
         pieces.append(b"")
 
-    return tuple(
-        Fragment(flags=sequence_flags | number << _NUMBER_SHIFT | _IS_CUT, data=piece)
-        for number, piece in enumerate(pieces)
-    )
+    fragments = []
+    for number, piece in enumerate(pieces):
+        flags = sequence_flags | (number << _NUMBER_SHIFT) | _IS_CUT
+        fragments.append(Fragment(flags=flags, data=piece))
+    return tuple(fragments)

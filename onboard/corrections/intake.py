@@ -5,8 +5,8 @@ base that is not trusted. Without corrections PX4's receiver falls back to a wor
 failsafes notice. PX4 gets nothing from a base until the base has reported its position.
 
 At each tick at most one fragment is sent, after the setpoint: 9 kB a second. A frame is sent whole
-before the next one begins. The number of frames that wait is bounded; the oldest are dropped, since
-a receiver has no use for corrections that are a second late.
+before the next frame begins. The number of waiting frames is bounded; the oldest are dropped,
+because a receiver has no use for corrections that are a second late.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from onboard.message_counts import MessageCounts
 MOST_WAITING = 24  # frames; the observations of one moment, by four satellite systems, take six
 _STALE_NS = round(1e9 * TOPICS[Topic.CORRECTIONS].stale_after_s)
 _FUTURE_NS = 100_000_000  # a stamp may be later than its arrival by this
-_SOURCE_GONE_NS = 5_000_000_000  # silence of the source after which another one is accepted
-_SEVERAL_NS = 5_000_000_000  # a second source is reported for this long after its newest message
+_SOURCE_GONE_NS = 5_000_000_000  # silence of the source after which another source is accepted
+_SEVERAL_NS = 5_000_000_000  # a second source is reported for this time after its newest message
 _TOO_LONG_NS = 60_000_000_000  # time for which a frame that is too long is reported
 
 
@@ -61,7 +61,7 @@ class CorrectionsIntake:
 
         self._waiting: deque[_Waiting] = deque()
         self._sending: _Waiting | None = None  # the frame of which some fragments have been sent
-        self._fragments: deque[Fragment] = deque()  # fragments of that frame that are left
+        self._fragments: deque[Fragment] = deque()  # fragments of that frame that remain
         self._sequence = 0
         self._observed_ns: int | None = None  # stamp of the newest observations sent to PX4
 
@@ -84,7 +84,7 @@ class CorrectionsIntake:
             self.counts.late += 1
             return
         if not rtcm.is_for_receivers(rtcm.number_of(frame)):
-            return  # a maker's message for its own receivers is no fault, and is not counted
+            return  # not counted: a message of a maker for its own receivers is no fault
         if len(frame) > MOST_BYTES:
             self._too_long_bytes = len(frame)
             self._too_long_ns = received_ns

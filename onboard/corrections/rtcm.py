@@ -1,11 +1,11 @@
-"""Those parts of RTCM 3 frames that a program which passes them on has to read. Pure.
+"""Reads the parts of RTCM 3 frames that a program needs to pass them on. Pure.
 
 A frame is a preamble (0xD3), six bits that are zero, ten bits of length, the message and a checksum
 of three bytes (CRC-24Q). A message begins with its number, 12 bits. In messages about a base the
-number of its station follows, 12 bits; messages with orbits of satellites have none.
+number of its station follows, 12 bits; messages with orbits of satellites have no station.
 
-Only a message's number, its station, the position of the base (in 1005 and 1006), and whether more
-observations of the same moment follow are read here. The receiver reads the observations.
+This module reads a message's number, its station, the position of the base (in 1005 and 1006), and
+whether more observations of the same moment follow. Only the receiver reads the observations.
 
 The format: RTCM 10403.3.
 """
@@ -38,8 +38,8 @@ _AXIS_WIDTH = 38  # bits of each
 _AXIS_UNIT_M = 1e-4
 _BASE_BYTES = 19  # length of message 1005
 
-# Position of the bit, behind the time, that says whether more observations of the same moment
-# follow.
+# Observations of GLONASS have a shorter time. The bit after the time says whether more observations
+# of the same moment follow.
 _GLONASS = (range(1009, 1013),)
 _MORE_BIT = 54
 _MORE_BIT_GLONASS = 51
@@ -119,7 +119,7 @@ def number_of(frame: bytes) -> int:
 
 
 def is_for_receivers(number: int) -> bool:
-    """Whether a message is one of the standard, which every receiver understands.
+    """Whether a message belongs to the standard, so that every receiver understands it.
 
     Args:
         number: number of the message.
@@ -154,7 +154,7 @@ def base_of(frame: bytes) -> BasePosition | None:
     Args:
         frame: whole frame.
     Returns:
-        the position; None for all other messages, and for one that is too short.
+        the position; None for all other messages, and for a message that is too short.
     """
     is_long_enough = len(frame) >= HEADER_BYTES + _BASE_BYTES + CHECKSUM_BYTES
     if number_of(frame) not in _BASE_POSITION or not is_long_enough:
@@ -174,7 +174,9 @@ def ends_epoch(frame: bytes) -> bool:
     is_long_enough = len(frame) >= HEADER_BYTES + _OBSERVATION_BYTES + CHECKSUM_BYTES
     if not is_observation(number) or not is_long_enough:
         return False
-    more_bit = _MORE_BIT_GLONASS if _is_in(number, _GLONASS) else _MORE_BIT
+    more_bit = _MORE_BIT
+    if _is_in(number, _GLONASS):
+        more_bit = _MORE_BIT_GLONASS
     return _bits(frame, more_bit, 1) == 0
 
 
@@ -188,8 +190,8 @@ def _bits(frame: bytes, first: int, width: int) -> int:
     begin = first // 8
     end = (first + width + 7) // 8  # rounded up to whole bytes
     value = int.from_bytes(message[begin:end], "big")
-    bits_behind = 8 * end - first - width
-    return value >> bits_behind & ((1 << width) - 1)
+    bits_after = 8 * end - first - width
+    return (value >> bits_after) & ((1 << width) - 1)
 
 
 def _signed_bits(frame: bytes, first: int, width: int) -> int:

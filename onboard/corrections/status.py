@@ -38,10 +38,10 @@ class BaseJudgement(Struct, frozen=True):
 class CorrectionsStatus(Struct, frozen=True):
     """State of a vehicle's corrections at one tick."""
 
-    age_s: float = math.inf  # of the newest observations that PX4 has got; inf: none yet
+    age_s: float = math.inf  # age of the newest observations that PX4 has got; inf: none yet
     base_id: int = -1  # station that is trusted; -1: none
-    base_distance_m: float = math.nan  # from the vehicle; NaN: not known
-    base: BaseJudgement = BaseJudgement()  # for the newest position that the base has reported
-    unsteady_s: float | None = None  # since the base moved; None: long ago, or never
+    base_distance_m: float = math.nan  # distance of the base from the vehicle; NaN: not known
+    base: BaseJudgement = BaseJudgement()  # about the newest position that the base has reported
+    unsteady_s: float | None = None  # time since the base moved; None: long ago, or never
     has_several_sources: bool = False  # two nodes publish corrections
     too_long_bytes: int = 0  # length of a frame that is too long for PX4; 0: none lately

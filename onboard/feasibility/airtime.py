@@ -181,9 +181,9 @@ def flows(count: int, near: int, states_hz: float, has_mocap: bool) -> list[Flow
 def airtime_finding(fleet: FleetConfig, radio: RadioConfig, near: int) -> Finding:
     """Check whether one channel can carry the whole fleet.
 
-    An aggregate ("turn") is counted for each state that a vehicle publishes. With an access point
-    there are two: one to it, and one from it. Without one there is a turn for each receiver. Each
-    pose takes a turn, too. All other messages travel in the same aggregates.
+    Each state that a vehicle publishes takes aggregates ("turns"). With an access point it takes
+    two: one to the access point, and one from it. With direct links it takes one for each receiver.
+    Each pose takes a turn, too. All other messages travel in the same aggregates.
 
     Args:
         fleet: the fleet file; at least two vehicles.

@@ -1,9 +1,9 @@
 """Checks whether vehicles that lose their poses land before their dead reckoning is too inaccurate.
 
-Each of them brakes and sinks by its own dead reckoning, under the law. Its error is 0.09 m (median)
-two seconds after the last pose, and 0.2 to 0.6 m after three and a half seconds, with real and with
-emulated PX4s (docs/px4-sitl.md, sitl/README.md). In lockstep flights with 3 s to the ground, hardly
-any two vehicles came below 0.70 m. With more than 4 s they may touch.
+Each vehicle brakes and sinks by its own dead reckoning, under the law. The error of the position is
+0.09 m (median) two seconds after the last pose, and 0.2 to 0.6 m after three and a half seconds,
+with real and with emulated PX4s (docs/px4-sitl.md, sitl/README.md). In lockstep flights with 3 s to
+the ground, hardly any two vehicles came nearer than 0.70 m. With more than 4 s they may touch.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from onboard.feasibility.finding import Finding, at_most, worst
 from onboard.safety.limits import POSITION_STALE_S
 from onboard.tuples import Xyz
 
-_KEPT_S = 3.0  # longest time from the last pose to the ground; a longer one is a warning
+_KEPT_S = 3.0  # longest time from the last pose to the ground; a longer time is a warning
 _REFUSED_S = 4.0  # a longer time is refused
 
 

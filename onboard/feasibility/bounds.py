@@ -1,9 +1,11 @@
 """Bounds of the law's performance, in closed form or by small linear algebra. Pure functions.
 
-The checks of this package call them with a fleet's values, and add the sentences. The constants of
-the margin come from simulated flights, and not from a theorem: 4.5 sigma_d was the fit over 23
-settings with 84 flights each; crowds with vision need 5. They give a design distance of
-``d_inf + 0.05 m + 5 sigma_d``.
+The checks of this package call these functions with a fleet's values, and add the sentences.
+
+The margin between the safety distance d_inf and the design distance is ``0.05 m + 5 sigma_d``.
+Sigma_d is the standard deviation of a pair's distance. The constants come from simulated flights,
+and not from a theorem: 4.5 sigma_d was the fit over 23 settings with 84 flights each, and crowds
+with vision need 5.
 """
 
 from __future__ import annotations
@@ -18,17 +20,15 @@ from onboard.constants import GRAVITY_M_S2, MAX_PLANNED_THRUST_FRAC
 from onboard.estimation.accuracies import Accuracy
 from onboard.types import TICK_S
 
-# Beyond the first age, states require a further margin: the second value for each second of age.
-USUAL_AGE_S = 0.16
-AGE_MARGIN_M_S = 1.0
+USUAL_AGE_S = 0.16  # states up to this age require no further margin
+AGE_MARGIN_M_S = 1.0  # further margin for each second of age beyond it
 
-# number of Euler steps of the vehicle's response in one tick
-_SUBSTEPS = 4
+_SUBSTEPS = 4  # number of Euler steps of the vehicle's response in one tick
 
-# simulation of two vehicles that brake: its steps, and the closing speed at which they have stopped
+# simulation of two vehicles that brake
 _BRAKING_STEP_S = 0.002
-_BRAKING_STEPS = 2000
-_STOPPED_M_S = 0.01
+_BRAKING_STEPS = 2000  # largest number of steps
+_STOPPED_M_S = 0.01  # closing speed below which the vehicles have stopped
 
 
 def distance_spread_m(accuracy: Accuracy, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
@@ -97,8 +97,8 @@ def braking_m_s2(
 ) -> float:
     """Return the largest deceleration [m/s^2] of each of two vehicles that meet head-on.
 
-    The two are simulated from the distance at which the row begins to brake until they stop. Each
-    of them does half of the braking.
+    The approach is simulated from the distance at which the row begins to brake, until the vehicles
+    stop. Each vehicle does half of the braking.
 
     Args:
         closing_speed_m_s: sum of both speeds.
@@ -132,9 +132,9 @@ def braking_m_s2(
 
 
 def largest_equal_kappa_1_s(lag_s: float) -> float:
-    """Return the largest kappa_1 = kappa_2 [1/s] that does not overshoot with an unpredicted lag.
+    """Return the largest kappa_1 = kappa_2 that does not overshoot: 4 / (27 lag) [1/s].
 
-    It is 4 / (27 lag).
+    It holds for a law that does not predict over the lag.
 
     Args:
         lag_s: lag from command to acceleration.
@@ -166,16 +166,17 @@ def loop_growth_1_s(
 ) -> float:
     """Return the largest growth rate [1/s] of a motion under a distance row that is always active.
 
-    It is negative if every motion dies out. The model is one axis, sampled at 50 Hz. The row is
-    evaluated at the state that is predicted over L with the own past commands. The acceleration
-    follows with a dead time and a second-order response. The matrix of one tick is found by flying
-    each unit state for one tick. Its largest eigenvalue is the growth in that tick.
+    It is negative if every motion dies out. The model is one axis, sampled at 50 Hz. The law
+    predicts the state over the configured lag with the vehicle's past commands, and evaluates the
+    row there. The acceleration follows the row's command with a dead time and a second-order
+    response. Simulating one tick from each unit state gives the matrix of a tick. The largest
+    absolute value of its eigenvalues is the growth in a tick.
 
     Args:
         response: configured response of the vehicle.
         kappa_1_1_s: gain kappa_1 of the law [1/s].
         kappa_2_1_s: gain kappa_2 of the law [1/s].
-        lag_error_s: by how much the vehicle is slower than configured; negative: faster.
+        lag_error_s: real lag minus configured lag.
         is_predicted: whether the law predicts over the lag.
     """
     # the real vehicle: the configured response, stretched in time
@@ -187,9 +188,10 @@ def loop_growth_1_s(
     window_s = 0.0
     if is_predicted:
         window_s = response.lag_s
-    slots = math.ceil(max(window_s, delay_s) / TICK_S) + 2  # past commands, two of them to spare
+    slots = math.ceil(max(window_s, delay_s) / TICK_S) + 2  # past commands; two are a reserve
 
-    # one row per unit state: distance, rate, acceleration, its rate, commands newest first
+    # One row per unit state. Columns: distance, its rate, acceleration, its rate, and then the past
+    # commands, the newest first.
     state = np.eye(4 + slots)
     y = state[:, 0]
     v = state[:, 1]
@@ -241,10 +243,10 @@ def available_acceleration_m_s2(max_tilt_deg: float, hover_thrust_frac: float) -
 
 
 def delay_margin_m(age_s: float) -> float:
-    """Return the margin [m] that old states require, on top of the one for the estimates' errors.
+    """Return the margin [m] for old states, in addition to the margin for the estimates' errors.
 
-    It is 0 up to :data:`USUAL_AGE_S`. It is a fit over simulated flights (8 and 16 vehicles with
-    200 and 300 ms of delay, and 0 and 30 % lost), and not a theorem.
+    It is 0 up to :data:`USUAL_AGE_S`. It is a fit over simulated flights (8 and 16 vehicles, 200
+    and 300 ms of delay, 0 and 30 % lost), and not a theorem.
 
     Args:
         age_s: largest age of a neighbour's newest state.

@@ -14,18 +14,18 @@ _LEAST_BRAKE_M_S2 = 0.05  # no division by zero where the wind takes all of the 
 _GUST_SIGMAS = 3.0  # strongest gust, in standard deviations
 _ERRORS_M = 0.10  # measured in light air with the weak drones of paper.toml
 
-# A buffer that is too narrow is only a warning, never a refusal: it is needed in the strongest wind
-# of max_wind_m_s only.
+# A buffer that is too narrow is a warning and never a refusal, because the whole buffer is needed
+# only in a wind as strong as max_wind_m_s.
 _NEVER_REFUSED_M = -math.inf
 
 
 def braking_room_m(fleet: FleetConfig, vehicle: Vehicle) -> float:
     """Return by how much a vehicle in wind may overshoot the point where the law stops it [m].
 
-    The row of an edge requires the braking from the top speed, and includes the lag. So in calm air
-    only the errors of lag, gain and position add to the stopping distance. A wind towards the edge
-    takes a part of the tilt. If the rest is less than the row requires, the stopping distance
-    grows. A gust moves the vehicle for its lag before the vehicle compensates it.
+    The law's row for an edge brakes early enough from the top speed, and includes the lag. So in
+    calm air only the errors of lag, gain and position add to the stopping distance. A wind towards
+    the edge takes a part of the tilt. If the remaining tilt brakes less than the row requires, the
+    stopping distance grows. A gust pushes the vehicle for its lag before the vehicle reacts.
 
     Args:
         fleet: the fleet file.
@@ -47,7 +47,7 @@ def braking_room_m(fleet: FleetConfig, vehicle: Vehicle) -> float:
     if available_m_s2 < required_m_s2:
         longer_m = 0.5 * speed_m_s * speed_m_s * (1.0 / available_m_s2 - 1.0 / required_m_s2)
 
-    # a gust drifts the vehicle during its lag, and until kappa_2 has removed the gained velocity
+    # the vehicle gains velocity during its lag, and drifts until kappa_2 has removed that velocity
     gust_m_s = gust_m_s2 * vehicle.lag_s
     return _ERRORS_M + longer_m + gust_m_s * (0.5 * vehicle.lag_s + 1.0 / params.gains.kappa_2_1_s)
 

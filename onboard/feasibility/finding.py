@@ -13,8 +13,8 @@ from typing import Literal
 Status = Literal["ok", "note", "warning", "refused"]
 Relation = Literal["at least", "at most"]
 
-# The statuses, the worst first. A note says that something is not known; the owner of a fleet
-# cannot change that.
+# The statuses, the worst first. A note says that something is not known, and the owner of a fleet
+# cannot mend it.
 ORDER: tuple[Status, ...] = ("refused", "warning", "note", "ok")
 
 # A value that is beyond its bound by no more than this counts as within it, because of rounding.
@@ -55,7 +55,7 @@ def worst(findings: Iterable[Finding]) -> Finding:
         The finding with the worst status. If several have it, the finding whose value is nearest to
         its bound, or farthest beyond it.
     """
-    return min(findings, key=_margin)
+    return min(findings, key=_severity)
 
 
 def at_least(
@@ -75,7 +75,7 @@ def at_least(
         name: name of the finding.
         value: value of the quantity.
         bound: bound of the quantity.
-        unit: unit of both.
+        unit: unit of value and bound.
         sentence: template without a full stop. ``{value}``, ``{bound}`` and ``{difference}`` stand
             for the numbers with their unit, ``{relation}`` for "at least".
         remedy: template of the same kind, with a full stop.
@@ -122,7 +122,7 @@ def at_most(
         name: name of the finding.
         value: value of the quantity.
         bound: bound of the quantity.
-        unit: unit of both.
+        unit: unit of value and bound.
         sentence: template as in :func:`at_least`.
         remedy: template as in :func:`at_least`.
         refuse_above: a greater value is refused; None: the bound; inf: no value is refused.
@@ -189,9 +189,13 @@ def _finding(
     )
 
 
-def _margin(finding: Finding) -> tuple[int, float]:
-    """Return a sort key: the worse a finding is, the smaller is its key."""
-    kept_by = finding.value - finding.bound
+def _severity(finding: Finding) -> tuple[int, float]:
+    """Return a sort key, which is smaller for a worse finding.
+
+    Returns:
+        The rank of the status, and how far the value is within its bound (negative: beyond it).
+    """
+    margin = finding.value - finding.bound
     if finding.relation == "at most":
-        kept_by = -kept_by
-    return ORDER.index(finding.status), kept_by
+        margin = -margin
+    return ORDER.index(finding.status), margin

@@ -1,4 +1,4 @@
-"""Checks whether a fleet can fly as configured, and returns findings. Pure.
+"""The checks whether a fleet can fly as configured, and their findings. Pure.
 
 :func:`fleet_findings` checks the fleet file. :func:`spot_findings` checks one constellation:
 take-off spots, the goals of a mission's step, or the positions of vehicles. ``covey check`` prints
@@ -53,7 +53,7 @@ ErrorClass = Literal["mocap", "vision", "gps"]
 
 OWN_LAW = "own law"  # name of the finding about a user's own law
 
-_OF_EACH_VEHICLE = (
+_CHECKS_OF_A_VEHICLE = (
     height_at_tilt,
     thrust_reserve,
     gust_reserve,
@@ -63,8 +63,7 @@ _OF_EACH_VEHICLE = (
     own_failsafes,
 )
 
-# a spot that is nearer to the fence than this is refused
-_FENCE_M = 0.15
+_LEAST_FENCE_M = 0.15  # a spot that is nearer to the fence is refused
 
 
 def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> tuple[Finding, ...]:
@@ -80,7 +79,9 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
 
     kinds = distinct(vehicles)
     starts = {vehicle.name: vehicle.start_enu_m for vehicle in vehicles}
-    accuracy = ACCURACIES[errors or error_class(fleet)]
+    if errors is None:
+        errors = error_class(fleet)
+    accuracy = ACCURACIES[errors]
 
     findings = []
     if fleet.own_law is not None:
@@ -95,8 +96,8 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
             findings.append(law_map.map_finding(fleet, accuracy, law_map.shipped()))
 
     findings.append(fence_finding(fleet, starts, "take-off spots"))
-    for judge in _OF_EACH_VEHICLE:
-        findings.append(worst(judge(fleet, vehicle) for vehicle in kinds))
+    for check in _CHECKS_OF_A_VEHICLE:
+        findings.append(worst(check(fleet, vehicle) for vehicle in kinds))
     if fleet.fences:
         findings.append(worst(braking_in_wind(fleet, vehicle) for vehicle in kinds))
 
@@ -119,7 +120,10 @@ def _nobody(fleet: FleetConfig) -> Finding:
 
 
 def _own_law(fleet: FleetConfig, law: OwnLaw) -> Finding:
-    """Return the warning that a fleet file names code, which will be executed."""
+    """Return the warning that a fleet file names a law's code, which will be executed."""
+    source = law.source
+    if not source:
+        source = "an installed module"
     on_real_vehicles = "does not take off"
     if fleet.law.allow_own_law_on_real_vehicles:
         on_real_vehicles = "may fly"
@@ -127,7 +131,7 @@ def _own_law(fleet: FleetConfig, law: OwnLaw) -> Finding:
     remedy = "Read its source before you run it."
     sentence = (
         f"The law '{law.name}' is code that this fleet file names: "
-        f"{law.source or 'an installed module'} (source {law.source_hash}). It runs with the "
+        f"{source} (source {law.source_hash}). It runs with the "
         "rights of every agent and simulation that flies it. On real vehicles it "
         f"{on_real_vehicles}. Preview and these findings are of Covey's law, which takes over "
         "where it fails. "
@@ -161,10 +165,10 @@ def distinct(vehicles: Iterable[Vehicle]) -> list[Vehicle]:
     Args:
         vehicles: any vehicles.
     """
-    kinds: dict[object, Vehicle] = {}
+    kinds: dict[bytes, Vehicle] = {}  # encoded values of a kind -> its first vehicle
     for vehicle in vehicles:
-        # without the values that differ between equal vehicles and that no check uses
-        alike = msgspec.structs.replace(
+        # no check uses these values, and they differ between vehicles of one kind
+        kind = msgspec.structs.replace(
             vehicle,
             name="",
             index=0,
@@ -175,7 +179,7 @@ def distinct(vehicles: Iterable[Vehicle]) -> list[Vehicle]:
             direct=None,
             mocap_body=None,
         )
-        kinds.setdefault(msgspec.json.encode(alike), vehicle)
+        kinds.setdefault(msgspec.json.encode(kind), vehicle)
     return list(kinds.values())
 
 
@@ -199,8 +203,9 @@ def spot_findings(
     if spots and fleet.obstacles:
         findings.append(obstacle_finding(fleet, spots, label))
     if len(spots) > 1:
-        accuracy = ACCURACIES[errors or error_class(fleet)]
-        findings.append(spacing_finding(fleet, spots, label, accuracy))
+        if errors is None:
+            errors = error_class(fleet)
+        findings.append(spacing_finding(fleet, spots, label, ACCURACIES[errors]))
     findings += blind_descent_findings(fleet, spots, label)
 
     return worst_first(findings)
@@ -232,12 +237,16 @@ def error_class(fleet: FleetConfig) -> ErrorClass:
 def start_finding(fleet: FleetConfig, spots: Mapping[str, Xyz], accuracy: Accuracy) -> Finding:
     """Check the initial conditions of the law, for vehicles at rest.
 
-    The paper's Proposition 1 requires at t = 0 that d^2 >= d_inf^2, that the rate of d^2 is at
-    least -kappa_1 (d^2 - d_inf^2), and that phi_perp >= d_inf v_perp - kappa_3 (d^2 - d_inf^2). At
-    rest, the rate and phi_perp are 0. Then the first two require d >= d_inf, with which h_1 <= 0 in
-    (20). The third requires d >= sqrt(d_inf^2 + d_inf v_perp / kappa_3), with which h_2 <= 0 in
-    (21). Covey's distance rows require nothing of vehicles at rest beyond the design distance, and
-    its rotation rows act only together with a distance row.
+    The paper's Proposition 1 has three conditions at t = 0:
+
+    1. d^2 >= d_inf^2;
+    2. the rate of d^2 is at least -kappa_1 (d^2 - d_inf^2);
+    3. phi_perp >= d_inf v_perp - kappa_3 (d^2 - d_inf^2).
+
+    At rest, the rate and phi_perp are 0. Then conditions 1 and 2 require d >= d_inf, and h_1 <= 0
+    holds in the paper's (20). Condition 3 requires d >= sqrt(d_inf^2 + d_inf v_perp / kappa_3), and
+    h_2 <= 0 holds in (21). Covey's distance rows require only the design distance of vehicles at
+    rest. Its rotation rows act only together with a distance row.
 
     Args:
         fleet: the fleet file.
@@ -318,7 +327,7 @@ def _fence_finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Find
     vehicle = fleet.vehicles[name]
     fence = fleet.fleet.geofence_m
 
-    # the floor of the fence does not count: the ground is there
+    # the fence's lower limit z[0] does not count, because vehicles stop on the ground
     x, y, z = spot
     room_m = min(x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y, fence.z[1] - z)
     limit_words = "the fence"
@@ -345,7 +354,7 @@ def _fence_finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Find
             f"{vehicle.max_speed_m_s:g} m/s takes {{bound}}"
         ),
         remedy=remedy,
-        refuse_below=_FENCE_M,
+        refuse_below=_LEAST_FENCE_M,
     )
 
 
@@ -357,11 +366,11 @@ def obstacle_finding(fleet: FleetConfig, spots: Mapping[str, Xyz], label: str) -
         spots: vehicle -> position [m], fleet ENU.
         label: name of the constellation in the sentences, for instance "take-off spots".
     """
-    gap_m, name, obstacle = min(
-        (obstacle.distance_m(spot), name, obstacle.name)
-        for name, spot in spots.items()
-        for obstacle in fleet.obstacles
-    )
+    gaps = []
+    for vehicle, spot in spots.items():
+        for obstacle in fleet.obstacles:
+            gaps.append((obstacle.distance_m(spot), vehicle, obstacle.name))
+    gap_m, vehicle, obstacle_name = min(gaps)
     half_body_m = 0.5 * fleet.fleet.body_diameter_m
 
     return at_least(
@@ -370,8 +379,8 @@ def obstacle_finding(fleet: FleetConfig, spots: Mapping[str, Xyz], label: str) -
         bound=half_body_m + fleet.law.obstacle_margin_m,
         unit="m",
         sentence=(
-            f"{_capitalized(label)}: {name} is {{value}} from obstacle '{obstacle}'; half a body "
-            "and law.obstacle_margin_m require {bound}"
+            f"{_capitalized(label)}: {vehicle} is {{value}} from obstacle '{obstacle_name}'; half "
+            "a body and law.obstacle_margin_m require {bound}"
         ),
         remedy="Move the spot away by {difference}.",
     )

@@ -1,19 +1,19 @@
 """The inequality: a condition with which two vehicles keep the safety distance. Pure.
 
-It follows from the law's equations, without any simulated flight. A row of the law keeps the
-distance r of two vehicles above the design distance, if the row is computed from the true motion
-(the paper's equation for h, with both gains). A vehicle's knowledge differs from the true motion in
-two ways. The margin between the design distance and the safety distance has to cover both:
+The condition follows from the law's equations, without any simulated flight. A row of the law that
+is computed from the true motion keeps two vehicles at least the design distance apart. But a
+vehicle's knowledge differs from the true motion in two ways. The margin between the safety distance
+and the design distance has to cover both:
 
-* the errors of both estimates, after the row's own filter;
-* the motion of a neighbour that cannot be known yet. Its newest state is old, a tick passes before
-  it is used, and the own lag is known with an error. In that time T each of the two may change its
-  acceleration by the braking b, which is the largest one that the rows require. So the distance may
-  be wrong by half of 2 b T^2.
+* the errors of both vehicles' estimates, which the row filters;
+* the motion of a neighbour that cannot be known yet. The neighbour's newest state is old, a tick
+  passes before it is used, and the vehicle knows its own lag only with an error. In that time T,
+  each of the two vehicles may change its acceleration by b, the largest braking that the rows
+  require. So the distance may be wrong by half of 2 b T^2.
 
-A vehicle also has to receive the other's states in time, and to be able to brake. These are other
-findings (:mod:`onboard.feasibility.pair_checks`). docs/inequality.md derives the condition and
-compares it with the map of the law.
+A vehicle also has to receive the neighbour's states in time, and to be able to brake. Other
+findings check that (:mod:`onboard.feasibility.pair_checks`). docs/inequality.md derives the
+condition and compares it with the map of the law.
 """
 
 from __future__ import annotations
@@ -53,14 +53,14 @@ def inequality_finding(
     margin_m: float,
     age_s: float,
 ) -> Finding:
-    """Return the finding whether the margin covers all that two such vehicles cannot know.
+    """Return the finding whether the inequality holds for two equal vehicles.
 
-    Its status is ok or a note, and never a refusal: if the inequality does not hold, the map of the
-    law decides.
+    The two approach each other with the law's top speed. The status is ok or a note, and never a
+    refusal: if the inequality does not hold, the map of the law decides.
 
     Args:
         fleet: the fleet file.
-        vehicle: one of its vehicles; two like it approach each other with the law's top speed.
+        vehicle: one of the two vehicles.
         accuracy: accuracy of their estimates.
         margin_m: margin between safety distance and design distance, in flight.
         age_s: largest age of a neighbour's newest state.

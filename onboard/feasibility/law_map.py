@@ -1,8 +1,9 @@
 """The map of the law: the results of simulated flights, and what they say about a fleet. Pure.
 
 A cell of the map is a number of vehicles, a top speed, a delay and a loss of the radio, and an
-accuracy of the positions. If 500 flights of a cell have kept the safety distance, every easier
-fleet is promised to keep it. If a single flight of a cell has not, every harder fleet is refused.
+accuracy of the positions. A cell is promised if all of its flights, 500 or more, kept the safety
+distance. Then every easier fleet is promised to keep it. A cell has failed if a single flight did
+not keep it. Then every harder fleet is refused.
 
 ``covey simulate --map`` flies the map, and docs/law-map.md shows it. ``law_map.toml`` beside this
 file is its summary.
@@ -21,16 +22,16 @@ from onboard.feasibility.finding import Finding, Status
 from onboard.feasibility.pair_checks import effective_margin_m
 
 SCHEMA = 1
-PROMISED_FLIGHTS = 500  # number of flights, none of them too near, that promise a cell
+PROMISED_FLIGHTS = 500  # least number of flights of a promised cell
 
 _NAME = "map of the law"  # name of the finding
 _CLASSES = ("mocap", "vision", "gps")  # accuracy classes, the least accurate last
-_ROUNDING = 1e-9  # two axes of cells that differ by less are equal
+_ROUNDING = 1e-9  # two speeds, delays or losses that differ by less are equal
 _MARGIN_ROUNDING_M = 1e-3  # two margins that differ by less are equal
 _DOCS = "docs/law-map.md shows the map."
 
-# values of the law that may differ from the map's: their effect is compared as margin, or other
-# findings check it
+# Values of the law that may differ from those of the map. The comparison of margins covers them, or
+# other findings check them.
 _FREE = (
     "name",
     "design_margin_m",
@@ -135,8 +136,9 @@ def map_finding(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> Find
         accuracy: accuracy of the vehicles' estimates.
         law_map: the map.
     Returns:
-        The finding. It is a refusal if a cell that is not harder has failed, a warning if a harder
-        cell is promised with a wider margin only, and a note if no harder cell was flown enough.
+        A refusal if an easier or equal cell has failed. Otherwise ok if a harder or equal cell is
+        promised with the same law and no wider margin. Otherwise a warning if harder cells are
+        promised only with a wider margin, and else a note.
     """
     here = _cell_of(fleet, accuracy)
     promised = [cell for cell in law_map.cells if cell.is_promised]
@@ -152,7 +154,11 @@ def map_finding(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> Find
     if covering and not differences:
         return _promise(here, covering, law_map)
 
-    remedy = _remedy(here, harder or promised)
+    if harder:
+        remedy = _remedy(here, harder)
+    else:
+        remedy = _remedy(here, promised)
+
     if covering:
         return _uncovered(here, "note", f"the map was flown with {differences}", remedy)
     if harder:
@@ -166,7 +172,7 @@ def map_finding(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> Find
 
 
 def _cell_of(fleet: FleetConfig, accuracy: Accuracy) -> MapCell:
-    """Return the cell of a fleet, without flights."""
+    """Return the cell that describes a fleet; its results are empty."""
     vehicles = [fleet.vehicles[name] for name in fleet.enabled_names]
     return MapCell(
         errors=accuracy.name,
@@ -242,7 +248,7 @@ def _uncovered(here: MapCell, status: Status, reason: str, remedy: str) -> Findi
 
 
 def _remedy(here: MapCell, cells: Sequence[MapCell]) -> str:
-    """Return a remedy that names the nearest of some cells."""
+    """Return a remedy that names the nearest of some promised cells."""
     nearest = min(cells, key=lambda cell: _distance(here, cell), default=None)
     if nearest is None:
         return f"No cell of the map holds. {_DOCS}"
@@ -291,4 +297,5 @@ def values_of(fleet: FleetConfig) -> dict[str, object]:
 
 
 def _compared(keys: Iterable[str]) -> list[str]:
+    """Return the keys of ``[law]`` whose values must equal those of the map."""
     return [key for key in keys if key not in _FREE and not key.startswith("paper_")]

@@ -1,7 +1,8 @@
 """Findings about pairs of vehicles under the law. Pure.
 
-They are about margin, range, delay, the inequality, lag, kappas and braking. Each computes its
-quantity with :mod:`onboard.feasibility.bounds` and the fleet's values, and adds the sentence.
+They are about margin, range, delay, the inequality, lag, the gains kappa_1 and kappa_2 ("kappas"),
+and braking. Each check computes its quantity with :mod:`onboard.feasibility.bounds` and the fleet's
+values, and adds the sentence.
 """
 
 from __future__ import annotations
@@ -25,23 +26,24 @@ from onboard.types import TICK_S
 # least gap between two bodies at the safety distance, for downwash and a turned body
 _BODY_GAP_M = 0.10
 
-# A longer lag than the first is a warning, and than the second a refusal. In form3 and swap8, 0 of
-# 24 flights violate at 0.36 s, and 2 of 24 at 0.41 s.
-_LONG_LAG_S = 0.35
-_LONGEST_LAG_S = 0.40
+# In the simulated scenarios form3 and swap8, vehicles came too close in 0 of 24 flights with a lag
+# of 0.36 s, and in 2 of 24 flights with 0.41 s.
+_LONG_LAG_S = 0.35  # a longer lag is a warning
+_LONGEST_LAG_S = 0.40  # a longer lag is refused
 
-# growth of an oscillation between two vehicles: beyond the first a warning, beyond the second a
-# refusal
-_SLOW_GROWTH_1_S = 0.0
-_FAST_GROWTH_1_S = 1.5
+# growth rate of an oscillation between two vehicles
+_SLOW_GROWTH_1_S = 0.0  # a faster growth is a warning
+_FAST_GROWTH_1_S = 1.5  # a faster growth is refused
 
 # Overshoot of the paper's law is refused only if motions die out more slowly than with this rate.
 _QUICK_DECAY_1_S = -0.5
 
 _USEFUL_NEIGHBOURS = 6  # fewer rows cost separation in a crowd; more rows gain nothing
-# with less than this share of the fitted margin, vehicles have come too close in simulation
-_MARGIN_SHARE = 0.8
-_MARGIN_WARNING_SHARE = 0.95  # less than this share of the fitted margin is a warning
+
+# shares of the margin that the estimates' errors require
+_MARGIN_SHARE = 0.8  # a smaller margin is refused: vehicles have come too close in simulation
+_MARGIN_WARNING_SHARE = 0.95  # a smaller margin is a warning
+
 _BRAKING_WARNING_SHARE = 0.8  # more than this share of the available braking is a warning
 _NEVER_REFUSED = math.inf
 
@@ -79,8 +81,8 @@ def pair_findings(fleet: FleetConfig, vehicles: list[Vehicle], accuracy: Accurac
     findings.append(_message_age(fleet, accuracy))
 
     margin_m = effective_margin_m(fleet, accuracy)
-    for judge in (_range, braking):
-        findings.append(worst(judge(fleet, vehicle, margin_m) for vehicle in vehicles))
+    findings.append(worst(_range(fleet, vehicle, margin_m) for vehicle in vehicles))
+    findings.append(worst(braking(fleet, vehicle, margin_m) for vehicle in vehicles))
 
     if fleet.law.built_in == "covey":
         findings.append(worst(_inequality(fleet, vehicle, accuracy) for vehicle in vehicles))
@@ -91,6 +93,7 @@ def pair_findings(fleet: FleetConfig, vehicles: list[Vehicle], accuracy: Accurac
 
 
 def _no_law(fleet: FleetConfig) -> Finding:
+    """Return the warning that no law keeps the vehicles apart."""
     remedy = "Set law.name = 'covey', unless you want to fly without avoidance, in simulation."
     sentence = (
         f"law.name is 'off', so nothing keeps the {len(fleet.enabled_names)} vehicles apart. "
@@ -109,6 +112,7 @@ def _no_law(fleet: FleetConfig) -> Finding:
 
 
 def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
+    """Check that the margin in flight covers the estimates' errors."""
     kappa_1, kappa_2 = _kappa_values(fleet)
     required_m = bounds.required_margin_m(accuracy, kappa_1, kappa_2)
     refuse_below_m = _MARGIN_SHARE * required_m
@@ -127,7 +131,7 @@ def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
             refuse_below_m = 0.0
 
     advised_m = math.ceil(100.0 * required_m) / 100.0
-    # as parking_distance_m: 0.10 m beyond the design distance
+    # 0.10 m beyond the design distance, as in parking_distance_m
     apart_m = fleet.fleet.safety_distance_m + required_m + 0.10
 
     return at_least(
@@ -150,6 +154,7 @@ def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
 
 
 def _shortfall(fleet: FleetConfig) -> Finding:
+    """Check that the reactions of two vehicles to each other die out."""
     return at_most(
         name="shortfall gain",
         value=fleet.law.shortfall_gain,
@@ -165,6 +170,7 @@ def _shortfall(fleet: FleetConfig) -> Finding:
 
 
 def _body_gap(fleet: FleetConfig) -> Finding:
+    """Check the gap between two bodies at the safety distance."""
     safety_distance_m = fleet.fleet.safety_distance_m
     body_diameter_m = fleet.fleet.body_diameter_m
 
@@ -183,6 +189,7 @@ def _body_gap(fleet: FleetConfig) -> Finding:
 
 
 def _range(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
+    """Check that the law considers a neighbour early enough to brake."""
     kappa_1, kappa_2 = _kappa_values(fleet)
     design_distance_m = fleet.fleet.safety_distance_m + margin_m
     closing_speed_m_s = 2.0 * fleet.law.avoid_speed_frac * vehicle.max_speed_m_s
@@ -209,6 +216,7 @@ def _range(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
 
 
 def _inequality(fleet: FleetConfig, vehicle: Vehicle, accuracy: Accuracy) -> Finding:
+    """Return the finding of :mod:`onboard.feasibility.inequality`."""
     return inequality_finding(
         fleet,
         vehicle,
@@ -219,6 +227,7 @@ def _inequality(fleet: FleetConfig, vehicle: Vehicle, accuracy: Accuracy) -> Fin
 
 
 def _message_age(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
+    """Check that the margin covers the age of the neighbours' states."""
     kappa_1, kappa_2 = _kappa_values(fleet)
     radio = fleet.expected_radio
 
@@ -273,6 +282,7 @@ def message_age_s(fleet: FleetConfig) -> float:
 
 
 def _lag(vehicle: Vehicle) -> Finding:
+    """Check that the lag is short enough for the law's prediction."""
     return at_most(
         name="lag",
         value=vehicle.lag_s,
@@ -292,6 +302,7 @@ def _lag(vehicle: Vehicle) -> Finding:
 
 
 def _kappas(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
+    """Check that an oscillation between two equal vehicles dies out."""
     kappa_1, kappa_2 = _kappa_values(fleet)
     if fleet.law.built_in == "paper":
         return _paper_kappas(vehicle, max(kappa_1, kappa_2))
@@ -342,6 +353,7 @@ def _largest_growth_1_s(fleet: FleetConfig, vehicle: Vehicle, share: float) -> f
 
 
 def _paper_kappas(vehicle: Vehicle, kappa: float) -> Finding:
+    """Check that the larger kappa of the paper's law does not overshoot."""
     response = response_of(vehicle)
     largest = bounds.largest_equal_kappa_1_s(response.lag_s)
     growth_1_s = bounds.loop_growth_1_s(response, kappa, kappa, is_predicted=False)
@@ -508,7 +520,7 @@ def parking_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
 
 
 def _configured_margin_m(fleet: FleetConfig) -> float:
-    """Return the margin of the slowest vehicle, which is the largest one."""
+    """Return the margin of the vehicle with the longest lag, which is the largest margin."""
     longest_lag_s = max((vehicle.lag_s for vehicle in fleet.vehicles.values()), default=0.0)
     return fleet.law.margin_m(longest_lag_s)
 

@@ -30,14 +30,13 @@ _ROUNDING_M_S2 = 1e-6
 # default of BAT_CRIT_THR: at this level PX4 leaves OFFBOARD, even if setpoints arrive
 _PX4_CRITICAL_FRAC = 0.07
 
-# name of the finding about px4_params that weaken a demand
+# name of the finding about px4_params that weaken PX4's own failsafes
 OWN_FAILSAFES = "PX4's own failsafes"
 
-# Distance from PX4's critical level up to the agent's landing level. With less than the first the
-# finding is a warning, and with less than the second a refusal.
-_BATTERY_GAP_PCT = 3.0
-_LEAST_BATTERY_GAP_PCT = 0.5
-_ADVISED_BATTERY_PCT = 5.0  # further gap in the advice
+# gap from PX4's critical battery level up to the level at which the agent lands
+_BATTERY_GAP_PCT = 3.0  # a smaller gap is a warning
+_LEAST_BATTERY_GAP_PCT = 0.5  # a smaller gap is refused
+_ADVISED_BATTERY_PCT = 5.0  # further gap in the remedy
 
 _LEAST_ACCELERATION_M_S2 = 0.05  # no division by zero for a vehicle that cannot tilt
 
@@ -111,7 +110,7 @@ def thrust_reserve(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
 
 
 def gust_reserve(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
-    """Check the horizontal acceleration that is left beside trajectories and drag.
+    """Check the horizontal acceleration that trajectories and drag leave for gusts.
 
     Args:
         fleet: the fleet file.
@@ -136,13 +135,13 @@ def gust_reserve(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
 
 
 def wind(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
-    """Check the push of the strongest wind that the file allows, and of its gusts.
+    """Check the push of the strongest wind that the fleet file allows, with its gusts.
 
     Args:
         fleet: the fleet file.
         vehicle: one of its vehicles.
     Returns:
-        the finding; without a drag it says that the wind is not known.
+        the finding; without drag_1_s it says that the vehicle does not know the wind.
     """
     limit_m_s = wind_limit_m_s(fleet, vehicle)
     if math.isnan(limit_m_s):
@@ -228,7 +227,7 @@ def silence(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
 
 
 def own_failsafes(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
-    """Check that the fleet file weakens no demand about PX4's own failsafes.
+    """Check that the fleet file does not weaken PX4's own failsafes.
 
     Args:
         fleet: the fleet file.

@@ -2,7 +2,7 @@
 
 Each frame is sent once over each link. Bytes that are no frame, and frames with a wrong checksum,
 are counted and dropped. A source that ends is opened again, after a pause that grows each time. A
-source that has refused is opened only once a minute, since casters shut out clients that ask too
+source that has refused is opened only once a minute, because casters block clients that retry too
 often.
 """
 
@@ -146,13 +146,13 @@ class CorrectionsRelay:
                             pause_s = _FIRST_PAUSE_S
                             self._problem = ""
             except SourceError as error:
-                self._tell_problem(str(error))
+                self._print_problem(str(error))
                 if error.is_refusal:
                     pause_s = _REFUSED_PAUSE_S
 
             self._cutter = self._fresh_cutter()
             await asyncio.sleep(pause_s)
-            if pause_s < _LONGEST_PAUSE_S:  # the pause after a refusal stays as it is
+            if pause_s < _LONGEST_PAUSE_S:  # the longer pause after a refusal does not change
                 pause_s = min(2.0 * pause_s, _LONGEST_PAUSE_S)
 
     def _fresh_cutter(self) -> FrameCutter:
@@ -162,8 +162,8 @@ class CorrectionsRelay:
         cutter.skipped_bytes = self._cutter.skipped_bytes
         return cutter
 
-    def _tell_problem(self, sentence: str) -> None:
-        """Print a problem of the source, unless it is the one that was printed last."""
+    def _print_problem(self, sentence: str) -> None:
+        """Print a problem of the source, unless the same problem was printed last."""
         if sentence != self._problem:
             self._problem = sentence
             self._say(f"  ! {plain_line(sentence)} It is tried again.")
@@ -190,8 +190,8 @@ class CorrectionsRelay:
 
         position = rtcm.base_of(frame)
         if position is not None:
-            # Here the base may move at any time, as for a vehicle on the ground: the report shows a
-            # new position, too.
+            # As for a vehicle on the ground, the base may move at any time: the report then shows
+            # its new position.
             self._watch.hear(position, now_ns, is_on_ground=True)
 
     async def _beat(self) -> None:
@@ -286,6 +286,7 @@ class CorrectionsRelay:
         return lines
 
     def _base_words(self) -> str:
+        """Return station and position of the base, or why they are not known."""
         base = self._watch.base
         if not self._has_frame:
             return "no frame has come yet"

@@ -1,12 +1,12 @@
 """RTCM 3 frames out of a stream of bytes; the only file of the project that imports pyrtcm.
 
 Pyrtcm calculates the checksum. Its reader of streams is not used: a preamble in the middle of
-noise, or a byte that got lost on a cable, would make it skip a kilobyte of good frames. Here, after
-a candidate with a wrong checksum, the search continues one byte behind its preamble.
+noise, or a lost byte on a cable, would make it skip a kilobyte of good frames. Here, after a
+candidate with a wrong checksum, the search continues one byte after its preamble.
 
-Each false preamble costs a checksum, and an attacker could send nothing but preambles. So the
-number of bytes in checksums is limited to a few for each byte that arrives. Beyond this limit the
-search skips whole candidates.
+Each false preamble costs a checksum, and an attacker could send only preambles. So the number of
+bytes for which checksums are calculated is limited to a few for each byte that arrives. Beyond this
+limit the search skips whole candidates.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from pyrtcm import calc_crc24q
 from onboard.corrections import rtcm
 
 _CHECKS_PER_BYTE = 4  # bytes that may go into checksums for each byte that arrives
-_FIRST_BUDGET_BYTES = 4 * rtcm.MOST_FRAME_BYTES  # so many of them at the begin of a stream
-_LARGEST_BUDGET_BYTES = 8 * rtcm.MOST_FRAME_BYTES  # good frames save up no more than this
+_FIRST_BUDGET_BYTES = 4 * rtcm.MOST_FRAME_BYTES  # budget of such bytes at the begin of a stream
+_LARGEST_BUDGET_BYTES = 8 * rtcm.MOST_FRAME_BYTES  # a stream of good frames saves at most this
 _PREAMBLE = bytes((rtcm.PREAMBLE,))
 
 
@@ -49,6 +49,8 @@ class FrameCutter:
         buffer += data
         self._budget_bytes += _CHECKS_PER_BYTE * len(data)
 
+        # Each round looks at the next preamble. The loop ends when the buffer has none, or holds
+        # only the begin of a frame.
         frames: list[bytes] = []
         while True:
             begin = buffer.find(_PREAMBLE)
@@ -83,5 +85,6 @@ class FrameCutter:
         return frames
 
     def _skip(self, count: int) -> None:
+        """Remove bytes that belong to no frame from the buffer."""
         self.skipped_bytes += count
         del self._buffer[:count]

@@ -16,8 +16,8 @@ BASE_EVERY_S = 2  # time from one report of its position to the next
 _SIMULATED_DEG = (47.397742, 8.545594)  # default position of simulated PX4s
 _HEIGHT_M = 536.9  # height of that position above the ellipsoid
 
-# Number of the message and of the satellites, for each system. The last message of a moment says
-# that no other one follows.
+# (number of the message, number of satellites) of each system. The last message of a moment says
+# that no other message follows.
 _SYSTEMS = ((1077, 10), (1087, 6))
 _SIGNALS = 2  # of each satellite
 _SATELLITE_BITS = 36  # for each satellite in a message MSM7
@@ -34,13 +34,13 @@ class MockBase:
     """A base at a position on Earth.
 
     Args:
-        place_deg: latitude and longitude.
+        position_deg: latitude and longitude.
         height_m: height above the ellipsoid.
     """
 
-    def __init__(self, place_deg: tuple[float, float], height_m: float = _HEIGHT_M) -> None:
-        self.ecef_m = _ecef_m(place_deg, height_m)
-        self.place_deg = place_deg
+    def __init__(self, position_deg: tuple[float, float], height_m: float = _HEIGHT_M) -> None:
+        self.ecef_m = _ecef_m(position_deg, height_m)
+        self.position_deg = position_deg
 
     def moved(self, east_m: float) -> MockBase:
         """Return a base that reports a position to the east of this one.
@@ -48,8 +48,8 @@ class MockBase:
         Args:
             east_m: distance of the two positions.
         """
-        longitude = math.radians(self.place_deg[1])
-        other = MockBase(self.place_deg)
+        longitude = math.radians(self.position_deg[1])
+        other = MockBase(self.position_deg)
         x, y, z = self.ecef_m
         other.ecef_m = (x - east_m * math.sin(longitude), y + east_m * math.cos(longitude), z)
         return other
@@ -71,8 +71,9 @@ class MockBase:
     def _position(self) -> bytes:
         """Return a frame with message 1005, the base's position."""
         x, y, z = (round(value * 1e4) for value in self.ecef_m)  # in units of 0.1 mm
-        # (0, 6): realisation of the Earth's frame not given. Then: it has GPS and GLONASS, no
-        # Galileo, and is a real station. The two bits before y and z tell of receiver and phases.
+        # (0, 6): realisation of the Earth's frame, not given. The four single bits: it has GPS, it
+        # has GLONASS, no Galileo, a real station. The two bits before y and z describe the receiver
+        # and its phases.
         head: list[_Field] = [(1005, 12), (STATION, 12), (0, 6), (1, 1), (1, 1), (0, 1), (0, 1)]
         return _frame([*head, (x, 38), (0, 2), (y, 38), (0, 2), (z, 38)])
 
@@ -115,18 +116,18 @@ def _frame(fields: list[_Field]) -> bytes:
     value = 0
     bits = 0
     for field, width in fields:
-        value = value << width | field & ((1 << width) - 1)
+        value = (value << width) | (field & ((1 << width) - 1))
         bits += width
-    padding = -bits % 8
+    padding = -bits % 8  # to whole bytes
     message = (value << padding).to_bytes((bits + padding) // 8, "big")
 
     head_and_message = b"\xd3" + len(message).to_bytes(2, "big") + message
     return head_and_message + checksum(head_and_message)
 
 
-def _ecef_m(place_deg: tuple[float, float], height_m: float) -> tuple[float, float, float]:
+def _ecef_m(position_deg: tuple[float, float], height_m: float) -> tuple[float, float, float]:
     """Return a position as coordinates from the centre of the Earth, WGS 84."""
-    latitude, longitude = map(math.radians, place_deg)
+    latitude, longitude = map(math.radians, position_deg)
     eccentricity_2 = _FLATTENING * (2.0 - _FLATTENING)
     normal_m = _SEMI_MAJOR_M / math.sqrt(1.0 - eccentricity_2 * math.sin(latitude) ** 2)
     from_axis_m = (normal_m + height_m) * math.cos(latitude)

@@ -1,7 +1,7 @@
 """A small client of NTRIP, versions 1 and 2: one request, its answer, then a stream of bytes.
 
-Version 2 is HTTP, with a body in chunks or without. Version 1 answers "ICY 200 OK", sometimes
-without a blank line behind it, which no library for HTTP can read. If a caster does not have the
+Version 2 is HTTP, with or without a body in chunks. Version 1 answers "ICY 200 OK", sometimes
+without a blank line after it, which no library for HTTP can read. If a caster does not have the
 mountpoint, it answers with the list of its mountpoints.
 
 There are limits for the time to connect and to answer, for the size of an answer's head and of a
@@ -54,8 +54,8 @@ class _Answer(NamedTuple):
 
     status: int
     headers: dict[str, str]  # name in small letters -> value
-    rest: bytes  # first bytes behind the head, read together with it
-    is_version_1: bool = False  # then more lines of the head may follow in ``rest`` and later
+    rest: bytes  # first bytes after the head, read together with it
+    is_version_1: bool = False  # True: more lines of the head may follow in ``rest`` and later
 
 
 async def read_ntrip(
@@ -71,7 +71,9 @@ async def read_ntrip(
     Raises:
         SourceError: the caster cannot be reached, refuses, sends nothing, or ends the stream.
     """
-    context = ssl.create_default_context() if request.tls else None
+    context: ssl.SSLContext | None = None
+    if request.tls:
+        context = ssl.create_default_context()
     async with connected(request.address, answer_s=answer_s, context=context) as (reader, writer):
         sending: asyncio.Task[None] | None = None
         try:
@@ -172,7 +174,9 @@ def _check_answer(request: NtripRequest, answer: _Answer) -> None:
         SourceError: the caster refuses the request.
     """
     if answer.status == 401:
-        password = "another password" if request.user else "a user and a password"
+        password = "a user and a password"
+        if request.user:
+            password = "another password"
         raise SourceError(
             f"{request.address} wants {password} for {request.mountpoint} (401). Correct "
             "corrections.user, and the password in corrections.password_file or "
@@ -194,7 +198,7 @@ def _check_answer(request: NtripRequest, answer: _Answer) -> None:
 
 
 class _Body:
-    """The bytes behind the head of an answer."""
+    """The bytes after the head of an answer."""
 
     def __init__(self, reader: asyncio.StreamReader, first: bytes, silence_s: float) -> None:
         self._reader = reader
@@ -215,8 +219,8 @@ class _Body:
     async def without_lines(self) -> AsyncIterator[bytes]:
         """Yield the bytes of a body of version 1, without the rest of its head.
 
-        Some casters send header lines, some a blank line, some neither, and each may come later
-        than the status. A frame of RTCM begins with a byte that no text has.
+        Some casters send header lines, some a blank line, some neither, and these may come later
+        than the status. A frame of RTCM begins with a byte that no text contains.
         """
         while True:
             line, end, rest = self._buffer.partition(b"\r\n")
@@ -268,7 +272,7 @@ class _Body:
         return line
 
     async def _fill(self) -> None:
-        """Read more into the buffer, which stays as it is at the end of the stream.
+        """Read more into the buffer, which does not change at the end of the stream.
 
         Raises:
             SourceError: nothing arrives within ``silence_s``.

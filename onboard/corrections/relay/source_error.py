@@ -8,7 +8,7 @@ class SourceError(Exception):
 
     Args:
         sentence: the reason, for people.
-        is_refusal: whether the source has refused, so that to ask again soon is of no use.
+        is_refusal: whether the source has refused, so that retrying soon is useless.
     """
 
     def __init__(self, sentence: str, *, is_refusal: bool = False) -> None:

@@ -1,7 +1,7 @@
 """The sources of corrections: a cable, a caster of NTRIP, a server of TCP, or a recording.
 
 Each source is an iterator of bytes as they arrive. It ends with a SourceError, whose sentence says
-what happened and what to do; to go on, its reader must open the source anew.
+what happened and what to do. To go on, the reader must open the source again.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import asyncio
 import os
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
+from functools import partial
 from typing import Literal
 
 from msgspec.structs import replace
@@ -118,13 +119,11 @@ def password_of(
 def _request(
     fleet: FleetConfig, corrections: CorrectionsConfig, environment: Mapping[str, str]
 ) -> NtripRequest:
+    """Return the request to a caster that the fleet file describes."""
     position: Callable[[], bytes] | None = None
     origin = fleet.fleet.global_origin
     if corrections.sends_position and origin is not None:
-        known_origin = origin
-
-        def position() -> bytes:
-            return gga(known_origin, time.gmtime())
+        position = partial(_gga_now, origin)
 
     return NtripRequest(
         address=corrections.address,
@@ -134,6 +133,11 @@ def _request(
         tls=corrections.tls,
         position=position,
     )
+
+
+def _gga_now(position: Origin) -> bytes:
+    """Return a line of NMEA with the fleet's position, for the present time."""
+    return gga(position, time.gmtime())
 
 
 def gga(position: Origin, now: time.struct_time) -> bytes:

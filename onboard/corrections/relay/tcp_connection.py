@@ -62,4 +62,7 @@ def reason(error: Exception) -> str:
         return "its certificate is not valid for this address"
     if isinstance(error, OSError) and error.strerror:
         return plain_line(error.strerror.removesuffix("."))
-    return plain_line(str(error).removesuffix(".")) or type(error).__name__
+    text = plain_line(str(error).removesuffix("."))
+    if not text:
+        return type(error).__name__
+    return text
