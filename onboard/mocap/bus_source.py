@@ -1,4 +1,4 @@
-"""Mocap poses from the bus, where relays and the emulator publish."""
+"""Mocap poses from the bus. A relay or the emulator publishes them there."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from onboard.mocap.source import OnMalformed, OnPose
 
 
 class BusMocap:
-    """Poses from topic ``mocap``; callbacks come when the owner of the bus has it deliver.
+    """Poses from topic ``mocap``. They are delivered when the owner calls :meth:`Bus.deliver`.
 
     Args:
-        bus: on which the poses arrive.
+        bus: bus on which the poses arrive.
         body: name of the body; ``*`` for all bodies.
         on_pose: called with the pose and the monotonic time [ns] of its delivery.
         on_malformed: called for bytes that are no pose.

@@ -14,15 +14,15 @@ from onboard.tuples import Wxyz, Xyz
 
 @dataclass(frozen=True, slots=True)
 class MocapFrame:
-    """Conversion in three steps: exchange of the up axis, turn about up, shift.
+    """Conversion in three steps: z becomes the up axis, rotation about up, shift.
 
-    With y up, the mocap's z axis becomes -y in the first step, both in the room's coordinates and
-    in the bodies' own axes.
+    If the mocap's up axis is y, the first step maps (x, y, z) to (x, -z, y), both in the room's
+    coordinates and in the axes of the bodies.
     """
 
-    is_y_up: bool = False  # else z is up
-    yaw_rad: float = 0.0  # of the turn about up, counterclockwise
-    offset_enu_m: Xyz = (0.0, 0.0, 0.0)  # the mocap's origin in the fleet's frame
+    is_y_up: bool = False  # False: z is up
+    yaw_rad: float = 0.0  # angle of the rotation about up, counterclockwise
+    offset_enu_m: Xyz = (0.0, 0.0, 0.0)  # the mocap's origin in the fleet frame
 
     @classmethod
     def of(cls, mocap: MocapConfig) -> MocapFrame:
@@ -45,15 +45,15 @@ class MocapFrame:
         )
 
     def quaternion_enu_flu_wxyz(self, quaternion_wxyz: Wxyz) -> Wxyz:
-        """Convert a rotation from body to mocap into one from body FLU to fleet ENU.
+        """Convert a rotation from body to mocap into a rotation from body FLU to fleet ENU.
 
         The result is normalised unless it is zero.
         """
         w, x, y, z = quaternion_wxyz
-        if self.is_y_up:  # the same rotation, with the components of its axis in the z-up frame
+        if self.is_y_up:  # convert the components of the rotation's axis
             y, z = -z, y
 
-        # product of the turn about up, (c, 0, 0, s), and the rotation
+        # product of the rotation about up, (c, 0, 0, s), and the body's rotation
         c = math.cos(0.5 * self.yaw_rad)
         s = math.sin(0.5 * self.yaw_rad)
         turned_w = c * w - s * z

@@ -1,11 +1,10 @@
 """The process that reads a motion capture and writes its frames to a pipe.
 
-It reads with the package ``motioncapture``. It is a process of its own, because the package may
-stop the whole interpreter: while it connects it holds Python's lock, for ever if the system does
-not answer, and it may end the process when the system sends unknown data. Neither may happen to an
-agent.
+It uses the package ``motioncapture``, which must not run in an agent's process. While the package
+connects, it holds Python's global lock, for ever if the system does not answer. When the system
+sends unknown data, the package may end the process.
 
-Run as ``python -m onboard.mocap.sdk_process SETTINGS`` by :mod:`onboard.mocap.sdk_source`.
+:mod:`onboard.mocap.sdk_source` runs this file as ``python -m onboard.mocap.sdk_process SETTINGS``.
 """
 
 from __future__ import annotations
@@ -25,29 +24,29 @@ from onboard.exit_status import EXIT_OK, EXIT_WRONG_INPUT
 from onboard.tuples import Wxyz, Xyz
 
 _PR_SET_PDEATHSIG = 1  # option of prctl(2): signal for this process when its parent ends
-_NUMERIC_ONLY = {"optitrack"}  # systems for which the package needs a numeric address, not a name
+_NUMERIC_ONLY = {"optitrack"}  # types for which the package needs a numeric address, not a name
 
 
 class Settings(msgspec.Struct, frozen=True):
     """Settings for the package."""
 
-    type: str  # of the system
-    options: dict[str, str]  # hostname, and options that only this system has
+    type: str  # type of the motion-capture system, for instance "vicon"
+    options: dict[str, str]  # hostname, and options of this type
 
 
 class RawFrame(msgspec.Struct, frozen=True, array_like=True):
-    """One frame as it arrived."""
+    """One frame as it arrived, or a problem instead."""
 
     arrived_ns: int  # on this host's monotonic clock
-    bodies: dict[str, tuple[Xyz, Wxyz]]  # in the mocap's own frame
-    problem: str = ""  # in a frame without bodies: sentence that says why there will be none
+    bodies: dict[str, tuple[Xyz, Wxyz]]  # body -> position and attitude in the mocap's own frame
+    problem: str = ""  # sentence that says why no frames come
 
 
 _encoder = msgspec.msgpack.Encoder()
 
 
 def write_frame(pipe: int, frame: RawFrame) -> None:
-    """Write one frame, preceded by its length, both in one call."""
+    """Write one frame to the pipe: its length in four bytes, and its data."""
     data = _encoder.encode(frame)
     os.write(pipe, len(data).to_bytes(4, "little") + data)
 
@@ -55,14 +54,16 @@ def write_frame(pipe: int, frame: RawFrame) -> None:
 def main(argv: list[str]) -> int:
     """Read frames until the parent process has ended; return the exit status."""
     # The package holds Python's lock while it connects, so only the kernel can end this process
-    # with its parent.
+    # when its parent ends.
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    # these signals reach the agent too, which then still needs the poses to land
+    # The agent gets these signals too, and still needs the poses to land. So they are ignored here.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
 
+    # The pipe is this process's stdout, but the package prints on stdout. So the pipe gets another
+    # descriptor, and stdout becomes stderr.
     pipe = os.dup(1)
-    os.dup2(2, 1)  # the package prints on stdout, which is the pipe
+    os.dup2(2, 1)
 
     settings = msgspec.json.decode(argv[0], type=Settings)
     try:
@@ -84,7 +85,7 @@ NOT_INSTALLED = (
 
 def _read(settings: Settings, pipe: int) -> None:
     """Connect with the system, and write its frames until the pipe is closed."""
-    # otherwise the package would import it for the first position, while frames wait
+    # numpy is imported now, because the package would import it while the first frames wait
     importlib.import_module("numpy")
     package: Any = importlib.import_module("motioncapture")
 

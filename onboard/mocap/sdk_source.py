@@ -1,9 +1,8 @@
 """Mocap poses from a motion-capture system that another process reads.
 
 That process is :mod:`onboard.mocap.sdk_process`. A thread starts it, converts its frames to poses
-in the fleet's frame, and starts it again when it has ended or sent nothing for a while. A body that
-is missing in the frames is passed on as not tracked, so that a lost body differs from a dead
-source.
+in the fleet frame, and restarts it when it has ended or sent nothing for a while. A body that is
+missing in the frames is passed on as not tracked, which tells a lost body from a dead source.
 """
 
 from __future__ import annotations
@@ -25,14 +24,14 @@ from onboard.mocap.mocap_frame import MocapFrame
 from onboard.mocap.sdk_process import RawFrame, Settings
 from onboard.mocap.source import OnMalformed, OnPose
 
-_LOST_NS = 100_000_000  # a body that is missing for so long is passed on as not tracked
-_FORGOTTEN_NS = 10_000_000_000  # a body that is missing for so long is not passed on any more
-QUIET_S = 2.0  # the reading process is started again after this time without frames
-CONNECT_S = 5.0  # the same, before the first frame
-_AGAIN_S = 1.0  # pause before the reading process is started again
+_LOST_NS = 100_000_000  # a body that is missing for this time is passed on as not tracked
+_FORGOTTEN_NS = 10_000_000_000  # a body that is missing for this time is not passed on any more
+QUIET_S = 2.0  # the reading process is restarted after this time without further frames
+CONNECT_S = 5.0  # the reading process is restarted after this time without a first frame
+_AGAIN_S = 1.0  # pause before the reading process is restarted
 _POLL_MS = 100  # longest time until a stop is noticed
-_LENGTH_BYTES = 4  # before each frame in the pipe
-_LARGEST_FRAME = 1 << 20  # bytes
+_LENGTH_BYTES = 4  # length of the number before each frame in the pipe
+_LARGEST_FRAME = 1 << 20  # largest frame [bytes]
 
 log = logging.getLogger("covey.mocap")
 _decoder = msgspec.msgpack.Decoder(RawFrame)
@@ -42,17 +41,17 @@ _decoder = msgspec.msgpack.Decoder(RawFrame)
 class PoseConverter:
     """Converts frames of the system to poses on the bus. No I/O.
 
-    It changes the coordinates, stamps and numbers the poses, and notices lost bodies.
+    It converts the coordinates, sets stamps and sequence numbers, and notices lost bodies.
     """
 
     mocap: MocapConfig
-    boot_id: int  # of this source
+    boot_id: int  # random number of this source
     source: str = ""  # node whose clock stamps the poses
-    sequence: int = 0  # number of frames that were converted
-    _next_ns: int = 0  # when the next frame is due, at the largest rate
+    sequence: int = 0  # number of converted frames
+    _next_ns: int = 0  # time at which the next frame is due, at the largest rate
     _frame: MocapFrame = field(init=False)
     _latency_ns: int = field(init=False)
-    _period_ns: int = field(init=False)  # at the largest rate
+    _period_ns: int = field(init=False)  # time between two frames at the largest rate
     _last: dict[str, MocapPose] = field(default_factory=dict)  # body -> its last tracked pose
 
     def __post_init__(self) -> None:
@@ -61,16 +60,16 @@ class PoseConverter:
         self._period_ns = int(1e9 / self.mocap.max_rate_hz)
 
     def poses(self, raw: RawFrame) -> list[MocapPose]:
-        """Return the poses of one frame; none if it comes sooner than the configured rate allows.
+        """Return the poses of one frame; none if the frame exceeds the configured rate.
 
-        A body that is missing is returned as not tracked, from 0.1 s to 10 s after its last pose.
+        A missing body is returned as not tracked, from 0.1 s to 10 s after its last pose.
         """
         earliest_ns = self._next_ns - self._period_ns // 10  # a tenth of a period early is allowed
         if raw.arrived_ns < earliest_ns:
             return []
 
-        # The next frame is due a period after this one was due. After a late frame at most one
-        # period is caught up.
+        # The next frame is due one period after this frame was due. After a late frame, the next
+        # one may come up to one period earlier, but not more.
         self._next_ns = max(self._next_ns, raw.arrived_ns - self._period_ns) + self._period_ns
         self.sequence += 1
         stamp_ns = raw.arrived_ns - self._latency_ns
@@ -105,15 +104,17 @@ class PoseConverter:
 
 
 class SdkMocap:
-    """A system that the package ``motioncapture`` reads; callbacks come on a thread of this object.
+    """A motion-capture system that the package ``motioncapture`` reads.
+
+    It calls the callbacks on its own thread.
 
     Args:
         mocap: the fleet file's table, with ``source = "motioncapture"``.
-        body: name of the body; ``*`` for all.
-        on_pose: called with each pose and its arrival [ns].
+        body: name of the body; ``*`` for all bodies.
+        on_pose: called with each pose and the monotonic time [ns] of its arrival.
         on_malformed: called for bytes that are no frame.
         node: node that publishes the poses on the bus; empty if they stay in this process.
-        default_options: options for the package, where the fleet file has none.
+        default_options: options for the package, which those of the fleet file replace.
     """
 
     def __init__(
@@ -132,7 +133,9 @@ class SdkMocap:
         boot_id = int.from_bytes(os.urandom(4), "little") & 0x7FFFFFFF  # 31 bits, as all boot ids
         self._converter = PoseConverter(mocap, boot_id=boot_id, source=node)
 
-        options = dict(default_options or {})
+        options: dict[str, str] = {}
+        if default_options is not None:
+            options.update(default_options)
         if mocap.hostname:
             options["hostname"] = mocap.hostname
         for key, value in mocap.options.items():
@@ -150,8 +153,8 @@ class SdkMocap:
         """Sentence that says why no poses come; empty while frames come."""
         return self._problem
 
-    def _say(self, problem: str) -> None:
-        """Remember a problem, and log it if it is new; empty: there is none any more."""
+    def _set_problem(self, problem: str) -> None:
+        """Remember a problem, and log it if it is new. An empty text clears the problem."""
         if problem and problem != self._problem:
             log.warning("%s", problem)
         self._problem = problem
@@ -183,35 +186,39 @@ class SdkMocap:
         settings = msgspec.json.encode(self._settings).decode()
         command = [sys.executable, "-m", "onboard.mocap.sdk_process", settings]
         while not self._stopped.is_set():
-            # the process has requested from the kernel to be ended with the thread that started it;
-            # so this thread must live until `stop`
+            # The kernel ends the process together with the thread that started it, so this thread
+            # must live until `stop`.
             with subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, bufsize=0
             ) as process:
                 self._process = process
                 try:
-                    self._take_frames(process)
+                    self._read_frames(process)
                 finally:
                     self._process = None
                     process.kill()
             self._stopped.wait(_AGAIN_S)
 
-    def _take_frames(self, process: subprocess.Popen[bytes]) -> None:
-        """Pass on the frames of one reading process, until it ends or has to be replaced."""
+    def _read_frames(self, process: subprocess.Popen[bytes]) -> None:
+        """Pass on the frames of one reading process, until it ends or has to be restarted."""
         assert process.stdout is not None
         pipe = process.stdout.fileno()
-        poller = select.poll()  # select.select knows no descriptors above 1023
+        poller = select.poll()  # select.select does not support descriptors above 1023
         poller.register(pipe, select.POLLIN)
 
         pending = bytearray()
         has_frames = False
         last_frame_s = time.monotonic()
         while not self._stopped.is_set():
-            if not poller.poll(_POLL_MS):
-                patience_s = QUIET_S if has_frames else CONNECT_S
+            has_data = bool(poller.poll(_POLL_MS))
+            if not has_data:
+                missing = "anything"
+                patience_s = CONNECT_S
+                if has_frames:
+                    missing = "more"
+                    patience_s = QUIET_S
                 if time.monotonic() - last_frame_s > patience_s:
-                    missing = "more" if has_frames else "anything"
-                    self._say(
+                    self._set_problem(
                         f"{self._system} did not send {missing} for {patience_s:.0f} s. Check that "
                         "it streams, mocap.hostname and the network. The reading process starts "
                         "again now."
@@ -220,22 +227,26 @@ class SdkMocap:
                 continue
 
             data = os.read(pipe, 1 << 16)
-            if not data:
+            if not data:  # the process has ended
                 if not self._problem:
-                    self._say(f"The process that reads {self._system} ended; starting it again.")
+                    self._set_problem(
+                        f"The process that reads {self._system} ended; starting it again."
+                    )
                 return
             pending += data
 
             while (frame := next_frame(pending)) is not None:
                 if isinstance(frame, str):
                     self._on_malformed()
-                    self._say(f"The process that reads {self._system} wrote invalid data: {frame}.")
+                    self._set_problem(
+                        f"The process that reads {self._system} wrote invalid data: {frame}."
+                    )
                     return
                 if frame.problem:
-                    self._say(frame.problem)
+                    self._set_problem(frame.problem)
                     continue
 
-                self._say("")
+                self._set_problem("")
                 has_frames = True
                 last_frame_s = time.monotonic()
                 self._pass_on(frame)
@@ -247,10 +258,10 @@ class SdkMocap:
 
 
 def next_frame(pending: bytearray) -> RawFrame | str | None:
-    """Take the first frame off ``pending``.
+    """Remove the first frame from ``pending``, and return it.
 
     Returns:
-        the frame; a text that says what is wrong if it is invalid; None if it is not complete yet.
+        the frame; None if it is not complete yet; a text that says what is wrong if it is invalid.
     """
     if len(pending) < _LENGTH_BYTES:
         return None
@@ -271,7 +282,7 @@ def next_frame(pending: bytearray) -> RawFrame | str | None:
 
 
 def _text(value: str | int | float | bool) -> str:
-    """Return a value of the fleet file as the text that the package reads."""
+    """Return an option of the fleet file as the text that the package expects."""
     if isinstance(value, bool):
         return str(value).lower()
     return str(value)

@@ -1,8 +1,8 @@
-"""The interface of all sources of poses: a source calls back with each pose in the fleet's frame.
+"""The interface of all sources of poses: a source calls back with each pose in the fleet frame.
 
-Callbacks come on a thread of the source, so they must only hand the pose over to another thread. A
-source does not check poses: it also passes on one that jumps, stands still or belongs to another
-body, and the agent decides (``onboard/localization/pose_validator.py``).
+A source calls back on its own thread, so a callback must only hand the pose over to another thread.
+A source does not check poses: it also passes on wrong ones, and the agent decides
+(``onboard/localization/pose_validator.py``).
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ class MocapSource(Protocol):
     """A source of poses."""
 
     def start(self) -> None:
-        """Start; the system need not be there yet."""
+        """Start; the motion-capture system may start later."""
 
     def stop(self) -> None:
         """Stop; no callback comes afterwards. A second call does nothing."""
 
     @property
     def problem(self) -> str:
-        """Sentence that says why no poses come; empty if nothing is known to be wrong."""
+        """Sentence that says why no poses come; empty if no problem is known."""

@@ -1,1 +1,1 @@
-"""Security of the bus and of PX4's links: certificates, roles, signed orders, keys of MAVLink."""
+"""Security of the bus and of PX4's links: certificates, roles, signed orders, MAVLink keys."""

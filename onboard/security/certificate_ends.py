@@ -9,14 +9,14 @@ from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.security.credentials import files_of
 from onboard.security.node_roles import ROUTER, NodeRole
 
-AUTHORITY = "the authority"  # used in sentences instead of a node's name
+AUTHORITY = "the authority"  # name of the certificate authority in sentences
 
 
 class CertificateEnd(NamedTuple):
     """End of the validity of a certificate on this computer."""
 
     node: str  # its holder
-    end_s: float  # seconds since 1970, by the wall clock
+    end_s: float  # seconds since 1970
 
     def left_s(self, now_s: float) -> float:
         """Return the time [s] until the end; negative after it.
@@ -32,10 +32,10 @@ def first_end(fleet: FleetConfig, own: str) -> CertificateEnd | None:
 
     Args:
         fleet: the fleet file.
-        own: node that runs here. Another node counts only if its private key is on this computer.
+        own: node that runs here. Other nodes are considered if their private key is here, too.
     Returns:
-        the first end among the nodes and the authority; None for a bus without keys, or if no
-        certificate can be read.
+        the first end among these nodes and the certificate authority; None for a bus without keys,
+        or if no certificate can be read.
     """
     if not fleet.has_keys:
         return None
@@ -46,9 +46,10 @@ def first_end(fleet: FleetConfig, own: str) -> CertificateEnd | None:
         if node != own and os.path.exists(os.path.join(fleet.keys_folder, key)):
             nodes.append(node)
 
-    authority_file = files_of(own)[0]
-    files = {node: files_of(node)[1] for node in nodes}
-    files[AUTHORITY] = authority_file
+    files: dict[str, str] = {}  # holder of a certificate -> its file
+    for node in nodes:
+        _, files[node], _ = files_of(node)
+    files[AUTHORITY], _, _ = files_of(own)
 
     ends = []
     for holder, file in files.items():
@@ -64,7 +65,7 @@ def end_of(path: str) -> float | None:
     Args:
         path: path of a PEM file.
     """
-    # Imported here, because it loads ten megabytes that a fleet without keys does without.
+    # Imported here, because it loads ten megabytes that a fleet without keys does not need.
     from onboard.security.certificates import read_certificate
 
     try:

@@ -1,11 +1,11 @@
 """Rules for the end of certificates: until when a flight may begin, and when links are closed.
 
 Zenoh checks a certificate when a link is opened. It could also close the link in the second in
-which the certificate ends. Covey does not use that, because the certificates of a fleet end
-together, and a vehicle in flight would receive nothing from that second on. Instead:
+which the certificate ends. Covey does not use that option: the certificates of a fleet end
+together, and from that second on a vehicle in flight would receive nothing. Instead:
 
-* no flight begins that could still be in the air when a certificate ends, with an hour to spare;
-* nobody whose certificate has ended can open a link, arm or order a take-off;
+* a flight begins only if all certificates are valid for the longest flight and one more hour;
+* a node whose certificate has ended cannot open a link, arm or order a take-off;
 * agents on the ground and routers close all of their links one flight and one hour after the end.
 
 Pure: ``certificate_ends.py`` reads the files.
@@ -18,9 +18,9 @@ import datetime
 from onboard.config.fleet import FleetConfig, Vehicle
 
 _SPARE_S = 3600.0  # added to the longest flight
-_UNKNOWN_FLIGHT_S = 7200.0  # flight and spare time of a vehicle whose hover_time_s is not given
+_UNKNOWN_FLIGHT_S = 7200.0  # flight and spare time of a vehicle without hover_time_s
 SOON_S = 30.0 * 86400.0  # a certificate that ends within this time should be renewed
-_IN_HOURS_S = 2.0 * 86400.0  # less than this is printed in hours
+_IN_HOURS_S = 2.0 * 86400.0  # a shorter time is printed in hours
 
 
 def flight_s(vehicle: Vehicle) -> float:
@@ -37,7 +37,7 @@ def flight_s(vehicle: Vehicle) -> float:
 
 
 def longest_flight_s(fleet: FleetConfig) -> float:
-    """Return the longest :func:`flight_s` of a fleet: links end this long after certificates."""
+    """Return the longest :func:`flight_s` of a fleet; links are closed so long after the end."""
     return max((flight_s(vehicle) for vehicle in fleet.vehicles.values()), default=0.0)
 
 
@@ -49,7 +49,7 @@ def left_words(left_s: float) -> str:
 
 
 def end_words(end: datetime.datetime, now: datetime.datetime) -> str:
-    """Return until when a certificate is valid, in words: in hours if less than two days are left.
+    """Return until when a certificate is valid, in words; the last two days also in hours.
 
     Args:
         end: end of the certificate's validity.

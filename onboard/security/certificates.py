@@ -1,7 +1,7 @@
-"""Certificates in files: to read them, and to check them against each other and the clock.
+"""Reads certificates and private keys from files, and checks that they fit together.
 
-A certificate names its holder, and the addresses at which others connect to that holder. The
-fleet's certificate authority has signed it. It is valid for a limited time.
+A certificate contains the name of its holder, and the addresses at which other nodes connect to
+that holder. The fleet's certificate authority has signed it. It is valid for a limited time.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def check(authority: str, certificate: str, key: str, node: str, now: datetime.d
         authority: path of the certificate of the fleet's certificate authority.
         certificate: path of the node's own certificate.
         key: path of the node's private key.
-        node: the name that the certificate must carry.
+        node: name that the certificate's holder must have.
         now: time at which both certificates must be valid.
     Raises:
         ConfigError: they do not fit together, or are not valid now.
@@ -79,16 +79,16 @@ def _check_time(path: str, certificate: x509.Certificate, now: datetime.datetime
 
 
 def check_hosts(certificate: str, node: str, hosts: Iterable[str]) -> None:
-    """Check that a certificate is for the addresses at which others connect to its node.
+    """Check that a certificate contains the addresses at which other nodes connect to its node.
 
-    A node that connects compares the address that it connects to with those in the certificate.
+    A node connects only to an address that is in the other node's certificate.
 
     Args:
         certificate: path of the certificate.
         node: its holder.
         hosts: names and addresses of that node in the fleet file.
     Raises:
-        ConfigError: one of them is not in the certificate.
+        ConfigError: one of the hosts is not in the certificate.
     """
     extensions = read_certificate(certificate).extensions
     names = extensions.get_extension_for_class(x509.SubjectAlternativeName).value
@@ -98,7 +98,10 @@ def check_hosts(certificate: str, node: str, hosts: Iterable[str]) -> None:
     for host in hosts:
         if host.strip("[]") in issued:
             continue
-        addresses = ", ".join(name for name in issued if name != node) or "no address"
+
+        addresses = ", ".join(name for name in issued if name != node)
+        if not addresses:
+            addresses = "no address"
         raise ConfigError(
             f"{certificate} is for {addresses}, but the fleet file has {node} at {host}: nobody "
             f"would connect to it. Issue it anew: covey keys issue FLEET {node}"
@@ -127,7 +130,7 @@ def read_key(path: str, remedy: str = "Issue it anew: covey keys renew FLEET") -
 
     Args:
         path: path of a PEM file.
-        remedy: what to do if it is no key, for the refusal.
+        remedy: sentence of the error that says what to do.
     Raises:
         ConfigError: it cannot be read.
     """
@@ -139,7 +142,7 @@ def read_key(path: str, remedy: str = "Issue it anew: covey keys renew FLEET") -
 
 
 def common_name(certificate: x509.Certificate) -> str:
-    """Return the name of a certificate's holder; empty if it has no such name, or several."""
+    """Return the name of a certificate's holder; empty if the certificate has not exactly one."""
     names = [name.value for name in certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)]
     if len(names) == 1 and isinstance(names[0], str):
         return names[0]
@@ -147,7 +150,7 @@ def common_name(certificate: x509.Certificate) -> str:
 
 
 def issued_by(certificate: x509.Certificate, authority: x509.Certificate) -> bool:
-    """Whether a certificate authority has signed a certificate, with no other one between them."""
+    """Whether a certificate authority itself has signed a certificate."""
     try:
         certificate.verify_directly_issued_by(authority)
     except (ValueError, TypeError, InvalidSignature):

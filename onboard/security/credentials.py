@@ -2,8 +2,8 @@
 
 ``ca.pem`` is the certificate of the fleet's own certificate authority, ``NODE.pem`` a node's
 certificate, and ``NODE.key`` its private key, which never leaves the computer of that node.
-``covey keys secure`` makes them. Every program that opens a node of the bus first checks them here,
-and passes the resulting credentials to the bus.
+``covey keys secure`` makes these files. Before a program opens a node of the bus, it checks the
+files here and passes the resulting credentials to the bus.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from onboard.security.private_files import refuse_open_to_others
 
 @dataclass(frozen=True, slots=True)
 class Credentials:
-    """Files of one node, and the access that it allows to others."""
+    """Files of one node, and the access that it grants to other nodes."""
 
     authority: str  # path of the certificate of the fleet's certificate authority
     certificate: str  # path of the node's certificate
     key: str  # path of the node's private key
     # zenoh's ``access_control``: the messages accepted from the holder of each certificate
     access: dict[str, object]
-    longest_flight_s: float = 0.0  # time after a certificate's end until links and orders end, too
+    longest_flight_s: float = 0.0  # links and orders are valid so long after a certificate's end
 
     def order_signatures(self) -> OrderSignatures:
-        """Return the object that signs this node's orders and verifies those that it receives."""
-        # Imported here, because it loads ten megabytes that a fleet without keys does without.
+        """Return the object that signs orders of this node, and checks those that it receives."""
+        # Imported here, because it loads ten megabytes that a fleet without keys does not need.
         from onboard.security.order_signature import NodeSignatures
 
         return NodeSignatures(
@@ -57,9 +57,9 @@ def credentials_of(
     Args:
         fleet: the fleet file.
         node: a vehicle's name, or the value of a role.
-        now: time at which the certificate must be valid; by default the time of this computer.
+        now: time at which the certificate must be valid; None: now.
     Returns:
-        credentials with paths of files that exist and fit together.
+        the credentials; their files exist and fit together.
     Raises:
         ConfigError: a file is missing, damaged, of another certificate authority, not valid now, or
             readable for other users.
@@ -77,10 +77,12 @@ def credentials_of(
 
     refuse_open_to_others(key)
 
-    # Imported here, because it loads ten megabytes that a fleet without keys does without.
+    # Imported here, because it loads ten megabytes that a fleet without keys does not need.
     from onboard.security.certificates import check, check_hosts
 
-    check(authority, certificate, key, node, now or datetime.datetime.now(datetime.UTC))
+    if now is None:
+        now = datetime.datetime.now(datetime.UTC)
+    check(authority, certificate, key, node, now)
     has_router = bool(fleet.fleet.routers)
     if node == ROUTER or not has_router:  # with routers, nobody connects to any other node
         check_hosts(certificate, node, hosts_of(fleet, node))
@@ -96,10 +98,10 @@ def credentials_of(
 
 
 def router_credentials(fleets: Sequence[FleetConfig]) -> Credentials | None:
-    """Return the credentials of a router: one certificate for all of its fleets.
+    """Return the credentials of a router, which has one certificate for all of its fleets.
 
     Args:
-        fleets: fleets whose messages it passes on.
+        fleets: fleets whose messages the router passes on.
     Returns:
         the credentials, with the access control of all fleets; None for fleets without keys.
     Raises:
@@ -116,10 +118,10 @@ def router_credentials(fleets: Sequence[FleetConfig]) -> Credentials | None:
                 "shows one certificate. Run a router for each, or let both fleets use one folder "
                 "of keys: [fleet] keys = ..."
             )
-        common_names = sorted(first_fleet.vehicles.keys() & fleet.vehicles.keys())
-        if first is not None and common_names:
+        shared_names = sorted(first_fleet.vehicles.keys() & fleet.vehicles.keys())
+        if first is not None and shared_names:
             raise ConfigError(
-                f"{first_fleet.path} and {fleet.path} both have a vehicle '{common_names[0]}': one "
+                f"{first_fleet.path} and {fleet.path} both have a vehicle '{shared_names[0]}': one "
                 "certificate would be both. Give one of them another name, or run a router for "
                 "each fleet."
             )
@@ -138,7 +140,7 @@ def _authority_bytes(credentials: Credentials | None) -> bytes | None:
 
 
 def hosts_of(fleet: FleetConfig, node: str) -> list[str]:
-    """Return the addresses at which others connect to a node; nobody connects to a ground.
+    """Return the addresses at which other nodes connect to a node; nobody connects to a ground.
 
     Args:
         fleet: the fleet file.
@@ -154,7 +156,7 @@ def hosts_of(fleet: FleetConfig, node: str) -> list[str]:
 
 
 def _description(node: str) -> str:
-    """Return the description of a node that begins a sentence."""
+    """Return a node in words, for the middle of a sentence."""
     descriptions: dict[str, str] = {
         NodeRole.GROUND.value: (
             "a ground that orders (one with keys/viewer.pem only may watch: --readonly)"

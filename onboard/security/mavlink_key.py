@@ -1,8 +1,8 @@
 """Keys of MAVLink signing: ``keys/VEHICLE.mavlink.key`` beside the fleet file.
 
-PX4 remembers the newest timestamp of each sender (system, component, link id) and refuses messages
-with older ones. So every program that sends over a vehicle's links has its own link id; otherwise a
-program whose clock is behind another's would be refused.
+PX4 remembers the newest timestamp of each sender (system, component, link id), and refuses messages
+with older timestamps. If two programs shared a link id, PX4 would refuse the one whose clock is
+behind. So every program that sends over a vehicle's links has its own link id.
 
 The format of signatures: https://mavlink.io/en/guide/message_signing.html
 """
@@ -24,8 +24,9 @@ KEY_BYTES = 32
 AGENT_LINK_ID = 10  # the agent of a vehicle
 TOOL_LINK_ID = 11  # tools for parameters and calibration
 
-_FIRST_GROUND_LINK_ID = 64  # of ground computers, which send to PX4 directly, without the agent
-_GROUND_LINK_IDS = 128  # number of ids for ground computers
+# Ground computers send to PX4 directly, without the agent.
+_FIRST_GROUND_LINK_ID = 64
+_GROUND_LINK_IDS = 128  # number of link ids for ground computers
 
 _EPOCH_S = 1_420_070_400  # begin of 2015, from which timestamps count [s since 1970]
 _STEPS_PER_S = 100_000  # timestamps count in steps of 10 us
@@ -57,13 +58,14 @@ def mavlink_keys(fleet: FleetConfig, vehicles: Iterable[str] | None = None) -> d
 
     Args:
         fleet: the fleet file.
-        vehicles: names of the vehicles; by default all of the fleet.
+        vehicles: names of the vehicles; None: all vehicles of the fleet.
     Returns:
         vehicle -> key.
     """
     keys: dict[str, bytes] = {}
-    names = fleet.vehicles if vehicles is None else vehicles
-    for name in names:
+    if vehicles is None:
+        vehicles = fleet.vehicles
+    for name in vehicles:
         key = mavlink_key(fleet, name)
         if key is not None:
             keys[name] = key
@@ -71,7 +73,7 @@ def mavlink_keys(fleet: FleetConfig, vehicles: Iterable[str] | None = None) -> d
 
 
 def read_key(path: str, fleet_path: str) -> bytes:
-    """Read a key.
+    """Read a key of MAVLink signing.
 
     Args:
         path: path of the key's file.
@@ -111,7 +113,7 @@ def ground_link_id(host: str) -> int:
 
 
 def signing_time(unix_ns: int) -> int:
-    """Convert a time to a timestamp of MAVLink signing [10 us since 2015]; 0 before 2015.
+    """Convert a time to a timestamp of MAVLink signing: steps of 10 us since 2015, at least 0.
 
     Args:
         unix_ns: time [ns since 1970].

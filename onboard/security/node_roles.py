@@ -1,9 +1,9 @@
 """The rights of each role on a bus with keys: one table of role and topic. Pure.
 
 A node's role follows from the common name of its certificate: a vehicle's name, or one of the names
-below. Each node checks the messages that come in over each of its links, and drops those that the
-table does not grant before it decodes them (``access_control.py`` writes the table as zenoh's
-rules). A link to a node whose certificate is from another certificate authority is not even opened.
+below. Each node checks the messages that arrive over its links, and drops those that the table does
+not grant (``access_control.py`` writes the table as zenoh's rules). A node opens no link to a node
+whose certificate is from another certificate authority.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from onboard.bus.topics import TOPICS, Delivery, Topic
 
 
 class NodeRole(StrEnum):
-    """Kind of node; except for vehicles the value is the common name of the certificate."""
+    """Kind of node. Except for VEHICLE, the value is the common name of the certificate."""
 
     VEHICLE = "vehicle"
     GROUND = "ground"  # sends orders, and reads everything
@@ -26,11 +26,10 @@ class NodeRole(StrEnum):
     EMULATOR = "sitl"  # publishes poses and true motion of the vehicles that it emulates
 
 
-# Roles with exactly one certificate in every fleet; of vehicles there are as many as in its file.
+# roles that have exactly one certificate in every fleet
 NODES: tuple[NodeRole, ...] = tuple(role for role in NodeRole if role is not NodeRole.VEHICLE)
 
-# Common name of a router. It has no role of its own: it passes on messages that the others may
-# send by their roles.
+# Common name of a router. A router has no role, because it only passes on messages of other nodes.
 ROUTER = "router"
 
 
@@ -38,13 +37,13 @@ ROUTER = "router"
 class Grant:
     """Rights of one role.
 
-    In the names, ``{own}`` stands for the vehicle's own name, ``*`` for any name, and ``x$*`` for
-    any name that begins with x.
+    In a name, ``{own}`` stands for the vehicle's own name, ``*`` for any name, and ``x$*`` for any
+    name that begins with x.
     """
 
-    publishes: Mapping[Topic, tuple[str, ...]]  # topic -> names under which it may publish
-    answers: Mapping[Topic, tuple[str, ...]]  # topic of queries -> names that it answers for
-    asks: Mapping[Topic, tuple[str, ...]]  # topic of queries -> names that it may query
+    publishes: Mapping[Topic, tuple[str, ...]]  # topic -> names under which the role may publish
+    answers: Mapping[Topic, tuple[str, ...]]  # topic -> names whose queries it may answer
+    asks: Mapping[Topic, tuple[str, ...]]  # topic -> names that it may query
     tokens: tuple[str, ...]  # names of the liveliness tokens that it may declare
     reads: frozenset[Topic]  # topics that it may subscribe to
 
@@ -94,7 +93,7 @@ GRANTS: dict[NodeRole, Grant] = {
         },
         answers={},
         asks={Topic.ORDER: _ANY, Topic.SIM: _ANY},
-        # the last three say who operates the fleet, see onboard/bus/control_token.py
+        # the last three show who operates the fleet, see onboard/bus/control_token.py
         tokens=("ground$*", "watcher$*", "recorder$*", "operator.$*", "asks.$*", "keeps.$*"),
         reads=_SAMPLES,
     ),

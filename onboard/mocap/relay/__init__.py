@@ -1,1 +1,1 @@
-"""The relay from a motion-capture system to the fleet's bus, and its check."""
+"""The relay from a motion-capture system to the fleet's bus, and the check of its bodies."""

@@ -1,8 +1,8 @@
 """``covey mocap --check``: whether each vehicle has the right body, axes and time stamps.
 
-While a person tilts a vehicle by hand, propellers off, its PX4 and the mocap both measure that
-tilt. The check finds the body whose tilt follows that of PX4. It only listens on the bus, so the
-agents and the source of the mocap's poses must run.
+A person removes the propellers and tilts a vehicle by hand, while its PX4 and the mocap both
+measure the tilt. The check finds the body whose tilt equals that of PX4. It only listens on the
+bus, so the agents and the source of the mocap's poses must run.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from onboard.security.node_roles import NodeRole
 from onboard.tuples import Wxyz
 
 GOOD_LAG_S = 0.015  # stamps with at most this lag need no correction
-_MAX_SAMPLES = 6000  # kept for each body and each vehicle, the newest ones
-_QUARTERS_DEG = (90, 180, 270)  # turns of a body's axes that are tried
+_MAX_SAMPLES = 6000  # number of samples that are kept of each body and each vehicle
+_QUARTERS_DEG = (90, 180, 270)  # rotations of a body's axes that are tried
 
-Samples = deque[tuple[float, Wxyz]]  # time [s] on this host's clock, quaternion
-Curve = tuple[Array, Array]  # times (n,) [s], and latency.gravity (n, 2) at them
+Samples = deque[tuple[float, Wxyz]]  # time [s] on this host's clock, attitude
+Curve = tuple[Array, Array]  # times (n,) [s], and latency.gravity (n, 2) at these times
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class BodyFinding:
     """Result for one vehicle's body."""
 
     vehicle: str
-    is_ok: bool | None  # None while it has not been tilted enough
+    is_ok: bool | None  # None: not known, for instance before the vehicle has been tilted enough
     sentence: str
 
 
@@ -75,7 +75,7 @@ def judge(
 def _judge_one(
     vehicle: str, body: str, curves: Mapping[str, Curve], px4: Curve, latency_s: float
 ) -> tuple[bool | None, str]:
-    """Return ``is_ok`` and sentence of the finding."""
+    """Return ``is_ok`` and ``sentence`` of the finding about one vehicle."""
     if px4[0].size == 0:
         return None, "its agent publishes no attitude. Start the agent, with its PX4."
 
@@ -134,9 +134,9 @@ def _sentence_of_axes(body: str, curve: Curve, px4: Curve, own: latency.TiltFit)
 
 
 def _turned_deg(body: Curve, px4: Curve) -> int | None:
-    """Return by how many degrees about up the body's axes are turned against the vehicle's.
+    """Return by how many degrees about up the body's axes are rotated against the vehicle's.
 
-    None if no turn by quarters explains the difference.
+    The result is None if no multiple of 90 degrees explains the difference.
     """
     times_s, gravity = body
     for degrees in _QUARTERS_DEG:
@@ -150,7 +150,7 @@ def _turned_deg(body: Curve, px4: Curve) -> int | None:
 
 
 def _curve(samples: Samples) -> Curve:
-    """Return samples as a curve of tilt, sorted by time, with one sample for each time."""
+    """Return samples as a curve of tilt with rising times; of equal times only one remains."""
     rows = sorted(samples)
     times_s = np.array([time_s for time_s, _ in rows], dtype=np.float64)
     gravity = latency.gravity([quaternion for _, quaternion in rows])
@@ -176,7 +176,7 @@ class MocapCheck:
         )
         self._clock = ClockNode(self._bus)
 
-        self._lock = threading.Lock()  # of the statistics and samples, which the bus's threads fill
+        self._lock = threading.Lock()  # for statistics and samples, which the bus's threads fill
         self._bodies: dict[str, Samples] = {}  # body -> its attitudes
         self._px4s: dict[str, Samples] = {}  # vehicle -> its attitudes
 
@@ -190,8 +190,8 @@ class MocapCheck:
         status = EXIT_NO_ANSWER
         try:
             self._clock.start()
-            self._bus.subscribe(Topic.MOCAP, "*", self._hear_pose)
-            self._bus.subscribe(Topic.TICK, "*", self._hear_ticks)
+            self._bus.subscribe(Topic.MOCAP, "*", self._add_pose)
+            self._bus.subscribe(Topic.TICK, "*", self._add_ticks)
             for _ in report_times(self._clock, seconds=seconds, every_s=every_s, stopped=stopped):
                 status = self._print()
                 if status == EXIT_OK:
@@ -201,7 +201,7 @@ class MocapCheck:
         return status
 
     def _print(self) -> int:
-        """Print the findings; return the exit status that follows from them."""
+        """Print the findings, and return their exit status."""
         with self._lock:
             self.statistics.close_window(time.monotonic_ns())
             bodies = {name: samples.copy() for name, samples in self._bodies.items()}
@@ -226,42 +226,42 @@ class MocapCheck:
             return EXIT_FAILED
         return EXIT_OK
 
-    def _hear_pose(self, _topic: Topic, _name: str, message: Message | Malformed) -> None:
+    def _add_pose(self, _topic: Topic, _name: str, message: Message | Malformed) -> None:
         if not isinstance(message, MocapPose):
             return
 
         received_ns = time.monotonic_ns()
-        pose = self._clock.pose(message, received_ns)
-        if pose is None:  # the clock of its source is not known
+        pose = self._clock.pose(message, received_ns)  # with its stamp on this host's clock
+        if pose is None:  # the clock of the pose's source is not known
             pose = replace(message, stamp_ns=received_ns)
 
-        own_s = self._own_s(message.source, message.stamp_ns)
+        stamp_s = self._on_host_clock_s(message.source, message.stamp_ns)
         with self._lock:
             self.statistics.add(pose)
-            if message.is_tracked and own_s is not None:
+            if message.is_tracked and stamp_s is not None:
                 samples = self._bodies.setdefault(message.body, deque(maxlen=_MAX_SAMPLES))
-                samples.append((own_s, message.quaternion_enu_flu_wxyz))
+                samples.append((stamp_s, message.quaternion_enu_flu_wxyz))
 
-    def _hear_ticks(self, _topic: Topic, name: str, message: Message | Malformed) -> None:
+    def _add_ticks(self, _topic: Topic, name: str, message: Message | Malformed) -> None:
         if not isinstance(message, TickBatch):
             return
         with self._lock:
             samples = self._px4s.setdefault(name, deque(maxlen=_MAX_SAMPLES))
             for tick in message.ticks:
-                own_s = self._own_s(name, tick.stamp_ns)
-                if own_s is not None:
-                    measured_s = own_s - tick.attitude_age_s
+                stamp_s = self._on_host_clock_s(name, tick.stamp_ns)
+                if stamp_s is not None:
+                    measured_s = stamp_s - tick.attitude_age_s
                     samples.append((measured_s, tick.attitude_quaternion_enu_flu_wxyz))
 
-    def _own_s(self, node: str, stamp_ns: int) -> float | None:
+    def _on_host_clock_s(self, node: str, stamp_ns: int) -> float | None:
         """Convert a stamp [ns] of a node to this host's clock [s].
 
-        The node's offset counts as the middle of its bounds. None while it is not measured.
+        The result is None while the offset of the node's clock is not measured.
         """
         if not node:  # the stamp is by this host's clock
             return stamp_ns * 1e-9
         offset = self._clock.clocks.offset_s(node, time.monotonic_ns())
         if offset is None:
             return None
-        ahead_s, _ = offset
+        ahead_s, _ = offset  # the estimate, and its uncertainty
         return stamp_ns * 1e-9 - ahead_s

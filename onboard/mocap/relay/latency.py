@@ -1,9 +1,10 @@
-"""The tilt of a body compared with PX4's attitude: whose body it is, and how late its stamps are.
+"""Compares a body's tilt with PX4's: is it the vehicle's body, and how late are its stamps?
 
 PX4 measures with a gyroscope, so its attitude is late only by the few milliseconds that the link
 takes. Mocap and PX4 both yield the direction of gravity in the body's own axes, which depends
-neither on a heading nor on the frame of the room. The body whose curve of that direction fits PX4's
-curve belongs to this PX4. The time shift at which the two curves fit best is the lag of the stamps.
+neither on a heading nor on the frame of the room. If this direction changes over time in the same
+way for a body and for PX4, the body belongs to this PX4. The time shift at which the two curves fit
+best is the lag of the stamps.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.tuples import Wxyz
 
-_STEP_S = 0.004  # between two samples of a curve, and between two lags that are tried
-_EARLIEST_S = -0.1  # least lag that is tried
+_STEP_S = 0.004  # time between two samples of a curve, and between two lags that are tried
+_EARLIEST_S = -0.1  # smallest lag that is tried
 _LATEST_S = 0.3  # largest lag that is tried
 _SHORTEST_S = 2.0  # least time in which both curves must have samples
 _FEWEST_SAMPLES = 10  # least number of samples of each curve
@@ -27,14 +28,14 @@ _SAME_CORRELATION = 0.85  # least correlation of two curves that belong to one b
 
 @dataclass(frozen=True, slots=True)
 class TiltFit:
-    """Best fit of two curves of tilt."""
+    """Best fit of a body's tilt to PX4's tilt."""
 
     lag_s: float  # time by which the body's stamps are later than PX4's
     correlation: float  # at most 1
 
     @property
     def is_same(self) -> bool:
-        """Whether both curves belong to one body."""
+        """Whether the body belongs to this PX4."""
         return self.correlation >= _SAME_CORRELATION
 
 
@@ -58,7 +59,7 @@ def fit(body_s: Array, body: Array, px4_s: Array, px4: Array) -> TiltFit | None:
     if body_s.size < _FEWEST_SAMPLES or px4_s.size < _FEWEST_SAMPLES:
         return None
 
-    # the time in which both have samples, for every lag that is tried
+    # the time in which both curves have samples, for every lag that is tried
     begin_s = max(body_s[0] - _EARLIEST_S, px4_s[0] + _LATEST_S)
     end_s = min(body_s[-1] - _LATEST_S, px4_s[-1])
     if end_s - begin_s < _SHORTEST_S:
@@ -71,9 +72,11 @@ def fit(body_s: Array, body: Array, px4_s: Array, px4: Array) -> TiltFit | None:
         return None
 
     lags_s = np.arange(_EARLIEST_S, _LATEST_S + 0.5 * _STEP_S, _STEP_S)
-    correlations = np.array(
-        [_correlation(_at(times_s + lag_s, body_s, body), reference) for lag_s in lags_s]
-    )
+    correlations = np.empty_like(lags_s)
+    for index, lag_s in enumerate(lags_s):
+        shifted = _at(times_s + lag_s, body_s, body)
+        correlations[index] = _correlation(shifted, reference)
+
     best = int(correlations.argmax())
     lag_s = float(lags_s[best]) + _STEP_S * _vertex(correlations, best)
     return TiltFit(lag_s, float(correlations[best]))
@@ -83,22 +86,22 @@ def _at(times_s: Array, samples_s: Array, samples: Array) -> Array:
     """Return a curve interpolated at other times, with its mean subtracted."""
     columns = [np.interp(times_s, samples_s, samples[:, axis]) for axis in range(2)]
     values = np.stack(columns, axis=-1)
-    # the mean would show how the markers are mounted: never exactly level with the autopilot
+    # the mean only shows that the markers are not mounted exactly level with the autopilot
     return np.asarray(values - values.mean(axis=0))
 
 
 def _correlation(one: Array, other: Array) -> float:
-    """Return the correlation of two curves without mean; 0 if one of them is zero throughout."""
-    size = float(np.sqrt(np.square(one).sum() * np.square(other).sum()))
-    if size <= 0.0:
+    """Return the correlation of two curves whose means are zero; 0 if a curve is all zeros."""
+    norm = float(np.sqrt(np.square(one).sum() * np.square(other).sum()))
+    if norm <= 0.0:
         return 0.0
-    return float((one * other).sum()) / size
+    return float((one * other).sum()) / norm
 
 
 def _vertex(values: Array, index: int) -> float:
-    """Return how far the true maximum lies from ``index``, in steps.
+    """Return by how many steps the true maximum lies after ``index``, where the largest value is.
 
-    The maximum is that of the parabola through the value at ``index`` and its two neighbours.
+    The true maximum is that of the parabola through the largest value and its two neighbours.
     """
     if not 0 < index < values.size - 1:
         return 0.0

@@ -1,7 +1,7 @@
 """``covey mocap``: one process that reads the motion capture and publishes its bodies on the bus.
 
-It publishes all bodies, whether they are vehicles or not; agents listen only to those of the fleet
-file. It does not check the poses; the agents do. It listens at the emulator's endpoint, so that a
+It publishes all bodies, whether they are vehicles or not; agents use only those of the fleet file.
+It does not check the poses, because the agents do. It listens at the emulator's endpoint, so that a
 relay and an emulator cannot run at the same time.
 """
 
@@ -30,7 +30,7 @@ NODE = "mocap"
 
 
 def bodies_of(fleet: FleetConfig) -> dict[str, str]:
-    """Return vehicle -> body, for all vehicles that take part and require a mocap."""
+    """Return vehicle -> body, for all enabled vehicles that require a mocap."""
     bodies: dict[str, str] = {}
     for name in fleet.enabled_names:
         vehicle = fleet.vehicles[name]
@@ -40,9 +40,9 @@ def bodies_of(fleet: FleetConfig) -> dict[str, str]:
 
 
 def mock_options(fleet: FleetConfig) -> dict[str, str]:
-    """Return the options of the package for the type ``mock``; none for other types.
+    """Return the options of package ``motioncapture`` for its type ``mock``; else none.
 
-    With them each vehicle has a body, which stands still at the vehicle's take-off spot.
+    With these options each vehicle has a body that stands still at the vehicle's take-off spot.
     """
     if fleet.mocap.type != "mock":
         return {}
@@ -57,13 +57,13 @@ def mock_options(fleet: FleetConfig) -> dict[str, str]:
 def report_times(
     clock: ClockNode, *, seconds: float | None, every_s: float, stopped: threading.Event
 ) -> Iterator[None]:
-    """Yield whenever a report is due, and at the end; publish the clock meanwhile.
+    """Yield whenever a report is due, and at the end; keep this node's clock published.
 
     Args:
         clock: publishes the clock of this node.
-        seconds: time after which the reports end; None for never.
+        seconds: time after which the reports end; None: never.
         every_s: time from one report to the next.
-        stopped: ends the reports at once.
+        stopped: event that ends the reports at once.
     """
     began_s = time.monotonic()
     reported_s = began_s
@@ -118,9 +118,9 @@ class MocapRelay:
             default_options=mock_options(fleet),
         )
 
-        self._lock = threading.Lock()  # of the statistics, which the source's thread updates
-        self._unnameable: set[str] = set()  # bodies whose names cannot be keys
-        self._withheld: set[str] = set()  # bodies that the emulator sends
+        self._lock = threading.Lock()  # for the statistics, which the source's thread updates
+        self._unnameable: set[str] = set()  # bodies whose names cannot be keys on the bus
+        self._withheld: set[str] = set()  # bodies that are not published: the emulator sends them
 
     def run(self, *, seconds: float | None, every_s: float, stopped: threading.Event) -> int:
         """Relay until ``stopped`` is set or ``seconds`` have passed; return the exit status.
@@ -160,7 +160,7 @@ class MocapRelay:
         return EXIT_FAILED
 
     def _print(self, was_complete: bool) -> bool:
-        """Print a report; return whether every vehicle's body is tracked."""
+        """Print a report, and return whether every vehicle's body is tracked."""
         with self._lock:
             self.statistics.close_window(time.monotonic_ns())
             rows = list(self.statistics.rows())
@@ -198,7 +198,7 @@ class MocapRelay:
         if not re.fullmatch(BODY_NAME, pose.body):
             self._unnameable.add(pose.body)
             return
-        if pose.body in self._emulated:  # a body must have one source only
+        if pose.body in self._emulated:  # a body must not have two sources
             self._withheld.add(pose.body)
             return
 
@@ -208,15 +208,17 @@ class MocapRelay:
 
 
 def with_source(fleet: FleetConfig, *, type_: str | None, hostname: str | None) -> FleetConfig:
-    """Return the fleet with another motion-capture system than its file names.
-
-    Only a relay uses it.
+    """Return the fleet with another motion-capture system than its fleet file has.
 
     Raises:
         msgspec.ValidationError: there is no such type.
     """
     if type_ is None and hostname is None:
         return fleet
-    changes = {"type": type_ or fleet.mocap.type, "hostname": hostname or fleet.mocap.hostname}
-    table = {**msgspec.to_builtins(fleet.mocap), "source": "motioncapture", **changes}
+    table = msgspec.to_builtins(fleet.mocap)
+    table["source"] = "motioncapture"
+    if type_:
+        table["type"] = type_
+    if hostname:
+        table["hostname"] = hostname
     return msgspec.structs.replace(fleet, mocap=msgspec.convert(table, type(fleet.mocap)))

@@ -9,15 +9,18 @@ from dataclasses import dataclass, field
 from onboard.bus.schema import MocapPose
 from onboard.tuples import Wxyz, Xyz
 
-# A vehicle moves and turns by no more than this between two samples: a constant, plus a rate times
-# the time between them. A body jumps or flips if it exceeds that.
-_NOISE_M = 0.05
-_JUMP_M_S = 10.0
-_FLIP_RAD = 0.5
-_FLIP_RAD_S = 12.0
+# Between two samples a vehicle moves at most by _STEP_M plus _STEP_M_S times the time between them.
+# A body that moves more has jumped.
+_STEP_M = 0.05
+_STEP_M_S = 10.0
 
-_STILL_S = 1.0  # a body with the same numbers for longer is reported
-_GONE_S = 1.0  # a body without a pose for so long counts as not tracked
+# Between two samples a vehicle rotates at most by _TURN_RAD plus _TURN_RAD_S times the time between
+# them. A body that rotates more has flipped: its markers look alike from several sides.
+_TURN_RAD = 0.5
+_TURN_RAD_S = 12.0
+
+_STILL_S = 1.0  # a body that sends the same numbers for longer is reported
+_GONE_S = 1.0  # a body without a pose for this time counts as not tracked
 
 
 @dataclass(slots=True)
@@ -29,18 +32,17 @@ class BodyStatistics:
     heading_deg: float = math.nan
     rate_hz: float = 0.0  # in the last finished window
     samples: int = 0
-    jumps: int = 0  # steps longer than a vehicle's
-    # turns faster than a vehicle's, caused by markers that look alike from several sides
+    jumps: int = 0
     flips: int = 0
-    losses: int = 0  # how often it was not tracked any more
-    longest_gap_s: float = 0.0  # between two samples
-    age_s: float = 0.0  # of the newest sample, at the end of the last window
-    still_s: float = 0.0  # time without the least change of position; a measured body has noise
+    losses: int = 0  # how often the body was lost
+    longest_gap_s: float = 0.0  # longest time between two samples
+    age_s: float = 0.0  # age of the newest sample at the end of the last window
+    still_s: float = 0.0  # time with exactly the same position; a measured body has noise
     is_tracked: bool = False
     _quaternion: Wxyz = (0.0, 0.0, 0.0, 0.0)
-    _stamp_ns: int = 0  # of the newest sample
+    _stamp_ns: int = 0  # stamp of the newest sample
     _changed_ns: int = 0  # stamp of the first sample with the present position
-    _in_window: int = 0  # samples in the window that is open
+    _in_window: int = 0  # number of samples in the open window
 
     def add(self, pose: MocapPose) -> None:
         """Count a pose."""
@@ -69,23 +71,29 @@ class BodyStatistics:
         self._in_window += 1
 
     def _compare_with_last(self, pose: MocapPose) -> None:
-        """Count a step or a turn that no vehicle makes within the time since the last sample."""
+        """Count a jump or a flip since the last sample, and update the longest gap."""
         gap_s = (pose.stamp_ns - self._stamp_ns) * 1e-9
         self.longest_gap_s = max(self.longest_gap_s, gap_s)
 
         step_m = math.dist(pose.position_enu_m, self.position_enu_m)
-        is_possible = step_m <= _NOISE_M + _JUMP_M_S * gap_s
-        if not is_possible:  # nor is a step that is not finite
+        is_possible = step_m <= _STEP_M + _STEP_M_S * gap_s
+        if not is_possible:  # also if the step is NaN
             self.jumps += 1
 
+        # the scalar product of two unit quaternions is the cosine of half the angle between them
         pairs = zip(pose.quaternion_enu_flu_wxyz, self._quaternion, strict=True)
         half_turn_cosine = abs(sum(a * b for a, b in pairs))
         turn_rad = 2.0 * math.acos(min(1.0, half_turn_cosine))
-        if turn_rad > _FLIP_RAD + _FLIP_RAD_S * gap_s:
+        if turn_rad > _TURN_RAD + _TURN_RAD_S * gap_s:
             self.flips += 1
 
     def close_window(self, now_ns: int, window_s: float) -> None:
-        """Finish the window, ``window_s`` long, in which samples are counted for the rate."""
+        """Finish the window in which samples are counted for the rate.
+
+        Args:
+            now_ns: end of the window.
+            window_s: length of the window.
+        """
         self.rate_hz = self._in_window / window_s
         self._in_window = 0
 
@@ -98,10 +106,10 @@ class BodyStatistics:
 class MocapStatistics:
     """Statistics of all bodies of a source."""
 
-    vehicles: Mapping[str, str]  # vehicle -> its body, for those that require a mocap
+    vehicles: Mapping[str, str]  # vehicle that requires a mocap -> its body
     people: Mapping[str, str] = field(default_factory=dict)  # person of the fleet file -> body
-    bodies: dict[str, BodyStatistics] = field(default_factory=dict)
-    _window_ns: int = 0  # when the open window began
+    bodies: dict[str, BodyStatistics] = field(default_factory=dict)  # body -> its statistics
+    _window_ns: int = 0  # time at which the open window began
 
     def add(self, pose: MocapPose) -> None:
         """Count a pose of any body."""
@@ -128,17 +136,17 @@ class MocapStatistics:
         return True
 
     def rows(self) -> Iterator[str]:
-        """Yield a line for each body, those of vehicles first, and one for each finding."""
-        owner = {body: vehicle for vehicle, body in self.vehicles.items()}
+        """Yield a line for each body, those of vehicles first, and a line for each fault."""
+        vehicle_of = {body: vehicle for vehicle, body in self.vehicles.items()}
         person_of = {body: person for person, body in self.people.items()}
-        for name in sorted(self.bodies, key=lambda name: (name not in owner, name)):
+        for name in sorted(self.bodies, key=lambda name: (name not in vehicle_of, name)):
             label = name
-            if owner.get(name, name) != name:
-                label = f"{name} ({owner[name]})"
+            if name in vehicle_of and vehicle_of[name] != name:
+                label = f"{name} ({vehicle_of[name]})"
             remark = ""
             if name in person_of:
                 remark = f" – a person, {person_of[name]}, whom the vehicles avoid"
-            elif name not in owner:
+            elif name not in vehicle_of:
                 remark = " – no vehicle of the fleet, nobody avoids it"
 
             body = self.bodies[name]
@@ -154,13 +162,13 @@ class MocapStatistics:
 
     def findings(self) -> Iterator[str]:
         """Yield a sentence for each fault."""
-        for flipped in self.bodies.values():
-            is_person = flipped.name in self.people.values()  # whose heading is not used
-            if flipped.flips and not is_person:
+        for statistics in self.bodies.values():
+            is_person = statistics.name in self.people.values()
+            if statistics.flips and not is_person:  # the heading of a person is not used
                 yield (
-                    f"body '{flipped.name}' has turned faster than a vehicle can, "
-                    f"{flipped.flips} times: its markers look alike from several sides. Move one "
-                    "marker, so that all distances between markers differ."
+                    f"body '{statistics.name}' has turned faster than a vehicle can, "
+                    f"{statistics.flips} times: its markers look alike from several sides. Move "
+                    "one marker, so that all distances between markers differ."
                 )
 
         others = sorted(set(self.bodies) - {*self.vehicles.values(), *self.people.values()})
