@@ -33,8 +33,8 @@ from groundstation.console.panel_sizes import (
     NARROW,
     SHORT,
     TIGHT,
+    largest_verdict_height,
     panel_sizes,
-    verdict_most,
 )
 from groundstation.console.panels import Panels
 from groundstation.console.priority_keys import TerminalHooks, with_hooks
@@ -63,8 +63,8 @@ from onboard.bus.schema import LOCATE
 from onboard.config.fleet import FleetConfig
 
 REFRESH_S = 0.125
-# A thread that waits for Python's lock gets it within this time: the thread that reads the
-# terminal sends the emergency orders, and must not wait until the loop has drawn.
+# Time after which Python switches to another thread that waits; the default is 5 ms. The thread
+# that reads the terminal sends the emergency orders, and must not wait until the loop has drawn.
 SWITCH_S = 0.0005
 
 
@@ -72,14 +72,15 @@ class ConsoleApp(App[int]):
     """One screen for one fleet.
 
     Args:
-        client: client of the fleet, or a record.
+        client: client of the fleet, or of a recorded flight.
         mission: function that flies a mission in a worker; the verdict stays until the operator
             quits.
         connect: function that opens the bus in a worker.
         title: text at the top; by default the fleet's name.
         progress: function that returns one line about the mission.
-        run: run of the mission, which may be paused and stepped through by written orders.
-        judge: function that judges missions that are started here; None: the live state decides.
+        run: run of the mission, which written orders can pause and step through.
+        judge: function that returns the verdict of a mission that is started here; None: the
+            verdict is computed from the live state.
         has_bell: whether to ring the terminal's bell for every new alarm.
         forecaster: computes previews; None: every order is sent at once.
     """
@@ -218,7 +219,10 @@ class ConsoleApp(App[int]):
             The exit status: the verdict's, 0 without a mission, 130 if the operator ended the
                 mission early.
         """
-        return await self.run_async() or 0
+        status = await self.run_async()
+        if status is None:
+            return 0
+        return status
 
     # -- the terminal ------------------------------------------------------------------------------
 
@@ -247,6 +251,7 @@ class ConsoleApp(App[int]):
         if alone is None:
             alone = _enlarged_panel(screen.classes)
 
+        # The style sheet hides or narrows panels by these classes.
         screen.set_class(height < LOW, "low")
         screen.set_class(width < NARROW, "narrow")
         screen.set_class(height < TIGHT, "tight")
@@ -262,7 +267,7 @@ class ConsoleApp(App[int]):
         self.panels.table.styles.height = table_height
         verdict_height = None
         if isinstance(table_height, int) and alone != "verdict":
-            verdict_height = verdict_most(height, table_height)
+            verdict_height = largest_verdict_height(height, table_height)
         self.panels.verdict.styles.max_height = verdict_height
         self.panels.plan.styles.width = plan_width
 
@@ -306,9 +311,9 @@ class ConsoleApp(App[int]):
         self.shutdown.update()
 
     def _show_title(self, state: FleetState, now_ns: int) -> None:
-        right = self.shutdown.text
-        if not right:
-            right = self.orders.short(self.mission.text)
+        right_text = self.shutdown.text
+        if not right_text:
+            right_text = self.orders.shorten(self.mission.text)
 
         self.panels.title.show(
             title=self.fleet_title,
@@ -316,7 +321,7 @@ class ConsoleApp(App[int]):
             vehicles=len(state.vehicles),
             flying=len(state.airborne_names),
             flight_s=self.history.flight_s(now_ns),
-            right=right,
+            right=right_text,
         )
 
     def _log_new_events(self, state: FleetState) -> None:
@@ -342,7 +347,7 @@ class ConsoleApp(App[int]):
         vehicle = event.vehicle
         if vehicle == "ground":
             vehicle = ""  # sentences of this ground itself are shown without a name
-        sentence = self.orders.short(event.sentence)
+        sentence = self.orders.shorten(event.sentence)
         stamp = self.time_text(logged.received_ns)
         return EventEntry.of(sentence, sign, vehicle=vehicle, stamp=stamp)
 
@@ -423,11 +428,11 @@ class ConsoleApp(App[int]):
     ) -> None:
         """Show the question before a countdown."""
 
-        def take(is_begun: bool | None) -> None:
-            if is_begun:
+        def begin_if_accepted(is_accepted: bool | None) -> None:
+            if is_accepted:
                 begin()
 
-        self.push_screen(CountdownScreen(question, self.panels.table), take)
+        self.push_screen(CountdownScreen(question, self.panels.table), begin_if_accepted)
 
     # -- mission and leaving -----------------------------------------------------------------------
 
@@ -437,7 +442,7 @@ class ConsoleApp(App[int]):
 
     def action_verdict(self) -> None:
         """Show the mission's verdict in its box, then alone, then not at all."""
-        self.mission.turn_verdict()
+        self.mission.show_next_verdict_view()
 
     def action_leave(self) -> None:
         """Quit, after a question if vehicles fly."""

@@ -23,11 +23,11 @@ DOTS_DOWN = 4
 
 # Bit of each dot within a cell, by row and column (the Unicode braille block's own order).
 _BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], np.uint8)
-_MAX_STEPS = 4000  # dots of one line or circle
+_MAX_STEPS = 4000  # largest number of dots of one line or circle
 _SPACE = 0x20
-_BRAILLE = 0x2800
+_BRAILLE = 0x2800  # first character of the braille block: no dot
 _TAIL = 0x10FFFF  # marks the second cell of a wide character, for which nothing is written
-_LARGEST_RADIUS = 1e4  # larger circles are not drawn
+_LARGEST_RADIUS = 1e4  # in dots; larger circles are not drawn
 
 
 class Canvas:
@@ -41,14 +41,14 @@ class Canvas:
         self.height = max(1, height)
         shape = (self.height, self.width)
         self.cells = np.zeros(shape, np.uint8)  # the dots of each cell, as bits
-        self.colours = np.zeros(shape, np.int32)  # numbers of :func:`_index`
+        self.styles = np.zeros(shape, np.int32)  # style of each cell, by its :func:`_style_number`
         self._chars = np.zeros(shape, np.uint32)  # code of a character; 0: no text in this cell
 
     def copy(self) -> Canvas:
         """Return a copy to draw on."""
         twin = Canvas(self.width, self.height)
         twin.cells = self.cells.copy()
-        twin.colours = self.colours.copy()
+        twin.styles = self.styles.copy()
         twin._chars = self._chars.copy()
         return twin
 
@@ -63,9 +63,11 @@ class Canvas:
         dot_columns = x[is_inside].astype(np.int64)
         dot_rows = y[is_inside].astype(np.int64)
 
+        # A cell has 4 rows and 2 columns of dots: the shifts divide by these, the masks give the
+        # remainders.
         cells = (dot_rows >> 2, dot_columns >> 1)
         np.bitwise_or.at(self.cells, cells, _BITS[dot_rows & 3, dot_columns & 1])
-        self.colours[cells] = _index(colour, False)
+        self.styles[cells] = _style_number(colour, False)
 
     def line(
         self, start: tuple[float, float], end: tuple[float, float], colour: str, gap: int = 1
@@ -81,7 +83,10 @@ class Canvas:
         self.dots(start[0] + shares * along_x, start[1] + shares * along_y, colour)
 
     def lines(self, starts: Array, ends: Array, colour: str, gap: int = 1) -> None:
-        """Draw straight lines of dots from points (n, 2) to points (n, 2), all at once."""
+        """Draw straight lines of dots from points (n, 2) to points (n, 2), all at once.
+
+        Lines of _MAX_STEPS dots or more are left out. With ``gap`` n only every n-th dot is set.
+        """
         along = ends - starts
         lengths = np.abs(along).max(axis=1, initial=0.0)
         is_drawable = lengths < _MAX_STEPS
@@ -90,6 +95,7 @@ class Canvas:
 
         longest = int(lengths[is_drawable].max()) + 1
         shares = (np.arange(0, longest + 1, gap) / longest)[:, None]
+        # (lines, 1, 2) + (lines, 1, 2) * (steps, 1) gives points (lines, steps, 2).
         points = starts[is_drawable, None] + along[is_drawable, None] * shares
         self.dots(points[..., 0].ravel(), points[..., 1].ravel(), colour)
 
@@ -115,20 +121,21 @@ class Canvas:
         if not 0 <= row < self.height:
             return
 
-        kind = _index(colour, bold)
-        line = self._chars[row]
+        style_number = _style_number(colour, bold)
+        codes = self._chars[row]
         for char in text:
             width = get_character_cell_size(char)
-            if width and column >= 0 and column + width <= self.width:
+            end = column + width
+            if width and column >= 0 and end <= self.width:
                 # Blank the other half of a wide character that this one covers partly.
-                if line[column] == _TAIL:
-                    line[column - 1] = _SPACE
-                if column + width < self.width and line[column + width] == _TAIL:
-                    line[column + width] = _SPACE
+                if codes[column] == _TAIL:
+                    codes[column - 1] = _SPACE
+                if end < self.width and codes[end] == _TAIL:
+                    codes[end] = _SPACE
 
-                line[column : column + width] = [ord(char), _TAIL][:width]
-                self.colours[row, column : column + width] = kind
-            column += width
+                codes[column:end] = [ord(char), _TAIL][:width]
+                self.styles[row, column:end] = style_number
+            column = end
 
     def is_free(self, column: int, row: int, width: int) -> bool:
         """Whether text of this width fits here without covering other text."""
@@ -141,26 +148,29 @@ class Canvas:
         chars = np.where(self._chars > 0, self._chars, chars)
         text = chars.astype("<u4").tobytes().decode("utf-32-le")
 
-        # A blank gets the colour of its left neighbour, so that there are fewer segments.
+        # A blank gets the style of the last character before it, so that there are fewer segments.
         columns = np.where(chars == _SPACE, 0, np.arange(self.width))
-        colours = np.take_along_axis(self.colours, np.maximum.accumulate(columns, axis=1), axis=1)
+        source_columns = np.maximum.accumulate(columns, axis=1)
+        styles = np.take_along_axis(self.styles, source_columns, axis=1)
 
-        # The columns at which a new colour begins, for all rows at once. Row by row, this would
-        # take most of the time of a picture.
-        rows, breaks = np.nonzero(colours[:, 1:] != colours[:, :-1])
-        starts = (breaks + 1).tolist()
-        kinds = colours[rows, breaks + 1].tolist()
-        first_kinds = colours[:, 0].tolist()
-        row_begins = np.searchsorted(rows, np.arange(self.height + 1)).tolist()
+        # Row and column of each cell whose style differs from that of its left neighbour, for all
+        # rows at once. Row by row, this would take most of the time of a picture.
+        rows, left_columns = np.nonzero(styles[:, 1:] != styles[:, :-1])
+        change_columns = (left_columns + 1).tolist()
+        change_styles = styles[rows, left_columns + 1].tolist()
+        first_styles = styles[:, 0].tolist()
+        # The changes of row i are those from first_changes[i] to first_changes[i + 1].
+        first_changes = np.searchsorted(rows, np.arange(self.height + 1)).tolist()
 
         strips = []
-        for row, (begin, end) in enumerate(itertools.pairwise(row_begins)):
+        for row, (begin, end) in enumerate(itertools.pairwise(first_changes)):
             line = text[row * self.width : (row + 1) * self.width]
-            edges = [0, *starts[begin:end], self.width]
-            pieces = zip(
-                itertools.pairwise(edges), [first_kinds[row], *kinds[begin:end]], strict=True
-            )
-            segments = [Segment(line[left:right], _STYLES[kind]) for (left, right), kind in pieces]
+            edges = [0, *change_columns[begin:end], self.width]
+            row_styles = [first_styles[row], *change_styles[begin:end]]
+
+            segments = []
+            for (left, right), number in zip(itertools.pairwise(edges), row_styles, strict=True):
+                segments.append(Segment(line[left:right], _STYLES[number]))
             strips.append(self._strip(segments, has_wide=chr(_TAIL) in line))
         return strips
 
@@ -172,18 +182,18 @@ class Canvas:
         return Strip(whole).adjust_cell_length(self.width)
 
 
-# Number of each colour and weight; empty cells have 0.
-_KINDS: dict[tuple[str, bool], int] = {(TEXT, False): 0}
+# (colour, whether it is bold) -> index of this style in _STYLES; empty cells have 0
+_STYLE_NUMBERS: dict[tuple[str, bool], int] = {(TEXT, False): 0}
 _STYLES: list[Style] = [style(TEXT)]
 
 
-def _index(colour: str, bold: bool) -> int:
-    """Return the number of a colour and weight, which is the same in every picture."""
+def _style_number(colour: str, bold: bool) -> int:
+    """Return the index in _STYLES of a colour and weight, which is the same in every picture."""
     key = (colour, bold)
-    if key not in _KINDS:
-        _KINDS[key] = len(_STYLES)
+    if key not in _STYLE_NUMBERS:
+        _STYLE_NUMBERS[key] = len(_STYLES)
         _STYLES.append(style(colour, bold=bold))
-    return _KINDS[key]
+    return _STYLE_NUMBERS[key]
 
 
 @lru_cache(256)

@@ -1,4 +1,7 @@
-"""The interfaces of clients that a console uses: of a fleet, of a record, or only to watch."""
+"""What a console requires of its client.
+
+A client reads a live fleet or a recorded flight. Some clients can also give orders.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from groundstation.orders.result import OrderResult
 class ConsoleClient(Protocol):
     """The part of :class:`groundstation.client.client.FleetClient` that every console uses.
 
-    A client for records has it, too.
+    A client for records has this part, too.
     """
 
     @property
@@ -27,7 +30,7 @@ class ConsoleClient(Protocol):
         """The fleet as known now."""
 
     def now_ns(self) -> int:
-        """Return the clock on which ages are counted [ns]."""
+        """Return the present time of the clock from which ages are computed [ns]."""
 
     async def submit(self, order: Intent | str) -> OrderResult:
         """Send an order; its results are filled in later."""

@@ -75,8 +75,8 @@ class History:
         self.distances: deque[tuple[float, float]] = deque(maxlen=CHART_LENGTH)
         self.periods_ms: deque[float] = deque(maxlen=_TIMING_LENGTH)  # period of the slowest loop
         self.ages_ms: deque[float] = deque(maxlen=_TIMING_LENGTH)  # age of the oldest message
-        self.slowest = ""  # vehicle with the last period
-        self.oldest = ""  # vehicle with the last age
+        self.slowest = ""  # vehicle with the newest of these periods
+        self.oldest = ""  # vehicle with the newest of these ages
         self.drains: dict[str, Drain] = {}
 
         # times [s] at which the present flight, or else the last one, began and ended
@@ -93,7 +93,7 @@ class History:
         self._compared_ns = -_PACE_NS
 
     @property
-    def now(self) -> ClosePair | None:
+    def closest_now(self) -> ClosePair | None:
         """Return the closest pair now."""
         return self.pairs[0] if self.pairs else None
 
@@ -180,7 +180,7 @@ class History:
 
     def _sample(self, state: FleetState, now_ns: int) -> None:
         """Note the slowest loop, the oldest message and all charges."""
-        period_ms = math.nan
+        period_ms = math.nan  # largest period so far; NaN: no vehicle has reported one
         age_ms = math.nan
         for name, view in state.vehicles.items():
             last = view.telemetry
@@ -188,13 +188,14 @@ class History:
                 continue
 
             own_period_ms = last.loop_period_p99_ms
-            # "not <=" is also true if the value so far is NaN, which means that there is none.
-            if math.isfinite(own_period_ms) and not own_period_ms <= period_ms:
+            is_slowest = math.isnan(period_ms) or own_period_ms > period_ms
+            if math.isfinite(own_period_ms) and is_slowest:
                 period_ms = own_period_ms
                 self.slowest = name
 
             own_age_ms = last.neighbour_age_s * 1e3
-            if math.isfinite(last.neighbour_age_s) and not own_age_ms <= age_ms:
+            is_oldest = math.isnan(age_ms) or own_age_ms > age_ms
+            if math.isfinite(own_age_ms) and is_oldest:
                 age_ms = own_age_ms
                 self.oldest = name
 
@@ -247,7 +248,7 @@ def closest_pairs(
     velocities_m_s = np.array([_velocity_m_s(view) for view, _ in known])
     is_airborne = np.array([view.is_airborne for view, _ in known])
 
-    first, second = _pairs_of(len(known))
+    first, second = _indices_of_pairs(len(known))
     gaps_m = positions_m[second] - positions_m[first]
     distances_m = separations_m(gaps_m, height_share)
     is_flying = is_airborne[first] | is_airborne[second]
@@ -259,13 +260,15 @@ def closest_pairs(
     if len(ranks) > most:
         closest = np.argpartition(ranks, most)[:most]
 
+    sorted_indices = closest[np.argsort(ranks[closest], kind="stable")]
+
     pairs = []
-    for index in closest[np.argsort(ranks[closest], kind="stable")].tolist():
-        drift_m_s = velocities_m_s[second[index]] - velocities_m_s[first[index]]
-        approach_s = _approach_s(gaps_m[index], drift_m_s)
+    for index in sorted_indices.tolist():
+        relative_m_s = velocities_m_s[second[index]] - velocities_m_s[first[index]]
+        approach_s = _approach_s(gaps_m[index], relative_m_s)
         closest_gap_m = gaps_m[index]
         if approach_s > 0.0:
-            closest_gap_m = closest_gap_m + approach_s * drift_m_s
+            closest_gap_m = closest_gap_m + approach_s * relative_m_s
         else:
             approach_s = math.inf  # they move apart
 
@@ -287,22 +290,23 @@ def _velocity_m_s(view: VehicleView) -> tuple[float, float, float]:
     return view.telemetry.velocity_enu_m_s
 
 
-def _approach_s(gap_m: NDArray[np.float64], drift_m_s: NDArray[np.float64]) -> float:
+def _approach_s(gap_m: NDArray[np.float64], relative_m_s: NDArray[np.float64]) -> float:
     """Return the time until two vehicles are closest in the horizontal, by their velocities.
 
-    The square of the distance, |gap + t drift|^2, is smallest at t = -gap . drift / |drift|^2.
+    With p for the gap and v for the relative velocity, the square of the distance at time t is
+    |p + t v|^2. It is smallest at t = -p . v / |v|^2.
 
     Returns:
         The time [s]; negative if they move apart, and -1 if their relative speed is 0 or not
         plausible.
     """
-    speed_m2_s2 = float(drift_m_s[:2] @ drift_m_s[:2])
-    if not _STILL_M2_S2 < speed_m2_s2 < _LARGEST_M2_S2:
+    squared_speed_m2_s2 = float(relative_m_s[:2] @ relative_m_s[:2])
+    if not _STILL_M2_S2 < squared_speed_m2_s2 < _LARGEST_M2_S2:
         return -1.0
-    return -float(gap_m[:2] @ drift_m_s[:2]) / speed_m2_s2
+    return -float(gap_m[:2] @ relative_m_s[:2]) / squared_speed_m2_s2
 
 
 @lru_cache(4)
-def _pairs_of(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _indices_of_pairs(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the first and the second index of every pair of ``count`` vehicles."""
     return np.triu_indices(count, 1)

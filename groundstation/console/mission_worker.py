@@ -29,7 +29,7 @@ _ALONE = "only-verdict"  # class of the screen while the verdict has all the roo
 
 
 class MissionWorker:
-    """Connects and flies in workers, so that the screen waits for neither.
+    """Opens the bus and flies the mission in workers, so that the screen waits for neither.
 
     Args:
         app: app whose workers are used.
@@ -125,7 +125,7 @@ class MissionWorker:
             sentence = f"No connection: {error} Press q to quit."
             self._panels.events.add(sentence, SEVERITY_SIGNS["critical"])
 
-    def turn_verdict(self) -> None:
+    def show_next_verdict_view(self) -> None:
         """Show the verdict in its box, then alone, then not at all."""
         if not self._panels.verdict.border_title:
             return
@@ -145,7 +145,8 @@ class MissionWorker:
         sentences = getattr(verdict, "sentences", None) or str(verdict).splitlines()
         status = _exit_status(verdict)
         # If several missions were flown, the first one that has failed decides.
-        self.status = self.status or status
+        if self.status == 0:
+            self.status = status
         self._show(
             [theme.clean(sentence) for sentence in sentences],
             is_passed=status == 0,
@@ -165,15 +166,15 @@ class MissionWorker:
         self.verdict = sentences
         self._line = _PASSED if is_passed else _FAILED
 
-        in_box = list(sentences)
-        if summary in in_box:
-            in_box.remove(summary)
-            in_box.insert(0, summary)
+        lines = list(sentences)
+        if summary in lines:
+            lines.remove(summary)
+            lines.insert(0, summary)
 
         box = self._panels.verdict
         box.border_title = self._line
         box.set_class(not is_passed, "bad")
-        box.update("\n".join(in_box))
+        box.update("\n".join(lines))
         self._open(True)
 
         sign = SEVERITY_SIGNS["info" if is_passed else "warning"]

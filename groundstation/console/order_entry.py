@@ -83,16 +83,17 @@ class OrderEntry:
             client.has_person = True
         self._forecaster = forecaster if self._ordering is not None else None
         self._is_warm = False  # whether the forecaster's process was started
-        # The list of all vehicles, where no further name and no rest of a name is beside it.
-        self._everybody: re.Pattern[str] | None = None
+        # Matches the list of all vehicles, unless the list continues before or after it.
+        self._all_names: re.Pattern[str] | None = None
         if len(fleet.enabled_names) > 1:
             names = re.escape(",".join(fleet.enabled_names))
-            self._everybody = re.compile(rf"(?<![\w,-]){names}(?![\w,-])")
+            self._all_names = re.compile(rf"(?<![\w,-]){names}(?![\w,-])")
 
         # Orders that the thread of the terminal has sent; shown when the loop handles their keys.
         self._sent_early: deque[OrderResult] = deque()
+        # presses of kill keys, and the killed vehicles, which get no orders until they are reset
         self.latch = KillLatch()
-        self._written = ""  # the line that is being carried out, if it is from the order line
+        self._written = ""  # the line from the order line that is being carried out, or empty
         self.missions: MissionOrders | None = None  # takes written orders about missions
         self.newest: OrderResult | None = None  # the order whose results are shown
 
@@ -111,11 +112,11 @@ class OrderEntry:
 
     @property
     def armed_kill(self) -> str | None:
-        """The vehicles that the next press of the kill key stops; None if it is a first press."""
+        """The vehicles that the next press of the kill key stops; None without a first press."""
         names = self.latch.armed(self._now_s)
         if not names:
             return None
-        return self.short(",".join(names))
+        return self.shorten(",".join(names))
 
     @property
     def selected(self) -> tuple[str, ...]:
@@ -134,11 +135,11 @@ class OrderEntry:
     def _now_s(self) -> float:
         return self._client.now_ns() * 1e-9
 
-    def short(self, text: str) -> str:
+    def shorten(self, text: str) -> str:
         """Return ``text`` with ``all`` instead of the list of all vehicles."""
-        if self._everybody is None:
+        if self._all_names is None:
             return text
-        return self._everybody.sub("all", text)
+        return self._all_names.sub("all", text)
 
     def update(self) -> None:
         """Update the notices and the control of the fleet."""
@@ -180,8 +181,8 @@ class OrderEntry:
         self._written = text
 
         words = text.split()
-        is_control = words[:2] in (["take", "control"], ["give", "control"], ["keep", "control"])
-        if is_control and len(words) <= 3:
+        is_about_control = words[1:2] == ["control"] and words[0] in ("take", "give", "keep")
+        if is_about_control and len(words) <= 3:
             self._change_control(words[0], *words[2:])
         elif mission_words.are_of_mission(words) and self.missions is not None:
             refusal = self.missions.take(words)
@@ -196,7 +197,7 @@ class OrderEntry:
 
     def begin_line(self, verb: Verb) -> None:
         """Begin to write an order for the selected vehicles; the operator adds the numbers."""
-        names = self.short(",".join(self.selected))
+        names = self.shorten(",".join(self.selected))
         if verb == "formation":
             formation = default_formation(self._fleet) or ""
             is_for_several = len(self.selected) > 1
@@ -262,7 +263,7 @@ class OrderEntry:
             client=self._ordering,
             intent=intent,
             forecaster=self._forecaster,
-            short=self.short,
+            shorten=self.shorten,
             table=self._panels.table,
         )
         self._app.push_screen(screen, self._send_checked)
@@ -273,7 +274,7 @@ class OrderEntry:
         if self._take_off_in_waves(planned.intent):
             return
         try:
-            self._follow(self._ordering.send(planned))
+            self._show_sent(self._ordering.send(planned))
         except OrderError as error:
             self._refuse(str(planned.intent), str(error))
 
@@ -293,16 +294,16 @@ class OrderEntry:
             return
         try:
             sent = await self._client.submit(order)
-            self._follow(sent)
+            self._show_sent(sent)
         except (OrderError, RuntimeError) as error:
             # RuntimeError: the bus is not open yet, or not any more.
             self._refuse(str(order), str(error))
 
-    def _follow(self, sent: OrderResult) -> None:
-        """Show an order that was sent, and its results as they come."""
+    def _show_sent(self, sent: OrderResult) -> None:
+        """Show an order that was sent, and its results as they arrive."""
         self.newest = sent
         events = self._panels.events
-        words = self.short(str(sent.intent))
+        words = self.shorten(str(sent.intent))
 
         # The vehicles of a kill that was sent are latched, whatever its results are.
         killed = sent.planned.orders if sent.intent.verb == "kill" else ()
@@ -322,16 +323,17 @@ class OrderEntry:
         if self._written:
             self._panels.order_line.take_back(self._written)
         self._panels.results.show_sentence(reason)
-        self._warn(f"Not sent: {theme.clean(self.short(order), 60)}. {reason}")
+        self._warn(f"Not sent: {theme.clean(self.shorten(order), 60)}. {reason}")
 
     def _warn(self, sentence: str) -> None:
         self._panels.events.add(sentence, SEVERITY_SIGNS["warning"])
 
     def _show_result(self, sent: OrderResult, result: VehicleResult) -> None:
         if sent is self.newest and self._app.is_running:
-            self._panels.results.show_order(sent, self.short(str(sent.intent)))
+            self._panels.results.show_order(sent, self.shorten(str(sent.intent)))
 
-        # For other phases the vehicle itself publishes an event.
+        # For other phases the vehicle itself publishes an event. "direct" is an order that went to
+        # the PX4 of a silent agent.
         if result.phase in ("refused", "no answer", "direct"):
             self._log_result(result)
 
@@ -352,15 +354,15 @@ class OrderEntry:
 
         # If this fails, the event loop sends the order again and shows the error.
         with contextlib.suppress(OrderError, RuntimeError):
-            sent = self._ordering.submit_now(self._of_everybody(verb))
+            sent = self._ordering.submit_now(self._order_for_all(verb))
             self._sent_early.append(sent)
 
     async def order_all(self, verb: Verb) -> None:
         """Land or hold all vehicles from every screen, without a question."""
         if self._sent_early:
-            self._follow(self._sent_early.popleft())
+            self._show_sent(self._sent_early.popleft())
         elif self._fleet.enabled_names:
-            await self.send(self._of_everybody(verb))
+            await self.send(self._order_for_all(verb))
         else:
             reason = "This fleet has nobody to order: no vehicle is enabled in its file."
             self._refuse(f"{verb} all", reason)
@@ -370,7 +372,7 @@ class OrderEntry:
         if self.missions is not None:
             self.missions.stop_countdown()
 
-    def _of_everybody(self, verb: Verb) -> Intent:
+    def _order_for_all(self, verb: Verb) -> Intent:
         """Return an order for all vehicles."""
         if verb == "land":
             return Land(vehicles=self._fleet.enabled_names, is_everybody=True)
@@ -422,6 +424,7 @@ class OrderEntry:
             self._close_questions()
             return True
 
+        # names the vehicles below, on which the killed ones would fall; may be empty
         sentence = below_words(names, self._fleet, self._client.state, self._client.now_ns())
         if key == _ENTER:
             sentence = f"Enter again within 1 s stops the motors: they fall. {sentence}".rstrip()

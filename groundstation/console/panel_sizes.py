@@ -24,7 +24,7 @@ _PLAN_LEAST_ROWS = 4
 _PLAN_LEAST_WIDTH = 10
 _WIDEST_FENCE = 4.0  # width over depth of a fence; a wider one is drawn smaller
 
-Size = int | str  # cells, or "1fr" for all that is left
+Size = int | str  # cells, or "1fr" for all the remaining room
 
 
 def panel_sizes(
@@ -63,15 +63,18 @@ def panel_sizes(
     return table_height, plan_width
 
 
-def verdict_most(height: int, table_height: int) -> int:
+def largest_verdict_height(height: int, table_height: int) -> int:
     """Return the largest height of a verdict in rows, with its border.
 
-    It leaves room for later events. The operator can enlarge the verdict to see all of it.
+    A verdict of this height leaves room for later events. The operator can enlarge the verdict to
+    see all of it.
 
     Args:
         height: height of the terminal, in cells.
         table_height: rows of the fleet table.
     """
-    rows_left = height - table_height - LINES_AROUND
-    left_to_others = _BESIDE_VERDICT if height >= SHORT else _EVENTS_LEAST
-    return max(_VERDICT_LEAST, rows_left - left_to_others)
+    rows_below_table = height - table_height - LINES_AROUND
+    rows_of_others = _EVENTS_LEAST
+    if height >= SHORT:
+        rows_of_others = _BESIDE_VERDICT
+    return max(_VERDICT_LEAST, rows_below_table - rows_of_others)

@@ -1,6 +1,7 @@
 """Draws values of one vehicle's pipeline: thrust before and after OIST, and attitude. Pure.
 
-Each value is drawn as numbers and as a chart over the last seconds.
+OIST is the avoidance law: it turns the baseline thrust of the controller into a safe thrust. Each
+value is drawn as numbers and as a chart over the last seconds.
 """
 
 from __future__ import annotations
@@ -240,7 +241,10 @@ def _chart(
 
 
 def _dial(tick: TickSample, width: int, rows: int, top_m_s2: float) -> list[Strip]:
-    """Return baseline and safe thrust from above; north is up, the ring is the scale's top."""
+    """Return baseline and safe thrust as lines, seen from above, with north up.
+
+    A thrust of ``top_m_s2`` reaches the ring.
+    """
     canvas = Canvas(width, rows)
     middle = (width - 1.0, 2.0 * rows - 0.5)
     radius = min(middle) - 0.5

@@ -40,7 +40,7 @@ _OUTSIDE = -1000  # column and row of a point that cannot be drawn
 _MOST_HATCHED = 200_000  # dots of the box around an obstacle above which it is not hatched
 _MOST_LINES = 200  # lines of the grid in one direction
 _ARROW_SHARE = 0.36  # place of the arrow along the line to the avoided vehicle
-_SAME_COORDINATE = 1e-9  # a line whose ends differ by less is parallel to the axis
+_SAME_COORDINATE = 1e-9  # coordinates of a line's ends that differ by less [dots] count as equal
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +135,7 @@ def draw_background(window: Window, fleet: FleetConfig) -> Canvas:
     for obstacle in fleet.obstacles:
         _draw_obstacle(canvas, window, obstacle)
 
+    # Areas that the fleet may not leave are faint, areas that it may not enter are marked.
     for outline in flight_space_of(fleet).outlines():
         colour = FAINT if outline.keeps_in else WARN
         for begin, end in edges_of(outline.corners_enu_m):
@@ -147,6 +148,7 @@ def draw_background(window: Window, fleet: FleetConfig) -> Canvas:
     for start, end in zip(corners, [*corners[1:], corners[0]], strict=True):
         _draw_clipped_line(canvas, start, end, FAINT)
 
+    # The metres of each line of the grid, at the southern and at the western side of the fence.
     for x_m in grid_xs_m:
         column, row = window.cell(x_m, south)
         label = f"{x_m:g}"
@@ -217,8 +219,8 @@ def _draw_obstacle(canvas: Canvas, window: Window, obstacle: Obstacle) -> None:
 def _draw_clipped_line(canvas: Canvas, start: Dot, end: Dot, colour: str) -> None:
     """Draw the part of a line that lies in the picture.
 
-    The whole line may have millions of dots if the plan is zoomed in. The line is
-    ``begin + share * along``; each axis narrows the range of shares that lie inside.
+    If the plan is zoomed in, the whole line may have millions of dots. The line is
+    ``begin + share * along``; each axis narrows the range of shares that lie in the picture.
     """
     size = np.array([2.0 * canvas.width, 4.0 * canvas.height])
     begin = np.array(start)
@@ -227,13 +229,13 @@ def _draw_clipped_line(canvas: Canvas, start: Dot, end: Dot, colour: str) -> Non
     first_share = 0.0
     last_share = 1.0
     for axis in (0, 1):
-        if abs(along[axis]) < _SAME_COORDINATE:
-            if not 0.0 <= begin[axis] <= size[axis]:
-                return
-            continue
-        bounds = sorted((-begin[axis] / along[axis], (size[axis] - begin[axis]) / along[axis]))
-        first_share = max(first_share, bounds[0])
-        last_share = min(last_share, bounds[1])
+        if abs(along[axis]) >= _SAME_COORDINATE:
+            share_at_0 = -begin[axis] / along[axis]
+            share_at_size = (size[axis] - begin[axis]) / along[axis]
+            first_share = max(first_share, min(share_at_0, share_at_size))
+            last_share = min(last_share, max(share_at_0, share_at_size))
+        elif not 0.0 <= begin[axis] <= size[axis]:
+            return  # parallel to a border of the picture, and outside
 
     if first_share <= last_share:
         x1, y1 = begin + first_share * along
@@ -413,7 +415,7 @@ def _draw_avoidance(canvas: Canvas, scene: PlanScene) -> None:
         if last is None or position is None or not last.is_airborne or scene.is_stale(view):
             continue
 
-        # an obstacle, the fence or the tilt limit can hold it back, too: then nobody is named
+        # `avoids` names no vehicle if an obstacle, the fence or the tilt limit holds it back.
         other = places.get(last.avoids)
         is_held_back = last.law_status.lower() not in ("", "inactive")
         if other is not None and is_held_back:
@@ -432,7 +434,8 @@ def _draw_avoidance(canvas: Canvas, scene: PlanScene) -> None:
     for position, other in bright:
         east_m = other[0] - position[0]
         north_m = other[1] - position[1]
-        arrow = _ARROWS[round(math.atan2(north_m, east_m) / (math.pi / 4.0)) % 8]
+        eighth = round(math.atan2(north_m, east_m) / (math.pi / 4.0))
+        arrow = _ARROWS[eighth % 8]
 
         # Not in the middle, so that both arrows of two vehicles that avoid each other are visible.
         column, row = window.cell(

@@ -45,5 +45,5 @@ class _HookedDriver(Driver):
 
 
 def with_hooks(driver: type[Driver], hooks: TerminalHooks) -> type[Driver]:
-    """Return the same terminal driver with these hooks."""
+    """Return a subclass of a terminal driver that calls these hooks."""
     return type(f"Hooked{driver.__name__}", (_HookedDriver, driver), {"hooks": hooks})

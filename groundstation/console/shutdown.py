@@ -21,7 +21,9 @@ from onboard.config.fleet import FleetConfig
 
 INTERRUPTED = 130  # exit status of a program that Ctrl-C has ended
 LAND_WAIT_S = 90.0  # longest wait for landings, beyond the time of the descent
-HANG_UP_S = 1.0  # time in which a landing reaches all vehicles, also PX4s of silent agents
+# Time in which an order to land reaches all vehicles. Where an agent is silent, this ground sends
+# the order to the vehicle's PX4.
+HANG_UP_S = 1.0
 
 
 class Shutdown:
@@ -30,7 +32,7 @@ class Shutdown:
     Args:
         app: app that is ended.
         fleet: the fleet file.
-        client: client of the fleet, or a record.
+        client: client of the fleet, or of a recorded flight.
         orders: gives the order to land.
         mission: mission that the console flies.
         terminal: hooks that drop all output after the terminal is closed.

@@ -211,7 +211,10 @@ def _without_accents(char: str) -> str:
 
 
 def _braille(bits: int) -> str:
-    """Return the ASCII character that is most similar to these dots."""
+    """Return the ASCII character that is most similar to these dots.
+
+    Many dots become a filled cell; otherwise the places of the dots decide.
+    """
     left = [bool(bits & bit) for bit in _LEFT_BITS]
     right = [bool(bits & bit) for bit in _RIGHT_BITS]
     upper_left = any(left[:2])
@@ -248,14 +251,16 @@ def _upper_dots(left: list[bool], *, has_both_sides: bool) -> str:
     """Return a character for one or two dots in the upper half."""
     if not has_both_sides:
         return "'"
-    return "-" if left[1] else '"'
+    is_at_middle = left[1]
+    return "-" if is_at_middle else '"'
 
 
 def _lower_dots(left: list[bool], *, has_both_sides: bool) -> str:
     """Return a character for one or two dots in the lower half."""
     if not has_both_sides:
         return "."
-    return "_" if left[3] else "-"
+    is_at_bottom = left[3]
+    return "_" if is_at_bottom else "-"
 
 
 _ASCII = _Table({ord(sign): plain for sign, plain in _SIGNS.items()})

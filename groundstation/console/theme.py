@@ -15,15 +15,15 @@ from functools import lru_cache
 from rich.cells import cell_len, get_character_cell_size, set_cell_size
 from rich.style import Style
 
-GROUND = "#0f141a"
+GROUND = "#0f141a"  # background
 TEXT = "#d5dde6"
-FAINT = "#7b8896"
-RULE = "#2b3641"
+FAINT = "#7b8896"  # text of less importance
+RULE = "#2b3641"  # borders and grid
 GOOD = "#2fc29a"
 WARN = "#e8a61c"
 BAD = "#f0722d"
 KILL = "#dd8fbc"
-CALM = "#63bdf0"
+CALM = "#63bdf0"  # information that needs no reaction
 
 VEHICLE_COLOURS = (CALM, WARN, GOOD, KILL, "#f0e442", BAD, "#8f9df5", "#c3c9d0")
 # From low to high: from blue to yellow, which people with the common kinds of colour blindness can
@@ -226,7 +226,8 @@ def spark(values: Sequence[float], width: int, top: float) -> str:
 def wrap(text: str, width: int, most: int = 6) -> list[str]:
     """Return ``text`` broken at spaces into at most ``most`` lines of ``width`` cells.
 
-    Words that are longer than a line are cut, and so is a last line that is too long.
+    A word that is longer than a line is cut. The last line gets all the remaining words, and is cut
+    if it is too long.
     """
     # Most texts are ASCII, whose cells are counted faster; hundreds of events may come at once.
     cells = len if text.isascii() else cell_len

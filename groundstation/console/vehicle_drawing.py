@@ -1,7 +1,7 @@
 """Draws everything about one vehicle as blocks of lines. Pure.
 
 Each block is drawn for a given width. :func:`blocks` returns them in the order of importance, and
-the screen arranges them in columns.
+the screen arranges them in columns. OIST, in the title of a block, is the avoidance law.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ class AlarmList(ScrollView, can_focus=True):
         super().__init__(id="alarms")
         self.alarms = alarms
         self.cursor = 0
-        self._holding: list[AlarmLine] = []
+        self._present: list[AlarmLine] = []
         self._rows: list[_Row] = []
         self._now_ns = 0
         self.border_title = "alarms"
@@ -73,19 +73,19 @@ class AlarmList(ScrollView, can_focus=True):
     def show(self, now_ns: int) -> None:
         """Draw the present alarms."""
         self._now_ns = now_ns
-        before = self._holding
-        self._holding = self.alarms.lines
+        before = self._present
+        self._present = self.alarms.lines
         self.cursor = self._moved_cursor(before)
 
-        open_count = sum(1 for line in self._holding if not line.is_acknowledged)
-        acknowledged_count = len(self._holding) - open_count
+        open_count = sum(1 for line in self._present if not line.is_acknowledged)
+        acknowledged_count = len(self._present) - open_count
         self.border_title = f"alarms: {open_count} open, {acknowledged_count} acknowledged"
 
         width = self.size.width
         if not width:
             return  # the list has no size yet: :meth:`on_resize` draws it
 
-        self._rows = self._holding_rows(now_ns, width) + self._past_rows(now_ns, width)
+        self._rows = self._present_rows(now_ns, width) + self._past_rows(now_ns, width)
         self.virtual_size = Size(width, len(self._rows))
         self.refresh()
 
@@ -96,22 +96,22 @@ class AlarmList(ScrollView, can_focus=True):
         """
         if self.cursor < len(before):
             chosen = _identity(before[self.cursor])
-            for index, line in enumerate(self._holding):
+            for index, line in enumerate(self._present):
                 if _identity(line) == chosen:
                     return index
-        return max(0, min(self.cursor, len(self._holding) - 1))
+        return max(0, min(self.cursor, len(self._present) - 1))
 
     def on_resize(self) -> None:
         """Break the lines for this width."""
         self.show(self._now_ns)
 
-    def _holding_rows(self, now_ns: int, width: int) -> list[_Row]:
-        if not self._holding:
+    def _present_rows(self, now_ns: int, width: int) -> list[_Row]:
+        if not self._present:
             return [(_NO_ALARM, [Segment("  ● all well", theme.style(GOOD))])]
 
         rows: list[_Row] = []
-        for index, line in enumerate(self._holding):
-            for segments in self._open_alarm(index, line, now_ns, width):
+        for index, line in enumerate(self._present):
+            for segments in self._lines_of(index, line, now_ns, width):
                 rows.append((index, segments))
         return rows
 
@@ -132,12 +132,12 @@ class AlarmList(ScrollView, can_focus=True):
 
     def acknowledge(self) -> None:
         """Acknowledge the alarm under the cursor."""
-        if self._holding:
-            self.alarms.acknowledge(self._holding[self.cursor])
+        if self._present:
+            self.alarms.acknowledge(self._present[self.cursor])
 
     def action_cursor(self, step: int) -> None:
         """Move the cursor by ``step`` alarms, and scroll the list to it."""
-        self.cursor = max(0, min(len(self._holding) - 1, self.cursor + step))
+        self.cursor = max(0, min(len(self._present) - 1, self.cursor + step))
         lines = [y for y, (index, _) in enumerate(self._rows) if index == self.cursor]
         if lines:
             self.scroll_to_region(Region(0, lines[0], 1, len(lines)), animate=False)
@@ -151,10 +151,10 @@ class AlarmList(ScrollView, can_focus=True):
             _, segments = self._rows[row]
         return Strip(segments).adjust_cell_length(self.size.width).apply_style(self.rich_style)
 
-    def _open_alarm(
+    def _lines_of(
         self, index: int, line: AlarmLine, now_ns: int, width: int
     ) -> list[list[Segment]]:
-        """Return an alarm that holds, with its advice below."""
+        """Return the lines of a present alarm, with its advice below."""
         sign, colour = SEVERITY[line.alarm.severity]
         advice_colour = TEXT
         if line.is_acknowledged:
@@ -172,7 +172,7 @@ class AlarmList(ScrollView, can_focus=True):
 
 
 def _identity(line: AlarmLine) -> tuple[object, ...]:
-    """Return what tells a line from others, also when it is about more vehicles than before."""
+    """Return a key of a line that stays the same while the line counts more and more vehicles."""
     alarm = line.alarm
     subject = alarm.subject if line.count == 1 else ""
     return alarm.kind, alarm.severity, subject, line.is_acknowledged

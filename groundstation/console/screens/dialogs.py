@@ -50,8 +50,8 @@ class QuitScreen(Dialog[str]):
 
     Args:
         names: names of the vehicles that fly.
-        can_stay_up: whether they can fly on without this console, which has not started their
-            agents.
+        can_stay_up: whether the vehicles can fly on without this console; False if this console has
+            started their agents.
         table: table of the fleet, which stays in sight.
     """
 

@@ -46,7 +46,7 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
         client: client that plans and checks the order.
         intent: order that is previewed.
         forecaster: computes the paths.
-        short: function that shortens lists of names for the title.
+        shorten: function that shortens lists of names for the title.
         table: table of the fleet, which stays in sight.
     """
 
@@ -61,12 +61,12 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
         client: OrderingClient,
         intent: Intent,
         forecaster: Forecaster,
-        short: Callable[[str], str],
+        shorten: Callable[[str], str],
         table: FleetTable | None = None,
     ) -> None:
         super().__init__(table)
         self.client = client
-        self._short = short
+        self._shorten = shorten
         self._opened_ns = client.now_ns()
         self.prepared = PreparedOrder(
             fleet,
@@ -85,7 +85,7 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
     def boxes(self) -> ComposeResult:
         """Yield the box with paths and words side by side, and the answer below."""
         with Vertical(id="preview") as box:
-            box.border_title = self._short(str(self.prepared.intent)).replace("[", "\\[")
+            box.border_title = self._shorten(str(self.prepared.intent)).replace("[", "\\[")
             with self._body:
                 yield self._paths
                 yield self._vehicles

@@ -32,7 +32,7 @@ _LOW_PAGE = 45  # height of the page below which charts are low
 _LOW_CHART = 5  # rows of a low chart
 _HIGH_CHART = 9
 # number of columns -> for each column the indices of its blocks in the result of :func:`blocks`
-_ORDERS = {
+_ARRANGEMENTS = {
     1: ((0, 1, 2, 3, 4, 5, 6),),
     2: ((0, 1, 5, 6), (2, 3, 4)),
     3: ((0, 1), (2, 3, 4), (5, 6)),
@@ -118,7 +118,7 @@ class VehicleBlocks(Lines, ScrollView, can_focus=True):
 
     def show(self, name: str | None, state: FleetState, now_ns: int) -> None:
         """Draw this vehicle."""
-        view = state.vehicles.get(name or "")
+        view = None if name is None else state.vehicles.get(name)
         if view is None:
             self._subject = None
             self.border_title = "no vehicle"
@@ -159,8 +159,11 @@ class VehicleBlocks(Lines, ScrollView, can_focus=True):
         parts = blocks(subject, column_width)
 
         columns = []
-        for order in _ORDERS[count]:
-            columns.append([line for block in order for line in parts[block]])
+        for block_indices in _ARRANGEMENTS[count]:
+            column: list[Strip] = []
+            for index in block_indices:
+                column += parts[index]
+            columns.append(column)
 
         # Missing lines of a short column are blank.
         blank = Strip.blank(column_width)

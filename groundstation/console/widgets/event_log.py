@@ -72,7 +72,7 @@ class EventLog(RichLog, can_focus=False):
         new = list(entries)
         self._entries.extend(new)
         if self._width and new:
-            self._write(new, is_end=self.is_vertical_scroll_end)
+            self._write(new, scrolls_to_end=self.is_vertical_scroll_end)
 
     def forget(self) -> None:
         """Remove all entries."""
@@ -89,7 +89,7 @@ class EventLog(RichLog, can_focus=False):
         if width not in (0, self._width):
             self._width = width
             self.clear()
-            self._write(self._entries, is_end=True)
+            self._write(self._entries, scrolls_to_end=True)
 
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
         """Show the number of lines below the visible part."""
@@ -99,8 +99,8 @@ class EventLog(RichLog, can_focus=False):
         if below > 0:
             self.border_subtitle = f"{below} lines below"
 
-    def _write(self, entries: Iterable[EventEntry], *, is_end: bool) -> None:
-        """Write entries; with ``is_end`` the log scrolls to its end."""
+    def _write(self, entries: Iterable[EventEntry], *, scrolls_to_end: bool) -> None:
+        """Break the sentences of these entries into lines, and write them."""
         has_time = self._width >= _TIME_WIDTH
         indent = _NARROW_INDENT
         if has_time:
@@ -120,4 +120,4 @@ class EventLog(RichLog, can_focus=False):
                 head = [Segment(" " * indent)]
 
         if segments:
-            self.write(Segments(segments), width=self._width, scroll_end=is_end)
+            self.write(Segments(segments), width=self._width, scroll_end=scrolls_to_end)

@@ -60,6 +60,10 @@ def sort_key(
     """Return the key that sorts the table by a column, by ``name`` or by ``place`` in the file.
 
     Vehicles without a value come last, in both directions.
+
+    Returns:
+        Whether the value is missing, the value, the name (if the table is sorted by it), and the
+            index in the file, which decides between equal values.
     """
     direction = -1.0 if is_reversed else 1.0
     if sort == "place":

@@ -1,4 +1,7 @@
-"""The columns of the fleet table: their cells, and those that a narrow terminal shows. Pure."""
+"""The columns of the fleet table: their cells, and which columns fit into a terminal. Pure.
+
+OIST, the title of a column, is the avoidance law.
+"""
 
 from __future__ import annotations
 
@@ -117,8 +120,10 @@ def _fix(row: VehicleRow) -> Cell:
     text = clean(telemetry.fix, 9)
     if telemetry.satellites >= 0:
         text += f" {min(telemetry.satellites, 99)}"
-    is_below = bool(_FIX_CONDITIONS & set(telemetry.conditions))
-    return (f"▲{text}", WARN) if is_below else (f" {text}", TEXT)
+    is_too_coarse = bool(_FIX_CONDITIONS & set(telemetry.conditions))
+    if is_too_coarse:
+        return f"▲{text}", WARN
+    return f" {text}", TEXT
 
 
 def _corrections(row: VehicleRow) -> Cell:
@@ -175,7 +180,7 @@ def _trend(row: VehicleRow) -> Cell:
     return f"{sign}{number(abs(per_min_pct), 1, limit=99)}", TEXT
 
 
-def _left(row: VehicleRow) -> Cell:
+def _time_left(row: VehicleRow) -> Cell:
     left_min = math.inf
     if row.drain is not None:
         left_min = row.drain.left_min
@@ -234,10 +239,10 @@ def _oist(row: VehicleRow) -> Cell:
     if status in ("", "inactive"):
         return "·", FAINT
 
-    # The intervention as a share of the horizontal thrust at the largest tilt.
+    # The intervention as a share of the horizontal thrust at the largest tilt; 1 if not known.
     share = 1.0
     if math.isfinite(telemetry.intervention_m_s2):
-        share = telemetry.intervention_m_s2 / _most_horizontal_m_s2(row)
+        share = telemetry.intervention_m_s2 / _largest_horizontal_m_s2(row)
     filled = min(_BAR_CELLS, max(1, math.ceil(_BAR_CELLS * share)))
     bar = "▮" * filled
 
@@ -246,7 +251,7 @@ def _oist(row: VehicleRow) -> Cell:
     return f"▲{bar:▯<4} {status}", WARN
 
 
-def _most_horizontal_m_s2(row: VehicleRow) -> float:
+def _largest_horizontal_m_s2(row: VehicleRow) -> float:
     """Return the horizontal thrust at the vehicle's largest tilt while it keeps its height."""
     vehicle = row.fleet.vehicles.get(row.view.name)
     if vehicle is None:
@@ -375,7 +380,7 @@ COLUMNS = (
     ),
     Column(title="volt", width=4, rank=10, cell=_voltage, right=True),
     Column(title="%/min", width=5, rank=11, cell=_trend, right=True),
-    Column(title="left", width=6, rank=6, cell=_left, right=True, sort=_left_min),
+    Column(title="left", width=6, rank=6, cell=_time_left, right=True, sort=_left_min),
     Column(title="PX4", width=6, rank=4, cell=_link, right=True, cover=1),
     Column(
         title="age s",

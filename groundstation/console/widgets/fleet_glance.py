@@ -40,5 +40,5 @@ class FleetGlance(Lines):
         self.redraw()
 
     def draw(self, width: int, height: int) -> list[Strip]:
-        """Return the heading and the rows that have room; the last line counts the others."""
+        """Return the heading and the rows that have room; the last line counts the hidden rows."""
         return self._table.draw_from(self._table.first_row(height), width, height)

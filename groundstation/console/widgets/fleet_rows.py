@@ -41,7 +41,7 @@ class RowLayout:
     digits: int  # digits of the number
     name_width: int
     columns: tuple[Column, ...]
-    left: int  # cells that are left for the reason
+    reason_width: int  # cells beside the columns for the reason of the state; 0: no room
 
     @classmethod
     def of(
@@ -63,15 +63,15 @@ class RowLayout:
 
         # in front of the columns: the cursor, the mark, the index, a blank, the name, a blank
         room = width - digits - name_width - 4
-        columns, left = fit_columns(room, has_corrections=has_corrections)
-        return cls(digits, name_width, columns, left)
+        columns, reason_width = fit_columns(room, has_corrections=has_corrections)
+        return cls(digits, name_width, columns, reason_width)
 
     def heading(self) -> str:
         """Return the titles above the columns."""
         titles = [" " * (self.digits + 3) + theme.fit("name", self.name_width)]
         for column in self.columns:
             titles.append(theme.fit(column.title, column.width, right=column.right))
-        if self.left:
+        if self.reason_width:
             titles.append("why")
         return " ".join(titles)
 
@@ -120,7 +120,7 @@ def _fresh(layout: RowLayout, row: VehicleRow) -> list[Segment]:
     """
     segments: list[Segment] = []
     least_cover = _least_cover(layout, row)
-    reason_width = layout.left
+    reason_width = layout.reason_width
     for position, column in enumerate(layout.columns):
         if column.cover >= least_cover:
             covered = layout.columns[position:]
@@ -140,7 +140,7 @@ def _least_cover(layout: RowLayout, row: VehicleRow) -> int:
     is_refusing = telemetry.not_ready or telemetry.state == "failed"
     if telemetry.is_airborne or not is_refusing:
         return _NEVER_COVERED
-    if layout.left >= WIDE_REASON_WIDTH:
+    if layout.reason_width >= WIDE_REASON_WIDTH:
         return _NEVER_COVERED
     if len(layout.columns) < _FEW_COLUMNS:
         return _COVERED_AMONG_FEW
@@ -148,10 +148,10 @@ def _least_cover(layout: RowLayout, row: VehicleRow) -> int:
 
 
 def _silent(layout: RowLayout, row: VehicleRow, has_nodes: bool) -> list[Segment]:
-    """Return the silence instead of the first columns, and the last values of the others, faint.
+    """Return how long the vehicle has been silent, and its last values, faint.
 
-    Old values show neither a warning nor an "ok". After PX4 itself has reported that it is
-    disarmed, only the last position is shown.
+    The duration of the silence covers the first columns. Old values show neither a warning nor an
+    "ok". After PX4 itself has reported that it is disarmed, only the last position is shown.
     """
     silence = theme.fit(f"NO TELEM {number(row.age_s, 1, limit=99_999)} s", _SILENCE_WIDTH)
     segments = [Segment(f"{silence} ", theme.style(BAD, bold=True))]
@@ -175,11 +175,11 @@ def _silent(layout: RowLayout, row: VehicleRow, has_nodes: bool) -> list[Segment
                 text = "?"
             segments.append(_cell((text, colour), column, dim=True))
         elif end > _SILENCE_WIDTH + 1:
-            # The silence covers the begin of this column, so the rest of it stays empty.
+            # The duration covers the begin of this column, so the rest of the column stays empty.
             segments.append(Segment(" " * (end - _SILENCE_WIDTH - 1)))
 
-    if layout.left:
-        text = theme.fit(f"was {clean(row.telemetry.state, 20)}{agent}", layout.left)
+    if layout.reason_width:
+        text = theme.fit(f"was {clean(row.telemetry.state, 20)}{agent}", layout.reason_width)
         segments.append(Segment(text, theme.style(FAINT, dim=True)))
     return segments
 

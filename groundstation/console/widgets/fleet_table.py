@@ -197,12 +197,14 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         """Add a key to the text that is typed; a digit begins a list of vehicles to mark."""
         if not self._typing:
             is_digit = event.character is not None and event.character.isdigit()
-            if not is_digit:
-                if event.key == "escape" and (self.filter or self._marks.names):
-                    event.stop()
-                    self._show_all_unmarked()
+            if is_digit:
+                self.action_type("mark")
+            elif event.key == "escape" and (self.filter or self._marks.names):
+                event.stop()
+                self._show_all_unmarked()
                 return
-            self.action_type("mark")
+            else:
+                return
 
         event.stop()
         event.prevent_default()
@@ -400,7 +402,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         """Return the first row of a window of this height that contains the cursor."""
         rows_of_window = max(1, height - 1)
         if len(self._rows) > rows_of_window:
-            rows_of_window = max(1, rows_of_window - 1)  # the last line counts the others
+            rows_of_window = max(1, rows_of_window - 1)  # the last line says how many are hidden
         return max(0, self.cursor - rows_of_window + 1)
 
     def draw(self, width: int, height: int) -> list[Strip]:

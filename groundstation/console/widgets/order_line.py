@@ -133,7 +133,7 @@ class OrderHistory:
         if self.lines[-1:] == [line]:
             return
 
-        self.lines = [*self.lines[1 - _KEPT :], line]
+        self.lines = [*self.lines, line][-_KEPT:]
         if self._path is not None:
             with contextlib.suppress(OSError):
                 self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -193,8 +193,7 @@ class OrderLine(Input):
     def on_focus(self) -> None:
         """Show that keys go here, and load the orders of earlier runs."""
         self._show_writing(True)
-        if self._history is None:
-            self._load()
+        self._loaded_history()
 
     def on_blur(self) -> None:
         """Show that keys go elsewhere."""
@@ -205,9 +204,11 @@ class OrderLine(Input):
         if self.parent is not None:
             self.parent.set_class(is_writing, "writing")
 
-    def _load(self) -> OrderHistory:
-        self._history = OrderHistory(history_file())
-        self._position = len(self._history.lines)
+    def _loaded_history(self) -> OrderHistory:
+        """Return the history; the first call loads it."""
+        if self._history is None:
+            self._history = OrderHistory(history_file())
+            self._position = len(self._history.lines)
         return self._history
 
     def write(self, text: str) -> None:
@@ -230,14 +231,14 @@ class OrderLine(Input):
         if not text:
             return
 
-        history = self._history or self._load()
+        history = self._loaded_history()
         history.add(text)
         self._position = len(history.lines)
         self.post_message(self.Submitted(self, text))
 
     def action_history(self, step: int) -> None:
         """Show an earlier or later order; the new line comes after the newest order."""
-        lines = (self._history or self._load()).lines
+        lines = self._loaded_history().lines
         if self._position >= len(lines):
             self._draft = self.value
 
@@ -251,7 +252,7 @@ class OrderLine(Input):
     def action_complete(self) -> None:
         """Write the only completion, or the start that all completions have in common."""
         lines = completions(self.value, self._fleet)
-        start = os.path.commonprefix(lines)  # noqa: RUF071 - of words
+        start = os.path.commonprefix(lines)  # noqa: RUF071 - of texts, which are no paths
         if len(start) > len(self.value):
             self.value = start
             self.cursor_position = len(start)

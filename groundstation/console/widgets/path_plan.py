@@ -72,7 +72,10 @@ class PathPlan(Lines):
         return canvas.strips()
 
     def _paths(self, preview: OrderPreview) -> dict[str, Array]:
-        """Return the predicted path (n, 2) [m] of each vehicle; without a forecast, its leg."""
+        """Return the predicted path (n, 2) [m] of each vehicle.
+
+        Without a forecast it is the straight line from the start to the goal.
+        """
         if self._forecast is not None and self._forecast.paths_enu_m:
             forecast = self._forecast.paths_enu_m
             return {name: np.array(points)[:, :2] for name, points in forecast.items()}

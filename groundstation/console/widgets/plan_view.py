@@ -125,7 +125,7 @@ class PlanView(Lines, can_focus=True):
     def action_whole(self) -> None:
         """Show the fleet's part of the fence without zoom; if it is shown already, the whole fence.
 
-        The next time it is the fleet's part again.
+        After the whole fence comes the fleet's part again.
         """
         is_moved = self.zoom != 1.0 or self._middle is not None
         shows_fleets_part = not is_moved and not self.is_whole_fence
@@ -271,9 +271,10 @@ class PlanView(Lines, can_focus=True):
         )
 
     def _followed_point(self) -> _Middle | None:
-        """Return the followed point; None if there is none.
+        """Return the position of the followed vehicle, or the middle of the fleet.
 
-        If the plan is zoomed and follows nothing, it is the middle of the fleet.
+        A zoomed plan that follows nothing shows the middle of the fleet. The result is None for a
+        plan that neither follows nor is zoomed, and without any known position.
         """
         is_following = self.follows or self.zoom != 1.0
         if not is_following or not self._positions_enu_m:
@@ -289,7 +290,7 @@ class PlanView(Lines, can_focus=True):
 
 
 def _widened(span: _Span, fence: _Span, coordinates_m: list[float]) -> _Span:
-    """Return a span of one axis, widened to the plausible ones of these coordinates."""
+    """Return a span of one axis, widened to all coordinates that are plausible."""
     plausible_m = [value for value in coordinates_m if abs(value) < FAR_M]
     if not plausible_m:
         return span
@@ -301,7 +302,7 @@ def _widened(span: _Span, fence: _Span, coordinates_m: list[float]) -> _Span:
 def _span(coordinates_m: list[float], fence: _Span) -> _Span:
     """Return the span of these coordinates, with a margin at each end.
 
-    The margin ends at the fence. Where a coordinate lies beyond the fence, there is none.
+    The margin ends at the fence. An end that lies beyond the fence gets no margin.
     """
     low_m = min(coordinates_m)
     if low_m > fence[0]:

@@ -83,7 +83,7 @@ class SeparationView(Lines, can_focus=True):
         further_count = max(0, (left_rows - _CHART_ROWS) // 2)
         further_pairs = self.history.pairs[1 : 1 + further_count]
         lines = [
-            self._line("now", self.history.now, width),
+            self._line("now", self.history.closest_now, width),
             self._line("least", self._smallest(), width),
         ]
         lines += [self._line("", pair, width) for pair in further_pairs]
@@ -186,6 +186,7 @@ class SeparationView(Lines, can_focus=True):
         if dot_columns < 4:
             return canvas
 
+        # time and smallest distance of each sample in the window
         points = [point for point in self.history.distances if point[0] >= self._now_s - WINDOW_S]
         furthest_m = max((distance_m for _, distance_m in points), default=0.0)
         top_m = min(_HIGHEST_TOP_FACTOR * limit_m, furthest_m)
@@ -198,6 +199,7 @@ class SeparationView(Lines, can_focus=True):
         limit_row = dot_row(limit_m)
         canvas.line((left, limit_row), (2 * canvas.width - 1, limit_row), BAD, gap=3)
 
+        # The curve: each point is joined to the one before, unless the gap between them is wide.
         previous: tuple[float, float] | None = None
         for column, distance_m in enumerate(self._closest_by_column(points, dot_columns)):
             if not math.isfinite(distance_m):
@@ -231,7 +233,7 @@ class SeparationView(Lines, can_focus=True):
         closest_m = np.full(columns, np.inf)
         if points:
             times_s, distances_m = np.array(points).T
-            shares = 1.0 - (self._now_s - times_s) / WINDOW_S
+            shares = 1.0 - (self._now_s - times_s) / WINDOW_S  # 0 at the left edge, 1 at the right
             indices = (shares * (columns - 1)).astype(np.int64)
             np.minimum.at(closest_m, np.clip(indices, 0, columns - 1), distances_m)
         return closest_m.tolist()
