@@ -3,6 +3,9 @@
 Python missions, scripts and the runner of mission files give their orders through :class:`Fleet`.
 :meth:`Fleet.connect` opens the connection for a script. When its block ends, it brings vehicles
 that still fly to the state that the script has declared.
+
+A script flies on a host: the real agents of its fleet file, the emulator of ``covey fly script``,
+or lockstep. The host opens the bus and keeps what a verdict needs.
 """
 
 from __future__ import annotations
@@ -60,14 +63,13 @@ class Fleet(Group):
     ) -> AsyncIterator[Fleet]:
         """Connect with a fleet: its real agents, or those of ``covey fly script`` and of lockstep.
 
-        However the block ends, by its last line, an exception, a cancellation or Ctrl-C, vehicles
-        that still fly are left in the declared state.
+        Vehicles that still fly are left in the declared state, whether the block ends by its last
+        line, an exception, a cancellation or Ctrl-C.
 
         Args:
             fleet: a fleet file or its path; None: the fleet of ``covey fly script``.
             at_end: state in which the block leaves vehicles that still fly.
-            ready_timeout_s: longest wait for the vehicles [s]; 0: wait for nobody; None: the host
-                of the flight decides.
+            ready_timeout_s: longest wait for the vehicles [s]; 0: no wait; None: the host decides.
 
         Yields:
             The fleet.
@@ -96,7 +98,7 @@ class Fleet(Group):
                 yield flown
             finally:
                 flown.ground.note_other_ends()
-                taken = flown.ground.watch.look()
+                taken = flown.ground.watch.look()  # None: nobody has taken the fleet meanwhile
                 if taken is None:
                     await flown.leave(at_end)
                 else:
@@ -176,7 +178,7 @@ class Fleet(Group):
         return [logged.event for logged in self.state.events]
 
     def __getitem__(self, name: str) -> MissionVehicle:
-        (name,) = vehicles_at([name], self.state)  # the spare, if one has taken this place
+        (name,) = vehicles_at([name], self.state)  # the spare, if the vehicle was swapped
         if name not in self._names:
             raise ConfigError(
                 f"'{name}' is not a vehicle of fleet '{self.config.fleet.name}': "
@@ -223,7 +225,7 @@ class Fleet(Group):
 
         Args:
             names: names of vehicles. They do what their last order or their failsafe says, and
-                land with the mission's end.
+                land at the mission's end.
         """
         self.ground.leave_out(*names)
 
@@ -269,18 +271,18 @@ class Fleet(Group):
     async def land_all(self, timeout_s: float = 40.0, *, is_by_person: bool = False) -> bool:
         """Land all vehicles that are not down yet.
 
-        A landing under way goes on: no new order replaces an operator's.
+        Vehicles that land already get no new order, so an operator's order to land stays in force.
 
         Args:
-            timeout_s: longest wait beyond twice the time that the descent from their heights takes
-                [s].
-            is_by_person: whether a person has ordered it, and not only the mission. Then, while
-                this ground hears no agent, the order goes straight to the PX4s.
+            timeout_s: longest wait [s], in addition to twice the time of the descent from the
+                vehicles' heights.
+            is_by_person: whether a person has ordered the landing, and not only the mission. Then,
+                while this ground hears no agent, the order goes straight to the PX4s.
 
         Returns:
             Whether all are landed and disarmed.
         """
-        superseded = []
+        superseded = []  # vehicles whose last order another ground has replaced
         if self.steps:
             last_phases = self.steps[-1].vehicles
             superseded = [name for name, phase in last_phases.items() if phase == "superseded"]

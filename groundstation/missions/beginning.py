@@ -60,8 +60,9 @@ def begin_refusal(mission: Mission, state: FleetState) -> str:
 def without_empty_places(mission: Mission, state: FleetState) -> Mission:
     """Return the mission with the fleet that takes part in it now.
 
-    "all" then leaves out the places that no vehicle takes at present, and no finding is about
-    them. A place that a step names itself stays.
+    A place is a vehicle's name with its take-off spot, slots and paths. It is empty while the
+    vehicle is out of service and no spare replaces it. "all" then leaves out empty places, and the
+    checks of the mission ignore them. A place that a step names itself stays.
 
     Args:
         mission: mission file, loaded and checked.
@@ -125,14 +126,15 @@ def time_refusal(mission: Mission, times: Mapping[str, WorldTime], begin_ns: int
     for course_step in mission.course():
         step = course_step.step
 
-        # Vehicles first fly to the begins of their paths. The given time of the step is the start
-        # of the paths themselves.
+        # Vehicles first fly to the begins of their paths. The step's time of the world's clock is
+        # the start of the paths themselves.
         paths_s = 0.0
         if isinstance(step, FollowPathStep | FlyFormationStep):
             paths_s = max((path.duration_s for path in course_step.paths.values()), default=0.0)
 
         written = getattr(step, "at", "")
-        if written and ".branches" not in course_step.key:
+        is_side_by_side = ".branches" in course_step.key
+        if written and not is_side_by_side:
             start_s = (times[written].world_ns - begin_ns) * 1e-9
             earliest_start_s = reached_s + course_step.expected_s - paths_s
             if start_s < earliest_start_s:

@@ -61,8 +61,7 @@ class BlockingFleet(_Blocking):
     Args:
         fleet: a fleet file or its path; None: the fleet of ``covey fly script``.
         at_end: state in which the end of the connection leaves vehicles that still fly.
-        ready_timeout_s: longest wait for the vehicles [s]; 0: wait for nobody; None: the host of
-            the flight decides.
+        ready_timeout_s: longest wait for the vehicles [s]; 0: no wait; None: the host decides.
 
     Raises:
         ConfigError: no fleet file, or a wrong one.
@@ -88,7 +87,7 @@ class BlockingFleet(_Blocking):
         self._is_open = True
 
         close_at_end(self.close)
-        _end_as_an_exception_does()
+        _turn_sigterm_into_an_exception()
         super().__init__(host, host.call(self._begin(fleet, at_end, ready_timeout_s)))
         self._is_connected = True
 
@@ -113,7 +112,7 @@ class BlockingFleet(_Blocking):
             function: function that receives the :class:`Fleet`.
 
         Returns:
-            Its result.
+            The result of the function.
         """
         return self._host.call(function(self._target))
 
@@ -130,7 +129,8 @@ class BlockingFleet(_Blocking):
     async def _begin(self, fleet: FleetFile, at_end: AtEnd, ready_timeout_s: float | None) -> Fleet:
         """Open the connection in a separate task, which holds it open until the end."""
         ready: asyncio.Future[Fleet] = asyncio.get_running_loop().create_future()
-        end = self._end = asyncio.Event()
+        end = asyncio.Event()
+        self._end = end
 
         async def hold_open() -> None:
             try:
@@ -155,16 +155,17 @@ class BlockingFleet(_Blocking):
             await self._task
             return
 
+        # The connection still waits for its vehicles.
         self._task.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await self._task
 
 
-def _end_as_an_exception_does() -> None:
+def _turn_sigterm_into_an_exception() -> None:
     """Let SIGTERM end the program as an exception does: the fleet is left in the declared state."""
     try:
         if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
             # 128 + number is the exit code of a program that a signal has ended
             signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     except ValueError:
-        return  # not the main thread, which alone takes signals
+        return  # not the main thread: only that one may set signal handlers

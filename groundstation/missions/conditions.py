@@ -63,7 +63,7 @@ def reached(goals: Mapping[str, Xyz], within_m: float = ARRIVED_M) -> WaitCondit
             distances[name] = math.inf
             if telemetry is None or not view.is_fresh(moment.now_ns):
                 continue
-            if telemetry.is_position_valid:  # where it was then, not where it should be now
+            if telemetry.is_position_valid:  # the reported position, without extrapolation to now
                 distances[name] = math.dist(telemetry.position_enu_m, goal)
         return distances
 
@@ -188,10 +188,11 @@ def event(code: str, vehicles: Sequence[str] | str | None = None) -> WaitConditi
 
     def is_meant(logged: LoggedEvent) -> bool:
         is_warning = logged.event.severity in ("warning", "critical")
-        has_code = logged.event.code == code or (code == "*" and is_warning)
-        if not has_code:
-            return False
-        return vehicles is None or logged.event.vehicle in _names(vehicles)
+        has_code = logged.event.code == code
+        if code == "*":
+            has_code = is_warning
+        is_about_these = vehicles is None or logged.event.vehicle in _names(vehicles)
+        return has_code and is_about_these
 
     def has_come(moment: FleetMoment) -> bool:
         return any(
@@ -249,7 +250,7 @@ def _each(
         return [name for name in _views(moment, vehicles) if not holds(moment, name)]
 
     return WaitCondition(
-        f"{_vehicle_words(vehicles, everybody='all')} {words}",
+        f"{_vehicle_words(vehicles, without_names='all')} {words}",
         lambda moment: not exceptions(moment),
         lambda moment: f"{otherwise} {', '.join(exceptions(moment))}",
     )
@@ -333,8 +334,8 @@ def _views(moment: FleetMoment, vehicles: Sequence[str] | str | None) -> dict[st
     """
     state = moment.state
     if vehicles is None:
-        out = state.disabled | out_of_service(state)
-        return {name: view for name, view in state.vehicles.items() if name not in out}
+        excluded = state.disabled | out_of_service(state)
+        return {name: view for name, view in state.vehicles.items() if name not in excluded}
     return {name: state.vehicles[name] for name in _names(vehicles)}
 
 
@@ -344,5 +345,8 @@ def _names(vehicles: Sequence[str] | str) -> list[str]:
     return list(vehicles)
 
 
-def _vehicle_words(vehicles: Sequence[str] | str | None, everybody: str = "anybody") -> str:
-    return everybody if vehicles is None else ", ".join(_names(vehicles))
+def _vehicle_words(vehicles: Sequence[str] | str | None, without_names: str = "anybody") -> str:
+    """Return the names of vehicles, or another word for a condition that names none."""
+    if vehicles is None:
+        return without_names
+    return ", ".join(_names(vehicles))

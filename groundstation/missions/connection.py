@@ -1,7 +1,7 @@
 """The flight that a script connects with.
 
-A script connects with a host. Unless a host has been set, it is the real agents of the script's
-fleet. ``covey fly script`` and the lockstep fixture set another host. So the same script can fly in
+A script connects with a host. By default the host is the real agents of the script's fleet.
+``covey fly script`` and the lockstep fixture set another host. So the same script can fly in
 simulated time, with emulated PX4s or with hardware.
 """
 
@@ -46,13 +46,13 @@ class Host(Protocol):
         """Run a coroutine of a blocking script to its end, in the flight's time."""
 
     def end_calls(self) -> None:
-        """Stop what :meth:`call` has started; a second call of this does nothing."""
+        """Stop what :meth:`call` has started; a second call of this method does nothing."""
 
     def end_record(self) -> RecordEnd | None:
         """Finish the record and return how it has ended; None if nothing was recorded."""
 
 
-_hosts: list[Host] = []
+_hosts: list[Host] = []  # hosts that have been set; the last one is in force
 _to_close: list[Callable[[], None]] = []  # connections of blocking scripts
 
 
@@ -95,7 +95,7 @@ def run_script(path: str | Path, arguments: Sequence[str], host: Host) -> None:
 
 @contextlib.contextmanager
 def hosted(host: Host) -> Iterator[None]:
-    """Let scripts connect with this flight."""
+    """Let scripts connect with this host while the block runs."""
     _hosts.append(host)
     try:
         yield
@@ -104,13 +104,13 @@ def hosted(host: Host) -> Iterator[None]:
 
 
 def host_of(fleet: FleetConfig | str | Path | None) -> Host:
-    """Return the flight that has been set, or real vehicles.
+    """Return the host that has been set, or else a host for the real agents of a fleet.
 
     Args:
-        fleet: a fleet file or its path; it is ignored when a flight has been set.
+        fleet: a fleet file or its path; it is ignored when a host has been set.
 
     Raises:
-        ConfigError: no flight has been set, and no fleet is given.
+        ConfigError: no host has been set, and no fleet is given.
     """
     if _hosts:
         return _hosts[-1]

@@ -6,7 +6,7 @@ all clocks are checked five times a second. The countdown ends without a start w
 * an operator stops it,
 * this computer's clock is set: then it is not known which of the two times was right,
 * a vehicle's computer has another time than this one, or does not report its time: one of the two
-  clocks is wrong, and it may be this computer's.
+  clocks is wrong, perhaps this computer's.
 """
 
 from __future__ import annotations
@@ -81,7 +81,8 @@ class Countdown:
         Args:
             sentence: the reason.
         """
-        self._ended = self._ended or sentence
+        if not self._ended:
+            self._ended = sentence
 
     def look(self) -> str:
         """Check all clocks.
@@ -90,7 +91,9 @@ class Countdown:
             Why the countdown has ended, as a sentence; empty while it goes on.
         """
         if not self._ended:
-            self._ended = self._look_for_step() or self._look_for_other_times()
+            self._ended = self._look_for_step()
+        if not self._ended:
+            self._ended = self._look_for_other_times()
         return self._ended
 
     def last_look(self) -> str:
@@ -156,7 +159,7 @@ async def count_down(
     Raises:
         CountdownEnded: nothing is to be started.
     """
-    left_before_s = countdown.left_s  # at the look before
+    left_before_s = countdown.left_s  # time until the start at the check before
     while True:
         ended = countdown.look()
         if ended:
@@ -216,12 +219,13 @@ def clock_words(world: WorldClock, names: Sequence[str]) -> str:
         world: the clocks.
         names: names of vehicles.
     """
-    agreeing: dict[str, float] = {}
+    agreeing: dict[str, float] = {}  # vehicle -> largest possible difference of its clock [s]
     others = []
     for name in names:
         compared = world.ahead_s(name)
         if compared is not None and not clock_problem(world, name):
-            agreeing[name] = abs(compared[0]) + compared[1]
+            ahead_s, error_s = compared
+            agreeing[name] = abs(ahead_s) + error_s
         else:
             others.append(name)
 

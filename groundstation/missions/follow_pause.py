@@ -1,8 +1,9 @@
 """The pause of vehicles that follow another vehicle.
 
 The order `pause` stops the clock of vehicles that fly paths. Vehicles that follow a leader hold
-where they are instead. (A leader that flies a path is paused by an order of its own.) The weakest
-battery limits the pause: pause_watch.py brings all followers home while it still can.
+where they are instead. (A leader that flies a path gets its own order to pause.) The weakest
+battery limits the pause: pause_watch.py brings all followers home while that battery still has
+enough charge for the way.
 """
 
 from __future__ import annotations
@@ -50,9 +51,9 @@ class FollowPause:
         return False
 
     def look(self) -> Reserve | None:
-        """Look at all followers, and return the reserve of the weakest battery.
+        """Look at all followers, and return the weakest battery with its charge for the way home.
 
-        Call it about once a second.
+        Call it about once a second. The result is None if no vehicle reports its battery.
         """
         for name in self._names:
             telemetry = self._ground.client.state.vehicles[name].telemetry
@@ -84,7 +85,8 @@ class FollowPause:
         """Wait until the pause has ended, and return how long it was [ns].
 
         Raises:
-            OrderFailed: the weakest battery could not wait any longer, and all were brought home.
+            OrderFailed: the weakest battery had just enough charge for the way home, so all were
+                brought home.
         """
         ground = self._ground
         begin_ns = ground.client.now_ns()

@@ -2,8 +2,8 @@
 
 Each follower gets a new goal twice a second: the position that the leader will have in a second,
 plus the follower's offset. The goals of all followers are one order, which is checked as a whole.
-During a pause no goals are sent, and the pause does not count towards the duration. Neither does
-time in which this ground hears nobody.
+During a pause no goals are sent. The duration includes neither pauses nor the time in which this
+ground hears no vehicle.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ async def follow(
         duration_s: duration [s].
 
     Returns:
-        One result per vehicle, of the order to hold; none of those that the mission has landed.
+        The result of the order to hold for each vehicle, except those that the mission has landed.
 
     Raises:
         ConfigError: the leader does not report where it is.
@@ -69,10 +69,11 @@ async def follow(
     try:
         while client.now_ns() < end_ns:
             look_ns = client.now_ns()
-            if await ground.link.heard():
+            was_lost = await ground.link.wait_while_lost()
+            if was_lost:
                 await client.wait_for(lambda state: _is_heard(client, state, leader), _HEARD_S)
                 end_ns += client.now_ns() - look_ns
-                accepted_goals = {}  # the last ones were sent into the silence
+                accepted_goals = {}  # the vehicles may not have received the last goals
                 accepted_ns = client.now_ns()
 
             pause.look()
@@ -82,8 +83,8 @@ async def follow(
                 accepted_ns = client.now_ns()
 
             skipped = pause.skipped()
-            # an operator who has taken the fleet decides what the followers do next
-            if skipped and ground.watch.look() is None:
+            is_taken = ground.watch.look() is not None  # an operator has given other orders
+            if skipped and not is_taken:
                 ground.say(f"  {', '.join(skipped)} skips the rest of following {leader}")
                 offsets = {name: offsets[name] for name in offsets if name not in skipped}
                 pause.leave_out(skipped)
@@ -113,8 +114,9 @@ async def follow(
     finally:
         ground.follow_pauses.remove(pause)
         results: Results = {}
-        # An operator who has taken the fleet has already given the followers another order.
-        if holding and ground.watch.look() is None and not pause.has_brought_home:
+        is_taken = ground.watch.look() is not None
+        have_other_order = is_taken or pause.has_brought_home
+        if holding and not have_other_order:
             results = await ground.order(Hold(vehicles=holding), _HOLD_S)
     return results
 

@@ -1,8 +1,9 @@
 """The ground of one flight, as its mission uses it.
 
 A mission gives every order through :class:`MissionGround`. Before an order is sent, the ground
-waits for the operator (order by order), for the end of a pause and for its own link, and it stops
-when somebody else has taken the fleet. After the order it keeps the results for the verdict.
+waits for an operator who flies the mission step by step, for the end of a pause, and for its own
+link. No order is sent any more when somebody else has taken the fleet. After each order the ground
+keeps the results for the verdict.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ class MissionGround:
         self.pause_line = ""  # short text about a pause of paths; empty without one
         self.follow_pauses: list[FollowPause] = []  # one for each group that follows a vehicle now
 
-        # Order by order: each order waits for the operator.
+        # Step by step: each order waits for the operator.
         self._is_stepping = False
         self._next = asyncio.Event()  # set by `go_on` and `leave_out_order`
         self._waiting: Intent | None = None  # the order that waits
@@ -114,9 +115,10 @@ class MissionGround:
                 self.say(f"Left out: {intent}")
                 return {}
 
-        if intent.waits_for_step and not intent.message_values().then_land:
+        is_landing = intent.message_values().then_land
+        if intent.waits_for_step and not is_landing:
             await self._wait_for_resume()
-        await self.link.heard()
+        await self.link.wait_while_lost()
         self.note_other_ends()
         taken = self.watch.look()
         if taken is not None:
@@ -132,10 +134,11 @@ class MissionGround:
         order = client.send(planned, is_by_mission=True)
         order.add_listener(functools.partial(self._note_arrival, order.planned))
         ended = await self.end_of(order, timeout_s)
+        # adds to each unfinished move what hinders it
         results = explained(ended, order.planned, client.fleet, client.state, client.now_ns())
 
         for name, message in order.planned.orders.items():
-            if not results[name].is_done:  # of the others it was noted when they were done
+            if not results[name].is_done:  # the listener has noted the arrival of all others
                 self._add_arrival_at_goal(intent.verb, name, message)
             self.note_done(str(intent), name, message, results)
 
@@ -205,7 +208,9 @@ class MissionGround:
         """The live line with the key that ends the countdown or pause, for a console's title."""
         if self.countdown is not None:
             return f"{self.countdown.line} · x stops it"
-        return f"{self.pause_line} · r goes on" if self.pause_line else ""
+        if self.pause_line:
+            return f"{self.pause_line} · r goes on"
+        return ""
 
     def stop_countdown(self) -> bool:
         """End the countdown without a start, as an operator orders.
@@ -314,7 +319,7 @@ class MissionGround:
 
         Args:
             names: names of vehicles. They do what their last order or their failsafe says, and
-                land with the mission's end.
+                land at the mission's end.
         """
         newly_left_out = [name for name in names if name not in self.left_out]
         if not newly_left_out:
@@ -377,12 +382,12 @@ class MissionGround:
             self.add_arrival(step, name, goal)
 
     def note_done(self, words: str, name: str, message: Order, results: Results) -> None:
-        """Note the last order of a vehicle that has done it.
+        """Note an order as the last one of a vehicle, if the vehicle has done it.
 
         Args:
             words: the order in words.
             name: name of the vehicle.
-            message: message to it.
+            message: message to the vehicle.
             results: results of the order.
         """
         done = last_order(words, message, self.client.now_ns())
@@ -410,6 +415,7 @@ class MissionGround:
         Returns:
             One result per vehicle.
         """
+        # Each round waits for the end of the order, or for the time that a lost link has taken.
         wait_s = timeout_s
         while True:
             lost_before_s = self.link.lost_s
@@ -417,7 +423,7 @@ class MissionGround:
             if any(result.phase == "no answer" for result in order.results.values()):
                 # A lost link shows only when the last telemetry of all is stale.
                 await self.client.wait_for(self._hears_somebody, _SILENCE_S)
-            is_back = await self.link.heard()
+            is_back = await self.link.wait_while_lost()
             # The time without a link did not count, so exactly that time is waited once more.
             wait_s = self.link.lost_s - lost_before_s
 
@@ -435,9 +441,9 @@ class MissionGround:
         return any(view.age_s(now_ns) < _HEARD_S for view in state.vehicles.values())
 
     def _send_again(self, order: OrderResult) -> bool:
-        """Send an order again to vehicles that did not answer; return whether there were any.
+        """Send an order again to vehicles that did not answer; return whether it was sent.
 
-        It is not sent again once somebody has taken the fleet in the silence.
+        The order is not sent again if somebody has taken the fleet while the link was lost.
         """
         names = [name for name, result in order.results.items() if result.phase == "no answer"]
         if not names or self.watch.look() is not None:

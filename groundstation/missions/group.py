@@ -129,9 +129,11 @@ class Group:
             lost: set[str] = set()
             if not with_lost:
                 lost = self.ground.still_lost()
-            able = tuple(name for name in self.names if name not in lost)
-            # If all are lost, all are ordered, so that the results tell why they refuse.
-            return able or self.names
+            remaining = tuple(name for name in self.names if name not in lost)
+            if not remaining:
+                # All are ordered, so that the results tell why they refuse.
+                return self.names
+            return remaining
 
         selected = vehicles_at(self.config.select(vehicles), self.state)
         not_in_group = [name for name in selected if name not in self._names]
@@ -482,7 +484,10 @@ class Group:
 
         If there are none, return all, so that the results of the order tell why it is refused.
         """
-        return stoppable(self.state, names) or names
+        followers = stoppable(self.state, names)
+        if not followers:
+            return names
+        return followers
 
     async def follow_path(
         self,
@@ -510,7 +515,8 @@ class Group:
 
         # With another law than Covey's, a simulation may fly paths that Covey's law would refuse.
         is_other_law = self.config.law.built_in != "covey"
-        if not (self.state.is_simulated and is_other_law):
+        may_fly_any_path = self.state.is_simulated and is_other_law
+        if not may_fly_any_path:
             refused = refusals(path_findings(self.config, paths, "follow_path"))
             if refused:
                 raise ConfigError(refused[0])
@@ -570,7 +576,7 @@ class Group:
         Raises:
             ConfigError: the leader or a follower does not report where it is.
         """
-        (leader,) = vehicles_at([leader], self.state)
+        (leader,) = vehicles_at([leader], self.state)  # the spare, if the leader was swapped
         if offsets is None:
             offsets = present_offsets(self.client, leader, self.names)
         offsets = by_vehicle(offsets, self.state)
@@ -668,7 +674,7 @@ class Group:
             lost_before_s = link.lost_s
             if await client.wait_for(holds, wait_s):
                 return
-            await link.heard()
+            await link.wait_while_lost()
             wait_s = link.lost_s - lost_before_s  # exactly this time is waited once more
 
         value = condition.value(moment(client.state))
@@ -690,7 +696,7 @@ class Group:
                 block, and the block waits for it at its end. An exception in one of them ends both.
             ends: whether the block is cancelled before the reaction; the mission goes on after it.
         """
-        body = asyncio.current_task()
+        body = asyncio.current_task()  # runs the block
         assert body is not None
         has_begun = False  # whether the condition has held, and the reaction has begun
         lost: Mapping[str, str] = {}  # vehicle -> reason, when the condition held

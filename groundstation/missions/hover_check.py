@@ -1,9 +1,9 @@
 """The hover check of a mission: is the wind too strong to fly on after a take-off?
 
-On the ground, vehicles cannot measure the wind. A hovering vehicle can, because it leans against
-the wind. It reports a mean over two seconds, which gusts change, whereas the limit is one of the
-long-term mean wind. If gusts can explain a wind above the limit, this check waits up to ten
-seconds until the wind is within the limit. If they cannot, the mission ends at once.
+On the ground, vehicles cannot measure the wind. A hovering vehicle can, because it tilts against
+the wind. It reports a mean over two seconds, which gusts change. The limit applies to the long-term
+mean. If gusts can explain a wind above the limit, this check waits up to ten seconds until the wind
+is within the limit. If they cannot, the mission ends at once.
 """
 
 from __future__ import annotations
@@ -32,6 +32,11 @@ class _Strongest:
     share: float = 0.0  # wind divided by the vehicle's limit
     words: str = ""
 
+    @property
+    def may_be_a_gust(self) -> bool:
+        """Whether the wind is above the limit, but no stronger than gusts of a permitted wind."""
+        return 1.0 < self.share <= GUSTY
+
 
 async def hover_check(
     state_of_now: Callable[[], FleetState],
@@ -50,11 +55,11 @@ async def hover_check(
     """
     hovering = list(names)
     strongest = _strongest(state_of_now(), hovering)
-    if 1.0 < strongest.share <= GUSTY:
+    if strongest.may_be_a_gust:
         say(f"{strongest.words}: looking for a calmer moment before anybody sets out.")
 
     for _ in range(_SAMPLES):
-        if not 1.0 < strongest.share <= GUSTY:
+        if not strongest.may_be_a_gust:
             break
         await asyncio.sleep(_SAMPLE_S)
         strongest = _strongest(state_of_now(), hovering)

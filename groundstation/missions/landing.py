@@ -5,7 +5,8 @@ have broken, PX4 may have landed by itself. So the telemetry of the vehicles dec
 result of the order. A vehicle that is neither down nor landing is ordered to land again, until all
 are down or the time is over.
 
-While this ground hears no vehicle, a mission waits for its link. A person's order does not wait.
+While this ground hears no vehicle, a mission waits until the link is back. A person's order to land
+does not wait.
 
 Vehicles that a pilot flies by hand are left to the pilot; the landing does not wait for them.
 """
@@ -48,13 +49,14 @@ async def land_all(
     Args:
         client: fleet client that has been started.
         superseded: vehicles whose last order another ground has replaced, perhaps by a landing.
-        timeout_s: longest wait beyond twice the time that the descent from their heights takes [s].
+        timeout_s: longest wait [s], in addition to twice the time of the descent from the vehicles'
+            heights.
         say: function that receives each line of progress.
         link: link of this ground.
         watch: watch of the mission's fleet. Once somebody has taken the fleet, only a person lands
             it.
-        is_by_person: whether a person has ordered it, and not only the mission. Then the order
-            waits for no link, and goes straight to PX4s whose agents do not answer.
+        is_by_person: whether a person has ordered the landing, and not only the mission. Then the
+            order does not wait for the link, and goes straight to PX4s whose agents do not answer.
 
     Returns:
         Whether all vehicles are landed and disarmed, except those that a pilot flies by hand.
@@ -88,7 +90,7 @@ async def land_all(
         if not is_by_person:
             # The time without a link does not count.
             lost_before_s = link.lost_s
-            await link.heard()
+            await link.wait_while_lost()
             end_ns += round((link.lost_s - lost_before_s) * 1e9)
             if watch.look() is not None:
                 return False
@@ -134,7 +136,7 @@ def _say_failures(client: FleetClient, results: Results, say: Callable[[str], No
 
 
 def _has_ended(client: FleetClient, order: OrderResult) -> Callable[[FleetState], bool]:
-    """Return a predicate: an order has ended, or an agent has accepted it and fallen silent."""
+    """Return a predicate: an order has ended, or a vehicle that accepted it has fallen silent."""
 
     def has_ended(_: FleetState) -> bool:
         if order.is_final:

@@ -73,7 +73,8 @@ class MissionOrders:
             no record.
         run: the mission that the console was started with, if any.
         ask: function that shows the question before a countdown; None: it begins at once.
-        latch: vehicles that were killed from here, with which no mission begins; None: nobody is.
+        latch: vehicles that were killed from here, with which no mission begins; None: no vehicle
+            was killed.
     """
 
     def __init__(
@@ -144,8 +145,8 @@ class MissionOrders:
             mission = replace(mission, arguments=arguments)
             if mission.is_python:
                 load_function(mission)
-            # Only the checks know who takes part now: when the mission flies, it leaves out whoever
-            # is out of service then.
+            # The checks are about the vehicles that take part now. The mission itself keeps all
+            # vehicles: when it flies, it leaves out those that are out of service then.
             flown_now = without_empty_places(mission, client.state)
             refuse_unflyable(flown_now, client.state.is_simulated)
             refusal = begin_refusal(mission, client.state)
@@ -171,9 +172,9 @@ class MissionOrders:
         return ""
 
     def _question(self, run: MissionRun, at: WorldTime) -> CountdownQuestion:
-        """Return the question before a countdown, with reasons that this ground has against it.
+        """Return the question before a countdown, with this ground's own reasons against it.
 
-        Another mission flies, or a vehicle was killed and not reset.
+        These are another mission that flies, and vehicles that were killed and not reset.
 
         Args:
             run: run of the mission, which has not begun.
@@ -237,7 +238,10 @@ class MissionOrders:
         """Short text about the present mission; empty when none flies."""
         if self._run is None or not self.is_flying:
             return ""
-        return self._run.fleet.ground.live_line or self._line or "mission flies"
+        for line in (self._run.fleet.ground.live_line, self._line):
+            if line:
+                return line
+        return "mission flies"
 
     @property
     def counts_down(self) -> bool:
@@ -248,9 +252,12 @@ class MissionOrders:
 
     def stop_countdown(self) -> str:
         """End the countdown of the mission; return a sentence about what has happened."""
-        if self._run is None or self._run.is_over or not self._run.fleet.ground.stop_countdown():
-            return "No countdown of a mission that was started here is under way."
-        return "The countdown ends: nothing is started."
+        is_stopped = False
+        if self._run is not None and self.is_flying:
+            is_stopped = self._run.fleet.ground.stop_countdown()
+        if is_stopped:
+            return "The countdown ends: nothing is started."
+        return "No countdown of a mission that was started here is under way."
 
     async def _fly(self, run: MissionRun) -> Verdict:
         watch = asyncio.create_task(_watched(run))

@@ -51,7 +51,7 @@ class OwnLink:
         self._back_ns = 0  # reception of the first telemetry after the loss; 0: none yet
         self._said_s = 0.0  # length of the silence at the last warning
         self._lost_before_s = 0.0  # total length of earlier losses
-        # end of the time in which vehicles that are not heard again yet do not count as silent
+        # Until this time after a loss, vehicles that are not heard again do not count as silent.
         self._settled_ns = 0
 
     @property
@@ -85,7 +85,7 @@ class OwnLink:
         elif self._hears_nobody():
             self._lose()
 
-    async def heard(self) -> bool:
+    async def wait_while_lost(self) -> bool:
         """Wait while the link is lost, at most until the agents land by themselves.
 
         Returns:
@@ -134,7 +134,7 @@ class OwnLink:
         )
         self._client.publish_event("critical", "own_link_lost", sentence)
 
-    def _count_down(self) -> None:
+    def _warn_of_landing(self) -> None:
         silent_for_s = self._silent_for_s()
         if silent_for_s - self._said_s < _COUNTDOWN_PERIOD_S or self.landing_in_s <= 0.0:
             return
@@ -154,7 +154,7 @@ class OwnLink:
         vehicles = self._client.state.vehicles
         if not self._back_ns:
             if not any(view.is_fresh(now_ns) for view in vehicles.values()):
-                self._count_down()
+                self._warn_of_landing()
                 return
             self._back_ns = now_ns
             self._client.notice_own_link()

@@ -70,7 +70,7 @@ class PathGround(Protocol):
         """Note how far a vehicle is from its goal now."""
 
     def note_done(self, words: str, name: str, message: Order, results: Results) -> None:
-        """Note the last order of a vehicle that has done it."""
+        """Note an order as the last one of a vehicle, if the vehicle has done it."""
 
 
 async def follow_paths(
@@ -124,8 +124,9 @@ async def follow_paths(
         asyncio.create_task(_play_lights(ground, lights)),
     ]
     try:
-        limit_s = timeout_s or AHEAD_S + longest_s + _LATE_S
-        results = await _end_of(ground, order, limit_s)
+        if not timeout_s:
+            timeout_s = AHEAD_S + longest_s + _LATE_S
+        results = await _end_of(ground, order, timeout_s)
     finally:
         for task in tasks:
             task.cancel()
@@ -162,7 +163,7 @@ async def _end_of(ground: PathGround, order: OrderResult, timeout_s: float) -> R
 async def _watched_end_of(
     ground: PathGround, order: OrderResult, timeout_s: float, watch: PauseWatch
 ) -> Results:
-    """Wait for the end of all paths, and look for a pause in between."""
+    """Wait for the end of all paths, and check for a pause twice a second."""
     client = ground.client
     names = tuple(order.results)
     remaining_s = timeout_s
@@ -195,6 +196,7 @@ async def _watched_end_of(
 
 
 def _is_following(state: FleetState, name: str) -> bool:
+    """Whether a vehicle follows a path; only then its telemetry has a `show_id`."""
     telemetry = state.vehicles[name].telemetry
     return telemetry is not None and bool(telemetry.show_id)
 

@@ -42,7 +42,9 @@ class PauseWatch:
         self._discharge = Discharge()
 
     def look(self, names: Sequence[str]) -> Reserve | None:
-        """Return the reserve of the weakest battery; None if no vehicle reports its battery.
+        """Return the weakest battery, its charge and the charge that its way home needs.
+
+        The result is None if no vehicle reports its battery.
 
         Call it about once a second, also before a pause, because it measures the rate of discharge.
 
@@ -69,7 +71,7 @@ class PauseWatch:
 
         Args:
             names: names of the vehicles.
-            reserve: the battery that cannot wait any longer.
+            reserve: the weakest battery, which ends the pause.
             timeout_s: longest wait for their landing [s].
 
         Returns:

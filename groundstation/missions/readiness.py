@@ -56,5 +56,9 @@ def _reason(view: VehicleView, now_ns: int) -> str:
     if telemetry is None or not view.is_fresh(now_ns):
         return f"{view.name} does not answer."
 
-    reason = " ".join(telemetry.not_ready) or telemetry.reason or "it gives no reason."
+    reason = " ".join(telemetry.not_ready)
+    if not reason:
+        reason = telemetry.reason
+    if not reason:
+        reason = "it gives no reason"
     return f"{view.name} is {telemetry.state}: {reason.rstrip('.')}."

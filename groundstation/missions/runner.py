@@ -91,7 +91,8 @@ class MissionRun:
         self._at = at
         self._staying: asyncio.Task[None] | None = None  # waits until a taken fleet is down
         self._abort_reason: str | None = None  # sentence of whoever called `abort`
-        self._is_declared = False  # whether [on_failure] decides after that abort
+        # whether the mission's [on_failure] is carried out after that abort
+        self._runs_on_failure = False
         self._can_land = True  # whether vehicles can still be reached after that abort
         self._has_begun = False
         self._is_over = False
@@ -113,9 +114,11 @@ class MissionRun:
         The cancellation of this coroutine is an interruption: all vehicles land, then it returns.
 
         Returns:
-            The verdict by the live state. With :meth:`flown`, the record can be judged as well.
+            The verdict by the live state. A verdict by the record needs the result of
+                :meth:`flown`.
         """
-        task = self._task = asyncio.create_task(self._steps())
+        task = asyncio.create_task(self._fly_steps())
+        self._task = task
         # somebody may have stopped the mission before this call
         if self._observations.is_interrupted or self._abort_reason is not None:
             task.cancel()
@@ -125,7 +128,8 @@ class MissionRun:
         except asyncio.CancelledError:
             self.interrupt()
             await asyncio.wait({task})
-        self.fleet.ground.note_other_ends()  # before the mission itself lands those that still fly
+        # Before the mission itself lands vehicles: which of them do not fly any more already?
+        self.fleet.ground.note_other_ends()
         await self._bring_down(task)
         self._note_later_pilots()
 
@@ -153,7 +157,7 @@ class MissionRun:
             self._staying.cancel()
 
     def abort(self, reason: str, *, can_land: bool = True) -> None:
-        """End the mission as failed, for a reason that is not a step's.
+        """End the mission as failed, for a reason outside its steps.
 
         Args:
             reason: a sentence, which the caller has published as an event.
@@ -204,7 +208,7 @@ class MissionRun:
             return
         reason = pilot_words(by_hand)
         self.client.publish_event("critical", "flown-by-hand", f"{reason} The mission ends.")
-        self._is_declared = True
+        self._runs_on_failure = True
         self.abort(reason)
 
     def abort_if_silent(self) -> bool:
@@ -242,7 +246,7 @@ class MissionRun:
         return True
 
     def flown(self) -> FlightObservations:
-        """Return the observations so far."""
+        """Return what was observed of the flight so far."""
         self._observations.state = self.client.state
         # The verdict does not count vehicles that were out of service from the beginning.
         self._observations.left_out = self.fleet.ground.left_out - self.fleet.ground.disabled
@@ -250,7 +254,7 @@ class MissionRun:
         self._observations.left_out_orders = self.fleet.ground.left_out_orders
         return self._observations
 
-    async def _steps(self) -> None:
+    async def _fly_steps(self) -> None:
         """Wait for the vehicles, and fly the steps or the function of the mission."""
         await self.client.wait_for(self._is_heard, LAST_TELEMETRY_S)
         self.fleet.ground.leave_out_disabled()
@@ -316,8 +320,8 @@ class MissionRun:
 
     async def _bring_down(self, task: asyncio.Task[Any]) -> None:
         """Land the vehicles or do what the mission declares, unless the last step was done."""
-        has_ended_by_itself = not task.cancelled() and task.exception() is None
-        if has_ended_by_itself:
+        are_steps_done = not task.cancelled() and task.exception() is None
+        if are_steps_done:
             return
 
         taken = self.fleet.ground.watch.look() if self._has_begun else None
@@ -359,7 +363,7 @@ class MissionRun:
             await self._on_failure()
 
     def _note_later_pilots(self) -> None:
-        """Add vehicles that pilots took just after the first one; telemetry shows them later."""
+        """Add vehicles that pilots took just after the first one, and that telemetry shows now."""
         first_by_hand = list(self._observations.pilots)
         if not first_by_hand:
             return
@@ -410,9 +414,9 @@ class MissionRun:
             await self.fleet.land_all(LAND_TIMEOUT_S, is_by_person=True)
             return
 
-        self._observations.failure = self._abort_reason  # an event has said it
+        self._observations.failure = self._abort_reason  # already published as an event
         self.fleet.say("The mission ends here.")
-        if self._is_declared:
+        if self._runs_on_failure:
             self._observations.pilots = tuple(flown_by_hand(self.client))
             await self._on_failure()
         elif self._can_land:
@@ -420,7 +424,7 @@ class MissionRun:
 
     async def _on_failure(self) -> None:
         """Do what the mission declares for a step that fails."""
-        await self.fleet.ground.link.heard()
+        await self.fleet.ground.link.wait_while_lost()
         if self.fleet.ground.watch.look() is not None:
             return
         if self.mission.on_failure.do == "hold":

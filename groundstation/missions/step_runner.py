@@ -95,7 +95,7 @@ class StepRunner:
             for inner_steps in _blocks(step):
                 await self.rehearse_faults(inner_steps)
 
-    async def _all(self, steps: Sequence[MissionStep], key: str) -> None:
+    async def _do_all(self, steps: Sequence[MissionStep], key: str) -> None:
         """Do steps one after the other."""
         for index, step in enumerate(steps):
             await self._do(step, f"{key}[{index}]")
@@ -117,7 +117,7 @@ class StepRunner:
             await self._follow(step, paths, {})
         elif isinstance(step, RepeatStep):
             for _ in range(step.times):
-                await self._all(step.steps, f"{key}.steps")
+                await self._do_all(step.steps, f"{key}.steps")
         elif isinstance(step, ParallelStep):
             await self._side_by_side(step, key)
         else:
@@ -163,7 +163,7 @@ class StepRunner:
             await self._fleet.until(condition(step.until, self._fleet), step.timeout_s)
 
     def _start_of(self, step: WaitStep | FollowPathStep | FlyFormationStep) -> WorldTime | str:
-        """Return the time at which a step starts: as text where no times are known."""
+        """Return the time at which a step starts; in simulated time, as it is written."""
         return self._times.get(step.at, step.at)
 
     async def _side_by_side(self, step: ParallelStep, key: str) -> None:
@@ -171,7 +171,7 @@ class StepRunner:
         try:
             async with asyncio.TaskGroup() as group:
                 for index, branch in enumerate(step.branches):
-                    group.create_task(self._all(branch, f"{key}.branches[{index}]"))
+                    group.create_task(self._do_all(branch, f"{key}.branches[{index}]"))
         except BaseExceptionGroup as failures:
             raise first_failure(failures) from None
 
@@ -179,12 +179,12 @@ class StepRunner:
         """Do steps until a condition holds; then do the steps of the reaction."""
 
         async def reaction() -> None:
-            await self._all(step.then, f"{key}.then")
+            await self._do_all(step.then, f"{key}.then")
 
         when = condition(step.when, self._fleet)
         try:
             async with self._fleet.reacting(when, reaction, ends=True):
-                await self._all(step.steps, f"{key}.steps")
+                await self._do_all(step.steps, f"{key}.steps")
         except BaseExceptionGroup as failures:
             raise first_failure(failures) from None
 
@@ -308,7 +308,7 @@ def _outermost_index(course_step: CourseStep) -> int:
 
 
 def first_failure(failures: BaseExceptionGroup[BaseException]) -> BaseException:
-    """Return the first exception of a group; it has caused the others.
+    """Return the first exception of a group, which has caused the others.
 
     Args:
         failures: failures of tasks that ran at the same time.

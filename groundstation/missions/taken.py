@@ -76,7 +76,7 @@ class FleetWatch:
     def _note_earlier_orders(self) -> None:
         """Note the newest order of each vehicle that is heard for the first time.
 
-        One that is heard late, as after its agent's start, may have an order of an earlier flight.
+        A vehicle whose agent has just started may report an order of an earlier flight.
         """
         for name, view in self._client.state.vehicles.items():
             if view.telemetry is not None:
@@ -93,11 +93,11 @@ class FleetWatch:
         if self._has_begun:
             self._note_earlier_orders()
         vehicles_by_order: dict[tuple[str, str], list[str]] = {}  # author and verb -> vehicles
-        is_by_other = False
+        is_by_other = False  # whether one of these orders came from another ground
         for name, view in self._client.state.vehicles.items():
-            if not self._is_others(name, view) or view.telemetry is None:
-                continue
             telemetry = view.telemetry
+            if telemetry is None or not self._has_order_of_others(name, view):
+                continue
             if not self._client.is_own(telemetry.taken_order_id):
                 is_by_other = True
             order = (telemetry.taken_order_from, telemetry.taken_order_kind)
@@ -136,7 +136,7 @@ class FleetWatch:
         is_newest = self._client.is_newest_of_mission(result.vehicle, result.order_id)
         return result.phase == "superseded" and is_newest
 
-    def _is_others(self, name: str, view: VehicleView) -> bool:
+    def _has_order_of_others(self, name: str, view: VehicleView) -> bool:
         """Whether somebody else gave a vehicle's newest order after the mission's begin.
 
         An order of this ground counts only if it ends missions and a person may have given it.
@@ -194,10 +194,10 @@ async def stay(
 ) -> None:
     """Stay connected to a fleet that somebody has taken, until no vehicle flies any more.
 
-    Vehicles that a pilot flies by hand do not count, and neither do vehicles that have been silent
-    for longer than their battery lasts: one that crashed never says so. The vehicles hear this
-    ground meanwhile, so they do not land because of a lost ground. Lines say who has the fleet,
-    since when, and what brings the vehicles down.
+    Vehicles that a pilot flies by hand do not count. A crashed vehicle never reports that it is
+    down, so a vehicle that has been silent for longer than its battery lasts does not count either.
+    The vehicles hear this ground meanwhile, so they do not land because of a lost ground. Lines say
+    who has the fleet, since when, and what brings the vehicles down.
 
     Args:
         client: fleet client that has been started.
@@ -221,12 +221,14 @@ async def stay(
     )
 
     said_ns = client.now_ns()
-    while up := _still_up(client):
+    up = _still_up(client)
+    while up:
         await asyncio.sleep(_LOOK_S)
         if (client.now_ns() - said_ns) * 1e-9 >= _REPEAT_S:
             said_ns = client.now_ns()
             for_s = (said_ns - taken.since_ns) * 1e-9
             say(f"{taken.by} has the fleet for {for_s:.0f} s; up: {', '.join(up)}.")
+        up = _still_up(client)
 
 
 def _still_up(client: FleetClient) -> list[str]:
@@ -238,9 +240,11 @@ def _still_up(client: FleetClient) -> list[str]:
     now_ns = client.now_ns()
     up = []
     for name, view in client.state.vehicles.items():
-        longest_s = client.fleet.vehicles[name].hover_time_s or _ASSUMED_FLIGHT_S
-        may_fly = (view.is_airborne or view.is_armed) and view.age_s(now_ns) <= longest_s
-        if may_fly and name not in by_hand:
+        longest_s = client.fleet.vehicles[name].hover_time_s
+        if not longest_s:
+            longest_s = _ASSUMED_FLIGHT_S
+        was_up = view.is_airborne or view.is_armed
+        if was_up and view.age_s(now_ns) <= longest_s and name not in by_hand:
             up.append(name)
     return up
 
