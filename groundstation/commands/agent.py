@@ -6,7 +6,7 @@ Examples:
   covey agent deploy --fleet fleet.toml --wheel covey.whl
 
 Exit status: 0 done; 1 failed, or the service does not run; 2 wrong input;
-deploy: 50 some of several. docs/deployment.md says more.
+50 deployed to some vehicles, not to all. docs/deployment.md says more.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def _command(parser: argparse.ArgumentParser, *verb: str) -> Callable[..., int]:
 
     parameters = list(_parameters(parser))
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    command.__annotations__ = {one.name: one.annotation for one in parameters}
+    command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     command.__doc__ = parser.description
     return command
 
@@ -54,9 +54,13 @@ def _words(option: str, value: object) -> list[str]:
         return []
     if value is True:
         return [option]
-    if isinstance(value, tuple):
-        return [word for one in value for word in (option, str(one))]
-    return [option, str(value)]
+    if not isinstance(value, tuple):
+        return [option, str(value)]
+
+    words = []
+    for repeated_value in value:
+        words += [option, str(repeated_value)]
+    return words
 
 
 def _parameters(parser: argparse.ArgumentParser) -> Iterator[inspect.Parameter]:
@@ -73,8 +77,8 @@ def _parameters(parser: argparse.ArgumentParser) -> Iterator[inspect.Parameter]:
         elif isinstance(action.default, list):
             default = ()
 
-        # an option that may be given several times has a list as its default, and one that may be
-        # left out has None
+        # In these parsers, a list as default means that the option may be given several times, and
+        # None means that it may be left out.
         if isinstance(action.default, list):
             kind = tuple[kind, ...]
         elif action.default is None and not action.required:
@@ -82,7 +86,7 @@ def _parameters(parser: argparse.ArgumentParser) -> Iterator[inspect.Parameter]:
 
         shown = Parameter(help=action.help)
         if action.metavar:
-            # --law takes a user's own law as well as the names of its choices
+            # --law takes one of its choices, or the name of a user's own law
             has_open_choices = action.dest == "law"
             shown = Parameter(
                 help=action.help,
@@ -117,9 +121,9 @@ def _service_parser(verb: str) -> argparse.ArgumentParser:
     """Return the parser of a verb of the service."""
     for action in service.parser()._actions:
         if isinstance(action, argparse._SubParsersAction):
-            found: argparse.ArgumentParser = action.choices[verb]
-            found.description = _SERVICE_HELP[verb]
-            return found
+            parser: argparse.ArgumentParser = action.choices[verb]
+            parser.description = _SERVICE_HELP[verb]
+            return parser
     raise LookupError(verb)
 
 

@@ -1,4 +1,4 @@
-"""``covey check attack``: what gets into an emulated copy of a fleet that flies meanwhile.
+"""``covey check attack``: attempts to get into an emulated copy of a fleet while the copy flies.
 
 Examples:
   covey check attack fleet.toml
@@ -6,15 +6,14 @@ Examples:
   covey check attack fleet.toml --only "an order"
   covey check attack fleet.toml --json
 
-With --long 1000 lies and spoofings of one member are searched as well, for
-those with which the others come nearest to each other: by the law alone, in
-simulation.
+With --long, a simulation also tries 1000 false reports and spoofings by one
+member, and searches for those that bring the others nearest to each other.
 
-The copy has ports, a folder and keys of its own; whatever runs already is left
-alone. Each try is made twice: on a copy with keys, and on one without any,
-where it has to get in. docs/threats.md says what is not tried. Exit status: 0
-nothing got in; 1 something did, or a try proved nothing; 2 wrong input; 130
-interrupted.
+The copy has its own ports, folder and keys, so a fleet that runs already is not
+touched. Each attempt is made twice: on a copy with keys, and on a copy without
+keys. On the second one it must succeed; otherwise it proves nothing.
+docs/threats.md says what is not tried. Exit status: 0 nothing got in; 1
+something got in, or an attempt proved nothing; 2 wrong input; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ from onboard.exit_status import EXIT_FAILED, EXIT_OK
 from sitl.monte_carlo.campaign_settings import setup_for
 from sitl.monte_carlo.lie_search import SearchReport, search
 
-_LIES = 1000  # flights of the search of lies
+_LIES = 1000  # flights of the search of lies: false reports and spoofings by one member
 
 
 def attack(
@@ -49,7 +48,7 @@ def attack(
     Args:
         fleet: the fleet file
         long: floods and bad frames for minutes instead of seconds, and the search of lies
-        only: a part of the names of the tries to make; by default all
+        only: make only attempts whose name contains this; by default all
         json: one object instead of lines
     """
 

@@ -1,4 +1,4 @@
-"""``covey check``: is it right? Of a file; and the door to all other questions of this kind.
+"""``covey check``: are these files right, and which command checks vehicles, computers and links?
 
 Examples:
   covey check configs/fleets/paper.toml
@@ -63,8 +63,8 @@ def check(
         fleet: check missions against this fleet
         json: a list with one object for each finding
         errors: accuracy of the position (default: as the fleet file declares it)
-        run_law: import a law of somebody's own, which runs its code here with your rights; without
-            it the law's file is only hashed
+        run_law: import the fleet's own law, whose code then runs here with your rights; by default
+            the law's file is only hashed
     """
     if not files:
         print(_QUESTIONS)
@@ -72,7 +72,8 @@ def check(
 
     status = EXIT_OK
     rows: list[dict[str, Any]] = []
-    shown: list[Finding] = []  # already printed: a later page only counts those that it shares
+    # findings already printed; a later page with the same findings only counts them
+    shown: list[Finding] = []
     for path in files:
         try:
             examined = examine(path, fleet, errors, runs_law=run_law)
@@ -96,6 +97,8 @@ def check(
 
 def _row_of_wrong_file(path: str, error: ConfigError) -> dict[str, Any]:
     """Return an object with the keys of a finding, most of them null."""
-    nothing: dict[str, Any] = {field.name: None for field in fields(Finding)}
-    nothing |= {"name": "file", "status": "wrong", "sentence": str(error)}
-    return {"file": path, **nothing}
+    row: dict[str, Any] = {"file": path}
+    for field in fields(Finding):
+        row[field.name] = None
+    row |= {"name": "file", "status": "wrong", "sentence": str(error)}
+    return row

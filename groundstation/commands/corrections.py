@@ -5,8 +5,8 @@ Examples:
   covey corrections --fleet fleet.toml --check --seconds 10
   covey corrections --fleet fleet.toml --source mock
 
-Exit status: 0 stopped, or all is right at the end of --seconds (base and observations come); 1
-something is not; 2 wrong input; 10 no frame came. docs/corrections.md says more.
+Exit status: 0 stopped, or base and observations came until the end of --seconds; 1 one of them did
+not; 2 wrong input; 10 no frame came. docs/corrections.md says more.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def corrections(
     """Read RTK corrections and publish them on the fleet's bus.
 
     Args:
-        source: mock: a base that is made up, instead of the fleet's source
+        source: mock: a simulated base instead of the fleet's source
         check: only read the source: what does it send, and where is its base?
         seconds: end after so long (default: run until Ctrl-C)
         every_s: time between reports

@@ -8,7 +8,7 @@ Examples:
   covey demo --lockstep --bus-loss 0.1
   covey demo --secure
 
-Exit status: 0 all came true; 1 an expectation failed; 2 wrong input, nothing
+Exit status: 0 all expectations came true; 1 one did not; 2 wrong input, nothing
 started; 130 interrupted. Ctrl-C lands; a second one ends the processes that
 were started.
 """
@@ -50,7 +50,7 @@ def demo(
 
     Args:
         mission: fly this mission instead
-        vehicles: as many of the same drones form a ring instead
+        vehicles: number of the same drones, which form a ring instead
         secure: make keys for this flight: every link of the bus is encrypted, and both of its ends
             prove who they are; a fleet that has keys always flies so
     """
@@ -77,8 +77,8 @@ def demo(
 def _loaded(mission: str, options: FlightOptions) -> Mission:
     """Return a mission, loaded with the fleet that the options name."""
     if mission == "paper" and options.fleet is not None:
-        own = load_fleet(options.fleet)
-        if _PAPER_FORMATION not in {**own.formations, **own.shapes}:
+        fleet = load_fleet(options.fleet)
+        if _PAPER_FORMATION not in {**fleet.formations, **fleet.shapes}:
             raise ConfigError(
                 f"The demo's mission flies the formation '{_PAPER_FORMATION}', which"
                 f" {options.fleet} has not. Name a mission for this fleet: covey demo --fleet"
@@ -88,7 +88,7 @@ def _loaded(mission: str, options: FlightOptions) -> Mission:
 
 
 def _ring(mission: str | None, vehicles: int, options: FlightOptions) -> Mission:
-    """Return a mission of so many vehicles that form a ring."""
+    """Return a mission in which this number of vehicles form a ring."""
     for name, value in (("mission", mission), ("fleet", options.fleet)):
         if value is not None:
             raise ConfigError(

@@ -40,11 +40,11 @@ def doctor(
 ) -> int:
     """Say whether this computer is fit, and with --network whether the links between all nodes are.
 
-    Each line that finds fault says what to do about it.
+    Each line about a fault says what to do.
 
     Args:
         fleet: the fleet file
-        network: listen to all nodes that run: rates, losses, ages, round trips, clocks
+        network: listen to all running nodes: rates, losses, ages, round trips, clocks
         seconds: listen for so long
         json: a list with an object for each line
     """
@@ -54,19 +54,19 @@ def doctor(
     if not 1.0 <= seconds <= _LONGEST_S:
         raise ConfigError(f"--seconds is {seconds:g}; give 1 to {_LONGEST_S:g}.")
 
-    found = machine()
+    lines = machine()
     is_silent = False
     if config is not None:
-        found += key_checks(config)
+        lines += key_checks(config)
         if network:
             heard = listen(config, seconds)
             is_silent = not heard.last
-            found += interfaces()
-            found += judged(config, heard)
+            lines += interfaces()
+            lines += judged(config, heard)
             if config.has_keys:
-                found.append(authority_check(config))
+                lines.append(authority_check(config))
 
-    print(as_json(found) if json else as_text(found))
+    print(as_json(lines) if json else as_text(lines))
     if is_silent:
         return EXIT_NO_ANSWER
-    return EXIT_FAILED if worst(found) is Grade.FAIL else EXIT_OK
+    return EXIT_FAILED if worst(lines) is Grade.FAIL else EXIT_OK

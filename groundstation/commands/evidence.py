@@ -5,9 +5,9 @@ Examples:
   covey evidence myfleet.toml myshow.toml --wind 8 --out evidence
   covey evidence myfleet.toml myshow.toml --wind 8 --out evidence2 --beside evidence
 
-The mission is flown in simulated time, with everything broken that can break, once
-a round. --out gets evidence.html, evidence.json, geography.geojson, volumes.png and
-flights.jsonl. Stopped with Ctrl-C, the same command goes on where it was.
+The mission is flown in simulated time, once with every fault in each round. --out
+gets evidence.html, evidence.json, geography.geojson, volumes.png and flights.jsonl.
+After Ctrl-C the same command continues where it was.
 
 It is evidence from simulation, and says what it does not show. Exit status: 0 nothing
 speaks against the fleet; 1 something does; 2 wrong input; 130 interrupted.
@@ -60,17 +60,17 @@ def evidence(
     jobs: Annotated[int | None, Parameter(metavar="N")] = None,
     beside: Folder | None = None,
 ) -> int:
-    """Break everything in a mission, and put together what that shows.
+    """Fly a mission with every fault, and write what the flights show.
 
     Args:
         fleet: fleet file
         mission: mission file, TOML or Python
         wind: mean wind, from another direction in each flight, with gusts of 15 %
         out: folder of the evidence; flights that it holds are not flown again
-        quick: one round: every fault once, for a look in minutes
-        rounds: so many rounds (default 4)
-        only: only faults whose name contains this; the others stay not shown
-        jobs: processes (default: one for each core)
+        quick: one round: every fault once, which takes minutes
+        rounds: number of rounds (default 4)
+        only: fly only faults whose name contains this; the others count as not shown
+        jobs: number of processes (default: one for each core)
         beside: evidence of another machine, whose figures are compared
     """
     rounds = _rounds(quick, rounds)
@@ -102,7 +102,7 @@ def evidence(
         if kept.flown:
             print(f"{len(kept.flown)} flights of {out} are kept.", flush=True)
         flights = fly_campaign(campaign, kept, jobs=jobs, say=_Progress().say)
-        whole = summarized(
+        summary = summarized(
             flights,
             fleet=config,
             mission=flown_mission.name,
@@ -112,12 +112,12 @@ def evidence(
             command=_command(campaign, out),
             made_by=made_by,
         )
-        agreements = write_folder(out, whole, fleet=config, flights=flights, other=other)
+        agreements = write_folder(out, summary, fleet=config, flights=flights, other=other)
     except OSError as error:
         raise ConfigError(f"{out} cannot be written: {error}.") from None
 
-    _print_summary(whole, out)
-    is_right = not whole.is_wrong
+    _print_summary(summary, out)
+    is_right = not summary.is_wrong
     for agreement in agreements:
         if not agreement.is_within:
             is_right = False
@@ -161,19 +161,19 @@ class _Progress:
 
     def __init__(self) -> None:
         self._begin_s = time.monotonic()
-        self._first_done: int | None = None
+        self._kept_count: int | None = None  # flights that were kept from before and took no time
 
     def say(self, line: str) -> None:
         """Print a line that begins with ``DONE of TOTAL``."""
         done_word, _, rest = line.partition(" of ")
         done = int(done_word)
         total = int(rest.partition(" ")[0])
-        # flights that were kept from before took no time
-        if self._first_done is None:
-            self._first_done = done - 1
+        if self._kept_count is None:
+            self._kept_count = done - 1
 
-        flown = done - self._first_done
-        left_s = (time.monotonic() - self._begin_s) / flown * (total - done)
+        elapsed_s = time.monotonic() - self._begin_s
+        mean_flight_s = elapsed_s / (done - self._kept_count)
+        left_s = mean_flight_s * (total - done)
         print(f"{line}  [{_minutes(left_s)} to go]", flush=True)
 
 
@@ -183,16 +183,18 @@ def _minutes(seconds: float) -> str:
     return f"{math.ceil(seconds / 60.0)} min"
 
 
-def _print_summary(whole: Evidence, out: Path) -> None:
+def _print_summary(summary: Evidence, out: Path) -> None:
     print()
-    for row in whole.matrix:
+    for row in summary.matrix:
         print(_row_line(row))
-    shapes = whole.volumes
+    shapes = summary.volumes
     print(
         f"\nContingency volume: {shapes.excursion_m:.1f} m around the flight geography, up to"
         f" {shapes.contingency_height_m:.1f} m. Ground risk buffer: {shapes.fall_reach_m:.1f} m."
     )
-    print(f"{whole.flights} flights, {whole.wrong_flights} wrong. Digest {whole.digest[:16]}.")
+    print(
+        f"{summary.flights} flights, {summary.wrong_flights} wrong. Digest {summary.digest[:16]}."
+    )
     print(f"{out / PAGE_NAME}: open it in a browser; it says what it does not show.")
 
 

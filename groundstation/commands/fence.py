@@ -4,9 +4,10 @@ Examples:
   covey import fence field.plan --fleet fleet.toml
   covey import fence field.geojson --fleet fleet.toml --buffer 2 --height=-1,30 --write
 
-Prints [[fences]] as the fleet file has them, checked against its origin, spots and
-limits; --write puts them at its end. docs/fences.md says more. Exit status: 0 fine;
-2 wrong input, nothing written.
+Prints tables [[fences]] for the fleet file, checked against the file's origin, spots
+and limits; --write appends them to the file. docs/fences.md says more.
+
+Exit status: 0 fine; 2 wrong input, nothing written.
 """
 
 from __future__ import annotations
@@ -36,22 +37,22 @@ def fence(
         file: a .plan of QGroundControl, or GeoJSON: polygons, their holes, points with a radius_m;
             a property keep = "out" makes an area to stay out of
         fleet: the fleet file, with an origin
-        buffer: that goals and ways keep from each edge, in metres
+        buffer: distance that goals and paths keep from each edge, in metres
         height: floor and top of each fence in the fleet's frame, in metres
-        write: put them at the end of the fleet file
+        write: append the fences to the fleet file
     """
-    # Imported here: the help page needs none of them.
+    # Imported here: the help page does not need these modules.
     from groundstation.starter.fence_files import read_fences, toml_of
     from groundstation.starter.fleet_edit import checked_text, write_text
 
-    made = read_fences(file, buffer, _heights(height))
-    text = toml_of(made)
-    whole = checked_text(Path(fleet), text)
+    fences = read_fences(file, buffer, _heights(height))
+    text = toml_of(fences)
+    fleet_text = checked_text(Path(fleet), text)
     print(text, end="")
     if write:
-        write_text(Path(fleet), whole)
+        write_text(Path(fleet), fleet_text)
         print(
-            f"\nWritten into {fleet}: {len(made)} fences. Look at it with covey check {fleet}; "
+            f"\nWritten into {fleet}: {len(fences)} fences. Look at it with covey check {fleet}; "
             "every computer needs this file."
         )
     return EXIT_OK

@@ -8,9 +8,9 @@ Examples:
   covey fly my_mission.py --lockstep --arg height_m=1.5
   covey fly paper --lockstep --wind-m-s 3,0 --fault 'mav1 mocap_lost at=14'
 
-Exit status: 0 all that the mission declares came true; 1 something did not;
-2 wrong input, nothing started; 130 interrupted. Ctrl-C lands; a second one ends
-the processes that were started.
+Exit status: 0 all expectations of the mission came true; 1 one did not; 2 wrong
+input, nothing started; 130 interrupted. Ctrl-C lands; a second one ends the
+processes that were started.
 """
 
 from __future__ import annotations
@@ -53,12 +53,12 @@ def fly(
     world: WorldOptions = _NO_WORLD_OPTIONS,
     bus: BusOptions = _NO_BUS_OPTIONS,
 ) -> int:
-    """Fly a mission, TOML or Python, and say whether all came true that it declares.
+    """Fly a mission, TOML or Python, and say whether its expectations came true.
 
     Args:
         mission: mission file, or the name of an example
-        sitl: start the emulator and the agents too, on the file's ports
-        at: begin at this time of the world's clock, 21:30:00, once all computers have the same time
+        sitl: start the emulator and the agents too, on the fleet file's ports
+        at: begin at this time of the world's clock, 21:30:00, if all computers have the same time
     """
     return fly_mission(mission, options, world, bus, is_simulated=sitl, has_free_ports=False, at=at)
 
@@ -117,7 +117,7 @@ def fly_mission(
 def _refuse_misplaced(
     options: FlightOptions, world: WorldOptions, bus: BusOptions, *, is_simulated: bool
 ) -> None:
-    """Refuse options for simulated flights, or for lockstep flights, if this flight is none."""
+    """Refuse options that need a simulated flight or lockstep, if this flight is another one."""
     if bus.given and not options.lockstep:
         first = next(iter(bus.given)).replace("_", "-")
         raise ConfigError(f"--bus-{first} is for flights in lockstep. Add --lockstep.")
@@ -134,7 +134,7 @@ def _begin_of(at: str, options: FlightOptions) -> WorldTime | None:
     """Return the time of day at which the mission begins; None if the option is not given.
 
     Raises:
-        ConfigError: the time is wrong, or the flight is one in lockstep.
+        ConfigError: the time is wrong, or the flight is in lockstep.
     """
     if not at:
         return None

@@ -4,8 +4,9 @@ Examples:
   covey web foxglove --fleet fleet.toml
   covey web foxglove --fleet fleet.toml --port 0
 
-Open ws://127.0.0.1:8765 there as a "Foxglove WebSocket". The topics are those of
-covey log export --foxglove. It only watches, and takes nothing from who connects.
+Open ws://127.0.0.1:8765 in the viewer as a "Foxglove WebSocket". The topics are
+those of covey log export --foxglove. The server only watches the fleet, and
+accepts no input from viewers.
 
 Exit status: 0 ended by an interrupt; 2 wrong input, nothing was served.
 """
@@ -28,7 +29,7 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_OK
 
-_SCENE_S = 0.1
+_SCENE_S = 0.1  # period of the moving part of the scene
 _STATIC_S = 5.0  # period of fence and obstacles, so that a viewer that connects later gets them
 
 
@@ -48,7 +49,7 @@ def foxglove(*, fleet: File, port: int = 8765, host: str = "127.0.0.1") -> int:
 
 async def _serve(fleet: FleetConfig, host: str, port: int) -> int:
     """Serve a fleet until an interrupt; return the exit status."""
-    # Imported here: only this needs the libraries of the extra `viewers`.
+    # Imported here: only this function needs the libraries of the extra `viewers`.
     from groundstation.viewers.live_scene import LiveScene
     from groundstation.viewers.live_server import LiveServer
     from groundstation.viewers.scene_messages import event_line, static_scene, timestamp

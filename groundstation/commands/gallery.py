@@ -8,8 +8,8 @@ Examples:
   covey fly search --sitl
 
 They are flown in lockstep, each in seconds. The four accidents are flown twice,
-without the defence against them and with it. Exit status: 0 all that the mission
-declares came true; 1 something did not; 2 wrong input, nothing started; 130
+without the defence against them and with it. Exit status: 0 all expectations of
+the mission came true; 1 one did not; 2 wrong input, nothing started; 130
 interrupted.
 """
 
@@ -47,7 +47,7 @@ def gallery(
     """List the missions of the gallery, or fly one of them in lockstep.
 
     Args:
-        name: of the mission; without it all are listed
+        name: name of the mission; by default all are listed
         record: flight folder (default: flights/<time>); not for an accident
         law: avoidance law instead of the fleet file's; not for an accident
         seed: seed of everything random in the emulator

@@ -56,7 +56,7 @@ def identify(
     """Identify a vehicle's hover throttle, lag, drag and tilt error; propose values for its type.
 
     Args:
-        record_dir: folder of a recorded flight: nothing is flown
+        record_dir: folder of a recorded flight; then nothing is flown
         fleet: fleet file (default for a record: the one in its folder)
         vehicle: the vehicle that flies; for a record, the one to identify (default: all)
         sitl: start the emulator and the agent too, on free ports
@@ -89,7 +89,7 @@ def identify(
         raise ConfigError(f"--box is {box}; half the width of the box must be more than 0 m.")
 
     folder = (record or new_folder()).absolute()
-    # writes mission.py, and the fleet file whose path it returns
+    # writes mission.py and a fleet file into the folder, and returns the path of the fleet file
     fleet_path = write_manoeuvre(
         fleet, vehicle, folder, half_m=box, seed=seed, is_simulated=sitl, is_headless=headless
     )

@@ -5,10 +5,10 @@ Examples:
   covey import show.skyc --out my_show --fleet fleet.toml
   covey import exported_csvs --promise 1.2
 
-Reads Skybrush's .skyc, and folders and zips with a CSV for each drone. All that is
-changed stands as a comment in the files; what cannot be mended is refused with
-the drones' names. docs/shows.md says more. Exit status: 0 written; 2 wrong
-input, nothing written.
+Reads Skybrush's .skyc, and folders and zips with a CSV for each drone. Comments in
+the files say what was changed. A show that cannot be corrected is refused, with the
+names of its drones. docs/shows.md says more. Exit status: 0 written; 2 wrong input,
+nothing written.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def import_(
 ) -> int:
     """Make a mission of a show: a fleet file, a mission file, and a path for each drone.
 
-    What covey cannot fly as it is, it mends where it can: slower, or further apart.
+    If the show cannot be flown as it is, it is made slower or wider where that suffices.
 
     Args:
         show: a .skyc of Skybrush, or a folder or a zip of CSVs
@@ -45,13 +45,13 @@ def import_(
             emulated vehicles)
         promise: distance that the vehicles keep, centre to centre, in metres (default: the fleet's,
             or 0.8)
-        vertical: vehicles may pass above each other so far apart in height, in metres (default: as
-            the fleet says; without --fleet they do not)
+        vertical: difference of height at which vehicles may pass above each other, in metres
+            (default: as the fleet says; without --fleet they may not)
     """
     if promise is not None and not 0.1 <= promise <= 100.0:
         raise ConfigError(f"--promise is {promise:g}; it must lie between 0.1 and 100 m.")
 
-    read = read_show(show)
+    original = read_show(show)
     folder = out or Path(show.stem)
     if (folder / "fleet.toml").exists():
         raise ConfigError(
@@ -61,18 +61,20 @@ def import_(
     if fleet is not None:
         own_fleet = load_fleet(fleet)
 
-    made = import_show(read, folder, str(show), own_fleet, promise, vertical)
+    imported = import_show(original, folder, str(show), own_fleet, promise, vertical)
 
-    duration_s = max(path.duration_s for path in made.paths.values())
-    drones = len(made.paths)
-    print(f"'{read.title}': {drones} drones, {duration_s:.0f} s above {made.takeoff_m:g} m.")
-    for note in (*read.notes, *made.notes):
+    duration_s = max(path.duration_s for path in imported.paths.values())
+    drones = len(imported.paths)
+    print(
+        f"'{original.title}': {drones} drones, {duration_s:.0f} s above {imported.takeoff_m:g} m."
+    )
+    for note in (*original.notes, *imported.notes):
         print(f"  {note}")
-    for name, lines in made.own_notes.items():
-        for line in lines[1:]:  # the first one only says which drone of the show it is
+    for name, lines in imported.own_notes.items():
+        for line in lines[1:]:  # the first line only says which drone of the show it is
             print(f"  {name} {line}")
     if drones > 1:
-        nearest_pair = closest_pairs(sample(made.paths))[0]
+        nearest_pair = closest_pairs(sample(imported.paths))[0]
         print(f"Nearest: {pair_words(nearest_pair)}.")
 
     print(f"Written: {folder}/fleet.toml, mission.toml and paths/. Next:")

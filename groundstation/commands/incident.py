@@ -5,8 +5,8 @@ Examples:
   covey incident flights/first --before 8
   covey incident flights/first --quick
 
-A flight in lockstep is flown again with one thing otherwise each time; that takes some
-seconds for each. Other flights cannot be flown again: for them only the account is given.
+A flight in lockstep is flown again several times, each time with one change; each takes
+some seconds. Other flights cannot be flown again: for them only the account is given.
 
 Exit status: 0; 2 when there is no record to open.
 """
@@ -45,7 +45,7 @@ def incident(
 
     Args:
         flight: flight folder
-        before: so many seconds before that moment are told
+        before: number of seconds before that moment that are told
         quick: only what the record says; nothing is flown again
     """
     if not 0.0 < before <= _LONGEST_S:

@@ -7,7 +7,8 @@ Examples:
   covey init mine --law my_law
   covey init sandbox --vehicles 6 --companions here --type ardrone
 
-In a terminal it asks for what no option says; elsewhere it takes the defaults.
+In a terminal it asks for each value that no option gives; elsewhere it takes
+the defaults.
 
 Exit status: 0 written; 2 wrong input, nothing written.
 """
@@ -75,18 +76,18 @@ def init(
 
     Args:
         folder: folder of the files
-        name: of the fleet, a part of its names on the bus
-        vehicles: how many
-        position: the motion capture indoors; "bus" for poses of a program of yours or of the
-            emulator; "gps" outdoors
+        name: name of the fleet, which is a part of its topics on the bus
+        vehicles: number of vehicles
+        position: source of positions: the motion capture indoors; "bus" for poses from your own
+            program or from the emulator; "gps" outdoors
         mocap_host: computer on which the motion capture's program runs
         origin: latitude, longitude and altitude of the fleet's 0, 0, 0 outdoors
-        companions: address of the first companion computer, which is counted up, or all with
-            commas; "here" to simulate
-        autopilot: PX4 as each companion sees it
+        companions: address of the first companion computer, from which the others count up, or all
+            addresses with commas; "here" to simulate
+        autopilot: endpoint of PX4 on each companion computer
         spacing: distance of the take-off spots
         type: a type of the examples, or a new name
-        mass: of a new type
+        mass: mass of a new type
         law: also write a law of your own, NAME.py, and a test of it: docs/own-law.md
         force: overwrite files that are there
     """

@@ -1,4 +1,4 @@
-"""``covey keys``: lock a fleet's bus; its authority, and the certificates of its nodes.
+"""``covey keys``: the keys of a fleet's bus: its authority and the certificates of its nodes.
 
 Examples:
   covey keys secure fleet.toml
@@ -9,9 +9,10 @@ Examples:
   covey keys renew fleet.toml
   covey keys init fleet.toml --force
 
-covey keys secure makes what is missing in keys/ beside the fleet file, and turns
-its endpoints into quic/; a second call changes nothing. docs/keys.md says more.
-Exit status: 0 all right; 1 list found what is wrong; 2 wrong input.
+The authority signs the certificates of all nodes. covey keys secure makes what
+is missing in keys/ beside the fleet file, and turns the fleet's endpoints into
+quic/; a second call changes nothing. docs/keys.md says more. Exit status: 0 all
+right; 1 covey keys list found a fault; 2 wrong input.
 """
 
 from __future__ import annotations
@@ -69,8 +70,8 @@ def secure(fleet: FleetArgument, /, *, mavlink: bool = False) -> int:
 
     Args:
         fleet: the fleet file; its folder gets a folder keys/
-        mavlink: make the keys of MAVLink signing instead, between each vehicle's PX4 and all that
-            speak to it
+        mavlink: make the keys of MAVLink signing instead, between each vehicle's PX4 and all
+            programs that speak to it
     """
     if mavlink:
         return _sign_mavlink(fleet)
@@ -95,7 +96,7 @@ def secure(fleet: FleetArgument, /, *, mavlink: bool = False) -> int:
 
 
 def _sign_mavlink(path: str) -> int:
-    """Make the keys of MAVLink signing, and print who gets which."""
+    """Make the keys of MAVLink signing, and print which computer gets which key."""
     signed = sign_mavlink(path)
     file = Path(signed.path).name
 
@@ -165,7 +166,7 @@ def list_(fleet: FleetArgument, /, *, running: bool = False) -> int:
     Args:
         fleet: the fleet file
         running: also ask each running node whether its keys are of the present authority, or of a
-            former one, because it was forgotten when the authority was replaced
+            former one, as of a node that was forgotten when the authority was replaced
     """
     config = load_fleet(fleet)
     if not config.has_keys:

@@ -8,8 +8,8 @@ Examples:
   covey log export flights/first --csv flown
   covey log fetch flights/first
 
-Exit status: 0; 2 when there is no record, or the file cannot be written. Of
-fetch: 0 all logs are here; 1 none; 10 nobody answered; 50 some.
+Exit status: 0; 2 when there is no record, or the file cannot be written. Exit
+status of fetch: 0 all logs are here; 1 none; 10 nobody answered; 50 some.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def list_flights(folder: _Flight = Path("flights"), /, *, json: bool = False) ->
 
     Args:
         folder: folder of flight folders (default: flights)
-        json: for programs
+        json: JSON instead of lines
     """
     if not folder.is_dir():
         raise ConfigError(f"{folder}: there is no such folder. Give one with flight folders in it.")
@@ -72,9 +72,9 @@ def info(flight: _Flight, /, *, json: bool = False) -> int:
 
     Args:
         flight: flight folder, its flight.mcap, or a log of PX4 (.ulg)
-        json: for programs
+        json: JSON instead of lines
     """
-    # Imported here: only this needs the reader of PX4's logs.
+    # Imported here: only this command needs the reader of PX4's logs.
     from groundstation.px4_logs import flight_logs, log_summary, px4_log
 
     if flight.suffix == flight_logs.SUFFIX:
@@ -84,11 +84,10 @@ def info(flight: _Flight, /, *, json: bool = False) -> int:
 
     about = summary(flight)
     counts = channels(flight)
-    found = flight_logs.logs_of_folder(flight)
-    lines = [*info_lines(about, counts), *log_summary.fleet_lines(found)]
-    _print(
-        {**about, "channels": counts, "px4": log_summary.fleet_mapping(found)}, lines, is_json=json
-    )
+    px4_logs = flight_logs.logs_of_folder(flight)
+    content = {**about, "channels": counts, "px4": log_summary.fleet_mapping(px4_logs)}
+    lines = [*info_lines(about, counts), *log_summary.fleet_lines(px4_logs)]
+    _print(content, lines, is_json=json)
     return EXIT_OK
 
 
@@ -124,7 +123,7 @@ def export(
         if csv is not None:
             print("\n".join(str(path) for path in write_csvs(flight, csv)))
         if foxglove:
-            # Imported here: only this needs the libraries of the extra `viewers`.
+            # Imported here: only --foxglove needs the libraries of the extra `viewers`.
             from groundstation.viewers.viewer_record import write_viewer_record
 
             print(write_viewer_record(flight, out))
@@ -154,10 +153,10 @@ def fetch(
         fleet: fleet file (default: DIR/fleet.toml)
         vehicles: only these: names or indices, a,b or 0-2 (default all)
         exclude: all but these
-        newest: how many logs of each vehicle
+        newest: number of logs of each vehicle, the newest first
         json: one object instead of the list
     """
-    # Imported here: only this needs the libraries of MAVLink.
+    # Imported here: only this command needs the libraries of MAVLink.
     from groundstation.px4 import log_fetch, parameter_sets
     from groundstation.px4.agent_log_link import agent_log_links
     from groundstation.px4.fetch_progress import FetchProgress

@@ -7,9 +7,10 @@ Examples, with the orders of the console:
   covey order --fleet fleet.toml locate mav1
   covey order --fleet fleet.toml land all --json
 
-No questions are asked, and nothing is shown ahead: covey check and the console
-do that. Land, hold and kill go at once, whoever operates; other orders need
-control, which is taken when nobody has it and given back at the end.
+The order is sent without a question and without a preview, which the console
+has. Land, hold and kill are sent whichever ground operates the fleet. Other
+orders need control of the fleet: the command takes it if no ground has it, and
+gives it back at the end.
 
 Exit status: 0 every vehicle did it; 1 none did; 2 wrong input, nothing sent; 10
 nobody answered; 50 some did; 130 interrupted.
@@ -47,7 +48,7 @@ def order(
 
     Args:
         words: the order
-        timeout: wait so long for its end
+        timeout: longest wait for the end of the order
         json: a list with one object per vehicle
     """
     config = load_fleet(fleet)

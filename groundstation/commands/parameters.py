@@ -50,7 +50,7 @@ class BusOptions:
 
     Args:
         bus_delay_s: shortest time from sender to receiver (default 0.001)
-        bus_jitter_s: mean of what comes on top of it (default 0)
+        bus_jitter_s: mean of the random time that is added to it (default 0)
         bus_loss: chance of each message to be lost (default 0)
         bus_burst: mean number of messages lost in a row (default 1: each by itself)
         bus_reorder: chance of each message to be overtaken (default 0)
@@ -106,7 +106,7 @@ class WorldOptions:
     """Weather, faults and orders of others in a simulated flight.
 
     Args:
-        wind_m_s: mean wind, towards east and north
+        wind_m_s: mean wind: its components towards east and north
         gust_m_s: standard deviation of its gusts
         fault: a fault, for instance 'mav1 motor_dead at=20 motor=2'; may be given several times;
             covey sitl --faults lists them
@@ -145,7 +145,8 @@ def refuse_wrong_times(seconds: float | None, every_s: float) -> None:
         ConfigError: one of them is out of bounds.
     """
     is_long_enough = seconds is None or seconds >= _SHORTEST_S
-    if not is_long_enough or not _LEAST_PERIOD_S <= every_s <= _MOST_PERIOD_S:
+    is_period_possible = _LEAST_PERIOD_S <= every_s <= _MOST_PERIOD_S
+    if not is_long_enough or not is_period_possible:
         raise ConfigError("--every-s must lie between 0.1 and 3600, --seconds be 0.5 or more.")
 
 

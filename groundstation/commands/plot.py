@@ -4,7 +4,7 @@ Example:
   covey plot flights/first
 
 Exit status: 0 all was drawn; 2 nothing can be drawn, or the record breaks off
-(what it has is drawn).
+(then the figures show the recorded part).
 """
 
 from __future__ import annotations

@@ -39,9 +39,9 @@ def preflight(
     Args:
         vehicles: only these: names or indices, a,b or 0-2 (default all)
         exclude: all but these
-        timeout: wait so long for answers
-        wait: how long to go on asking after the first answers, until all are go: agents that have
-            just started know little yet
+        timeout: longest wait for the first answers
+        wait: longest time for which to ask again after the first answers, until all are go, because
+            agents that have just started know little yet
         json: one object instead of the page
     """
     config = load_fleet(fleet)

@@ -1,4 +1,4 @@
-"""``covey px4``: each PX4's parameters and state, past the agents.
+"""``covey px4``: each PX4's parameters and state, over MAVLink and not through the agents.
 
 Examples:
   covey px4 params --fleet fleet.toml
@@ -68,8 +68,9 @@ def params(
         apply: set those that differ, have PX4 store them, and read them back; disarmed vehicles
             only
         dump: write all parameters of each vehicle to a new file, as QGroundControl does
-        diff: compare all parameters of each vehicle with a file's or with another vehicle's
-        restore: write back what differs from a file of --dump or a backup, each vehicle its own
+        diff: compare all parameters of each vehicle with those of a file or of another vehicle
+        restore: write back the parameters that differ from a file of --dump or a backup; each
+            vehicle gets its own
         backup: file for all parameters before --apply or --restore changes any (default:
             px4-FLEET-TIME.params here)
         json: one object instead of the list
@@ -190,13 +191,13 @@ def info(
     chosen = selected_vehicles(config, vehicles, exclude)
     keys = mavlink_keys(config, [vehicle.name for vehicle in chosen])
     with opened(chosen, keys) as links:
-        found = for_each(lambda link: vehicle_info.ask(link, keys.get(link.vehicle.name)), links)
+        infos = for_each(lambda link: vehicle_info.ask(link, keys.get(link.vehicle.name)), links)
 
     if json:
-        print(dumps(vehicle_info.as_mapping(found), indent=2))
+        print(dumps(vehicle_info.as_mapping(infos), indent=2))
     else:
-        print(vehicle_info.as_text(found))
-    return vehicle_info.exit_status(found)
+        print(vehicle_info.as_text(infos))
+    return vehicle_info.exit_status(infos)
 
 
 @px4.command
@@ -217,7 +218,7 @@ def signing(
         exclude: all but these
         set: give each disarmed PX4 the key keys/NAME.mavlink.key, over the vehicle's own link
         remove: take the key from each disarmed PX4
-        old: with --set: the key that PX4 has now, where it has another one
+        old: with --set: the key that PX4 has now, if it has one already
         json: one object instead of the list
     """
     config = load_fleet(fleet)
@@ -258,18 +259,18 @@ def compare(
 ) -> int:
     """Say what another version of PX4 changes for this fleet.
 
-    It compares demanded parameters, defaults, failsafes, and all else that was measured.
+    It compares required parameters, defaults, failsafes, and all else that was measured.
 
     Args:
         old: version that flies now, for instance 1.16
         new: version to fly, for instance 1.18
         json: one object instead of the list
     """
-    found = version_comparison.compare(load_fleet(fleet), old, new, measured_px4())
+    comparison = version_comparison.compare(load_fleet(fleet), old, new, measured_px4())
     if json:
-        print(dumps(version_comparison.as_mapping(found), indent=2))
+        print(dumps(version_comparison.as_mapping(comparison), indent=2))
     else:
-        print(version_comparison.as_text(found))
+        print(version_comparison.as_text(comparison))
     return EXIT_OK
 
 

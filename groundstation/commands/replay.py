@@ -12,7 +12,7 @@ Keys: space play or pause; , and . one step; left and right 5 s; n and N next
 event and the one before; < and > speed; home and end.
 
 Exit status: 0; 2 when there is no record to open, or it cannot be flown again;
-1 when what was flown again has not come true.
+1 when the mission that was flown again has failed.
 """
 
 from __future__ import annotations
@@ -59,16 +59,16 @@ def replay(
     Args:
         flight: flight folder, or the MCAP file of one
         fleet: fleet file, where none lies beside the record
-        speed: times real time
+        speed: speed as a multiple of real time
         at: begin at this second
         headless: no console: print what happened
         json: with --headless: as JSON
         orders: no console: print who ordered what, when, the vehicle's answer, and how it ended
         csv: no console: write t,x,y,z,yaw of each vehicle into this folder; docs/shows.md flies
             them again
-        resume_at: fly it again, and let the changes count from this second on
-        what_if: fly it again with something otherwise, from the start without --resume-at; may be
-            given several times
+        resume_at: fly the flight again, with the changes from this second on
+        what_if: fly the flight again with this change, by default from its start; may be given
+            several times
         record: folder of the new flight (default: flights/<time>)
     """
     if resume_at is not None or what_if or record is not None:
@@ -108,7 +108,7 @@ def _fly_again(
     flight: Path, resume_at_s: float | None, what_if: tuple[str, ...], folder: Path
 ) -> int:
     """Fly a recorded flight again and print its outcome; return the exit status of its verdict."""
-    # Imported here: to look at a record needs nothing of the simulation.
+    # Imported here: only a flight that is flown again needs the simulation.
     from sitl.lockstep.reflight import fly_again
 
     if resume_at_s is not None and not 0.0 <= resume_at_s < _LATEST_S:

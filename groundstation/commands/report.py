@@ -47,7 +47,7 @@ def report(
         folder: flight folder, or its flight.mcap
         compare: another flight of the same vehicles, shown as ghosts beside this one
         rehearse: fly the mission of the folder in lockstep first, into DIR/rehearsal, and show
-            that flight as ghosts; it runs a Python mission and a law of one's own
+            that flight as ghosts; this runs the code of a Python mission and of the fleet's own law
         fleet: fleet file, where none lies beside the record
         out: where to write (default: DIR/report.html)
         tiles: folder with pictures of the ground, {z}/{x}/{y}.png, which become a part of the page
@@ -84,7 +84,7 @@ def _rehearsal(folder: Path) -> Path:
             " --compare DIR."
         )
 
-    # Imported here: to look at a record needs nothing of the simulation.
+    # Imported here: only a rehearsal needs the simulation.
     from sitl.lockstep.command import fly_mission
 
     settings = prepare(

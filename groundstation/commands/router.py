@@ -76,8 +76,9 @@ def router(
 def _links_left_s(fleets: Sequence[FleetConfig]) -> float | None:
     """Return the time [s] from now after which all links are closed; None without keys.
 
-    A vehicle that is in flight when the certificate ends has landed by then. The caller counts the
-    time by a monotonic clock, since the time of day can be set.
+    The links stay open after the certificate's end for as long as the longest flight, so that every
+    vehicle in flight can land. The caller counts the time by a monotonic clock, since the time of
+    day can be set.
     """
     end = first_end(fleets[0], ROUTER)
     if end is None:

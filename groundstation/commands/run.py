@@ -8,11 +8,13 @@ Examples:
 
 The script uses groundstation.Fleet, groundstation.BlockingFleet or
 groundstation.crazyswarm: docs/python-api.md. Without --lockstep and --sitl it
-meets the agents that run. What follows -- goes to the script. With --rehearse it
-is flown in simulated time first, and again with the fleet if that went well. So
-is a script of Crazyswarm with the agents that run, unless --no-rehearse is given.
+connects with running agents. Words after -- go to the script.
 
-Exit status: 0 the script has ended and all are down; 1 it failed, or somebody
+A rehearsal is a flight in simulated time before the flight with the fleet, which
+follows only if the rehearsal went well. --rehearse asks for one. A script of
+Crazyswarm for running agents always gets one, unless --no-rehearse is given.
+
+Exit status: 0 the script has ended and all are down; 1 it failed, or a vehicle
 is not down; 2 wrong input, nothing started; 130 interrupted. Ctrl-C leaves the
 fleet in the state that the script declares; a second one ends at once.
 """
@@ -74,7 +76,7 @@ def run(
         law: covey, paper, off or a law of your own, instead of the fleet file's (simulated flights)
         seed: seed of everything random in the emulator
         rehearse: fly it in simulated time first; nothing takes off when that fails
-        no_rehearse: not even a script of Crazyswarm that meets the agents that run
+        no_rehearse: do not rehearse a script of Crazyswarm before it flies with running agents
     """
     refuse_what_is_no_script(script)
     if lockstep and sitl:
@@ -89,8 +91,9 @@ def run(
     folder = (record or new_folder()).absolute()
     config = load_fleet(fleet)
     is_simulated = lockstep or sitl
-    is_rehearsed_unasked = not is_simulated and not no_rehearse and is_of_crazyswarm(script)
-    if rehearse or is_rehearsed_unasked:
+    if not is_simulated and not no_rehearse and is_of_crazyswarm(script):
+        rehearse = True
+    if rehearse:
         _rehearse(script, arguments, config, folder / "rehearsal", seed)
     if is_simulated:
         config = simulated_fleet(config, folder, law=law, has_free_ports=sitl, needs_ports=sitl)
@@ -112,7 +115,7 @@ def _rehearse(
     """Fly a script in simulated time.
 
     Raises:
-        ConfigError: its exit status is not 0.
+        ConfigError: the exit status of this flight is not 0.
     """
     print("Rehearsal in simulated time, before anything takes off:", flush=True)
     simulated = simulated_fleet(config, folder, law=None, has_free_ports=False, needs_ports=False)

@@ -10,9 +10,10 @@ Examples:
 
 NAME.json is a scene: a file of yours, or one of Covey's (docs/open-benchmark.md).
 
-With --map: cells over delay, loss, top speed and number of vehicles, a screening of each first. It
-can be interrupted, and goes on where it was. --cells AXIS=VALUES flies a part of it (vehicles,
-speed_m_s, delay_ms, loss_pct, errors).
+With --map: a map of the law, whose cells are combinations of delay, loss, top speed and number of
+vehicles. Each cell begins with a screening by few flights. A map can be interrupted; the same
+command continues it. --cells AXIS=VALUES flies a part of the map (vehicles, speed_m_s, delay_ms,
+loss_pct, errors).
 
 With --suite: all scenes of the open benchmark, as a table with exact intervals.
 
@@ -77,28 +78,29 @@ def simulate(
 ) -> int:
     """Fly a scenario once per seed, and say how often it succeeds and how near vehicles come.
 
-    The very control of the drone on the emulator's vehicles, with errors of the estimate, late and
-    lost messages, gusts and vehicles that differ from their type. Same seed, same digits.
+    The flights run the drone's own control code on the emulator's vehicles, with errors of the
+    estimate, late and lost messages, gusts, and vehicles that differ from their type. The same seed
+    gives the same digits.
 
     Args:
         scenario: one or several, or one file with a scene
-        seeds: half-open range, or one seed (of the suite 1000:1020)
+        seeds: half-open range, or one seed (default for the suite: 1000:1020)
         law: avoidance law, or your own as module:function (default covey)
         errors: class of errors of the estimate
-        type: vehicle types, given in turn (default sih)
+        type: vehicle types, which the vehicles get in turn (default sih)
         fleet: take types, law and distances from this fleet file (no obstacles, no fence)
-        scale: multiplies every spacing
+        scale: factor on every spacing
         set: change one value; repeatable
         physics: the emulator's, or that of a library: rotorpy (extra 'bench')
-        jobs: processes
+        jobs: number of processes
         json: one JSON object per flight on standard output
         trace: write one .npz per flight
         plot: a picture (PNG, SVG, PDF) of a flight, or of each
-        map: fly the map of the law in place of scenarios, or go on with it
+        map: fly the map of the law in place of scenarios, or continue it
         map_file: file that keeps the map
         cells: only these cells of the map; repeatable
-        flights: number in each cell of the map that does not fail
-        suite: judge a law over all scenes of the open benchmark; the name is open
+        flights: number of flights in each cell of the map that does not fail
+        suite: judge a law over all scenes of a benchmark; there is one benchmark, named open
         keep: file that keeps the flights of the suite, from which the same command goes on
         scheduler: fly the map or the suite on a Dask cluster (extra 'cluster')
         anew: begin the map or the suite anew; the old file is kept as .old
@@ -106,6 +108,7 @@ def simulate(
     if jobs < 1:
         raise ConfigError(f"--jobs is {jobs}; it must be 1 or more.")
 
+    # First way: the suite of the open benchmark.
     if keep is not None and suite is None:
         raise ConfigError("--keep is for --suite; --json prints the flights of scenarios.")
     if suite is not None:
@@ -131,6 +134,7 @@ def simulate(
         )
         return EXIT_OK if are_flawless else EXIT_FAILED
 
+    # Second way: the map of the law.
     if map:
         is_changed = (seeds, errors, scale) != (_DEFAULT_SEEDS, _DEFAULT_ERRORS, _DEFAULT_SCALE)
         options_of_scenarios = (scenario, set, law, type, fleet, trace, plot, json)
@@ -151,6 +155,7 @@ def simulate(
         )
         return EXIT_OK if is_whole else EXIT_FAILED
 
+    # Third way: one scene from a file, or scenarios by their names.
     if not scenario:
         raise ConfigError(f"name a scenario, or --map. Known: {scenarios.KNOWN}.")
     flown_seeds = _seeds(seeds)
@@ -193,7 +198,7 @@ def _names(scenario: Sequence[str]) -> list[str]:
     """Return the names of scenarios of a command line.
 
     Raises:
-        ConfigError: a name is unknown, or that of a file.
+        ConfigError: a name is unknown, or names a mission file.
     """
     for name in scenario:
         if name.endswith((".toml", ".py")):

@@ -6,10 +6,10 @@ Examples:
   covey sitl --fleet fleet.toml --px4 1.18
   covey sitl --faults
 
-Emulated are arming, PX4's modes, offboard, telemetry, parameters, signing and
-losses. Answered with UNSUPPORTED: missions, fences, rally points, calibration,
-orbit, gimbal. Left out: follow-me, the shell, corrections of satellites.
-docs/emulator.md lists every command and message.
+The emulator has arming, PX4's modes, offboard, telemetry, parameters, signing
+and losses. It answers UNSUPPORTED to missions, fences, rally points,
+calibration, orbit and gimbal. It has no follow-me, no shell and no corrections
+of satellites. docs/emulator.md lists every command and message.
 
 Exit status: 0 ended by an interrupt; 2 wrong input or a port in use, nothing was emulated.
 """
@@ -77,7 +77,7 @@ def sitl(
         vehicles: names or indices, for instance mav0,mav2 or 0-1 (default: those with emulated =
             true, else all)
         exclude: vehicles to leave out
-        seed: seed of everything random
+        seed: seed of all random numbers
         mocap_noise_m: standard deviation of the emulated motion capture
         mocap_latency_s: latency of the emulated motion capture
         mocap_dropouts_per_s: marker losses per body and second
@@ -96,8 +96,8 @@ def sitl(
         common_errors: all estimates err alike, as instances of SIH do
         error_scale: size of the estimates' errors
         truth_offset_m: falsify the published truth by this much
-        px4: version of PX4 to be (default: each vehicle's px4_version in the fleet file)
-        ftp_dies_after_kb: end each file transfer after so many kB without a word, as PX4 v1.16
+        px4: version of PX4 to emulate (default: each vehicle's px4_version in the fleet file)
+        ftp_dies_after_kb: stop each file transfer after so many kB without a message, as PX4 v1.16
             does after some seconds; 0 for never
     """
     if faults:
@@ -199,14 +199,17 @@ def _select(
 def _station(
     fleet: FleetConfig, names: Sequence[str], endpoint: str | None, *, is_silent: bool
 ) -> Address | None:
-    """Return the address of the ground station to which vehicles stream; None for none.
+    """Return the address of the ground station to which vehicles stream; None: they do not.
 
-    It is the given endpoint, or else PX4's default if the fleet uses PX4's ports.
+    The address is the given endpoint, or else PX4's default if the fleet uses PX4's ports.
     """
     if endpoint is not None:
         return station_of(endpoint)
     if is_silent:
         return None
 
-    has_layout = any(ground_port_of(fleet.vehicles[name].autopilot) is not None for name in names)
-    return GROUND_STATION if has_layout else None
+    for name in names:
+        uses_px4_port = ground_port_of(fleet.vehicles[name].autopilot) is not None
+        if uses_px4_port:
+            return GROUND_STATION
+    return None

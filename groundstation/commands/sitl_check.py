@@ -71,13 +71,13 @@ def sitl_check(
         gcs: also check the ground station's link (udpin://127.0.0.1:14550)
         sih: also check the link on which the simulator shows viewers the true state
             (udpin://127.0.0.1:19410)
-        px4: version to judge by; auto: the one that it reports
+        px4: version to judge by; auto: the version that the endpoint reports
         only: facts or topics, also with * and ?
         list: say which facts would be checked, and end
         json: findings as JSON on stdout, progress on stderr
-        wait: for the first message
-        from_elsewhere: speak first from another port than ENDPOINT's, to see the stream move there;
-            the vehicle is locked to that port until it restarts
+        wait: longest wait for the first message
+        from_elsewhere: speak first from another port than ENDPOINT's, and check that the stream
+            moves to that port; the vehicle is locked to it until it restarts
         i_have_removed_the_propellers: turn motors even if the vehicle does not look simulated
         key: sign with the key of MAVLink signing that the vehicle has, as keys/NAME.mavlink.key
     """

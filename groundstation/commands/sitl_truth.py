@@ -28,12 +28,12 @@ def sitl_truth(*, fleet: FleetFile, vehicles: Names | None = None, mocap: bool =
     exclude = None if vehicles else ",".join(emulated)
     names = config.select(vehicles, exclude)
 
-    both = [name for name in names if name in emulated]
-    if both or not names:
+    named_emulated = [name for name in names if name in emulated]
+    if named_emulated or not names:
         raise ConfigError(
-            f"{', '.join(both or emulated)}: emulated = true in {config.path}. The emulator tells"
-            " their truth and their poses; a body may get them from one source only. Name the"
-            " others, or remove the key."
+            f"{', '.join(named_emulated or emulated)}: emulated = true in {config.path}. The"
+            " emulator tells their truth and their poses; a body may get them from one source only."
+            " Name the others, or remove the key."
         )
     try:
         run(config, names, with_mocap=mocap)

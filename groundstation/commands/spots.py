@@ -5,9 +5,9 @@ Examples:
   covey import spots --fleet fleet.toml --seconds 60 --spread 0.05 --write
   covey import spots --fleet fleet.toml --vehicles mav1,mav3
 
-Every standing vehicle's position is averaged; the table says how far they are
-spread. Without --write nothing is changed. Refused in flight, while armed, without
-a good position, and where two stand too near to each other to take off.
+Every standing vehicle's position is averaged; the table says how far the positions
+are spread. Without --write nothing is changed. The command refuses vehicles that
+fly, are armed, have no good position, or stand too near to each other to take off.
 
 Exit status: 0 fine; 2 wrong input or refused, nothing written.
 """
@@ -42,12 +42,12 @@ def spots(
 
     Args:
         fleet: the fleet file; its agents run
-        vehicles: whose spots
-        seconds: for which positions are averaged
-        spread: standard deviation of positions that a spot may have, in metres
-        write: put them into the fleet file
+        vehicles: vehicles whose spots are measured
+        seconds: time over which positions are averaged
+        spread: largest standard deviation of the positions at a spot, in metres
+        write: write the spots into the fleet file
     """
-    # Imported here: the help page needs none of them.
+    # Imported here: the help page does not need these modules.
     from groundstation.starter.fleet_edit import checked_edit, write_text
     from groundstation.starter.spot_survey import (
         changes_of,

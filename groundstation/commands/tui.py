@@ -70,7 +70,7 @@ def require_terminal(remedy: str = "") -> None:
     """Refuse to open a console without a terminal or a browser's page.
 
     Raises:
-        ConfigError: the output is neither of them.
+        ConfigError: the output is neither a terminal nor a browser's page.
     """
     is_page_of_browser = "TEXTUAL_DRIVER" in os.environ
     if not sys.stdout.isatty() and not is_page_of_browser:
