@@ -46,10 +46,10 @@ from groundstation.orders.obstruction import explained
 from groundstation.orders.path_orders import path_orders
 from groundstation.orders.plan import (
     PlannedOrder,
-    addressed,
     check_again,
     of_mission,
     plan_order,
+    with_heard_stamps,
 )
 from groundstation.orders.result import OrderResult, Results
 from onboard.bus.protocol import Bus
@@ -65,7 +65,7 @@ _AGE_PERIOD_S = 0.2  # period at which conditions are tested without a message, 
 
 
 class FleetClient:
-    """Follow a fleet and give it orders.
+    """Keeps the state of a fleet up to date, and gives the fleet orders.
 
     Args:
         fleet: the fleet file.
@@ -104,8 +104,8 @@ class FleetClient:
         self._event_listeners: list[Callable[[Event], None]] = []
         stall_clock_ns = clock_ns if bus.is_simulated else boot_clock_ns
         self._stall = OwnStall(stall_clock_ns)
-        self._lateness = OwnStall(stall_clock_ns, least_s=LATE_S)
-        self._loop_lateness = LoopLateness(clock_ns, DELIVERY_PERIOD_S)
+        self._short_stall = OwnStall(stall_clock_ns, least_s=LATE_S)  # of a computer that is busy
+        self._loop_lateness = LoopLateness(clock_ns, DELIVERY_PERIOD_S)  # of the deliveries
         folded = list(FOLDED)
         if fleet.people:
             folded.append(Topic.ALL_POSES)
@@ -130,7 +130,7 @@ class FleetClient:
             mavlink_keys=mavlink_keys(fleet) if operates and not bus.is_simulated else {},
         )
         self._order_count = itertools.count(1)
-        self._held = HeldFormation(default_formation(fleet))
+        self._held = HeldFormation(default_formation(fleet))  # kept by moves of several vehicles
         self._control_due_ns = 0
         self.world = WorldClock(lambda: self._feed.clocks, clock_ns)
         self.control = Control(
@@ -152,7 +152,7 @@ class FleetClient:
         return self._feed.is_started
 
     def now_ns(self) -> int:
-        """Return the ground's monotonic clock [ns], on which ages in the state are counted."""
+        """Return the time of the monotonic clock that gives the ages in the state [ns]."""
         return self._clock_ns()
 
     def add_sink(self, sink: Sink) -> None:
@@ -275,7 +275,7 @@ class FleetClient:
 
         node = self._feed.bus.node
         orders = path_orders(kind, paths, self.new_order_id, self.author, node, self._clock_ns())
-        orders = addressed(orders, self._state)
+        orders = with_heard_stamps(orders, self._state)
         planned = PlannedOrder(intent, orders=orders, refusals={}, held=self._held)
         return self.send(planned, is_by_mission=True)
 
@@ -372,9 +372,8 @@ class FleetClient:
         for name in names:
             if name in checked.refusals:
                 order.update(name, "refused", checked.refusals[name])
-        self._orders.send_again(
-            order, {name: checked.orders[name] for name in names if name in checked.orders}
-        )
+        messages = {name: checked.orders[name] for name in names if name in checked.orders}
+        self._orders.send_again(order, messages)
 
     def may_start(self, vehicle: str) -> bool:
         """Whether a vehicle may be about to start.
@@ -521,7 +520,7 @@ class FleetClient:
         Call it several times a second.
         """
         now_ns = self._clock_ns()
-        if self._lateness.look():
+        if self._short_stall.look():
             # Silence is to count again AFTER_LATE_S from now. The state adds the longer
             # AFTER_STALL_S to the time that it gets, so it gets a time in the past.
             excused_ns = now_ns - round((AFTER_STALL_S - AFTER_LATE_S) * 1e9)

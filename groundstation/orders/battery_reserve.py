@@ -95,7 +95,7 @@ def weakest(
         return_s = way_home_s(fleet.vehicles[name], spot_enu_m, telemetry.position_enu_m)
         hover_s = fleet.vehicles[name].hover_time_s or ASSUMED_HOVER_S
         observed_1_s = discharge.rate_1_s(name, now_ns, telemetry.battery_frac)
-        # a discharge that looks slower than a hover is not believed
+        # An observed discharge that is slower than that of a hover is not used, to be safe.
         rate_pct_s = 100.0 * max(1.0 / hover_s, observed_1_s)
 
         has_pct = 100.0 * telemetry.battery_frac
@@ -116,8 +116,5 @@ def way_home_s(vehicle: Vehicle, spot_enu_m: Xyz, position_enu_m: Sequence[float
     x, y, z = spot_enu_m
     distance_m = math.dist(position_enu_m[:2], (x, y))
     height_m = max(0.0, position_enu_m[2] - z)
-    return (
-        distance_m / (_MEAN_SPEED_SHARE * vehicle.max_speed_m_s)
-        + height_m / _DESCENT_M_S
-        + _AROUND_OTHERS_S
-    )
+    mean_speed_m_s = _MEAN_SPEED_SHARE * vehicle.max_speed_m_s
+    return distance_m / mean_speed_m_s + height_m / _DESCENT_M_S + _AROUND_OTHERS_S

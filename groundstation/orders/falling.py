@@ -1,4 +1,4 @@
-"""Finds vehicles below others whose motors are about to be stopped, and which will fall. Pure."""
+"""Finds the vehicles on which others would fall whose motors are about to be stopped. Pure."""
 
 from __future__ import annotations
 

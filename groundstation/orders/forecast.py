@@ -96,6 +96,7 @@ def forecast(
 
     if len(names) > _MANY_VEHICLES:
         seeds = seeds[:1]
+    # For S flights of N vehicles: starts (S, N, 3), one goal each (S, 1, N, 3), one duration (1,)
     scenario = Scenario(
         np.repeat(start_enu_m[None], len(seeds), axis=0),
         np.repeat(goal_enu_m[None, None], len(seeds), axis=0),
@@ -170,13 +171,16 @@ def objections(predicted: Forecast, intent: Intent, fleet: FleetConfig) -> tuple
 def _closest(
     trace_enu_m: Array, names: Sequence[str], height_share: float
 ) -> tuple[float, tuple[str, str], float]:
-    """Return the smallest separation over a trace (T, N, 3), its pair, and its time [s]."""
+    """Return the smallest separation over a trace, its pair, and its time [s].
+
+    The trace (T, N, 3) has the positions [m] of N vehicles at T ticks.
+    """
     first, second = np.triu_indices(len(names), 1)
     if not len(first) or not len(trace_enu_m):
         return math.inf, ("", ""), 0.0
 
     gaps_m = separations_m(trace_enu_m[:, first] - trace_enu_m[:, second], height_share)
-    # argmin counts through the trace step by step; a step has one gap for each pair
+    # argmin counts through the rows of gaps (T, pairs): the quotient is the tick, the rest the pair
     step, index = divmod(int(gaps_m.argmin()), len(first))
     pair = (names[first[index]], names[second[index]])
     return float(gaps_m[step, index]), pair, step * TICK_S

@@ -52,7 +52,7 @@ class _Child:
         self.is_ready = False
         self.is_computing = False
         self._becoming_ready = asyncio.create_task(self._await_ready())
-        self._becoming_ready.add_done_callback(_note_end)
+        self._becoming_ready.add_done_callback(_retrieve_exception)
 
     @classmethod
     async def started(cls, *arguments: str, environment: Mapping[str, str]) -> _Child:
@@ -218,6 +218,7 @@ class Forecaster:
             asyncio.create_task(child.answer(request)) for child in (self._interpreted, compiled)
         ]
         try:
+            # Wait for the first answer, or for the first failure.
             with contextlib.suppress(OSError, EOFError, TimeoutError):
                 await next(iter(asyncio.as_completed(answers)))
 
@@ -236,7 +237,7 @@ class Forecaster:
                 task.cancel()
 
     def _end_useless_children(self) -> None:
-        """End children whose request was cancelled, and the interpreted child if not needed."""
+        """End a child whose request was cancelled, and an interpreted child that is not needed."""
         compiled = self._compiled
         if compiled is not None and compiled.is_computing:
             compiled.kill()
@@ -249,7 +250,7 @@ class Forecaster:
             self._interpreted = None
 
 
-def _note_end(task: asyncio.Task[None]) -> None:
+def _retrieve_exception(task: asyncio.Task[None]) -> None:
     """Retrieve the exception of a task, so that asyncio does not report it as never retrieved."""
     if not task.cancelled():
         task.exception()

@@ -55,7 +55,7 @@ class GoalFacts(NamedTuple):
     names: list[str]  # vehicles of the order that may be ordered
 
     def spot_enu_m(self, name: str) -> Xyz:
-        """Return a vehicle's take-off spot [m]; a spare has that of the vehicle it replaces."""
+        """Return a vehicle's take-off spot [m]; a spare has the spot of the vehicle it replaces."""
         return spot_of(name, self.fleet, self.state)
 
     def slots(self, held: HeldFormation) -> dict[str, Xyz]:
@@ -63,7 +63,13 @@ class GoalFacts(NamedTuple):
         return by_vehicle(held_slots(self.fleet, held), self.state)
 
     def by_place(self, takes: Mapping[str, str]) -> dict[str, str]:
-        """Return who takes whose slot by the names of their places, which the slots have."""
+        """Return an assignment of slots with places instead of vehicles.
+
+        The place of a vehicle is its own name, or the name of the vehicle that it replaces.
+
+        Args:
+            takes: vehicle -> the vehicle whose slot it takes.
+        """
         return {
             place_of(name, self.state): place_of(other, self.state) for name, other in takes.items()
         }

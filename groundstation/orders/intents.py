@@ -104,7 +104,7 @@ class Intent(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     verb: ClassVar[Verb | PathVerb]
     kind: ClassVar[OrderKind]  # kind of the message to each vehicle
 
-    # How the console writes it.
+    # How the console writes the order.
     usage: ClassVar[str] = ""  # form of the line, shown when a line is not understood
     number_counts: ClassVar[tuple[int, ...]] = (0,)  # how many numbers may follow the vehicles
     options: ClassVar[tuple[str, ...]] = ()  # words that a number may follow, at the line's end
@@ -112,14 +112,16 @@ class Intent(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     # In a line without names, a first number without a point is a vehicle's index: "takeoff 1".
     first_number_is_vehicle: ClassVar[bool] = True
 
-    # Where else it is written, and how it is checked.
+    # Where else the order is written, and how it is checked.
     is_mission_step: ClassVar[bool] = True  # `do` of a mission file may be this verb
     is_previewed: ClassVar[bool] = False  # the console shows a preview before it sends it
     is_joint: ClassVar[bool] = False  # when one vehicle is refused, nothing is sent to the others
     has_goals: ClassVar[bool] = False  # each vehicle gets a position: see goals.py
     is_start: ClassVar[bool] = False  # the motors may begin to turn: preflight must allow it
     waits_for_step: ClassVar[bool] = False  # a mission that is flown in steps stops before it
-    brings_down: ClassVar[bool] = False  # disabled vehicles of the fleet file may get it as well
+    # It keeps or brings a vehicle down, so vehicles that are not enabled may get it as well.
+    brings_down: ClassVar[bool] = False
+    # where a vehicle must be when it gets the order
     begins: ClassVar[Literal["on ground", "in air", "anywhere"]] = "anywhere"
 
     # Fields that the planning fills in. They are not keys of a mission file.
@@ -221,9 +223,10 @@ class Takeoff(Intent, frozen=True, kw_only=True):
     def waves(self) -> list[tuple[str, ...]]:
         """The vehicles of each wave, in the order of the fleet file."""
         names = self.names
-        size = self.by or len(names)
-        step = max(1, size)  # `range` refuses 0, which is the size of an order without vehicles
-        return [names[begin : begin + size] for begin in range(0, len(names), step)]
+        size = self.by
+        if not size:
+            size = max(1, len(names))  # `range` refuses a step of 0
+        return [names[begin : begin + size] for begin in range(0, len(names), size)]
 
     def message_values(self) -> MessageValues:
         """Return the values of the message to each vehicle."""

@@ -39,9 +39,9 @@ from onboard.config.pair_separation import separation_m
 from onboard.tuples import Xyz
 
 ORDER_LIFE_S = 2.0  # time from an order to its deadline
-_LONGEST_MOVE_S = 600.0
+_LONGEST_MOVE_S = 600.0  # longest duration of a move, and longest time between two waves
 _MOST_SPACING_M = 1000.0
-_MIN_HEIGHT_M = 0.2
+_MIN_HEIGHT_M = 0.2  # of a take-off
 _OTHER_HEIGHT_M = 0.3  # difference from which a refusal says that heights do not count
 _NO_FORMATION = HeldFormation(None)
 
@@ -154,12 +154,15 @@ def plan_order(
     if orders:
         held = held_after(intent, held)
     return PlannedOrder(
-        intent=intent, orders=addressed(orders, state), refusals=refusals, held=held
+        intent=intent, orders=with_heard_stamps(orders, state), refusals=refusals, held=held
     )
 
 
 def _place_for(name: str, intent: Intent) -> str:
-    """Return the name of the vehicle that another one replaces by this order; empty for others."""
+    """Return the place that the spare of a swap gets; empty for other vehicles and orders.
+
+    A place is the name of the vehicle that the spare replaces.
+    """
     if isinstance(intent, Swap) and name == intent.spare:
         return intent.place or intent.swapped
     return ""
@@ -175,8 +178,8 @@ def _without_disabled(intent: Intent, fleet: FleetConfig, state: FleetState | No
     if state is None or not is_to_all or has_goal_for_each or intent.brings_down:
         return intent
 
-    out = out_of_service(state)
-    names = tuple(name for name in intent.names if name not in out)
+    excluded = out_of_service(state)
+    names = tuple(name for name in intent.names if name not in excluded)
     if not names or len(names) == len(intent.names):
         return intent
     return msgspec.structs.replace(intent, vehicles=names)
@@ -259,12 +262,12 @@ def check_again(
     }
     return replace(
         planned,
-        orders=addressed(orders, state),
+        orders=with_heard_stamps(orders, state),
         refusals={**planned.refusals, **refusals},
     )
 
 
-def addressed(orders: Mapping[str, Order], state: FleetState | None) -> dict[str, Order]:
+def with_heard_stamps(orders: Mapping[str, Order], state: FleetState | None) -> dict[str, Order]:
     """Return orders with the stamp of the newest telemetry that was heard of each vehicle.
 
     The vehicle can tell from this stamp, which its own clock has made, how old the order is.
@@ -364,11 +367,13 @@ def _bad_number(intent: Intent) -> str | None:
     if not 0.0 <= duration_s <= _LONGEST_MOVE_S:
         return f"A duration of {duration_s:g} s is outside 0 to 600 s."
 
-    if isinstance(intent, Takeoff) and (intent.by < 0 or not 0.0 <= intent.every_s <= 600.0):
-        return (
-            f"Waves of {intent.by} vehicles every {intent.every_s:g} s: "
-            "give 1 or more, and 0 to 600 s."
-        )
+    if isinstance(intent, Takeoff):
+        is_period_valid = 0.0 <= intent.every_s <= _LONGEST_MOVE_S
+        if intent.by < 0 or not is_period_valid:
+            return (
+                f"Waves of {intent.by} vehicles every {intent.every_s:g} s: "
+                "give 1 or more, and 0 to 600 s."
+            )
 
     spacing_m = intent.spacing_m if isinstance(intent, Formation) else None
     if spacing_m is not None and not 0.0 < spacing_m <= _MOST_SPACING_M:
@@ -395,10 +400,12 @@ def _numbers(intent: Intent) -> Iterator[float]:
 def _goal_refusals(
     goals_enu_m: Mapping[str, Xyz], fleet: FleetConfig, state: FleetState | None, now_ns: int
 ) -> dict[str, str]:
-    """Return a refusal for each goal out of the fence or of reach, or too near to another's."""
+    """Return a refusal for each goal that is outside the fence, unreachable, or near another's."""
     refusals: dict[str, str] = {}
     for name, goal in goals_enu_m.items():
-        refusal = _space_refusal(name, goal, fleet) or _way_refusal(name, goal, fleet, state)
+        refusal = _space_refusal(name, goal, fleet)
+        if refusal is None:
+            refusal = _way_refusal(name, goal, fleet, state)
         if refusal is not None:
             refusals[name] = refusal
 
@@ -412,7 +419,7 @@ def _goal_refusals(
 
 
 def _space_refusal(name: str, goal: Xyz, fleet: FleetConfig) -> str | None:
-    """Return why no vehicle may be at a goal, other vehicles apart; None if it may."""
+    """Return why a goal is outside the permitted space; None if it is inside."""
     fence = fleet.fleet.geofence_m
     goal_text = f"({goal[0]:.2f}, {goal[1]:.2f}, {goal[2]:.2f})"
     if not fence.contains(goal):

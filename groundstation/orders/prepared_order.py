@@ -33,7 +33,7 @@ class PlansOrders(Protocol):
         """The fleet as known now."""
 
     def now_ns(self) -> int:
-        """The clock that ages are counted on."""
+        """Return the present time of the clock from which ages are computed [ns]."""
 
     def plan(self, order: Intent | str) -> PlannedOrder:
         """Plan an order and check it; nothing is sent."""
@@ -43,7 +43,7 @@ class PlansOrders(Protocol):
 
 
 class FliesAhead(Protocol):
-    """The part of a forecaster that is needed here."""
+    """A forecaster, which flies an order ahead in a simulation."""
 
     async def forecast(
         self, fleet: FleetConfig, legs: Mapping[str, Leg], *, is_takeoff: bool = False

@@ -161,7 +161,8 @@ def _difference(preview: OrderPreview, view: VehicleView, now_ns: int) -> str | 
     # A vehicle that is only to arm gets an order as well, although its leg is by an earlier order.
     gets_order = name in preview.planned.orders
     is_unfit = gets_order and _expected_refusal(preview.intent, view, now_ns) is not None
-    if is_unfit != (name in preview.unfit):
+    was_unfit = name in preview.unfit
+    if is_unfit != was_unfit:
         return f"{name}'s readiness has changed"
 
     speed_m_s = math.hypot(*telemetry.velocity_enu_m_s)

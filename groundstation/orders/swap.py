@@ -87,7 +87,7 @@ def _spare_refusal(
             f"{spare.name} stands in for {own_place} already: order swap {spare.name} "
             f"{own_place} first."
         )
-    holder = stand_ins(state).get(intent.place, intent.swapped)  # who has the place now
+    holder = stand_ins(state).get(intent.place, intent.swapped)  # the vehicle that has the place
     if holder not in (intent.swapped, spare.name):
         return f"{holder} has the place of {intent.place}: write swap {holder} {spare.name}."
     in_the_way = _in_the_way(intent, fleet, state, now_ns)
