@@ -1,7 +1,7 @@
 """A link to PX4 itself, for commands such as ``covey px4``: parameters, version, signing. Blocking.
 
-A parameter that is sent may be refused, unknown or lost with the link. PX4 v1.16 answers none of
-the three. So each parameter is read back, and a heartbeat shows whether PX4 or the link is silent.
+A parameter that is sent may be refused, unknown or lost with the link. PX4 v1.16 is silent in all
+three cases. So each parameter is read back, and a heartbeat shows whether the link still works.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Value = float | int
 
 # MAV_CMD
 _REQUEST_MESSAGE = 512
-_PREFLIGHT_STORAGE = 245
+_PREFLIGHT_STORAGE = 245  # stores the parameters
 
 _AUTOPILOT_VERSION = 148  # number of the message
 
@@ -152,7 +152,7 @@ class AutopilotLink:
         stamp = 0
         if key is not None:
             stamp = signing_time(time.time_ns())
-        key_bytes = list(key or bytes(KEY_BYTES))
+        key_bytes = list(key or bytes(KEY_BYTES))  # zeros stand for no key
         self._link.mav.setup_signing_send(self.system_id, AUTOPILOT, key_bytes, stamp)
 
     def listen(
@@ -230,7 +230,7 @@ class AutopilotLink:
         return self._value_after(name, lambda: self._request(name))
 
     def read_params(self, names: Iterable[str]) -> dict[str, Value | None]:
-        """Read parameters as :meth:`read` does."""
+        """Read several parameters, each as :meth:`read` does; return name -> value or None."""
         return {name: self.read(name) for name in names}
 
     def read_all(self) -> dict[str, Value]:

@@ -21,7 +21,8 @@ from onboard.bus.topics import Topic
 
 MAX_QUEUED = 20_000
 DELIVERY_PERIOD_S = 0.02
-# topics whose messages are folded into the fleet's state; if the file has people, ALL_POSES as well
+# Topics whose messages are folded into the fleet's state. If the fleet file has people, ALL_POSES
+# is folded as well.
 FOLDED = (Topic.TELEMETRY, Topic.EVENT, Topic.TRUTH, Topic.PREFLIGHT)
 # frequent topics, whose messages wait on the bus
 _COLLECTED = (Topic.TELEMETRY, Topic.TRUTH, Topic.STATE, Topic.TICK, Topic.MOCAP)

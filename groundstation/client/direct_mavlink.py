@@ -31,7 +31,8 @@ _FORCE = 21196.0  # second parameter of a disarm that PX4 obeys also in the air
 _LAND_PARAMS = (0.0, 0.0, 0.0, math.nan, math.nan, math.nan, math.nan)
 _KILL_PARAMS = (0.0, _FORCE, 0.0, 0.0, 0.0, 0.0, 0.0)
 
-_MODE_LAND = 4 << 16 | 6 << 24  # PX4's AUTO.LAND in HEARTBEAT.custom_mode
+# PX4's AUTO.LAND in HEARTBEAT.custom_mode: main mode 4 in the third byte, sub mode 6 in the fourth
+_MODE_LAND = 4 << 16 | 6 << 24
 _RESULTS = {
     0: "accepted",
     1: "temporarily rejected",
@@ -53,9 +54,9 @@ _DEFAULT_INTERVAL_US = 0  # stands for the default interval of a message
 # Longest wait for a heartbeat that shows the mode: it comes once a second, and on request.
 _LOOK_S = 1.3
 _STICKS_S = 0.8  # longest wait for sticks, which PX4 repeats five times a second
-_RETRY_S = 0.2
-_HEARTBEAT_S = 1.0
-_RECEIVE_S = 0.1
+_RETRY_S = 0.2  # period of the command
+_HEARTBEAT_S = 1.0  # period of this ground's heartbeat
+_RECEIVE_S = 0.1  # longest wait for one message
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +195,7 @@ def _command(
 
     while True:
         now_s = time.monotonic()
-        end_s += stall.look()  # after a stall of this process, answers are still to be read
+        end_s += stall.look()  # the length of a stall of this process does not count
         if now_s >= end_s or progress.is_disarmed:
             return progress
 
@@ -213,14 +214,15 @@ def _command(
             progress.take(message)
         if progress.is_accepted and not was_accepted:
             was_accepted = True
-            end_s = now_s + watch_s
+            end_s = now_s + watch_s  # from now on only the disarm is awaited
 
 
 def _is_flown_by_hand(link: Any, system_id: int, *, otherwise: bool) -> bool:
     """Whether PX4 is in a pilot's mode and receives sticks; `otherwise` if PX4 is silent.
 
-    PX4 is asked for its heartbeat and its sticks, again and again. A heartbeat with another mode is
-    the answer. After a heartbeat with a pilot's mode, the sticks are still to be seen.
+    PX4 is repeatedly asked for its heartbeat and for the sticks (MANUAL_CONTROL). A heartbeat with
+    another mode ends the wait: no pilot flies. After a heartbeat with a pilot's mode, two messages
+    about the sticks show that a pilot flies.
     """
     has_heartbeat = False
     is_pilots_mode = False
@@ -254,7 +256,8 @@ def _is_flown_by_hand(link: Any, system_id: int, *, otherwise: bool) -> bool:
             has_heartbeat = True
             is_armed = bool(message.base_mode & ARMED_FLAG)
             was_pilots_mode = is_pilots_mode
-            is_pilots_mode = is_armed and message.custom_mode >> 16 & 0xFF in PILOT_MODES
+            main_mode = message.custom_mode >> 16 & 0xFF
+            is_pilots_mode = is_armed and main_mode in PILOT_MODES
             if not is_pilots_mode:
                 return False
             if not was_pilots_mode:
@@ -274,7 +277,7 @@ def _ask(link: Any, system_id: int, command: int, param1: float, param2: float) 
 def _is_for_this_ground(ack: Any) -> bool:
     """Whether an acknowledgement answers this ground's command.
 
-    In MAVLink 1 it has no target, and both numbers are 0.
+    In MAVLink 1 an acknowledgement has no target, and both numbers are 0.
     """
     target = (ack.target_system, ack.target_component)
     return target in ((GCS_SYSTEM, GCS_COMPONENT), (0, 0))

@@ -18,8 +18,8 @@ def session(fleet: FleetConfig, role: str = GROUND, key_of: NodeRole | None = No
 
     Args:
         fleet: fleet whose agents the node connects to.
-        role: role of the node: one that may order, or one that only watches. Vehicles land some
-            time after the last node that may order has gone.
+        role: whether the node may order or only watches. Vehicles land some time after the last
+            node that may order has gone.
         key_of: node role whose key it uses on a locked bus; None for the key that fits ``role``.
 
     Returns:
@@ -29,12 +29,12 @@ def session(fleet: FleetConfig, role: str = GROUND, key_of: NodeRole | None = No
         namespace=fleet.namespace,
         node=f"{role}-{os.getpid()}-{random_id()[:4]}",
         connect=[*(vehicle.agent for vehicle in fleet.vehicles.values()), *fleet.pose_endpoints],
-        credentials=credentials_of(fleet, key_of or _key_of(fleet, role)),
+        credentials=credentials_of(fleet, key_of or _fitting_key(fleet, role)),
         routers=fleet.fleet.routers,
     )
 
 
-def _key_of(fleet: FleetConfig, role: str) -> NodeRole:
+def _fitting_key(fleet: FleetConfig, role: str) -> NodeRole:
     """Return the role whose key this ground uses.
 
     A ground that only watches uses the key for orders if there is no key for watching.

@@ -103,7 +103,7 @@ class Signing:
         self.allow_unsigned_callback = self._accepts_unsigned
         self.stream_timestamps: dict[tuple[int, int, int], int] = {}
 
-        # pymavlink counts received messages in these
+        # pymavlink counts received messages in these attributes
         self.sig_count = 0
         self.badsig_count = 0
         self.goodsig_count = 0
@@ -200,10 +200,10 @@ def open_as_companion(endpoint: str, system_id: int, key: bytes | None = None) -
 
 
 def message_codec(port: Any) -> Any:
-    """Return what encodes and decodes MAVLink for a port that is no socket and no device.
+    """Return a codec that encodes and decodes MAVLink without a socket or device.
 
     Args:
-        port: its ``write`` takes each packet that is sent.
+        port: object whose ``write`` gets each packet that is sent.
     """
     with _opening:
         codec = _mavutil().mavlink.MAVLink(port, GCS_SYSTEM, GCS_COMPONENT)
@@ -244,28 +244,28 @@ def _connection(address: str, system_id: int, component_id: int) -> Any:
         mavutil = _mavutil()
         mavutil.set_dialect(_DIALECT)
 
-    # A host that does not answer holds up a TCP link for minutes. So the lock is not kept
-    # meanwhile: it would hold up the kill of another vehicle as well.
+    # A TCP link to a host that does not answer takes minutes. The lock is not held meanwhile, so
+    # that it does not delay the kill of another vehicle.
     def opened() -> Any:
         return mavutil.mavlink_connection(
             address,
             source_system=system_id,
             source_component=component_id,
             dialect=_DIALECT,
-            retries=1,  # pymavlink prints before each further one
+            retries=1,  # pymavlink prints a line before each further attempt
         )
 
     if not address.startswith("tcp:"):
         return opened()
 
-    for _ in range(_CONNECT_ATTEMPTS - 1):
+    for attempt in range(1, _CONNECT_ATTEMPTS + 1):
         try:
             link = opened()
             break
         except OSError:
+            if attempt == _CONNECT_ATTEMPTS:
+                raise
             time.sleep(_CONNECT_AGAIN_S)
-    else:
-        link = opened()
 
     # pymavlink prints when the other side has closed the link, at each attempt to receive
     link.handle_eof = lambda: time.sleep(_ENDED_WAIT_S)

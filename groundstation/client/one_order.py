@@ -28,8 +28,8 @@ async def order_once(
         client: fleet client that has not been started.
         intent: the order.
         timeout_s: longest wait for its end [s].
-        say: function for a sentence about vehicles below the killed ones, called once the kill is
-            on its way: a kill waits for nothing.
+        say: function for a sentence about vehicles below the killed ones; it is called after the
+            kill was sent.
 
     Returns:
         vehicle -> its result.
@@ -55,7 +55,7 @@ async def order_once(
 
 
 def _below_killed(client: FleetClient, intent: Kill, state_before: FleetState) -> str:
-    """Return which vehicles are below the killed ones, which were in the air before the kill."""
+    """Return which vehicles are below the killed ones, by the positions before the kill."""
     vehicles = dict(client.state.vehicles)
     for name in intent.names:
         if name in state_before.vehicles:
@@ -79,4 +79,5 @@ def _is_ready(client: FleetClient, state: FleetState, intent: Intent) -> bool:
 
     if intent.verb in OPEN_TO_ALL or client.control.is_operator:
         return True
-    return client.control.holder is not None or client.control.refusal(intent.verb) is not None
+    has_other_operator = client.control.holder is not None
+    return has_other_operator or client.control.refusal(intent.verb) is not None

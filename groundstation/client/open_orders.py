@@ -7,8 +7,8 @@ Three things can be missing, and each is watched for:
   soon, a landing only after it was sent to the agent several times, because vehicles that PX4 lands
   alone do not avoid each other. A mission's landing goes to PX4 only if a single vehicle is silent;
   two that fall silent at once show that this ground has lost its own link.
-* The effect of a land or a kill that was accepted. These, too, go straight to PX4 then, and at once
-  if the agent reports that it cannot do it because it does not hear PX4.
+* The effect of a land or a kill that was accepted. Such an order then goes straight to PX4, too. It
+  goes at once if the agent reports that it does not hear PX4.
 * The event about the end, because a link broke. Telemetry then shows that the vehicle does not
   follow the order any more.
 
@@ -38,7 +38,8 @@ from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.safety.failsafe_table import Condition
 
 REPLY_TIMEOUT_S = 1.5
-# If a vehicle that followed an order is heard without it for this time, the order has ended.
+# If the telemetry of a vehicle that followed an order does not name the order for this time, the
+# order has ended.
 LOST_END_S = 3.0
 _LAND_REPLY_S = 1.0  # shortest wait for the reply to a landing
 _ROUND_TRIPS = 3.0  # wait for the reply to a landing, in measured round trips, at least
@@ -99,7 +100,8 @@ class OpenOrders:
         # vehicle -> times from an order to its reply [s], the newest last
         self._round_trips_s: dict[str, tuple[float, ...]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
-        # vehicle -> what was said of its landings by missions straight to PX4, until it is down
+        # vehicle -> sentences said about landings that a mission sent straight to PX4; kept until
+        # the vehicle is down
         self._said_of_direct: dict[str, set[str]] = {}
         self._unable: dict[str, str] = {}  # id of a land or kill -> why its agent cannot do it
         self.ids_of_missions: set[str] = set()  # ids of all orders of this ground's missions
@@ -220,7 +222,7 @@ class OpenOrders:
         order: Order,
         replied: asyncio.Event,
         *,
-        is_refusal_believed: bool = True,
+        does_refusal_count: bool = True,
     ) -> None:
         """Send one message, whose reply sets the event, and measure its round trip."""
         sent_ns = self._feed.now_ns()
@@ -230,7 +232,7 @@ class OpenOrders:
             if isinstance(reply, OrderReply) and reply.vehicle == vehicle:
                 self._feed.tell_sinks(Topic.ORDER, vehicle, reply)
                 self._feed.call(self._note_round_trip, vehicle, round_trip_s)
-                if not reply.is_accepted and not is_refusal_believed:
+                if not reply.is_accepted and not does_refusal_count:
                     # The agent may refuse because it has the order already; telemetry shows that.
                     return
             self._feed.call(self._take_reply, result, vehicle, reply, replied)
@@ -289,42 +291,44 @@ class OpenOrders:
         result.update(vehicle, phase, reply.reason)
 
     def _begin_wait(self, result: OrderResult, vehicle: str, replied: asyncio.Event) -> None:
-        task = asyncio.get_running_loop().create_task(self._follow(result, vehicle, replied))
+        task = asyncio.get_running_loop().create_task(self._watch_to_end(result, vehicle, replied))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _follow(self, result: OrderResult, vehicle: str, replied: asyncio.Event) -> None:
-        """Wait for the reply, and for the effect of a land or kill.
+    async def _watch_to_end(
+        self, result: OrderResult, vehicle: str, replied: asyncio.Event
+    ) -> None:
+        """Wait for the reply to an order, then for its end.
 
-        If either is missing, a land or kill goes straight to PX4.
+        A land or kill goes straight to PX4 if its reply or its effect is missing.
         """
         direct = _DIRECT.get(result.planned.orders[vehicle].kind)
         if direct is None:
-            await self._follow_order(result, vehicle, replied)
+            await self._watch_other_order(result, vehicle, replied)
         else:
-            await self._follow_direct(result, vehicle, replied, direct)
+            await self._watch_land_or_kill(result, vehicle, replied, direct)
 
-    async def _follow_order(
+    async def _watch_other_order(
         self, result: OrderResult, vehicle: str, replied: asyncio.Event
     ) -> None:
         """Wait for the reply to an order that has no direct path, then watch for its end."""
         limit_s = max(self._fleet.fleet.direct_command_timeout_s, REPLY_TIMEOUT_S)
-        if await self._has_replied(result, vehicle, replied, limit_s):
+        if await self._wait_for_reply(result, vehicle, replied, limit_s):
             await self._watch_for_lost_end(result, vehicle)
         else:
             problem = _no_answer_words(vehicle, limit_s)
             result.update(vehicle, "no answer", f"{problem}. Is it running?")
 
-    async def _follow_direct(
+    async def _watch_land_or_kill(
         self, result: OrderResult, vehicle: str, replied: asyncio.Event, kind: DirectKind
     ) -> None:
-        """Wait for the reply to a land or kill and for its effect; if missing, send it to PX4."""
+        """Wait for reply and effect of a land or kill; if one is missing, send it to PX4."""
         limit_s = self._fleet.fleet.direct_command_timeout_s
         if kind == "land":
             limit_s = self._land_limit_s(vehicle)
 
         problem = ""  # why the order goes straight to PX4; empty if it does not
-        if not await self._has_replied(result, vehicle, replied, limit_s):
+        if not await self._wait_for_reply(result, vehicle, replied, limit_s):
             problem = _no_answer_words(vehicle, limit_s)
             if kind == "land" and self._is_own_link_dead(result, vehicle):
                 sentence = f"{problem}, nor is another heard: my own link. {_WITHOUT_GROUND}"
@@ -352,17 +356,17 @@ class OpenOrders:
                 is_silent=not replied.is_set(),
             )
 
-    async def _has_replied(
+    async def _wait_for_reply(
         self, result: OrderResult, vehicle: str, replied: asyncio.Event, limit_s: float
     ) -> bool:
         """Wait for a reply.
 
         The wait begins again if this ground itself stood still in it. If this ground was late, the
-        bus is read once more at the end of the wait. Neither holds for a kill, which must not wait.
+        bus is read once more at the end of the wait. A kill must not wait, so it gets neither.
 
         Returns:
-            Whether the agent has replied. Telemetry that shows that it follows the order counts as
-            a reply, because a stall of this ground can lose the reply itself.
+            Whether the agent has replied. Telemetry that shows that the agent follows the order
+            counts as a reply, because a stall of this ground can lose the reply itself.
         """
         kind = result.planned.orders[vehicle].kind
         has_stalled = False
@@ -387,7 +391,7 @@ class OpenOrders:
             if self._is_followed(result, vehicle):
                 return True
 
-            # After a stall, telemetry from after the begin that shows an order of this kind counts.
+            # After a stall, newer telemetry that shows an order of this kind counts as a reply.
             view = self._view(vehicle)
             telemetry = view.telemetry if view.received_ns > begin_ns else None
             if has_stalled and telemetry is not None and telemetry.order_kind == kind:
@@ -428,7 +432,7 @@ class OpenOrders:
                 is_announced = True
                 self._announce_repeat(result, vehicle, again_s, left_s)
             order = stamped_anew(result.planned.orders[vehicle], self._feed.now_ns())
-            self._send(result, vehicle, order, replied, is_refusal_believed=False)
+            self._send(result, vehicle, order, replied, does_refusal_count=False)
 
     async def _read_bus_again(self, replied: asyncio.Event) -> None:
         """Take the messages that have arrived while this ground was not scheduled."""
@@ -493,7 +497,8 @@ class OpenOrders:
         """
         order_id = result.planned.orders[vehicle].order_id
         has_followed = False
-        unfollowed_ns = 0  # time since which it is heard without the order; 0: it is not
+        # time since which the telemetry does not name the order; 0: it does, or nothing is heard
+        unfollowed_ns = 0
 
         while not result.results[vehicle].is_final:
             await asyncio.sleep(0.1 * LOST_END_S)
@@ -542,7 +547,7 @@ class OpenOrders:
                 return f"{accepted} and cannot do it ({unable.rstrip('.')})"
 
             await asyncio.sleep(_WATCH_PERIOD_S)
-            if stall.look():  # telemetry from the time of the stall is still to be read
+            if stall.look():  # the telemetry of that time may not be read yet, so begin again
                 accepted_s = loop.time()
                 accepted_ns = self._feed.now_ns()
 

@@ -114,8 +114,8 @@ def _of_place(name: str, place: str) -> list[PageLine]:
 def _of_files(name: str, telemetry: Telemetry, fleet: FleetConfig) -> list[PageLine]:
     """Return a line if a vehicle flies with another fleet file or another law; otherwise none."""
     # The hash of a fleet file covers its law. For a vehicle that flies another built-in law, the
-    # hash of this file with that law is compared. A law of somebody's own is not loaded here,
-    # because a message must not make this ground import a module.
+    # hash of this file with that law is compared. A user's own law is not loaded here, because a
+    # message must not make this ground import a module.
     compared = fleet
     if telemetry.law in BUILT_IN and telemetry.law != fleet.law.name:
         compared = fleet.with_law(telemetry.law)

@@ -35,7 +35,7 @@ class ReadOnlyClient:
         return self._client.state
 
     def now_ns(self) -> int:
-        """Return the clock on which ages are counted [ns]."""
+        """Return the present time of the clock from which ages are computed [ns]."""
         return self._client.now_ns()
 
     async def submit(self, order: Intent | str) -> OrderResult:

@@ -36,7 +36,7 @@ async def standing_positions(
         duration_s: time for which positions are collected [s].
 
     Returns:
-        name -> positions, one for each telemetry.
+        name -> positions [m], ENU, one for each telemetry message.
 
     Raises:
         ConfigError: a vehicle is not heard, flies or is armed, or does not know its position well.
@@ -68,7 +68,7 @@ async def standing_positions(
                 "--vehicles."
             )
         client.add_listener(look)
-        # this lasts the whole time, unless a position cannot be used
+        # The wait lasts the whole time, unless a position is refused.
         await client.wait_for(lambda _: bool(refusals), duration_s)
     finally:
         await client.stop()
