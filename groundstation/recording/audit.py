@@ -11,8 +11,8 @@ from onboard.bus.schema import Event, Order, OrderReply
 from onboard.plain_text import plain_line
 
 TOPICS = frozenset(("order", "reply", "event"))
-# Codes of events in which a vehicle reports orders itself, also those of grounds other than the one
-# that recorded: an order that it answered, and an order that it took for forged.
+# Codes of events in which a vehicle itself reports an order, from any ground: an order that the
+# vehicle answered, and an order that it refused as forged.
 _ANSWERED = "order"
 _NOT_BELIEVED = "order-refused"
 
@@ -52,7 +52,7 @@ class _Trail:
 
     def _add_event(self, at_s: float, vehicle: str, event: Event) -> None:
         own = self._own.get((vehicle, event.order_id))
-        # an end is repeated after a cut of the link: only its first report counts
+        # After a break of the link the vehicle reports an end again; only the first report counts.
         if own is not None and event.order_outcome and not own.end:
             own.end_s = at_s
             own.end = f"{event.order_outcome} at {at_s:.1f} s: {event.sentence}"

@@ -175,7 +175,7 @@ def _row(channel: str, message: Message, received_ns: int) -> ChannelRow:
 
 
 def _in_plain_words(schema: dict[str, Any]) -> dict[str, Any] | None:
-    """Return the schema of a value in the words that viewers know; None if they cannot say it."""
+    """Return the schema of a value in the words that viewers know; None if that is impossible."""
     if "anyOf" in schema:
         return _common(schema["anyOf"])
     if "enum" in schema:
@@ -192,14 +192,18 @@ def _in_plain_words(schema: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def _common(schemas: list[dict[str, Any]]) -> dict[str, Any] | None:
-    """Return one schema, in the words that viewers know, that fits all of these but null.
+    """Return one schema, in the words that viewers know, that fits all of these; null is ignored.
 
     Returns None if their types differ.
     """
-    found = [_in_plain_words(one) for one in schemas if one.get("type") != "null"]
-    first = found[0]
-    if first is None or any(one is None or one["type"] != first["type"] for one in found):
+    plain = [_in_plain_words(schema) for schema in schemas if schema.get("type") != "null"]
+    first = plain[0]
+    if first is None:
         return None
-    if all(one == first for one in found):
+    for schema in plain:
+        if schema is None or schema["type"] != first["type"]:
+            return None
+
+    if all(schema == first for schema in plain):
         return first
     return {"type": first["type"]}

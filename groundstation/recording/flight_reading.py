@@ -1,9 +1,9 @@
 """Reads a whole record into a :class:`~groundstation.recording.recorded_flight.Flight`.
 
-The index of the record (:mod:`groundstation.recording.timeline`) finds its chunks, puts all clocks
-on one, and skips damaged chunks. Here the messages of a vehicle become rows of numbers. JSON is
-decoded into the kept fields only, which is some ten times faster than decoding the whole message.
-Each field may be missing.
+The index of the record (:mod:`groundstation.recording.timeline`) finds its chunks, shifts the
+stamps of all computers onto one clock, and skips damaged chunks. Here the messages of a vehicle
+become rows of numbers. JSON is decoded into the kept fields only, which is some ten times faster
+than decoding the whole message. Each field may be missing.
 
 Records may come from anybody. A message that is no JSON, or has a text in place of a number, is
 left out and counted. Absurd numbers become NaN, stamps far from all others are left out, and the
@@ -154,7 +154,7 @@ _STATES = msgspec.json.Decoder(_StateRow)
 _UNDECODABLE = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 
 
-def _rows_of(
+def _decoded(
     decoder: msgspec.json.Decoder[_Row], stamps_ns: list[int], datas: list[bytes]
 ) -> tuple[list[int], list[_Row]]:
     """Return stamps and rows of JSON texts; texts that cannot be decoded are left out."""
@@ -164,13 +164,13 @@ def _rows_of(
         pass
 
     # at least one cannot be decoded: try them one by one
-    decoded_ns: list[int] = []
-    decoded: list[_Row] = []
+    kept_ns: list[int] = []
+    rows: list[_Row] = []
     for stamp_ns, data in zip(stamps_ns, datas, strict=True):
         with contextlib.suppress(*_UNDECODABLE):
-            decoded.append(decoder.decode(data))
-            decoded_ns.append(stamp_ns)
-    return decoded_ns, decoded
+            rows.append(decoder.decode(data))
+            kept_ns.append(stamp_ns)
+    return kept_ns, rows
 
 
 # -- collecting ------------------------------------------------------------------------------------
@@ -255,7 +255,7 @@ class _Ages:
     def add(self, first_tick: int, ages_of_ticks_s: list[dict[str, _Number]]) -> None:
         """Add the ages at consecutive ticks."""
         tick = first_tick
-        # the tuple of a tick's ages is that of its keys: the neighbours' names
+        # tuple() of a mapping has its keys, here the names of the neighbours
         for names, group in itertools.groupby(ages_of_ticks_s, key=tuple):
             if not self._blocks or self._blocks[-1].neighbours != names:
                 self._blocks.append(_AgeBlock(names, tick, []))
@@ -311,7 +311,7 @@ class _VehicleRows:
 
     def add_ticks(self, stamps_ns: list[int], datas: list[bytes]) -> int:
         """Add ticks."""
-        stamps_ns, rows = _rows_of(_TICKS, stamps_ns, datas)
+        stamps_ns, rows = _decoded(_TICKS, stamps_ns, datas)
         self.ticks.add(stamps_ns, rows)
         self.ages.add(len(self.avoided), [row.neighbour_ages_s for row in rows])
         self.avoided += [row.active_neighbour for row in rows]
@@ -319,7 +319,7 @@ class _VehicleRows:
 
     def add_telemetry(self, stamps_ns: list[int], datas: list[bytes]) -> int:
         """Add telemetry."""
-        stamps_ns, rows = _rows_of(_TELEMETRY, stamps_ns, datas)
+        stamps_ns, rows = _decoded(_TELEMETRY, stamps_ns, datas)
         self.telemetry.add(stamps_ns, rows)
         for row in rows:
             texts = _TelemetryTexts(row.state, row.mode, row.order_kind, row.fix)
@@ -327,19 +327,21 @@ class _VehicleRows:
             if self.texts and self.texts[-1] == texts:
                 texts = self.texts[-1]
             self.texts.append(texts)
-            self.law = row.law or self.law
-            self.config_hash = row.config_hash or self.config_hash
+            if row.law:
+                self.law = row.law
+            if row.config_hash:
+                self.config_hash = row.config_hash
         return len(rows)
 
     def add_truths(self, stamps_ns: list[int], datas: list[bytes]) -> int:
         """Add samples of the truth."""
-        stamps_ns, rows = _rows_of(_TRUTHS, stamps_ns, datas)
+        stamps_ns, rows = _decoded(_TRUTHS, stamps_ns, datas)
         self.truth.add(stamps_ns, rows)
         return len(rows)
 
     def add_states(self, stamps_ns: list[int], datas: list[bytes]) -> int:
         """Add states."""
-        stamps_ns, rows = _rows_of(_STATES, stamps_ns, datas)
+        stamps_ns, rows = _decoded(_STATES, stamps_ns, datas)
         self.states.add(stamps_ns, rows)
         return len(rows)
 
@@ -516,8 +518,8 @@ def read_flight(folder: Path, fleet_path: str | None = None) -> Flight:
 def _without_collection() -> Iterator[None]:
     """Switch Python's garbage collector off while the block runs.
 
-    It would search millions of small values for reference cycles, which they do not have. That
-    would take 40 % of the reading time.
+    The collector would search millions of small values for reference cycles, which they do not
+    have. That would take 40 % of the reading time.
     """
     was_enabled = gc.isenabled()
     gc.disable()
@@ -552,12 +554,12 @@ def _span(collected: _Collected, record_begin_ns: int) -> _Span:
 
     Otherwise a clock that jumps, or one wrong stamp, would make a flight of years.
     """
-    all_stamps = [
-        rows.stamps_ns
-        for vehicle in collected.vehicles.values()
-        for rows in (vehicle.ticks, vehicle.telemetry, vehicle.truth)
-    ]
-    stamps_ns = np.sort(np.concatenate([*all_stamps, np.zeros(0, np.int64)]))
+    all_stamps_ns = [np.zeros(0, np.int64)]
+    for vehicle in collected.vehicles.values():
+        all_stamps_ns.append(vehicle.ticks.stamps_ns)
+        all_stamps_ns.append(vehicle.telemetry.stamps_ns)
+        all_stamps_ns.append(vehicle.truth.stamps_ns)
+    stamps_ns = np.sort(np.concatenate(all_stamps_ns))
     if not stamps_ns.size:
         return _Span(record_begin_ns, record_begin_ns)
 

@@ -14,7 +14,7 @@ from groundstation.recording.reader import Sample, is_number, is_vector, of_one_
 from onboard.config.fleet import ConfigError
 from onboard.frames import yaw_from_quaternion
 
-# Form of a vehicle's name. A record may come from anybody, and each name becomes that of a file.
+# Form of a vehicle's name. A record may come from anybody, and each name becomes a file's name.
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
 
@@ -37,8 +37,10 @@ def flown_paths(folder: Path, rate_hz: float) -> dict[str, list[str]]:
     for name, topics in sorted(samples.items()):
         flown[name] = of_one_flight(topics.get("truth") or topics["tick"])
 
-    stamps_ns = [sample.stamp_ns for path in flown.values() for sample in path]
-    begin_ns = min(stamps_ns, default=0)
+    begins_ns = []
+    for path in flown.values():
+        begins_ns += [sample.stamp_ns for sample in path]
+    begin_ns = min(begins_ns, default=0)
     period_ns = round(1e9 / rate_hz)
     return {name: _lines(path, begin_ns, period_ns) for name, path in flown.items()}
 
@@ -74,7 +76,8 @@ def _lines(samples: list[Sample], begin_ns: int, period_ns: int) -> list[str]:
         if sample.stamp_ns < due_ns:
             continue
         since_begin_ns = sample.stamp_ns - begin_ns
-        due_ns = sample.stamp_ns - since_begin_ns % period_ns + period_ns
+        next_period = since_begin_ns // period_ns + 1
+        due_ns = begin_ns + next_period * period_ns
 
         x, y, z = sample.values["position_enu_m"]
         time_s = since_begin_ns * 1e-9

@@ -62,12 +62,12 @@ class RecordedLaw:
         vehicle = self._vehicles[name]
         ticks = vehicle.ticks
         params = self._params.get(name)
-        number = int(ticks.avoided[tick])
-        if params is None or number < 0:
+        avoided_index = int(ticks.avoided[tick])  # -1: the law intervenes for no neighbour
+        if params is None or avoided_index < 0:
             return None
 
         time_s = float(ticks.time_s[tick])
-        neighbour = self._neighbour(vehicle, self._names[number], tick)
+        neighbour = self._neighbour(vehicle, self._names[avoided_index], tick)
         if neighbour is None:
             return None
 

@@ -209,8 +209,9 @@ def chunk_messages(
 def _fits(chunk: Chunk) -> bool:
     """Return whether a chunk is small enough to be unpacked in memory.
 
-    Both the chunk and its compressed content state a size, and neither is trusted alone. Only
-    zstd, the writer's compression, states it, so chunks with other compressions are not unpacked.
+    Both the chunk and its compressed content state a size, and neither is trusted alone. Content
+    states its size only with zstd, the writer's compression. Chunks with other compressions are not
+    unpacked.
     """
     size_bytes = max(chunk.uncompressed_size, len(chunk.data))
     if chunk.compression == "zstd":
@@ -235,7 +236,9 @@ def _records(stream: IO[bytes]) -> Iterator[McapRecord]:
         if record is None:
             return
         if isinstance(record, Chunk):
-            yield from chunk_records(record) or ()
+            records_of_chunk = chunk_records(record)
+            if records_of_chunk is not None:
+                yield from records_of_chunk
         else:
             yield record
 

@@ -35,11 +35,11 @@ SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 STEP_NS = 100_000_000  # the console's own period
 KEYFRAME_NS = 2_000_000_000  # time between two states that are kept
 MAX_KEYFRAMES = 20_000
-# A seek back replays so much before its target, so that trails and charts are filled.
+# A seek back begins this long before its target, so that trails and charts are filled.
 MEMORY_NS = 60_000_000_000
-# When another vehicle is followed, its ticks of so much time are read at once.
+# When another vehicle is followed, its ticks of this last time are read at once.
 TICKS_NS = 20_000_000_000
-_SLICE_S = 0.02  # longest work of a seek without a break, in which other tasks draw the console
+_SLICE_S = 0.02  # work of a seek between two breaks, in which other tasks draw the console
 _MAX_PLAY_S = 4.0 * _SLICE_S  # one call of Replay.play works no longer than this
 _MAX_ELAPSED_S = 1.0  # one call of Replay.play makes up for no longer pause than this
 # While the record plays, a jump back skips events that are less than this behind. After a jump to

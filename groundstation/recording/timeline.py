@@ -5,8 +5,8 @@ was cut off can be read as far as it goes, and memory does not grow with the mes
 library decodes the chunks. Its seeking reader is not used, because it needs the summary at the end
 of the file, which a record cut off by SIGKILL lacks, and it stops at the first damaged chunk.
 
-Computers have clocks of their own: if the stamps of a sender are far from those of the others, they
-are shifted onto the common clock.
+Each computer stamps messages by its own clock. If the stamps of a sender are far from all others,
+they are shifted onto the common clock: that of the sender with messages in most chunks.
 """
 
 from __future__ import annotations
@@ -163,8 +163,7 @@ class Timeline:
         self.begin_ns = min(begins_ns)
         self.end_ns = max(ends_ns)
 
-        # for each chunk: the latest stamp in it and all chunks before, and the earliest stamp in it
-        # and all chunks after
+        # For each chunk: the latest stamp up to this chunk, and the earliest stamp from it on.
         self._latest = list(accumulate(ends_ns, max))
         self._earliest = list(accumulate(reversed(begins_ns), min))
         self._earliest.reverse()
@@ -199,7 +198,7 @@ class Timeline:
             self._scan_records(stamps)
         except (OSError, struct.error) as error:
             self.broken = f"{self.path.name} cannot be read further ({error})."
-        self._settle(stamps)
+        self._apply_shifts(stamps)
 
     def _scan_records(self, stamps: _Stamps) -> None:
         """Read the heads of the file's records, and the indexes of its chunks."""
@@ -235,7 +234,7 @@ class Timeline:
 
             # nearly all records are message indexes; reading one moves the file to the next record
             if opcode == _MESSAGE_INDEX and self._chunks:
-                self._index(stream.read(length), stamps)
+                self._read_message_index(stream.read(length), stamps)
                 offset += length
                 continue
 
@@ -244,22 +243,22 @@ class Timeline:
                 self._chunks.append(_Chunk(offset, length, begin_ns, end_ns))
                 stamps.begin()
             elif opcode == _METADATA and length <= _MAX_METADATA_BYTES:
-                self._learn_made(stream.read(length))
+                self._read_made_by(stream.read(length))
 
             offset += length
             stream.seek(offset)
 
-    def _learn_made(self, data: bytes) -> None:
+    def _read_made_by(self, data: bytes) -> None:
         """Read the metadata about the program that wrote the record; skip it if it is damaged."""
         with contextlib.suppress(*DAMAGED):
             metadata = Metadata.read(ReadDataStream(BytesIO(data)))
             if metadata.name == MADE_BY:
                 self.made_by.update(metadata.metadata)
 
-    def _settle(self, stamps: _Stamps) -> None:
-        """Put all chunks on the common clock, and read the events."""
+    def _apply_shifts(self, stamps: _Stamps) -> None:
+        """Shift the times of all chunks onto the common clock, and read the events."""
         if self.broken and self._chunks:
-            self._learn(self._chunks[-1])  # a part of its index may be cut off
+            self._read_channels(self._chunks[-1])  # a part of its index may be cut off
 
         settled_chunks = list(stamps.settled())
         for number, (chunk, settled) in enumerate(zip(self._chunks, settled_chunks, strict=True)):
@@ -267,25 +266,26 @@ class Timeline:
                 chunk.begin_ns = settled.begin_ns
                 chunk.end_ns = settled.end_ns
             else:
-                self._learn(chunk)  # it has no index, so its channels may be unknown
+                self._read_channels(chunk)  # it has no index, so its channels may be unknown
 
             chunk.shifts_ns = settled.shifts_ns
             if settled.has_events:
                 self._read_events(number)
 
-    def _index(self, data: bytes, stamps: _Stamps) -> None:
+    def _read_message_index(self, data: bytes, stamps: _Stamps) -> None:
         """Read first, middle and last stamp from a message index of the newest chunk."""
         channel_id, length = _INDEX_HEAD.unpack_from(data)
         if length < _INDEX_ENTRY_BYTES or len(data) < _INDEX_HEAD.size + length:
             return
 
         if channel_id not in self._channels:
-            self._learn(self._chunks[-1])
+            self._read_channels(self._chunks[-1])
         channel = self._channels.get(channel_id)
         if channel is None:
             return
 
-        # a record of ten minutes has 300,000 of these, so only three entries of each are read
+        # A record of ten minutes has 300,000 message indexes, so only three entries of each are
+        # read.
         count = length // _INDEX_ENTRY_BYTES
         unpack = _STAMP.unpack_from
         middle = _INDEX_HEAD.size + (count - 1) // 2 * _INDEX_ENTRY_BYTES
@@ -300,7 +300,7 @@ class Timeline:
             is_event=channel.topic == "event",
         )
 
-    def _learn(self, chunk: _Chunk) -> None:
+    def _read_channels(self, chunk: _Chunk) -> None:
         """Read the channels that begin in a chunk; the file's position is restored."""
         position = self._stream.tell()
         for record in self._unpacked(chunk, chunk_records):
@@ -324,10 +324,10 @@ class Timeline:
     # -- the messages ------------------------------------------------------------------------------
 
     def first_chunk(self, after_ns: int) -> int:
-        """Return the index of the first chunk that may hold a stamp above this one."""
+        """Return the index of the first chunk that may hold a later stamp."""
         return bisect.bisect_right(self._latest, after_ns)
 
-    def may_begin_ns(self, number: int) -> float:
+    def earliest_from_ns(self, number: int) -> float:
         """Return the earliest stamp in this chunk and all after it; infinite after the last one."""
         if number >= len(self._chunks):
             return math.inf
@@ -486,7 +486,7 @@ class Reading:
     def until(self, until_ns: int) -> Iterator[RecordedMessage]:
         """Yield the next messages, with stamps up to and including ``until_ns``."""
         while True:
-            while self._timeline.may_begin_ns(self._next_chunk) <= self._next_stamp_ns(until_ns):
+            while self._must_decode_next_chunk(until_ns):
                 self._load()
 
             if not self._heap or self._heap[0][0] > until_ns:
@@ -494,11 +494,12 @@ class Reading:
             _, _, message = heapq.heappop(self._heap)
             yield message
 
-    def _next_stamp_ns(self, until_ns: int) -> int:
-        """Return the stamp of the next decoded message, or ``until_ns`` if that is earlier."""
-        if not self._heap:
-            return until_ns
-        return min(until_ns, self._heap[0][0])
+    def _must_decode_next_chunk(self, until_ns: int) -> bool:
+        """Whether a chunk that is not decoded may hold the next message."""
+        latest_ns = until_ns
+        if self._heap:
+            latest_ns = min(until_ns, self._heap[0][0])
+        return self._timeline.earliest_from_ns(self._next_chunk) <= latest_ns
 
     def _load(self) -> None:
         for recorded in self._timeline.messages(self._next_chunk, self._topics):
@@ -529,7 +530,7 @@ class _Span:
 
 
 def _bounds_ns(
-    spans: Mapping[str, _Span], shifts_ns: Mapping[str, int], now_ns: int
+    spans: Mapping[str, _Span], shifts_ns: Mapping[str, int], time_ns: int
 ) -> tuple[int, int]:
     """Return begin and end [ns] of a chunk on the common clock; 0 and -1 if it is empty.
 
@@ -538,7 +539,7 @@ def _bounds_ns(
     Args:
         spans: stamps of the chunk by clock.
         shifts_ns: shifts of the clocks.
-        now_ns: time of the chunk on the common clock.
+        time_ns: time of the chunk on the common clock.
     """
     begins_ns = []
     ends_ns = []
@@ -547,7 +548,7 @@ def _bounds_ns(
             stamp_ns - shifts_ns[clock]
             for stamp_ns in (span.first_ns, span.middle_ns, span.last_ns)
         ]
-        near_ns = [stamp_ns for stamp_ns in stamps_ns if abs(stamp_ns - now_ns) <= MAX_LATE_NS]
+        near_ns = [stamp_ns for stamp_ns in stamps_ns if abs(stamp_ns - time_ns) <= MAX_LATE_NS]
         if near_ns:
             begins_ns.append(near_ns[0])
             ends_ns.append(near_ns[-1])
@@ -566,7 +567,7 @@ class _Stamps:
         self._chunks: list[dict[str, _Span]] = []  # of each chunk: clock -> its stamps
         self._with_events: set[int] = set()  # indexes of chunks with events
         # clock -> difference of its last single message from the common clock
-        self._lone_offs_ns: dict[str, int] = {}
+        self._single_apart_ns: dict[str, int] = {}
 
     def begin(self) -> None:
         """Begin the next chunk."""
@@ -614,33 +615,34 @@ class _Stamps:
     def settled(self) -> Iterator[_Settled]:
         """Yield the begin and end of each chunk, and the shift of each of its clocks.
 
-        The common clock is the one that most chunks contain. Another clock may run hours beside it,
-        as that of a computer without a battery does. Its shift [ns] is subtracted from its stamps,
-        so that they are times on the common clock. A clock gets a new shift in a chunk in which its
-        stamps are outside the time of the chunk on the common clock. Earlier chunks keep theirs.
+        The common clock is the one that most chunks contain. Another clock may be hours away from
+        it, for instance in a computer without a battery. The shift [ns] of a clock is subtracted
+        from its stamps, so that they are times on the common clock. A clock gets a new shift in a
+        chunk in which its stamps are outside the time of the chunk on the common clock. Earlier
+        chunks keep their shifts.
         """
         common = self._common_clock()
-        now_ns = next((spans[common].middle_ns for spans in self._chunks if common in spans), 0)
+        time_ns = next((spans[common].middle_ns for spans in self._chunks if common in spans), 0)
 
         shifts_ns: dict[str, int] = {}  # clock -> its shift so far
         for number, spans in enumerate(self._chunks):
-            earliest_ns = now_ns
-            latest_ns = now_ns
+            earliest_ns = time_ns
+            latest_ns = time_ns
             if common in spans:
-                now_ns = self._now_ns(spans[common], now_ns)
+                time_ns = self._time_of_ns(spans[common], time_ns)
                 earliest_ns = spans[common].first_ns
                 latest_ns = spans[common].last_ns
 
             # Changes make a new mapping, because earlier chunks keep the shifts of their time.
             changes = self._changed_shifts_ns(
-                spans, common, now_ns, earliest_ns, latest_ns, shifts_ns
+                spans, common, time_ns, earliest_ns, latest_ns, shifts_ns
             )
             known = shifts_ns.keys() | changes.keys()
             first_shifts = {clock: 0 for clock in spans if clock not in known}
             if changes or first_shifts:
                 shifts_ns = {**shifts_ns, **changes, **first_shifts}
 
-            begin_ns, end_ns = _bounds_ns(spans, shifts_ns, now_ns)
+            begin_ns, end_ns = _bounds_ns(spans, shifts_ns, time_ns)
             yield _Settled(
                 begin_ns=begin_ns,
                 end_ns=end_ns,
@@ -653,7 +655,7 @@ class _Stamps:
         self,
         spans: Mapping[str, _Span],
         common: str,
-        now_ns: int,
+        time_ns: int,
         earliest_ns: int,
         latest_ns: int,
         shifts_ns: Mapping[str, int],
@@ -663,7 +665,7 @@ class _Stamps:
         Args:
             spans: stamps of a chunk by clock.
             common: name of the common clock.
-            now_ns: time of the chunk on the common clock.
+            time_ns: time of the chunk on the common clock.
             earliest_ns: first time of the chunk on the common clock.
             latest_ns: last time of the chunk on the common clock.
             shifts_ns: shifts of the clocks so far.
@@ -676,7 +678,7 @@ class _Stamps:
             if clock == common or agrees:
                 continue
 
-            apart_ns = span.middle_ns - now_ns
+            apart_ns = span.middle_ns - time_ns
             if clock in shifts_ns and not self._is_confirmed(clock, span, apart_ns):
                 continue
             changes[clock] = 0
@@ -684,7 +686,7 @@ class _Stamps:
                 changes[clock] = apart_ns
         return changes
 
-    def _now_ns(self, span: _Span, before_ns: int) -> int:
+    def _time_of_ns(self, span: _Span, before_ns: int) -> int:
         """Return the time of a chunk on the common clock.
 
         A single message that came late does not turn the time back.
@@ -693,9 +695,9 @@ class _Stamps:
             span: stamps of the common clock in the chunk.
             before_ns: time of the chunk before.
         """
-        is_lone = span.message_count == 1
+        is_single = span.message_count == 1
         is_late = span.middle_ns < before_ns
-        if is_lone and is_late:
+        if is_single and is_late:
             return before_ns
         return span.middle_ns
 
@@ -706,11 +708,11 @@ class _Stamps:
         late. A single message in a later chunk with the same difference proves it.
         """
         if span.message_count > 1:
-            self._lone_offs_ns.pop(clock, None)
+            self._single_apart_ns.pop(clock, None)
             return True
 
-        before_ns = self._lone_offs_ns.get(clock)
-        self._lone_offs_ns[clock] = apart_ns
+        before_ns = self._single_apart_ns.get(clock)
+        self._single_apart_ns[clock] = apart_ns
         return before_ns is not None and abs(apart_ns - before_ns) <= CLOCK_APART_NS
 
     def _common_clock(self) -> str:
