@@ -73,7 +73,7 @@ _PERIOD_S = 0.05  # period of repeated messages and packets
 _FLOOD_HZ = 10_000
 _FLOOD_BURST = 100  # messages between two checks of the time
 _GROUND_SYSTEM_ID = 255  # MAVLink system id of a ground station
-_TO_ANOTHER_ID = 17  # a vehicle's system id plus this number is the id of another system
+_OTHER_SYSTEM_OFFSET = 17  # added to a vehicle's system id, it gives the id of another system
 
 
 @dataclass(slots=True)
@@ -86,7 +86,7 @@ class AttackContext:
     # topic and name of the messages that arrived at the spare vehicle
     arrived: set[tuple[Topic, str]] = field(default_factory=set)
     # authors of the orders that arrived at the spare vehicle
-    orders: list[str] = field(default_factory=list)
+    order_authors: list[str] = field(default_factory=list)
 
     @property
     def has_keys(self) -> bool:
@@ -99,10 +99,10 @@ class AttackContext:
         Raises:
             NoProofError: no telemetry of it has been received.
         """
-        last = self.flight.client.state.vehicles[name].telemetry
-        if last is None:
+        telemetry = self.flight.client.state.vehicles[name].telemetry
+        if telemetry is None:
             raise NoProofError(f"{name} is not heard")
-        return last
+        return telemetry
 
     def duration_s(self, short_s: float, long_s: float) -> float:
         """Return the duration [s] that belongs to this attack, which is short or long."""
@@ -171,7 +171,7 @@ def spare_vehicle(context: AttackContext) -> BusSession:
         author = ""
         if isinstance(order, Order):
             author = order.author
-        context.orders.append(author)
+        context.order_authors.append(author)
 
     for topic in _SAMPLES:
         node.subscribe(topic, "*", keep_sample)
@@ -191,31 +191,31 @@ def attempts(names: Sequence[str]) -> Iterator[Attempt]:
 
 
 def _attempts_with_keys(first: str, last: str) -> Iterator[Attempt]:
-    """Yield the attempts that only keys and roles stop."""
+    """Yield the attempts that nothing but keys and roles stops."""
     for outsider in OUTSIDERS:
         yield Attempt(
             f"{outsider}: orders hold",
-            partial(_orders, identity=outsider, node_name=_UNKNOWN_NODE, vehicle=first),
+            partial(_gives_order, identity=outsider, node_name=_UNKNOWN_NODE, vehicle=first),
         )
         yield Attempt(
-            f"{outsider}: publishes a vehicle's state", partial(_publishes, identity=outsider)
+            f"{outsider}: publishes a vehicle's state", partial(_publishes_state, identity=outsider)
         )
         yield Attempt(
             f"{outsider}: publishes corrections of a false base",
-            partial(_corrects, identity=outsider, node_name=_UNKNOWN_NODE),
+            partial(_publishes_corrections, identity=outsider, node_name=_UNKNOWN_NODE),
         )
         yield Attempt(
-            f"{outsider}: reads states", partial(_reads, identity=outsider, vehicle=first)
+            f"{outsider}: reads states", partial(_reads_states, identity=outsider, vehicle=first)
         )
 
     for role in (NodeRole.VIEWER, NodeRole.MOCAP, NodeRole.CORRECTIONS, NodeRole.EMULATOR):
         yield Attempt(
             f"a {role.value}'s key: orders hold",
-            partial(_orders, identity=role, node_name=NODES[role], vehicle=first),
+            partial(_gives_order, identity=role, node_name=NODES[role], vehicle=first),
         )
     yield Attempt(
         f"{last}'s key: orders hold",
-        partial(_orders, identity=last, node_name=last, vehicle=first),
+        partial(_gives_order, identity=last, node_name=last, vehicle=first),
     )
 
     for identity in (last, *NODES):
@@ -223,11 +223,11 @@ def _attempts_with_keys(first: str, last: str) -> Iterator[Attempt]:
             f"{identity}'s key: publishes what its role may not",
             partial(_exceeds_role, identity=identity),
         )
-    yield Attempt("a recorded order, sent again", partial(_replays, vehicle=first))
+    yield Attempt("a recorded order, sent again", partial(_repeats_order, vehicle=first))
     for order_attempt in ORDER_ATTEMPTS:
         yield Attempt(
             order_attempt.name,
-            partial(_orders_otherwise, vehicle=first, order_attempt=order_attempt),
+            partial(_gives_wrong_order, vehicle=first, order_attempt=order_attempt),
         )
 
 
@@ -236,7 +236,7 @@ def _attempts_to_disturb(first: str, last: str) -> Iterator[Attempt]:
     for name, gets_in in (
         (
             f"{last}'s key: {first}'s telemetry under its own name",
-            partial(_names_another, identity=last, other=first),
+            partial(_reports_second_agent, identity=last, other=first),
         ),
         ("a viewer's key: 10,000 messages a second", _floods),
         (
@@ -248,41 +248,41 @@ def _attempts_to_disturb(first: str, last: str) -> Iterator[Attempt]:
         ("MAVLink: junk at the agent's port", partial(_sends_mavlink_junk, vehicle=first)),
         (
             "MAVLink: another system says disarmed",
-            partial(_plays_px4, vehicle=first, id_offset=_TO_ANOTHER_ID),
+            partial(_imitates_px4, vehicle=first, id_offset=_OTHER_SYSTEM_OFFSET),
         ),
         (
             "MAVLink: PX4's own id from elsewhere says disarmed",
-            partial(_plays_px4, vehicle=first, id_offset=0),
+            partial(_imitates_px4, vehicle=first, id_offset=0),
         ),
         ("MAVLink: SETUP_SIGNING in flight", partial(_sets_signing_key, vehicle=first)),
         # The forged states come last, because they may end a flight: when a vehicle claims to be
         # where another one is, the other one lands, since the two may have touched.
-        (f"{last}'s key: forged states of itself", partial(_lies, identity=last)),
+        (f"{last}'s key: forged states of itself", partial(_forges_positions, identity=last)),
     ):
         yield Attempt(name, gets_in, is_stopped_without_keys=True)
 
 
-def _orders(context: AttackContext, identity: str, node_name: str, vehicle: str) -> bool:
+def _gives_order(context: AttackContext, identity: str, node_name: str, vehicle: str) -> bool:
     with context.joined(identity, node_name, vehicle) as node:
         order = order_of(node, "hold", context.telemetry(vehicle))
         return is_obeyed(node, vehicle, order)
 
 
-def _orders_otherwise(context: AttackContext, vehicle: str, order_attempt: OrderAttempt) -> bool:
+def _gives_wrong_order(context: AttackContext, vehicle: str, order_attempt: OrderAttempt) -> bool:
     """Give an order with the ground's key, but with a wrong signature, or too late."""
     ground = NODES[NodeRole.GROUND]
     with context.joined(NodeRole.GROUND, ground, vehicle, orders=order_attempt) as node:
-        last = context.telemetry(vehicle)
-        order = order_attempt.change(order_of(node, "hold", last), last)
+        telemetry = context.telemetry(vehicle)
+        order = order_attempt.change(order_of(node, "hold", telemetry), telemetry)
         return is_obeyed(node, vehicle, order)
 
 
-def _publishes(context: AttackContext, identity: str) -> bool:
+def _publishes_state(context: AttackContext, identity: str) -> bool:
     with context.joined(identity, _UNKNOWN_NODE, SPARE) as node:
         return bool(_arrivals(context, node, [(Topic.STATE, "attacked")]))
 
 
-def _corrects(context: AttackContext, identity: str, node_name: str) -> bool:
+def _publishes_corrections(context: AttackContext, identity: str, node_name: str) -> bool:
     """Publish corrections of a false base, which would move all vehicles that accept them."""
     with context.joined(identity, node_name, SPARE) as node:
         return bool(_arrivals(context, node, [(Topic.CORRECTIONS, "attacked")]))
@@ -302,7 +302,7 @@ def _arrivals(
     return context.arrived.intersection(keys)
 
 
-def _reads(context: AttackContext, identity: str, vehicle: str) -> bool:
+def _reads_states(context: AttackContext, identity: str, vehicle: str) -> bool:
     senders: list[str] = []
 
     def keep(_topic: Topic, name: str, _message: Message | Malformed) -> None:
@@ -327,15 +327,14 @@ def _exceeds_role(context: AttackContext, identity: str) -> bool:
     with context.joined(identity, own_name, SPARE) as node:
         keys = [(topic, name) for topic in _SAMPLES for name in names]
         arrived = _arrivals(context, node, keys)
-        # The spare vehicle answers no order; whether this one arrived is in context.orders.
+        # The spare vehicle answers no order, but notes the author of each one.
         is_obeyed(node, SPARE, order_of(node, "land"), _ARRIVAL_S)
 
     if context.has_keys and not arrived:
         raise NoProofError(f"nothing of what {identity} may publish arrived")
 
-    authors = context.orders
-    context.orders = []
-    has_ordered = _AUTHOR in authors and role is not NodeRole.GROUND
+    has_ordered = _AUTHOR in context.order_authors and role is not NodeRole.GROUND
+    context.order_authors.clear()
 
     denied = DENIED[role]
     denied_as_itself = {(topic, own_name) for topic in denied.as_itself}
@@ -344,10 +343,15 @@ def _exceeds_role(context: AttackContext, identity: str) -> bool:
     return has_published or has_ordered
 
 
-def _names_another(context: AttackContext, identity: str, other: str) -> bool:
+def _reports_second_agent(context: AttackContext, identity: str, other: str) -> bool:
     """Publish, under the own name, telemetry of a second agent of another vehicle.
 
     It got in if any vehicle then believes that the other one has two agents.
+
+    Args:
+        context: the context of the attack.
+        identity: name of the last vehicle, whose key was stolen.
+        other: name of the other vehicle.
     """
     lie = replace(context.telemetry(other), boot_id=1)
     with context.joined(identity, identity, *context.flight.names[:-1]) as node:
@@ -359,7 +363,7 @@ def _names_another(context: AttackContext, identity: str, other: str) -> bool:
         return until(is_believed, _EFFECT_S)
 
 
-def _replays(context: AttackContext, vehicle: str) -> bool:
+def _repeats_order(context: AttackContext, vehicle: str) -> bool:
     """Send a valid order of a ground twice; it got in if it is accepted the second time, too."""
     with context.joined(NodeRole.GROUND, NODES[NodeRole.GROUND], vehicle) as node:
         order = order_of(node, "hold", context.telemetry(vehicle))
@@ -377,7 +381,7 @@ def _floods(context: AttackContext) -> bool:
 
 
 def _sends_malformed(context: AttackContext, identity: str) -> bool:
-    """Publish lights as telemetry, which is malformed.
+    """Publish lights under the topic of telemetry, where they count as malformed.
 
     It got in if the fleet is disturbed, or if no vehicle counts the malformed messages.
     """
@@ -442,7 +446,7 @@ def _stops_reading(context: AttackContext) -> bool:
             reader.kill()  # a stopped process does not end by itself
 
 
-def _lies(context: AttackContext, identity: str) -> bool:
+def _forges_positions(context: AttackContext, identity: str) -> bool:
     """Publish false positions with a vehicle's own key while its true agent runs, too."""
     newest: StateMessage | None = None
 
@@ -482,7 +486,7 @@ def _sends_mavlink_junk(context: AttackContext, vehicle: str) -> bool:
     return context.is_disturbed()
 
 
-def _plays_px4(context: AttackContext, vehicle: str, id_offset: int) -> bool:
+def _imitates_px4(context: AttackContext, vehicle: str, id_offset: int) -> bool:
     """Send heartbeats of a disarmed vehicle to its agent for some seconds.
 
     Args:

@@ -21,8 +21,8 @@ def bus_findings(fleet: FleetConfig) -> list[Finding]:
     findings = []
 
     # vehicles whose agents other computers can reach
-    reached = [name for name in fleet.enabled_names if not is_loopback(fleet.vehicles[name].host)]
-    if len(fleet.enabled_names) > 1 and (fleet.radio is not None or reached):
+    reachable = [name for name in fleet.enabled_names if not is_loopback(fleet.vehicles[name].host)]
+    if len(fleet.enabled_names) > 1 and (fleet.radio is not None or reachable):
         radio = fleet.radio or RadioConfig()
         findings.append(airtime_finding(fleet, radio, _most_near(fleet)))
 
@@ -35,8 +35,8 @@ def bus_findings(fleet: FleetConfig) -> list[Finding]:
     if fleet.fleet.routers and dependent:
         findings.append(_router_finding(len(dependent)))
 
-    if reached and not fleet.has_keys:
-        findings.append(_keys_finding(fleet, len(reached)))
+    if reachable and not fleet.has_keys:
+        findings.append(_keys_finding(fleet, len(reachable)))
     return findings
 
 
@@ -72,17 +72,17 @@ def _router_finding(count: int) -> Finding:
     )
 
 
-def _keys_finding(fleet: FleetConfig, reached_count: int) -> Finding:
+def _keys_finding(fleet: FleetConfig, reachable_count: int) -> Finding:
     remedy = f"Lock the bus: covey keys secure {fleet.path} (docs/keys.md)."
     sentence = (
-        f"The bus has no keys, and {numbered(reached_count, 'vehicle')} can be reached from other"
+        f"The bus has no keys, and {numbered(reachable_count, 'vehicle')} can be reached from other"
         " computers: whoever reaches one of them orders, kills, and reads everything."
         f" {remedy}"
     )
     return Finding(
         name="keys of the bus",
         status="warning",
-        value=reached_count,
+        value=reachable_count,
         bound=0.0,
         unit="vehicles",
         relation="at most",

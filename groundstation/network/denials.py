@@ -1,8 +1,9 @@
 """The topics that the holder of a key must never publish on a bus with keys, listed independently.
 
-``onboard/security/node_roles.py`` lists what a role may do; this lists what it must not do. Attacks
-and tests of the bus compare the messages that arrive with this list, so that a right too many
-shows. To give a role a new right, change both files: the second change confirms the first.
+``onboard/security/node_roles.py`` lists what a role may do; this file lists what it must not do.
+Attacks and tests of the bus compare the messages that arrive with this list, so that a superfluous
+right is noticed. To give a role a new right, change both files: the second change confirms the
+first.
 """
 
 from __future__ import annotations

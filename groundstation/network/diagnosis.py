@@ -1,4 +1,4 @@
-"""The findings of ``covey check computer``: one line for each thing, with a grade and a remedy."""
+"""The findings of ``covey check computer``, each with a grade and a remedy, as text and as JSON."""
 
 from __future__ import annotations
 
@@ -48,16 +48,16 @@ def graded(
     return Diagnosis(name, bad, sentence, remedy)
 
 
-def worst(found: Iterable[Diagnosis]) -> Grade:
+def worst(diagnoses: Iterable[Diagnosis]) -> Grade:
     """Return the worst grade."""
-    return max((diagnosis.grade for diagnosis in found), default=Grade.OK)
+    return max((diagnosis.grade for diagnosis in diagnoses), default=Grade.OK)
 
 
-def as_text(found: Iterable[Diagnosis]) -> str:
+def as_text(diagnoses: Iterable[Diagnosis]) -> str:
     """Return the lines for people."""
     indent = " " * (_GRADE_WIDTH + _NAME_WIDTH)
     lines = []
-    for diagnosis in found:
+    for diagnosis in diagnoses:
         head = f"{diagnosis.grade.name:5s} {diagnosis.name:{_NAME_WIDTH - 1}s} "
         text = f"{diagnosis.sentence} {diagnosis.remedy}".strip()
         lines.append(
@@ -66,7 +66,7 @@ def as_text(found: Iterable[Diagnosis]) -> str:
     return "\n".join(lines)
 
 
-def as_json(found: Iterable[Diagnosis]) -> str:
+def as_json(diagnoses: Iterable[Diagnosis]) -> str:
     """Return a list with an object for each line."""
-    rows = [{**asdict(diagnosis), "grade": diagnosis.grade.name} for diagnosis in found]
+    rows = [{**asdict(diagnosis), "grade": diagnosis.grade.name} for diagnosis in diagnoses]
     return dumps(rows, indent=2)

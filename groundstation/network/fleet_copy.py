@@ -35,7 +35,7 @@ _LARGEST_ID = 250  # largest MAVLink system id of a vehicle; larger ones belong 
 _HEIGHT_M = 1.0
 _ORDER_S = 20.0  # timeout of a take-off or a formation
 _FLYING_S = 5.0  # longest time from the end of the take-off until all fly under the law
-_LANDED_S = 40.0
+_LANDED_S = 40.0  # timeout of the landing at the end
 _MEASURE_PERIOD_S = 0.2
 
 # keys of a vehicle that are left out of the copy
@@ -57,7 +57,7 @@ def copy_of(fleet: FleetConfig, folder: Path, *, is_locked: bool) -> FleetConfig
     """
     names = copied_names(fleet)
     data = tomllib.loads(fleet.text)
-    data["vehicles"] = _vehicles(fleet, names, data["vehicles"])
+    data["vehicles"] = _vehicle_tables(fleet, names, data["vehicles"])
     data["formations"] = _formations(fleet, names)
     data["fleet"] = {
         key: value for key, value in data["fleet"].items() if key not in ("simulator", "routers")
@@ -75,7 +75,7 @@ def copy_of(fleet: FleetConfig, folder: Path, *, is_locked: bool) -> FleetConfig
     return load_fleet(file)
 
 
-def _vehicles(
+def _vehicle_tables(
     fleet: FleetConfig, names: Sequence[str], tables: Mapping[str, dict[str, Any]]
 ) -> dict[str, dict[str, Any]]:
     """Return the tables of the copied vehicles and of the spare one.

@@ -1,4 +1,4 @@
-"""Nodes of an intruder: without a key, with a wrong key, or with a stolen key of some role.
+"""Nodes of an intruder on the bus: without a key, with a wrong key, or with a stolen key.
 
 The attempts of an attack (``attempts.py``) open these nodes on the bus of a fleet's copy.
 """
@@ -73,7 +73,7 @@ class _NoCertificate:
         return _NoSignatures()
 
 
-def _authority_of(fleet: FleetConfig) -> str:
+def _authority_path(fleet: FleetConfig) -> str:
     """Return the path of the certificate of a fleet's authority."""
     name, _, _ = files_of(fleet.enabled_names[0])
     return str(Path(fleet.keys_folder) / name)
@@ -100,9 +100,9 @@ class Intruders:
         """
         credentials: NodeCredentials | None
         if identity == NOBODY and self.fleet.has_keys:
-            credentials = _NoCertificate(authority=_authority_of(self.fleet))
+            credentials = _NoCertificate(authority=_authority_path(self.fleet))
         elif orders is not None:
-            credentials = self._tampered(identity, orders)
+            credentials = self._tampered_credentials(identity, orders)
         else:
             credentials = self._credentials(identity)
         session = BusSession(
@@ -126,7 +126,9 @@ class Intruders:
             return self._expired_credentials()
         return credentials_of(self.fleet, identity)
 
-    def _tampered(self, identity: str, orders: OrderAttempt) -> TamperedCredentials | None:
+    def _tampered_credentials(
+        self, identity: str, orders: OrderAttempt
+    ) -> TamperedCredentials | None:
         """Return the credentials of a node whose orders have wrong signatures.
 
         Returns None if the fleet has no keys.
@@ -171,13 +173,13 @@ class Intruders:
         )
 
 
-def order_of(node: BusSession, kind: OrderKind, last: Telemetry | None = None) -> Order:
+def order_of(node: BusSession, kind: OrderKind, telemetry: Telemetry | None = None) -> Order:
     """Return a new order of a node, as a ground would write it.
 
     Args:
         node: the node that will send it.
         kind: kind of the order.
-        last: the vehicle's last telemetry, to which the order refers; None if there is none.
+        telemetry: the vehicle's last telemetry, to which the order refers; None if there is none.
     """
     now_ns = time.monotonic_ns()
     return Order(
@@ -187,8 +189,8 @@ def order_of(node: BusSession, kind: OrderKind, last: Telemetry | None = None) -
         kind=kind,
         stamp_ns=now_ns,
         deadline_ns=now_ns + _ORDER_DEADLINE_NS,
-        heard_boot_id=0 if last is None else last.boot_id,
-        heard_ns=0 if last is None else last.stamp_ns,
+        heard_boot_id=0 if telemetry is None else telemetry.boot_id,
+        heard_ns=0 if telemetry is None else telemetry.stamp_ns,
     )
 
 

@@ -27,7 +27,7 @@ def key_checks(fleet: FleetConfig) -> list[Diagnosis]:
 
     now = datetime.datetime.now(datetime.UTC)
     folder = folder_of(fleet)
-    found = []
+    diagnoses = []
     expiry: dict[str, datetime.datetime] = {}  # node whose key is here and valid -> its expiry
     for node in nodes_of(fleet):
         _, certificate_name, key_name = files_of(node)
@@ -37,29 +37,30 @@ def key_checks(fleet: FleetConfig) -> list[Diagnosis]:
             credentials_of(fleet, node, now)
             expiry[node] = read_certificate(str(folder / certificate_name)).not_valid_after_utc
         except ConfigError as error:
-            found.append(Diagnosis(f"keys of {node}", Grade.FAIL, str(error)))
+            diagnoses.append(Diagnosis(f"keys of {node}", Grade.FAIL, str(error)))
 
     try:
         has_authority_key(folder)
     except ConfigError as error:
-        found.append(Diagnosis("key of the authority", Grade.FAIL, str(error)))
+        diagnoses.append(Diagnosis("key of the authority", Grade.FAIL, str(error)))
 
     if not expiry:
         sentence = f"No key in {folder} is good."
-        found.append(Diagnosis("keys", Grade.FAIL, sentence, "Copy this node's: docs/keys.md"))
-        return found
+        diagnoses.append(Diagnosis("keys", Grade.FAIL, sentence, "Copy this node's: docs/keys.md"))
+        return diagnoses
 
-    first = min(expiry, key=lambda node: expiry[node])
-    words = end_words(expiry[first], now)
-    found.append(
+    first_to_expire = min(expiry, key=lambda node: expiry[node])
+    words = end_words(expiry[first_to_expire], now)
+    diagnoses.append(
         graded(
             "keys",
-            (expiry[first] - now).total_seconds() > SOON_S,
-            f"Here are those of {', '.join(expiry)}; the first to expire is {first}'s, {words}.",
+            (expiry[first_to_expire] - now).total_seconds() > SOON_S,
+            f"Here are those of {', '.join(expiry)};"
+            f" the first to expire is {first_to_expire}'s, {words}.",
             "covey keys renew FLEET, and copy them",
         )
     )
-    return found
+    return diagnoses
 
 
 def authority_check(fleet: FleetConfig) -> Diagnosis:

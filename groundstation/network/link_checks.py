@@ -50,8 +50,8 @@ class Heard:
 
     nodes: set[str] = field(default_factory=set)
     # (receiver, sender) -> least time of arrival minus time of sending [ns]; each time is by the
-    # clock of its own computer, so only the sum of both directions is a true time
-    ways_ns: dict[tuple[str, str], int] = field(default_factory=dict)
+    # clock of its own computer, so that only the sum of both directions is free of their difference
+    delays_ns: dict[tuple[str, str], int] = field(default_factory=dict)
     hosts: dict[str, int] = field(default_factory=dict)  # node -> its computer
     # node on another computer -> error of its clock
     clock_errors_s: dict[str, float] = field(default_factory=dict)
@@ -61,7 +61,7 @@ class Heard:
     # vehicle -> ages of its states when they arrived here
     ages_s: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
     # (receiver, sender) -> ages of the newest state at each tick of the receiver
-    ages_there_s: dict[tuple[str, str], list[float]] = field(
+    ages_at_receiver_s: dict[tuple[str, str], list[float]] = field(
         default_factory=lambda: defaultdict(list)
     )
     # vehicle -> its first and its last telemetry
@@ -95,7 +95,7 @@ def listen(fleet: FleetConfig, seconds: float) -> Heard:
             heard.nodes.discard(node)
 
     def keep(_topic: Topic, name: str, message: Message | Malformed) -> None:
-        _keep(heard, bus, clock, name, message)
+        _note(heard, bus, clock, name, message)
 
     bus.start()
     try:
@@ -125,7 +125,7 @@ def listen(fleet: FleetConfig, seconds: float) -> Heard:
     return heard
 
 
-def _keep(
+def _note(
     heard: Heard, bus: BusSession, clock: ClockNode, name: str, message: Message | Malformed
 ) -> None:
     """Note the parts of one message that are judged later."""
@@ -143,21 +143,21 @@ def _keep(
     elif isinstance(message, TickBatch):
         for tick in message.ticks:
             for other, age_s in tick.neighbour_ages_s.items():
-                heard.ages_there_s[name, other].append(age_s)
+                heard.ages_at_receiver_s[name, other].append(age_s)
     elif isinstance(message, ClockMessage) and message.node == name:
-        _keep_clock(heard, bus.node, message, now_ns)
+        _note_delays(heard, bus.node, message, now_ns)
 
 
-def _keep_clock(heard: Heard, own_node: str, message: ClockMessage, now_ns: int) -> None:
-    """Note the shortest ways from the sender to us, and to the sender from nodes it has heard."""
+def _note_delays(heard: Heard, own_node: str, message: ClockMessage, now_ns: int) -> None:
+    """Note the least delays from the sender to us, and to the sender from nodes it has heard."""
     heard.hosts[message.node] = message.host
 
-    ways = [(own_node, message.node, now_ns - message.sent_ns)]
+    delays = [(own_node, message.node, now_ns - message.sent_ns)]
     for beat in message.heard:
-        ways.append((message.node, beat.node, beat.received_ns - beat.sent_ns))
-    for receiver, sender, way_ns in ways:
-        shortest_ns = heard.ways_ns.get((receiver, sender), way_ns)
-        heard.ways_ns[receiver, sender] = min(way_ns, shortest_ns)
+        delays.append((message.node, beat.node, beat.received_ns - beat.sent_ns))
+    for receiver, sender, delay_ns in delays:
+        least_ns = heard.delays_ns.get((receiver, sender), delay_ns)
+        heard.delays_ns[receiver, sender] = min(delay_ns, least_ns)
 
 
 def judged(fleet: FleetConfig, heard: Heard) -> Iterator[Diagnosis]:
@@ -248,7 +248,7 @@ def _neighbours(name: str, fleet: FleetConfig, heard: Heard) -> Iterator[Diagnos
     """Yield the finding about the ages of the others' states at a vehicle, if it reported them."""
     ages_s = {}
     for other in fleet.enabled_names:
-        reported_s = heard.ages_there_s.get((name, other), [])
+        reported_s = heard.ages_at_receiver_s.get((name, other), [])
         if other != name and reported_s:
             ages_s[other] = _p99(reported_s)
     if not ages_s:
@@ -303,13 +303,13 @@ def _round_trips(heard: Heard) -> Iterator[Diagnosis]:
     Round trips between nodes on the same computer are left out.
     """
     trips_s = {}
-    for (one, other), way_ns in heard.ways_ns.items():
+    for (one, other), delay_ns in heard.delays_ns.items():
         if one >= other:
-            continue  # this pair is looked at the other way round
-        way_back_ns = heard.ways_ns.get((other, one))
+            continue  # the loop meets this pair the other way round, too
+        delay_back_ns = heard.delays_ns.get((other, one))
         is_one_computer = heard.hosts.get(one) == heard.hosts.get(other)
-        if way_back_ns is not None and not is_one_computer:
-            trips_s[one, other] = (way_ns + way_back_ns) * 1e-9
+        if delay_back_ns is not None and not is_one_computer:
+            trips_s[one, other] = (delay_ns + delay_back_ns) * 1e-9
 
     for (one, other), trip_s in sorted(trips_s.items(), key=lambda item: -item[1]):
         yield graded(

@@ -172,12 +172,12 @@ def _cores() -> Diagnosis:
 
 
 def _governor() -> Diagnosis:
-    found = set()
+    names = set()
     for file in _GOVERNORS.glob("cpu[0-9]*/cpufreq/scaling_governor"):
         # the governor of a processor that is switched off cannot be read
         with contextlib.suppress(OSError):
-            found.add(file.read_text().strip())
-    governors = sorted(found)
+            names.add(file.read_text().strip())
+    governors = sorted(names)
     if not governors:
         sentence = "The clock of the processor is not ours to set."
         return Diagnosis("CPU governor", Grade.OK, sentence)
@@ -188,7 +188,7 @@ def _governor() -> Diagnosis:
 
 
 def _priority() -> Diagnosis:
-    """Diagnose whether threads may have real-time priority, by trying it."""
+    """Return the finding whether threads may have real-time priority, by trying it."""
     is_allowed = False
 
     def attempt() -> None:

@@ -31,7 +31,7 @@ def interfaces() -> list[Diagnosis]:
     except OSError:
         names = []
 
-    found = []
+    diagnoses = []
     for name in names:
         try:
             state = (_INTERFACES / name / "operstate").read_text().strip()
@@ -40,22 +40,18 @@ def interfaces() -> list[Diagnosis]:
         if state == "down":
             continue
 
-        packets = _packets(name)
-        if packets is not None:
-            found.append(packets)
+        for diagnosis in (_packet_size(name), _wifi_power_saving(name)):
+            if diagnosis is not None:
+                diagnoses.append(diagnosis)
 
-        power = _wifi_power(name)
-        if power is not None:
-            found.append(power)
-
-    if not found:
+    if not diagnoses:
         sentence = "No interface but this computer's own."
-        found.append(Diagnosis("network", Grade.WARN, sentence, "Plug in or join one."))
-    return found
+        diagnoses.append(Diagnosis("network", Grade.WARN, sentence, "Plug in or join one."))
+    return diagnoses
 
 
-def _packets(interface: str) -> Diagnosis | None:
-    """Return whether packets of the usual size pass; None if the kernel does not say."""
+def _packet_size(interface: str) -> Diagnosis | None:
+    """Return the finding about the largest packets; None if the kernel does not say."""
     answer = _ask_kernel(interface, _GET_MTU)
     if answer is None:
         return None
@@ -70,8 +66,11 @@ def _packets(interface: str) -> Diagnosis | None:
     )
 
 
-def _wifi_power(interface: str) -> Diagnosis | None:
-    """Return whether Wi-Fi sleeps between packets; None for an interface that is no Wi-Fi."""
+def _wifi_power_saving(interface: str) -> Diagnosis | None:
+    """Return the finding whether Wi-Fi sleeps between packets; None if there is no answer.
+
+    An interface that is no Wi-Fi gives none.
+    """
     if not (_INTERFACES / interface / "wireless").exists():
         return None
     answer = _ask_kernel(interface, _GET_WIFI_POWER)

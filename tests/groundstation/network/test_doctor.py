@@ -40,8 +40,8 @@ def heard(make_telemetry: Any) -> Heard:
         heard.ages_s[name] = [0.02] * 200
         heard.hosts[name] = 2 if name == "mav2" else 1
         for other in {"mav0", "mav1", "mav2"} - {name}:
-            heard.ages_there_s[name, other] = [0.02] * 200
-    heard.ways_ns = {  # clocks that are 5 s apart, and 4 ms there and back
+            heard.ages_at_receiver_s[name, other] = [0.02] * 200
+    heard.delays_ns = {  # clocks that are 5 s apart, and 4 ms there and back
         (one, other): 2_000_000 + (-1) ** (one == "mav2") * 5_000_000_000
         for one, other in (("mav0", "mav2"), ("mav2", "mav0"), ("mav1", "mav2"), ("mav2", "mav1"))
     }
@@ -70,7 +70,7 @@ def test_a_big_fleet_that_sends_every_second_state_loses_none(heard: Heard) -> N
 
 def test_a_fleet_that_expects_a_slow_radio_gets_no_advice_for_it(heard: Heard) -> None:
     fleet = load_fleet(PAPER)
-    heard.ages_there_s["mav1", "mav2"] = [0.2] * 100
+    heard.ages_at_receiver_s["mav1", "mav2"] = [0.2] * 100
     assert "mav1 hears" in _bad(heard)
     slow = msgspec.structs.replace(fleet, radio=RadioConfig(expected_delay_s=0.18))
     assert not [one for one in judged(slow, heard) if one.grade is not Grade.OK]
@@ -78,10 +78,10 @@ def test_a_fleet_that_expects_a_slow_radio_gets_no_advice_for_it(heard: Heard) -
 
 def test_each_fault_of_a_link_is_said_with_a_remedy(heard: Heard, make_telemetry: Any) -> None:
     heard.sequences["mav0"] = set(range(100, 300, 3))
-    heard.ages_there_s["mav1", "mav2"] = [0.02] * 100 + [0.3] * 100
+    heard.ages_at_receiver_s["mav1", "mav2"] = [0.02] * 100 + [0.3] * 100
     heard.last["mav1"] = make_telemetry("mav1", malformed_messages=7, refused_messages=2)
     heard.clock_errors_s["mav2"] = float("inf")
-    heard.ways_ns["mav2", "mav1"] -= 10**12
+    heard.delays_ns["mav2", "mav1"] -= 10**12
     del heard.last["mav2"]
     found = _bad(heard)
     assert {name: one.grade for name, one in found.items()} == {
@@ -105,7 +105,7 @@ def test_an_agent_that_restarts_meanwhile_has_lost_nothing(heard: Heard) -> None
     for boot_id, numbers in ((1, range(5000, 5050)), (2, range(100))):
         for number in numbers:
             state = state_message(vehicle="mav0", boot_id=boot_id, sequence=number)
-            link_checks._keep(heard, bus, clock, "mav0", state)
+            link_checks._note(heard, bus, clock, "mav0", state)
 
     (found,) = [one for one in judged(fleet, heard) if one.name == "mav0"]
     assert "0.0 % are lost" in found.sentence
