@@ -1,7 +1,7 @@
-"""Turns goals in latitude and longitude into metres, before the steps are read. Pure.
+"""Converts goals in latitude and longitude to metres, before the steps are read. Pure.
 
 A mission file may write ``position_deg`` instead of ``position_enu_m``, and ``goals_deg`` instead
-of ``goals``. Both are replaced first, so that the code for steps knows metres only.
+of ``goals``. Both are replaced here, so that all other code reads metres only.
 """
 
 from __future__ import annotations
@@ -11,15 +11,16 @@ from typing import Any
 from groundstation.orders.degrees import goal_enu_m
 from onboard.config.fleet import ConfigError, FleetConfig
 
-_METRES = {"position_deg": "position_enu_m", "goals_deg": "goals"}
+# key of goals in degrees -> key of the same goals in metres
+_METRES_KEYS = {"position_deg": "position_enu_m", "goals_deg": "goals"}
 
 
 def in_metres(value: Any, fleet: FleetConfig, path: str) -> Any:
-    """Return steps of a mission file with their degrees replaced.
+    """Return steps of a mission file with their goals in metres.
 
     Args:
         value: a list of steps, a step, or a value within one.
-        fleet: fleet of the mission; its origin counts.
+        fleet: fleet of the mission, whose origin is that of the metres.
         path: path of the mission file, for the sentences.
 
     Raises:
@@ -32,7 +33,7 @@ def in_metres(value: Any, fleet: FleetConfig, path: str) -> Any:
 
     replaced: dict[str, Any] = {}
     for key, inner in value.items():
-        metres_key = _METRES.get(key)
+        metres_key = _METRES_KEYS.get(key)
         if metres_key is None:
             replaced[key] = in_metres(inner, fleet, path)
             continue

@@ -3,8 +3,9 @@
 The course goes through the steps one after the other, and keeps the fleet in the state in which the
 steps so far would leave it: where each vehicle is, whether it flies, and the present formation.
 
-Three users need it. Checks refuse an order that makes no sense at its place, findings compare the
-time limit of a step with its duration, and the runner says how long the rest of a flight takes.
+The course has three users. Checks refuse an order that makes no sense at its place, findings
+compare the time limit of a step with its duration, and the runner says how long the rest of a
+flight takes.
 
 The avoidance law is not simulated: durations are those of vehicles that fly alone.
 """
@@ -108,9 +109,9 @@ def course(
         ConfigError: a step names a vehicle or a formation that does not exist.
     """
     starts = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
-    at_step = _CourseFleet(starts, HeldFormation(default_formation(fleet)))
+    course_fleet = _CourseFleet(starts, HeldFormation(default_formation(fleet)))
     for index, step in enumerate(steps):
-        yield from _course_steps(fleet, step, f"step[{index}]", at_step, paths_of, path)
+        yield from _course_steps(fleet, step, f"step[{index}]", course_fleet, paths_of, path)
 
 
 def resolved(intent: Intent, fleet: FleetConfig) -> Intent:
@@ -189,7 +190,7 @@ def refuse_disabled(names: Iterable[str], fleet: FleetConfig) -> None:
 
 
 def with_speed(
-    intent: Intent, fleet: FleetConfig, goals: Mapping[str, Xyz], spots: Mapping[str, Xyz]
+    intent: Intent, fleet: FleetConfig, goals: Mapping[str, Xyz], positions: Mapping[str, Xyz]
 ) -> Intent:
     """Return an order with the duration that its speed gives for the longest way.
 
@@ -197,11 +198,15 @@ def with_speed(
         intent: an order; an order without a speed is returned unchanged.
         fleet: the fleet file.
         goals: goals of the vehicles [m], ENU.
-        spots: positions of the vehicles [m], ENU.
+        positions: present positions of the vehicles [m], ENU.
     """
     if not isinstance(intent, GoalIntent) or intent.speed_m_s is None:
         return intent
-    ways_m = [way_m(fleet, name, spots[name], goals[name]) for name in goals if name in spots]
+    ways_m = [
+        way_m(fleet, name, positions[name], goal)
+        for name, goal in goals.items()
+        if name in positions
+    ]
     if not ways_m:
         return intent
 
@@ -241,7 +246,7 @@ def _course_steps(
     fleet: FleetConfig,
     step: MissionStep,
     key: str,
-    at_step: _CourseFleet,
+    course_fleet: _CourseFleet,
     paths_of: PathsOf,
     path: str,
     times: int = 1,
@@ -250,27 +255,27 @@ def _course_steps(
     if isinstance(step, BlockStep):
         for inner, inner_key, count in inner_steps(step, key):
             yield from _course_steps(
-                fleet, inner, inner_key, at_step, paths_of, path, times * count
+                fleet, inner, inner_key, course_fleet, paths_of, path, times * count
             )
         if isinstance(step, ReactStep):
-            at_step.is_known = False
+            course_fleet.is_known = False
         return
 
     try:
-        course_step = _course_step(fleet, step, key, at_step, paths_of)
+        course_step = _course_step(fleet, step, key, course_fleet, paths_of)
     except ConfigError as error:
         raise ConfigError(f"{path}: '{key}' ({step.do}): {error}") from None
     yield replace(course_step, times=times)
 
-    at_step.positions.update(course_step.goals)
+    course_fleet.positions.update(course_step.goals)
     if course_step.planned is not None:
-        at_step.held = course_step.planned.held
+        course_fleet.held = course_step.planned.held
     if isinstance(step, Takeoff):
-        at_step.flying.update(course_step.goals)
+        course_fleet.flying.update(course_step.goals)
     elif isinstance(step, Land | Home):
-        at_step.flying.difference_update(course_step.goals)
+        course_fleet.flying.difference_update(course_step.goals)
     elif step.do == "fault":
-        at_step.is_known = False
+        course_fleet.is_known = False
 
 
 def inner_steps(step: BlockStep, key: str) -> Iterator[tuple[MissionStep, str, int]]:
@@ -305,25 +310,25 @@ def inner_steps(step: BlockStep, key: str) -> Iterator[tuple[MissionStep, str, i
 
 
 def _course_step(
-    fleet: FleetConfig, step: MissionStep, key: str, at_step: _CourseFleet, paths_of: PathsOf
+    fleet: FleetConfig, step: MissionStep, key: str, course_fleet: _CourseFleet, paths_of: PathsOf
 ) -> CourseStep:
     """Return one step as it is expected to be flown."""
     course_step = CourseStep(
         key=key,
         step=step,
-        positions=dict(at_step.positions),
-        flying=frozenset(at_step.flying),
-        is_known=at_step.is_known,
+        positions=dict(course_fleet.positions),
+        flying=frozenset(course_fleet.flying),
+        is_known=course_fleet.is_known,
     )
 
     if isinstance(step, FollowPathStep):
         return _with_paths(course_step, fleet, paths_of(step))
     if isinstance(step, FlyFormationStep):
-        return _with_paths(course_step, fleet, formation_paths(step, fleet, at_step.positions))
+        return _with_paths(course_step, fleet, formation_paths(step, fleet, course_fleet.positions))
     if isinstance(step, WaitStep):
         return replace(course_step, expected_s=step.duration_s)
     if isinstance(step, Intent):
-        return _with_order(course_step, step, fleet, at_step)
+        return _with_order(course_step, step, fleet, course_fleet)
     return course_step
 
 
@@ -345,7 +350,7 @@ def _with_paths(
 
 
 def _with_order(
-    course_step: CourseStep, written: Intent, fleet: FleetConfig, before: _CourseFleet
+    course_step: CourseStep, written: Intent, fleet: FleetConfig, course_fleet: _CourseFleet
 ) -> CourseStep:
     """Return a step with its order, its goals, and the time that each vehicle needs alone.
 
@@ -353,24 +358,24 @@ def _with_order(
         course_step: the step without these.
         written: the intent of the step, as the mission has it.
         fleet: the fleet file.
-        before: the fleet as it is expected to be before the step.
+        course_fleet: the fleet as it is expected to be before the step.
     """
-    intent = _filled(resolved(written, fleet), fleet, before)
-    planned = plan_order(intent, fleet, None, held=before.held, author="check", now_ns=0)
+    intent = _with_planned_fields(resolved(written, fleet), fleet, course_fleet)
+    planned = plan_order(intent, fleet, None, held=course_fleet.held, author="check", now_ns=0)
     refuse_disabled(planned.orders, fleet)
     goals = {
-        name: _position_after(written, before.positions[name], order.position_enu_m)
+        name: _position_after(written, course_fleet.positions[name], order.position_enu_m)
         for name, order in planned.orders.items()
     }
     course_step = replace(course_step, planned=planned)
     if not isinstance(written, GoalIntent | Rotate | _VerticalIntent):
         return replace(course_step, expected_s=_SHORT_ORDER_S)
 
-    intent = with_speed(intent, fleet, goals, before.positions)
+    intent = with_speed(intent, fleet, goals, course_fleet.positions)
     duration_s = intent.message_values().duration_s
     alone_s = {}
     for name, goal in goals.items():
-        position = before.positions[name]
+        position = course_fleet.positions[name]
         if isinstance(written, _VerticalIntent):
             alone_s[name] = _vertical_order_s(fleet, name, position, goal, duration_s)
         else:
@@ -383,22 +388,29 @@ def _with_order(
     return replace(course_step, goals=goals, alone_s=alone_s, expected_s=expected_s)
 
 
-def _filled(intent: Intent, fleet: FleetConfig, at_step: _CourseFleet) -> Intent:
-    """Return the intent with the values that a flight fills in from the vehicles' positions."""
-    positions = at_step.positions
-    spots = {name: positions[name] for name in intent.names if name in positions}
+def _with_planned_fields(intent: Intent, fleet: FleetConfig, course_fleet: _CourseFleet) -> Intent:
+    """Return the intent with the fields that a flight derives from the vehicles' positions."""
+    positions = {
+        name: course_fleet.positions[name]
+        for name in intent.names
+        if name in course_fleet.positions
+    }
 
     if isinstance(intent, Formation):
         if intent.assign != "nearest" or intent.position_enu_m is None:
             return intent
         slots = slots_of(fleet, intent.name, intent.spacing_m, intent.rotation_deg)
         own_slots = {name: slots[name] for name in intent.names if name in slots}
-        takes = nearest_slots(own_slots, spots, intent.position_enu_m)
+        takes = nearest_slots(own_slots, positions, intent.position_enu_m)
         return structs.replace(intent, takes=takes)
 
     if isinstance(intent, Rotate):
-        slots = held_slots(fleet, at_step.held)
-        centers = [np.array(spots[name]) - np.array(slots[name]) for name in spots if name in slots]
+        slots = held_slots(fleet, course_fleet.held)
+        centers = [
+            np.array(position) - np.array(slots[name])
+            for name, position in positions.items()
+            if name in slots
+        ]
         if centers:
             x, y, z = np.mean(centers, axis=0).tolist()
             return structs.replace(intent, center_enu_m=(x, y, z))

@@ -109,13 +109,15 @@ def mission_from_mapping(
             "Add at least one [[step]] with do = ..."
         )
     tables = in_metres(tables, config, path)
-    steps = tuple(_step(data, f"step[{index}]", path) for index, data in enumerate(tables))
+    steps = tuple(
+        _step(step_table, f"step[{index}]", path) for index, step_table in enumerate(tables)
+    )
 
     expect = convert(data.get("expect", {}), Expect, path, "expect")
     _check_expect(expect, path, "expect")
 
     path_files: set[str] = set()
-    for step in _every(steps):
+    for step in _all_steps(steps):
         if isinstance(step, FollowPathStep):
             path_files.update(step.paths.values())
     folder = FilePath(path).parent
@@ -234,7 +236,7 @@ def _step(data: Any, key: str, path: str) -> MissionStep:
     for name in BLOCK_KEYS:
         if name in data:
             blocks[name] = _inner_steps(data[name], f"{key}.{name}", path)
-            values[name] = ()  # `_inner_steps` has converted them, each to the kind of its `do`
+            values[name] = ()  # `_inner_steps` has converted these already
     if issubclass(kind, Intent):
         del values["do"]  # an intent has no such field; its class stands for it
         _check_planned_fields(values, kind, key, path)
@@ -295,11 +297,12 @@ def _check_time(step: MissionStep, key: str, path: str) -> None:
             raise ConfigError(f"{path}: '{key}.at': {error}") from None
 
     if isinstance(step, RepeatStep):
-        for inner in _every(step.steps):
-            if getattr(inner, "at", ""):
+        for inner in _all_steps(step.steps):
+            repeated = getattr(inner, "at", "")
+            if repeated:
                 raise ConfigError(
-                    f"{path}: '{key}' repeats a step with at = \"{getattr(inner, 'at', '')}\", and "
-                    "that time comes once. Take the step out of the repetition."
+                    f"{path}: '{key}' repeats a step with at = \"{repeated}\", and that time comes "
+                    "once. Take the step out of the repetition."
                 )
 
 
@@ -319,7 +322,7 @@ def _inner_steps(tables: Any, key: str, path: str) -> tuple[Any, ...]:
     return tuple(_step(data, f"{key}[{index}]", path) for index, data in enumerate(tables))
 
 
-def _every(steps: Iterable[MissionStep]) -> Iterator[MissionStep]:
+def _all_steps(steps: Iterable[MissionStep]) -> Iterator[MissionStep]:
     """Yield all steps, also those inside other steps."""
     for step in steps:
         yield step
@@ -327,14 +330,15 @@ def _every(steps: Iterable[MissionStep]) -> Iterator[MissionStep]:
             inner = getattr(step, name, ())
             if name == "branches":
                 inner = itertools.chain.from_iterable(inner)
-            yield from _every(inner)
+            yield from _all_steps(inner)
 
 
 def _check_expect(expect: Expect, path: str, key: str) -> None:
     """Refuse expectations outside their bounds."""
-    for name, high in EXPECT_MOST_M.items():
-        value = getattr(expect, name)
-        if value is not None and not 0.0 < value <= high:
+    for name, most_m in EXPECT_MOST_M.items():
+        value_m = getattr(expect, name)
+        if value_m is not None and not 0.0 < value_m <= most_m:
             raise ConfigError(
-                f"{path}: '{key}.{name}' is {value}; it must lie above 0 and at most {high:g} m."
+                f"{path}: '{key}.{name}' is {value_m}; it must lie above 0 and at most {most_m:g}"
+                " m."
             )

@@ -20,8 +20,8 @@ from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
 from onboard.safety.area_room import way_beyond_m
 
-# Findings with these names do not refuse a flight: they do not concern what the law can fly.
-_OF_THE_MISSION = ("time", "expectation", "arrival", "ending")
+# names of findings that refuse no flight, since they do not concern what the law can fly
+_NEVER_REFUSING = ("time", "expectation", "arrival", "ending")
 _SPARE_PCT = 10.0  # charge at the end above the level at which a vehicle lands by itself
 _DETOUR_FACTOR = 1.7  # recommended time limit divided by the duration of the straight way
 _ARRIVAL_M = 0.05  # error of an arrival with a perfect position
@@ -65,7 +65,7 @@ def refused_findings(mission: Mission, is_simulated: bool) -> list[Finding]:
     return [
         finding
         for finding in (*mission_findings(mission), *fleet_findings(fleet))
-        if finding.status == "refused" and _name_of(finding) not in _OF_THE_MISSION
+        if finding.status == "refused" and _name_of(finding) not in _NEVER_REFUSING
     ]
 
 
@@ -100,7 +100,7 @@ def _name_of(finding: Finding) -> str:
     return finding.name.partition(",")[0]
 
 
-def _at_begin(words: str) -> str:
+def _capitalised(words: str) -> str:
     """Return words with a capital letter, for the begin of a sentence."""
     return words[0].upper() + words[1:]
 
@@ -112,25 +112,25 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
 
     for course_step in mission.course():
         step = course_step.step
-        where = f"{course_step.key} ({step.do})"
+        step_name = f"{course_step.key} ({step.do})"  # such as "step[2] (goto)"
         if course_step.paths:
-            yield from path_findings(fleet, course_step.paths, where)
+            yield from path_findings(fleet, course_step.paths, step_name)
         if not course_step.alone_s or not isinstance(step, Intent):
             continue
 
         yield worst(
-            _time(step.timeout_s, name, alone_s, where)
+            _time_limit(step.timeout_s, name, alone_s, step_name)
             for name, alone_s in course_step.alone_s.items()
         )
 
-        yield from _unreachable_findings(fleet, course_step, where)
+        yield from _unreachable_findings(fleet, course_step, step_name)
         if fleet.fences:
-            yield from _way_findings(fleet, course_step, where)
+            yield from _way_findings(fleet, course_step, step_name)
         flying = _flying_after(course_step)
         if not isinstance(step, Land | Home):
             positions = {**course_step.positions, **course_step.goals}
-            spots = {name: positions[name] for name in flying}
-            yield from spot_findings(fleet, spots, where, errors=errors)
+            flying_at = {name: positions[name] for name in flying}
+            yield from spot_findings(fleet, flying_at, step_name, errors=errors)
 
     if flying and mission.expect.all_landed is not False:
         yield at_most(
@@ -145,7 +145,7 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
 
 
 def _unreachable_findings(
-    fleet: FleetConfig, course_step: CourseStep, where: str
+    fleet: FleetConfig, course_step: CourseStep, step_name: str
 ) -> Iterator[Finding]:
     """Yield the finding about goals to which there is no way around obstacles and fences."""
     without_way = {}
@@ -158,16 +158,16 @@ def _unreachable_findings(
 
     name, words = next(iter(without_way.items()))
     yield at_most(
-        f"reach, {where}",
+        f"reach, {step_name}",
         float(len(without_way)),
         0.0,
         "",
-        f"{_at_begin(where)}: the goal of {name} {words}",
+        f"{_capitalised(step_name)}: the goal of {name} {words}",
         "Choose another goal, or move what stands in the way.",
     )
 
 
-def _way_findings(fleet: FleetConfig, course_step: CourseStep, where: str) -> Iterator[Finding]:
+def _way_findings(fleet: FleetConfig, course_step: CourseStep, step_name: str) -> Iterator[Finding]:
     """Yield the finding about the straight way of which most lies beyond the edge of a fence."""
     areas = flight_space_of(fleet).areas
     beyond_m = {
@@ -179,11 +179,11 @@ def _way_findings(fleet: FleetConfig, course_step: CourseStep, where: str) -> It
 
     farthest = max(beyond_m, key=lambda name: beyond_m[name])
     yield at_most(
-        f"ways, {where}",
+        f"ways, {step_name}",
         beyond_m[farthest],
         0.0,
         "m",
-        f"{_at_begin(where)}: {{value}} of the straight way of {farthest} lie beyond a "
+        f"{_capitalised(step_name)}: {{value}} of the straight way of {farthest} lie beyond a "
         "fence or in its buffer; it is led around, which takes longer",
         "Put a goal between, from which both ways are free.",
         refuse_above=math.inf,
@@ -197,14 +197,14 @@ def _flying_after(course_step: CourseStep) -> set[str]:
     return set(course_step.flying).union(course_step.goals)
 
 
-def _time(timeout_s: float, name: str, alone_s: float, where: str) -> Finding:
+def _time_limit(timeout_s: float, name: str, alone_s: float, step_name: str) -> Finding:
     """Return the finding about the time that a step gives to one vehicle."""
     return at_least(
-        f"time, {where}",
+        f"time, {step_name}",
         timeout_s,
         _DETOUR_FACTOR * alone_s,
         "s",
-        f"{_at_begin(where)}: timeout_s is {{value}}; {name} needs {alone_s:.1f} s "
+        f"{_capitalised(step_name)}: timeout_s is {{value}}; {name} needs {alone_s:.1f} s "
         "alone, so {relation} {bound} leaves room for detours",
         "Raise its timeout_s by {difference}.",
         refuse_below=alone_s,

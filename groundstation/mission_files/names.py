@@ -29,7 +29,8 @@ def mission_names(start: str = "") -> list[str]:
     names = []
     for entry in entries:
         is_mission = entry.name.endswith(_ENDINGS) and entry.name.startswith(name_start)
-        is_one_word = entry.name.isprintable() and " " not in entry.name  # orders have no quotes
+        # an order names a mission without quotes
+        is_one_word = entry.name.isprintable() and " " not in entry.name
         if is_mission and is_one_word and entry.is_file():
             names.append(prefix + entry.name)
     if not prefix:

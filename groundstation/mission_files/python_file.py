@@ -159,18 +159,18 @@ def _is_mission(node: ast.stmt) -> bool:
     return isinstance(node, ast.AsyncFunctionDef) and node.name == "mission"
 
 
-def _value(text: str, default: Any, where: str) -> Any:
+def _value(text: str, default: Any, subject: str) -> Any:
     """Return a written value converted to the type of its default.
 
-    For an argument without a default, the text is read as a Python literal; if it is none, it stays
-    a text.
+    For an argument without a default, the text is read as a Python literal; a text that is no
+    literal is returned unchanged.
     """
     if isinstance(default, str):
         return text
 
     if isinstance(default, bool):
         if text.lower() not in _TRUTH_WORDS:
-            raise ConfigError(f"{where} is {text!r}; it must be true or false.")
+            raise ConfigError(f"{subject} is {text!r}; it must be true or false.")
         return _TRUTH_WORDS[text.lower()]
 
     try:
@@ -188,5 +188,7 @@ def _value(text: str, default: Any, where: str) -> Any:
         return value
 
     if not is_good:
-        raise ConfigError(f"{where} is {text!r}; it must be {kind}, as its default {default!r} is.")
+        raise ConfigError(
+            f"{subject} is {text!r}; it must be {kind}, as its default {default!r} is."
+        )
     return value

@@ -60,32 +60,33 @@ def _check_reactions(step: MissionStep, key: str, mission: Mission) -> None:
 def _check_course_step(course_step: CourseStep, mission: Mission) -> None:
     fleet = mission.fleet
     step = course_step.step
-    where = f"{mission.path}: '{course_step.key}"  # a field and the closing quote follow
+    path = mission.path
+    key = course_step.key
 
     may_fly: Collection[str] = fleet.enabled_names
     if course_step.is_known:
         may_fly = course_step.flying
 
     if isinstance(step, FaultStep):
-        _check_fault(step, fleet, where)
+        _check_fault(step, fleet, path, key)
     elif isinstance(step, WaitStep):
-        _check_until(step.until, fleet, f"{where}.until'")
+        _check_until(step.until, fleet, f"{path}: '{key}.until'")
     elif isinstance(step, FollowPathStep):
         mission.lights_of(step)  # raises ConfigError for a file that cannot be read
-        _check_paths((*step.paths, *step.lights), fleet, may_fly, f"{where}.paths'")
+        _check_paths((*step.paths, *step.lights), fleet, may_fly, f"{path}: '{key}.paths'")
     elif isinstance(step, FlyFormationStep):
-        _check_paths(tuple(course_step.paths), fleet, may_fly, f"{where}.name'")
+        _check_paths(tuple(course_step.paths), fleet, may_fly, f"{path}: '{key}.name'")
 
     if course_step.planned is None:
         return
     reason = next(iter(course_step.planned.refusals.values()), "")
     if not reason and course_step.is_known:
-        reason = _out_of_order(step, course_step.planned.intent.names, course_step.flying)
+        reason = _flying_problem(step, course_step.planned.intent.names, course_step.flying)
     if reason:
-        raise ConfigError(f"{where}' ({step.do}): {reason}")
+        raise ConfigError(f"{path}: '{key}' ({step.do}): {reason}")
 
 
-def _out_of_order(step: MissionStep, names: Sequence[str], flying: Collection[str]) -> str:
+def _flying_problem(step: MissionStep, names: Sequence[str], flying: Collection[str]) -> str:
     """Return a sentence if vehicles are in the air or on the ground when they must not be."""
     if not isinstance(step, Intent):
         return ""
@@ -106,18 +107,18 @@ def _out_of_order(step: MissionStep, names: Sequence[str], flying: Collection[st
 
 
 def _check_paths(
-    names: Sequence[str], fleet: FleetConfig, flying: Collection[str], where: str
+    names: Sequence[str], fleet: FleetConfig, flying: Collection[str], written_key: str
 ) -> None:
     """Refuse paths of vehicles that do not fly; mission_findings.py checks the paths themselves."""
     wrong = [name for name in names if name not in fleet.enabled_names or name not in flying]
     if wrong or not names:
         raise ConfigError(
-            f"{where} must name vehicles that fly at this step, each with a file; "
+            f"{written_key} must name vehicles that fly at this step, each with a file; "
             f"it has {', '.join(wrong) or 'none'}."
         )
 
 
-def _check_until(until: Until | None, fleet: FleetConfig, where: str) -> None:
+def _check_until(until: Until | None, fleet: FleetConfig, written_key: str) -> None:
     """Refuse a condition about vehicles that do not fly, and one that no number can meet."""
     if until is None:
         return
@@ -127,8 +128,9 @@ def _check_until(until: Until | None, fleet: FleetConfig, where: str) -> None:
             refuse_disabled(fleet.select(vehicles), fleet)
         refuse_disabled(positions_by_name(until.reached, fleet), fleet)
     except ConfigError as error:
-        raise ConfigError(f"{where}: {error}") from None
+        raise ConfigError(f"{written_key}: {error}") from None
 
+    # a number that is not given counts as 0, which is finite
     numbers = {
         "within_m": (until.within_m,),
         "separation_above_m": (until.separation_above_m or 0.0,),
@@ -138,10 +140,10 @@ def _check_until(until: Until | None, fleet: FleetConfig, where: str) -> None:
     }
     for name, values in numbers.items():
         if not all(math.isfinite(value) for value in values):
-            raise ConfigError(f"{where}: '{name}' is not a finite number. Correct the value.")
+            raise ConfigError(f"{written_key}: '{name}' is not a finite number. Correct the value.")
 
 
-def _check_fault(step: FaultStep, fleet: FleetConfig, where: str) -> None:
+def _check_fault(step: FaultStep, fleet: FleetConfig, path: str, key: str) -> None:
     """Refuse a fault with misplaced keys or unknown vehicles.
 
     The emulator checks its name and parameters before the mission's first step.
@@ -149,10 +151,11 @@ def _check_fault(step: FaultStep, fleet: FleetConfig, where: str) -> None:
     misplaced = set(step.parameters) & set(FaultStep.__struct_fields__)
     if misplaced:
         raise ConfigError(
-            f"{where}.parameters' has '{min(misplaced)}', which is a key of the step. Move it up."
+            f"{path}: '{key}.parameters' has '{min(misplaced)}', which is a key of the step. Move"
+            " it up."
         )
 
     try:
         fleet.select(step.vehicles)
     except ConfigError as error:
-        raise ConfigError(f"{where}.vehicles': {error}") from None
+        raise ConfigError(f"{path}: '{key}.vehicles': {error}") from None

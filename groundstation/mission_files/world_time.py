@@ -1,8 +1,8 @@
 """Reads times of the world's clock (times of day) as people write them. Pure: `now` is an argument.
 
 A time without a date is the nearest one in the future: at 23:50, ``00:10`` is twenty minutes ahead.
-A time is in this computer's time zone, also behind a change of its clocks, unless it names another
-one::
+A time is in this computer's time zone unless it names another one. If the clocks change between
+summer and winter time until then, that is taken into account::
 
     21:30    21:30:00    2026-11-26 21:30:00    20:30:00Z    21:30:00+01:00
 """
@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 from onboard.config.fleet import ConfigError
 
-LONGEST_S = 6.0 * 3600.0  # longest time to a start; batteries and people do not wait for longer
+LONGEST_S = 6.0 * 3600.0  # longest wait for a start; batteries and people do not wait longer
 
-_FORM = re.compile(
+_FORMAT = re.compile(
     r"((?P<date>\d{4}-\d{2}-\d{2})[T ])?"
     r"(?P<time>\d{1,2}:\d{2}(:\d{2})?)"
     r"(?P<zone>Z|[+-]\d{2}:\d{2})?"
@@ -34,25 +34,26 @@ class _ThisZone(datetime.tzinfo):
 
     def utcoffset(self, instant: datetime.datetime | None) -> datetime.timedelta | None:
         """Return the offset at a local time."""
-        return _by_the_system(instant).utcoffset()
+        return _with_system_offset(instant).utcoffset()
 
     def tzname(self, instant: datetime.datetime | None) -> str | None:
         """Return the name of the zone at a local time."""
-        return _by_the_system(instant).tzname()
+        return _with_system_offset(instant).tzname()
 
     def dst(self, instant: datetime.datetime | None) -> datetime.timedelta | None:
-        """Return None: nobody needs the part of the offset that is of the summer."""
+        """Return None: how much of the offset is summer time is not needed."""
         return None
 
     def fromutc(self, instant: datetime.datetime) -> datetime.datetime:
         """Return the local time of an instant, which is given in UTC."""
         local = instant.replace(tzinfo=datetime.UTC).astimezone().replace(tzinfo=self)
         if local.utcoffset() != local - instant:
-            local = local.replace(fold=1)  # the second time of the two in such a night
+            # the clocks are put back in this night, and this is the second of two equal times
+            local = local.replace(fold=1)
         return local
 
 
-def _by_the_system(instant: datetime.datetime | None) -> datetime.datetime:
+def _with_system_offset(instant: datetime.datetime | None) -> datetime.datetime:
     """Return a local time with the offset that the system has for it."""
     assert instant is not None
     try:
@@ -103,7 +104,7 @@ def world_time(written: str, now: datetime.datetime) -> WorldTime:
     instant = _nearest(instants, now)
 
     ahead_s = _ahead_s(instant, now)
-    words = _words(instant, now)
+    words = _instant_words(instant, now)
     if ahead_s <= 0.0:
         raise ConfigError(
             f"{words} was {time_words(abs(ahead_s))} ago: it is {now:%H:%M:%S}. "
@@ -152,7 +153,7 @@ def time_words(time_s: float) -> str:
 
 def _parsed(written: str) -> tuple[datetime.date | None, datetime.time]:
     """Return the date and the time of day in a text; the date is None if the text has none."""
-    match = _FORM.fullmatch(written.strip())
+    match = _FORMAT.fullmatch(written.strip())
     problem = ConfigError(
         f"'{written[:40]}' is no time of day. Write 21:30, 21:30:00, or with a date and a zone "
         "2026-11-26 21:30:00+01:00."
@@ -194,7 +195,7 @@ def _ahead_s(instant: datetime.datetime, now: datetime.datetime) -> float:
     return instant.timestamp() - now.timestamp()
 
 
-def _words(instant: datetime.datetime, now: datetime.datetime) -> str:
+def _instant_words(instant: datetime.datetime, now: datetime.datetime) -> str:
     date_words = ""
     if instant.date() != now.date():
         date_words = f"{instant:%Y-%m-%d} "
