@@ -41,7 +41,7 @@ _TAKEOFF_SHARE = 0.8  # share of the lowest path's greatest height that a take-o
 # show, and takes twice this time.
 _JOIN_S = 1.0
 _SHORTEST_S = 2.5 * _JOIN_S  # both pieces, and something of the show between them
-_GRID_S = 0.05
+_GRID_S = 0.05  # time between two points at which a path is sampled
 _STILL_M_S = 0.02  # a path whose end is slower than this counts as at rest there
 _EXTRA_SLOWING = 1.005  # factor by which a show is slowed more than needed
 _SLOWEST = 4.0  # a show that would have to be slowed by a larger factor is refused
@@ -68,7 +68,7 @@ class Converted:
     paths: dict[str, Path]
     lights: dict[str, tuple[TimedColour, ...]]
     begin_s: float = 0.0  # time on the show's own clock at which the paths begin
-    slowing: float = 1.0  # duration over that in the show
+    slowing: float = 1.0  # duration divided by the duration in the show
     notes: list[str] = field(default_factory=list)  # notes about all vehicles
     own_notes: dict[str, list[str]] = field(default_factory=dict)  # notes about one vehicle
 
@@ -110,40 +110,40 @@ def converted(
         ConfigError: homes or paths are too near to each other, or the show is far too fast.
     """
     takeoff_m = _takeoff_height_m(show)
-    made = Converted(
+    flyable = Converted(
         takeoff_m=takeoff_m,
         homes={names[drone.name]: (*drone.home_enu_m[:2], 0.0) for drone in show.drones},
         paths={},
         lights={},
     )
     for drone in show.drones:
-        made.own_notes[names[drone.name]] = [f"{drone.name!r} of the show {show.title!r}"]
-    _check_homes(made.homes, home_spacing_m)
+        flyable.own_notes[names[drone.name]] = [f"{drone.name!r} of the show {show.title!r}"]
+    _check_homes(flyable.homes, home_spacing_m)
 
-    flown = {drone.name: _flown(drone, takeoff_m) for drone in show.drones}
-    zero_s = min(begin_s for begin_s, _ in flown.values())
-    made.begin_s = zero_s
-    made.notes.append(
+    flown_parts = {drone.name: _flown_part(drone, takeoff_m) for drone in show.drones}
+    flight_begin_s = min(begin_s for begin_s, _ in flown_parts.values())
+    flyable.begin_s = flight_begin_s
+    flyable.notes.append(
         f"take-off to {takeoff_m:g} m and landing are Covey's own; the show is flown above that "
         "height"
     )
 
     for drone in show.drones:
-        begin_s, pieces = flown[drone.name]
-        waiting_s = begin_s - zero_s
+        begin_s, pieces = flown_parts[drone.name]
+        waiting_s = begin_s - flight_begin_s
         if waiting_s > 1e-3:
             first_position = pieces[0][1::8]  # constant coefficients of the first piece
             pieces = np.concatenate([[resting(waiting_s, first_position)], pieces])
         vehicle = names[drone.name]
-        made.paths[vehicle] = _path(drone.name, pieces.tolist())
-        made.lights[vehicle] = tuple(
-            (max(t - zero_s, 0.0), red, green, blue) for t, red, green, blue in drone.lights
+        flyable.paths[vehicle] = _path(drone.name, pieces.tolist())
+        flyable.lights[vehicle] = tuple(
+            (max(t - flight_begin_s, 0.0), red, green, blue) for t, red, green, blue in drone.lights
         )
 
-    _assign_homes(made)
-    _slow_down(made, limits)
-    _spread_starts(made, spacing_m, height_share)
-    return made
+    _assign_homes(flyable)
+    _slow_down(flyable, limits)
+    _spread_starts(flyable, spacing_m, height_share)
+    return flyable
 
 
 def _takeoff_height_m(show: Show) -> float:
@@ -168,7 +168,7 @@ def _grid(path: Path) -> Array:
     return np.linspace(0.0, path.duration_s, count)
 
 
-def _flown(drone: Drone, takeoff_m: float) -> tuple[float, Array]:
+def _flown_part(drone: Drone, takeoff_m: float) -> tuple[float, Array]:
     """Return the part of a path above the take-off height: its time in the show, and its pieces.
 
     The part begins and ends at rest. If the drone moves there in the show, a piece is added that
@@ -192,14 +192,14 @@ def _flown(drone: Drone, takeoff_m: float) -> tuple[float, Array]:
     at_end = motions[:, 3]
     begins_in_motion = np.abs(at_begin[1]).max() > _STILL_M_S
     ends_in_motion = np.abs(at_end[1]).max() > _STILL_M_S
-    starts_s = drone.begin_s + begin_s
+    show_begin_s = drone.begin_s + begin_s
 
     first_part = []
     if begins_in_motion:
         rest = np.zeros((3, 4))
         rest[0] = at_begin[0]
         first_part.append([quintic(2.0 * _JOIN_S, rest, after_join)])
-        starts_s -= _JOIN_S
+        show_begin_s -= _JOIN_S
         begin_s += _JOIN_S
 
     last_part = []
@@ -209,7 +209,7 @@ def _flown(drone: Drone, takeoff_m: float) -> tuple[float, Array]:
         last_part.append([quintic(2.0 * _JOIN_S, before_join, rest)])
         end_s -= _JOIN_S
 
-    return starts_s, np.concatenate([*first_part, cut(drone.path, begin_s, end_s), *last_part])
+    return show_begin_s, np.concatenate([*first_part, cut(drone.path, begin_s, end_s), *last_part])
 
 
 def _path(name: str, pieces: Sequence[Sequence[float]]) -> Path:
@@ -237,8 +237,8 @@ def _slowed(paths: Mapping[str, Path], factor: float) -> dict[str, Path]:
 def _check_homes(homes: Mapping[str, Xyz], spacing_m: float) -> None:
     """Refuse homes that are nearer to each other than a distance."""
     names = list(homes)
-    spots = np.array([home[:2] for home in homes.values()])
-    distances_m = np.sqrt(((spots[:, None] - spots[None]) ** 2).sum(-1))
+    positions_m = np.array([home[:2] for home in homes.values()])
+    distances_m = np.sqrt(((positions_m[:, None] - positions_m[None]) ** 2).sum(-1))
 
     pairs = sorted(
         (distances_m[i, j], names[i], names[j])
@@ -256,11 +256,11 @@ def _check_homes(homes: Mapping[str, Xyz], spacing_m: float) -> None:
         )
 
 
-def _assign_homes(made: Converted) -> None:
-    """Assign homes near the begins of the paths, if that makes the longest flight shorter."""
-    begins = {name: point_at(path, 0.0).position_enu_m for name, path in made.paths.items()}
+def _assign_homes(flyable: Converted) -> None:
+    """Assign homes near the begins of the paths, if that shortens the longest flight to a path."""
+    begins = {name: point_at(path, 0.0).position_enu_m for name, path in flyable.paths.items()}
     # each home, raised to the height at which its path begins
-    above_home = {name: (x, y, begins[name][2]) for name, (x, y, _) in made.homes.items()}
+    above_home = {name: (x, y, begins[name][2]) for name, (x, y, _) in flyable.homes.items()}
     assigned = nearest_slots(above_home, begins, (0.0, 0.0, 0.0))
 
     before_m = {name: math.dist(above_home[name], begins[name]) for name in above_home}
@@ -268,98 +268,101 @@ def _assign_homes(made: Converted) -> None:
     if max(before_m.values()) - max(after_m.values()) < _ASSIGN_ABOVE_M:
         return
 
-    homes = dict(made.homes)
-    for name, home_of in assigned.items():
-        if name == home_of:
+    homes = dict(flyable.homes)
+    for name, home_owner in assigned.items():
+        if name == home_owner:
             continue
-        made.homes[name] = homes[home_of]
-        made.own_notes[name].append(
-            f"starts from {home_of}'s home, {after_m[name]:.2f} m from the begin of its path "
+        flyable.homes[name] = homes[home_owner]
+        flyable.own_notes[name].append(
+            f"starts from {home_owner}'s home, {after_m[name]:.2f} m from the begin of its path "
             f"instead of {before_m[name]:.2f} m: homes are dealt out such that the longest way to "
             "a path is short"
         )
 
 
-def _slow_down(made: Converted, limits: FlightLimits) -> None:
+def _slow_down(flyable: Converted, limits: FlightLimits) -> None:
     """Slow the whole show until every vehicle can fly its path."""
-    needed, words = needed_slowing(sample(made.paths), limits, begin_s=made.begin_s)
-    if needed <= 1.0:
+    needed_factor, words = needed_slowing(sample(flyable.paths), limits, begin_s=flyable.begin_s)
+    if needed_factor <= 1.0:
         return
 
     factor = 1.0
-    slower = made.paths
-    while needed > 1.0 and factor <= _SLOWEST:
+    slower = flyable.paths
+    while needed_factor > 1.0 and factor <= _SLOWEST:
         # a slower path is sampled at more points, which may show a larger acceleration
-        factor *= needed * _EXTRA_SLOWING
-        slower = _slowed(made.paths, factor)
-        needed, _ = needed_slowing(sample(slower), limits)
+        factor *= needed_factor * _EXTRA_SLOWING
+        slower = _slowed(flyable.paths, factor)
+        needed_factor, _ = needed_slowing(sample(slower), limits)
 
     if factor > _SLOWEST:
         raise ConfigError(
             f"The show would take {factor:.1f} times as long: {words}. Design it slower."
         )
-    made.slowing = factor
-    made.notes.append(f"slowed to {factor:.3f} times its duration: {words}")
-    made.paths = slower
-    for name, lights in made.lights.items():
-        made.lights[name] = tuple((factor * t, red, green, blue) for t, red, green, blue in lights)
+    flyable.slowing = factor
+    flyable.notes.append(f"slowed to {factor:.3f} times its duration: {words}")
+    flyable.paths = slower
+    for name, lights in flyable.lights.items():
+        flyable.lights[name] = tuple(
+            (factor * t, red, green, blue) for t, red, green, blue in lights
+        )
 
 
-def _spread_starts(made: Converted, spacing_m: float, height_share: float) -> None:
+def _spread_starts(flyable: Converted, spacing_m: float, height_share: float) -> None:
     """Delay vehicles that would come too near to others, one after the other.
 
     Raises:
         ConfigError: delays do not keep them apart.
     """
-    delays_s = dict.fromkeys(made.paths, 0.0)
-    paths = dict(made.paths)
+    delays_s = dict.fromkeys(flyable.paths, 0.0)
+    paths = dict(flyable.paths)
     pairs = _too_near(paths, spacing_m, height_share)
     first_pairs = pairs
 
-    # with too many such pairs, delays do not help
-    can_be_mended = 0 < len(pairs) <= 2 * len(paths)
-    rounds = _SPREAD_ROUNDS if can_be_mended else 0
+    rounds = _SPREAD_ROUNDS
+    if not pairs or len(pairs) > 2 * len(paths):  # with so many pairs, delays do not help
+        rounds = 0
     for _ in range(rounds):
-        # Delay one vehicle of the nearest pair, and the one that is delayed already, if any, so
-        # that not both wait.
+        # Delay one vehicle of the nearest pair. If one of them is delayed already, delay it more,
+        # so that the other one need not wait.
         nearest = pairs[0]
         delayed = max((nearest.first, nearest.second), key=lambda name: (delays_s[name], name))
         delays_s[delayed] += _SPREAD_STEP_S
         if delays_s[delayed] > _MOST_SPREAD_S:
             break
 
-        first_position = np.array(made.paths[delayed].pieces[0][1::8])
+        first_position = np.array(flyable.paths[delayed].pieces[0][1::8])
         waiting = resting(delays_s[delayed], first_position)
-        paths[delayed] = _path(delayed, [waiting.tolist(), *made.paths[delayed].pieces])
+        paths[delayed] = _path(delayed, [waiting.tolist(), *flyable.paths[delayed].pieces])
         pairs = _too_near(paths, spacing_m, height_share)
         if not pairs:
             break
 
     if pairs:
-        anyhow = ""
+        height_words = ""
         if not height_share:
-            anyhow = " at any height, since vehicles do not fly above each other"
-        in_show = [pair._replace(time_s=made.show_s(pair.time_s)) for pair in first_pairs]
+            height_words = " at any height, since vehicles do not fly above each other"
+        in_show = [pair._replace(time_s=flyable.show_s(pair.time_s)) for pair in first_pairs]
         listed = listed_words([pair_words(pair) for pair in in_show])
         raise ConfigError(
-            f"Paths come nearer than {spacing_m:.2f} m, which the law needs{anyhow}: {listed} "
-            f"(times of the show). Move them apart.{_heights_words(first_pairs, height_share)}"
+            f"Paths come nearer than {spacing_m:.2f} m, which the law needs{height_words}: {listed}"
+            " (times of the show). Move them apart."
+            f"{_vertical_proposal(first_pairs, height_share)}"
         )
 
-    made.paths = paths
+    flyable.paths = paths
     for name, delay_s in delays_s.items():
         if not delay_s:
             continue
-        made.own_notes[name].append(
+        flyable.own_notes[name].append(
             f"begins {delay_s:g} s later, to keep {spacing_m:.2f} m from the others"
         )
-        made.lights[name] = tuple(
-            (t + delay_s, red, green, blue) for t, red, green, blue in made.lights[name]
+        flyable.lights[name] = tuple(
+            (t + delay_s, red, green, blue) for t, red, green, blue in flyable.lights[name]
         )
 
 
-def _heights_words(pairs: Sequence[ClosestApproach], height_share: float) -> str:
-    """Return a proposal to use heights, if they would keep all these pairs apart; else empty."""
+def _vertical_proposal(pairs: Sequence[ClosestApproach], height_share: float) -> str:
+    """Return words that propose a vertical separation; empty if it would not keep pairs apart."""
     least_m = min(pair.height_m for pair in pairs)
     vertical_m = min(_MOST_VERTICAL_M, math.floor(10.0 * _SHARE_OF_HEIGHT * least_m) / 10.0)
     if height_share or vertical_m < _LEAST_VERTICAL_M:

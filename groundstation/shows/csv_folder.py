@@ -51,7 +51,7 @@ def read_folder(folder: FilePath) -> Show:
         ConfigError: there are no CSVs or too many, or one of them is no path.
     """
     csvs = [file for file in folder.iterdir() if file.suffix.lower() == ".csv"]
-    files = sorted(csvs, key=lambda file: _natural(file.stem))
+    files = sorted(csvs, key=lambda file: _natural_sort_key(file.stem))
     if not 1 <= len(files) <= MOST_DRONES:
         raise ConfigError(
             f"{folder}: it has {len(files)} CSVs; a show has 1 to {MOST_DRONES}, one for each "
@@ -82,16 +82,21 @@ def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None])
     Raises:
         ConfigError: some CSVs have none.
     """
-    known = {file: one for file, one in places.items() if one is not None}
-    if len(known) < len(places):
-        others = ", ".join(file.name for file in places if file not in known)
+    geographic = {
+        file: drone_places for file, drone_places in places.items() if drone_places is not None
+    }
+    if len(geographic) < len(places):
+        others = ", ".join(file.name for file in places if file not in geographic)
         raise ConfigError(
             f"{folder}: {others} have no latitude and longitude, and the others have. Export all "
             "drones alike."
         )
 
-    origin = origin_of(list(known.values()))
-    drones = [_drone(file, path_of_places(one, origin)) for file, one in known.items()]
+    origin = origin_of(list(geographic.values()))
+    drones = [
+        _drone(file, path_of_places(drone_places, origin))
+        for file, drone_places in geographic.items()
+    ]
     note = (
         "latitudes and longitudes became metres from the first place of the show "
         f"({origin.latitude_deg:.6f}, {origin.longitude_deg:.6f}); heights count from its lowest "
@@ -106,7 +111,7 @@ def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None])
     )
 
 
-def _natural(text: str) -> list[tuple[int, str]]:
+def _natural_sort_key(text: str) -> list[tuple[int, str]]:
     """Return a sort key that sorts drone10 after drone9."""
     key = []
     for part in re.split(r"(\d+)", text):
@@ -149,10 +154,10 @@ def _lights(file: FilePath) -> tuple[TimedColour, ...]:
 
     lights: list[TimedColour] = []
     last = len(numbers) - 1
-    for k, (red, green, blue) in enumerate(colours.tolist()):
-        is_repeated = k > 0 and (colours[k] == colours[k - 1]).all()
+    for index, (red, green, blue) in enumerate(colours.tolist()):
+        is_repeated = index > 0 and (colours[index] == colours[index - 1]).all()
         # the last colour is kept, as the end of the lights
-        if is_repeated and k != last:
+        if is_repeated and index != last:
             continue
-        lights.append((float(times_s[k]), red, green, blue))
+        lights.append((float(times_s[index]), red, green, blue))
     return tuple(lights)

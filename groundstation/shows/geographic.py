@@ -72,7 +72,9 @@ def read_places(file: FilePath) -> Places | None:
             f"most {LONGEST_LINE} letters below the line of names."
         )
 
-    numbers = np.array([_numbers(file, number, line, columns) for number, line in _body(lines)])
+    numbers = np.array(
+        [_numbers(file, number, line, columns) for number, line in _numbered_lines(lines)]
+    )
     return _checked(file, numbers)
 
 
@@ -115,17 +117,20 @@ def east_north_m(
     """
     latitude_0 = math.radians(origin.latitude_deg)
     latitude = np.radians(latitudes_deg)
-    turn = np.radians(longitudes_deg - origin.longitude_deg)
+    longitude_difference = np.radians(longitudes_deg - origin.longitude_deg)
 
+    # the angle between origin and position, as seen from the centre of the Earth
     cosine = math.sin(latitude_0) * np.sin(latitude)
-    cosine = cosine + math.cos(latitude_0) * np.cos(latitude) * np.cos(turn)
+    cosine = cosine + math.cos(latitude_0) * np.cos(latitude) * np.cos(longitude_difference)
     angle = np.arccos(np.clip(cosine, -1.0, 1.0))
     # angle / sin(angle) is 1 at the origin, where it would be 0 / 0
     stretch = np.where(angle > 1e-7, angle / np.maximum(np.sin(angle), 1e-12), 1.0)
 
-    east = stretch * np.cos(latitude) * np.sin(turn)
+    east = stretch * np.cos(latitude) * np.sin(longitude_difference)
     north = math.cos(latitude_0) * np.sin(latitude)
-    north = stretch * (north - math.sin(latitude_0) * np.cos(latitude) * np.cos(turn))
+    north = stretch * (
+        north - math.sin(latitude_0) * np.cos(latitude) * np.cos(longitude_difference)
+    )
     return _EARTH_RADIUS_M * east, _EARTH_RADIUS_M * north
 
 
@@ -133,18 +138,34 @@ def _columns(first_line: str) -> dict[str, tuple[int, float]]:
     """Return by kind (a key of _KINDS) the index of its column and the factor of its numbers."""
     columns: dict[str, tuple[int, float]] = {}
     for index, name in enumerate(_cells(first_line)):
-        match = _UNIT_AT_END.search(name.strip())
-        unit = (match[1] or "").lower() if match else ""
-        stem = name.strip()
-        if match and match.start() > 0:
-            stem = stem[: match.start()]
-        stem = re.sub(r"[^a-z]", "", stem.lower())
-        whole = re.sub(r"[^a-z]", "", name.lower())  # "seconds" only seems to end in a unit
+        stem, unit = _stem_and_unit(name.strip())
+        factor = 1.0
+        if unit in ("ms", "msec"):
+            factor = 1e-3
 
-        for kind, words in _KINDS.items():
-            if kind not in columns and (stem in words or whole in words):
-                columns[kind] = (index, 1e-3 if unit in ("ms", "msec") else 1.0)
+        # also the whole name may be known: "seconds" only seems to end in a unit
+        for kind, known_names in _KINDS.items():
+            is_known = _letters(stem) in known_names or _letters(name) in known_names
+            if is_known and kind not in columns:
+                columns[kind] = (index, factor)
     return columns
+
+
+def _stem_and_unit(name: str) -> tuple[str, str]:
+    """Split the name of a column, such as "Time [ms]"; the unit is empty if the name has none."""
+    match = _UNIT_AT_END.search(name)
+    if match is None:
+        return name, ""
+
+    unit = (match[1] or "").lower()
+    if match.start() == 0:
+        return name, unit
+    return name[: match.start()], unit
+
+
+def _letters(text: str) -> str:
+    """Return the letters of a text, in small letters."""
+    return re.sub(r"[^a-z]", "", text.lower())
 
 
 def _cells(line: str) -> list[str]:
@@ -156,7 +177,7 @@ def _cells(line: str) -> list[str]:
     return cells
 
 
-def _body(lines: Sequence[str]) -> list[tuple[int, str]]:
+def _numbered_lines(lines: Sequence[str]) -> list[tuple[int, str]]:
     """Return the lines below the first one, with their numbers."""
     return list(enumerate(lines[1:], 2))
 

@@ -65,15 +65,15 @@ def import_show(
     with tempfile.TemporaryDirectory(prefix="covey-import-") as name:
         draft = Path(name) / "show"
         try:
-            made, _ = write_show(show, draft, source, fleet, promise_m, vertical_m=vertical_m)
+            flyable, _ = write_show(show, draft, source, fleet, promise_m, vertical_m=vertical_m)
             refused = refused_findings(load_mission(draft / "mission.toml"), is_simulated=False)
         except ConfigError as error:
             raise ConfigError(str(error).replace(str(draft), str(folder))) from None
 
         if refused:
-            reasons = " ".join(finding.sentence for finding in refused) + made.own_time_words()
+            reasons = " ".join(finding.sentence for finding in refused) + flyable.own_time_words()
             raise ConfigError(
                 f"{source}: the law says that this cannot be flown; nothing is written. {reasons}"
             )
         shutil.copytree(draft, folder, dirs_exist_ok=True)
-    return made
+    return flyable

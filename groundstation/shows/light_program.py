@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from groundstation.paths.lights import TimedColour
 
 _FRAME_S = 0.02  # a frame, the unit of durations: 50 in a second
-_MOST = 20_000  # executed commands, including repetitions: ten in a second for half an hour
+# executed commands, including repetitions: ten in a second for half an hour
+_MOST_COMMANDS = 20_000
 
 # commands
 _END = 0
@@ -31,32 +32,32 @@ def colours(data: bytes) -> tuple[TimedColour, ...]:
         ValueError: a command is unknown or incomplete, or loops do not end.
     """
     reader = _Reader(data)
-    out: list[TimedColour] = [(0.0, 0, 0, 0)]
+    lights: list[TimedColour] = [(0.0, 0, 0, 0)]
     loops: list[_Loop] = []
     now_s = 0.0
 
-    for _ in range(_MOST):
+    for _ in range(_MOST_COMMANDS):
         command = reader.byte() if reader.has_more else _END
-        last_colour = out[-1][1:]
+        last_colour = lights[-1][1:]
 
         if command == _END:
-            return tuple(out)
+            return tuple(lights)
 
         if command in _SET or command in _FADE:
             kind = command % 4  # each of the two ranges begins at a multiple of four
             colour = _colour(reader, kind)
             first_colour = colour if command in _SET else last_colour
-            out.append((now_s, *first_colour))
+            lights.append((now_s, *first_colour))
             now_s += reader.frames() * _FRAME_S
-            out.append((now_s, *colour))
+            lights.append((now_s, *colour))
 
         elif command == _SLEEP:
             now_s += reader.frames() * _FRAME_S
-            out.append((now_s, *last_colour))
+            lights.append((now_s, *last_colour))
 
         elif command == _WAIT:
             now_s = max(now_s, reader.frames() * _FRAME_S)
-            out.append((now_s, *last_colour))
+            lights.append((now_s, *last_colour))
 
         elif command == _LOOP:
             count = reader.byte()

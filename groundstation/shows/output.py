@@ -31,18 +31,19 @@ from onboard.config.fleet import (
 from onboard.control.path import sampled
 
 DEFAULT_PROMISE_M = 0.8
-_ROOM_M = 2.0  # horizontal distance from the show to the fence
-_ABOVE_M = 1.5  # height of the fence above the show
+_FENCE_MARGIN_M = 2.0  # horizontal distance from the show to the fence
+_FENCE_ABOVE_M = 1.5  # height of the fence above the show
 # bounds of the top speed of a fleet made for the show; faster vehicles would brake too late
 _SLOWEST_TOP_SPEED_M_S = 1.0
 _FASTEST_TOP_SPEED_M_S = 1.5
 # homes are further apart than paths by this, because vehicles hover above their homes
-_HOME_M = 0.10
-_NOWHERE = Origin(47.397742, 8.545594, 489.4)  # PX4's simulator's origin, for a show without one
+_EXTRA_HOME_SPACING_M = 0.10
+# origin of a show without one: that of PX4's simulator
+_DEFAULT_ORIGIN = Origin(47.397742, 8.545594, 489.4)
 
 
 class _Promise(NamedTuple):
-    """The separation of the vehicles; None: that of the fleet file, or the default."""
+    """The separation that a fleet promises; None: that of the fleet file, or the default."""
 
     distance_m: float | None  # safety distance
     vertical_m: float | None  # vertical separation
@@ -92,35 +93,37 @@ def write_show(
     path = str(folder / "fleet.toml")
     draft_text = _fleet_text(show, fleet, vehicles, None, promise)
     draft = fleet_from_mapping(tomllib.loads(draft_text), path=path)
-    made = converted(
+    flyable = converted(
         show,
         names,
         limits_of(draft, vehicles),
         spacing_m=bound_m(draft),
-        home_spacing_m=bound_m(draft) + _HOME_M,
+        home_spacing_m=bound_m(draft) + _EXTRA_HOME_SPACING_M,
         height_share=parking_height_share(draft),
     )
 
-    text = _fleet_text(show, fleet, vehicles, made, promise)
-    final = fleet_from_mapping(tomllib.loads(text), path=path, text=text)
-    made.notes.append(_battery_words(made, final, vehicles))
-    head = [f"Made by covey import from {source}.", *made.notes]
+    text = _fleet_text(show, fleet, vehicles, flyable, promise)
+    written_fleet = fleet_from_mapping(tomllib.loads(text), path=path, text=text)
+    flyable.notes.append(_battery_words(flyable, written_fleet, vehicles))
+    comments_of_all = [f"Made by covey import from {source}.", *flyable.notes]
     (folder / "paths").mkdir(parents=True, exist_ok=True)
-    _write(folder / "fleet.toml", _commented(head, text))
-    _write(folder / "mission.toml", _commented(head, _mission_text(made, final)))
+    _write(folder / "fleet.toml", _commented(comments_of_all, text))
+    _write(
+        folder / "mission.toml", _commented(comments_of_all, _mission_text(flyable, written_fleet))
+    )
 
-    for name, vehicle_path in made.paths.items():
-        comments = [*made.own_notes[name], *made.notes]
+    for name, vehicle_path in flyable.paths.items():
+        comments = [*flyable.own_notes[name], *flyable.notes]
         write_path(folder / "paths" / f"{name}.csv", vehicle_path, comments)
-        if made.lights[name]:
+        if flyable.lights[name]:
             (folder / "lights").mkdir(exist_ok=True)
-            _write(folder / "lights" / f"{name}.csv", _lights_text(made.lights[name]))
-    return made, final
+            _write(folder / "lights" / f"{name}.csv", _lights_text(flyable.lights[name]))
+    return flyable, written_fleet
 
 
-def _battery_words(made: Converted, fleet: FleetConfig, vehicles: Sequence[str]) -> str:
+def _battery_words(flyable: Converted, fleet: FleetConfig, vehicles: Sequence[str]) -> str:
     """Return words that compare the duration of the show with the vehicles' batteries."""
-    show_s = max(path.duration_s for path in made.paths.values())
+    show_s = max(path.duration_s for path in flyable.paths.values())
     words = f"the paths take {show_s / 60.0:.1f} min, take-off and landing come on top"
     land_pct = fleet.fleet.battery_land_pct
 
@@ -154,28 +157,30 @@ def _fleet_text(
     show: Show,
     fleet: FleetConfig | None,
     vehicles: Sequence[str],
-    made: Converted | None,
+    flyable: Converted | None,
     promise: _Promise,
 ) -> str:
     """Return the text of the fleet file.
 
-    Before the show is converted (``made`` is None), its spots are far from each other, so that the
-    file is valid.
+    Before the show is converted (``flyable`` is None), the vehicles start far from each other, so
+    that the file is valid.
     """
-    if made is None:
+    if flyable is None:
         homes = {name: (10.0 * k, 0.0, 0.0) for k, name in enumerate(vehicles)}
     else:
-        homes = made.homes
-    spots = {name: [round(x, 3), round(y, 3), 0.0] for name, (x, y, _) in homes.items()}
+        homes = flyable.homes
+    starts_enu_m = {name: [round(x, 3), round(y, 3), 0.0] for name, (x, y, _) in homes.items()}
 
     if fleet is not None:
-        return _changed_fleet_text(fleet, spots, has_show=made is not None, promise=promise)
-    return _new_fleet_text(show, spots, made, promise)
+        return _changed_fleet_text(
+            fleet, starts_enu_m, has_show=flyable is not None, promise=promise
+        )
+    return _new_fleet_text(show, starts_enu_m, flyable, promise)
 
 
 def _changed_fleet_text(
     fleet: FleetConfig,
-    spots: Mapping[str, list[float]],
+    starts_enu_m: Mapping[str, list[float]],
     *,
     has_show: bool,
     promise: _Promise,
@@ -183,11 +188,11 @@ def _changed_fleet_text(
     """Return the user's fleet file with the homes of the show."""
     data = in_another_folder(tomllib.loads(fleet.text), fleet)
     for name, table in data["vehicles"].items():
-        table["start_enu_m"] = spots.get(name, table.get("start_enu_m"))
-        if name not in spots:
+        table["start_enu_m"] = starts_enu_m.get(name, table.get("start_enu_m"))
+        if name not in starts_enu_m:
             table["enabled"] = False
 
-    data.pop("formations", None)  # they are made for the former spots of the vehicles
+    data.pop("formations", None)  # they belong to the former starts of the vehicles
     if not has_show:
         data["fleet"]["geofence_m"] = {"x": [-1e4, 1e4], "y": [-1e4, 1e4], "z": [-1.0, 1e4]}
     if promise.distance_m is not None:
@@ -199,8 +204,8 @@ def _changed_fleet_text(
 
 def _new_fleet_text(
     show: Show,
-    spots: Mapping[str, list[float]],
-    made: Converted | None,
+    starts_enu_m: Mapping[str, list[float]],
+    flyable: Converted | None,
     promise: _Promise,
 ) -> str:
     """Return a new fleet file for the show, with emulated vehicles."""
@@ -221,7 +226,7 @@ def _new_fleet_text(
         f"safety_distance_m = {promise_m:g}",
         *vertical,
         "body_diameter_m = 0.50",
-        *_fence(show, made),
+        *_fence(show, flyable),
         "battery_warning_pct = 30",
         "battery_land_pct = 20",
         "",
@@ -232,7 +237,7 @@ def _new_fleet_text(
     ]
     for line in type_lines(answers):
         if line.startswith("max_speed_m_s"):
-            line = f"max_speed_m_s = {_top_speed_m_s(made):g}  # of the show"
+            line = f"max_speed_m_s = {_top_speed_m_s(flyable):g}  # of the show"
         lines.append(line)
     lines += [
         "",
@@ -240,22 +245,22 @@ def _new_fleet_text(
         'type = "sih"  # emulated: give --fleet for vehicles of your own',
     ]
 
-    for k, (name, spot) in enumerate(spots.items()):
+    for k, (name, start_enu_m) in enumerate(starts_enu_m.items()):
         lines += [
             "",
             f"[vehicles.{name}]  # {show.drones[k].name!r} of the show",
             f"system_id = {k + 1}",
-            f"start_enu_m = {spot}  # its home",
+            f"start_enu_m = {start_enu_m}  # its home",
             *endpoint_lines(k),
         ]
     return "\n".join(lines) + "\n"
 
 
-def _top_speed_m_s(made: Converted | None) -> float:
+def _top_speed_m_s(flyable: Converted | None) -> float:
     """Return the top speed of a fleet made for the show: that of the show, within bounds."""
-    if made is None:
+    if flyable is None:
         return _FASTEST_TOP_SPEED_M_S
-    velocity = sample(made.paths).values[1, :, :, :3]  # first derivative of x, y, z
+    velocity = sample(flyable.paths).values[1, :, :, :3]  # first derivative of x, y, z
     top_m_s = float(np.sqrt((velocity**2).sum(-1)).max())
     rounded_m_s = math.ceil(100.0 * top_m_s) / 100.0
     return min(max(_SLOWEST_TOP_SPEED_M_S, rounded_m_s), _FASTEST_TOP_SPEED_M_S)
@@ -267,46 +272,46 @@ def _origin(show: Show) -> list[str]:
 
     if show.origin is not None:
         origin = show.origin
-        whose = "the show's own"
+        owner_words = "the show's own"
     else:
-        origin = _NOWHERE
-        whose = "PX4's simulator's"
+        origin = _DEFAULT_ORIGIN
+        owner_words = "PX4's simulator's"
     return [
-        f"origin = {{ latitude_deg = {origin.latitude_deg}, longitude_deg = "
-        f"{origin.longitude_deg}, "
-        f"altitude_m = {origin.altitude_m} }}  # {whose} place; x is flown to the east"
+        f"origin = {{ latitude_deg = {origin.latitude_deg}, "
+        f"longitude_deg = {origin.longitude_deg}, "
+        f"altitude_m = {origin.altitude_m} }}  # {owner_words} place; x is flown to the east"
     ]
 
 
-def _fence(show: Show, made: Converted | None) -> list[str]:
+def _fence(show: Show, flyable: Converted | None) -> list[str]:
     """Return the fence's line of the fleet file, around all homes and paths of a show."""
-    if made is None:  # before the show is converted: a fence that excludes nothing
+    if flyable is None:  # before the show is converted: a fence that excludes nothing
         return ["geofence_m = { x = [-1e4, 1e4], y = [-1e4, 1e4], z = [-1.0, 1e4] }"]
 
-    points = [np.array(list(made.homes.values()))]
-    for path in made.paths.values():
+    points = [np.array(list(flyable.homes.values()))]
+    for path in flyable.paths.values():
         times_s = np.linspace(0.0, path.duration_s, 500)
         points.append(sampled(path, times_s)[0][:, :3])
     corners = np.concatenate(points)
 
-    low = np.floor(corners.min(0) - _ROOM_M)
-    high = np.ceil(corners.max(0) + _ROOM_M)
+    low = np.floor(corners.min(0) - _FENCE_MARGIN_M)
+    high = np.ceil(corners.max(0) + _FENCE_MARGIN_M)
     x = [float(low[0]), float(high[0])]
     y = [float(low[1]), float(high[1])]
     floor = -1.0 if show.is_outdoors else 0.0
-    top = float(np.ceil(corners[:, 2].max() + _ABOVE_M))
+    top = float(np.ceil(corners[:, 2].max() + _FENCE_ABOVE_M))
     return [
         f"geofence_m = {{ x = {x}, y = {y}, z = [{floor}, {top}] }}  "
-        f"# the show, and {_ROOM_M:g} m around it"
+        f"# the show, and {_FENCE_MARGIN_M:g} m around it"
     ]
 
 
-def _mission_text(made: Converted, fleet: FleetConfig) -> str:
+def _mission_text(flyable: Converted, fleet: FleetConfig) -> str:
     is_gps = not next(iter(fleet.vehicles.values())).mocap_required
-    paths = "\n".join(f'{name} = "paths/{name}.csv"' for name in made.paths)
+    paths = "\n".join(f'{name} = "paths/{name}.csv"' for name in flyable.paths)
 
     lights = ""
-    lit = [name for name, program in made.lights.items() if program]
+    lit = [name for name, program in flyable.lights.items() if program]
     if lit:
         files = [f'{name} = "lights/{name}.csv"' for name in lit]
         lights = "\n".join(["", "[step.lights]", *files])
@@ -317,8 +322,8 @@ fleet = "fleet.toml"
 
 [[step]]
 do = "takeoff"
-height_m = {made.takeoff_m:g}
-vehicles = {dumps(list(made.paths))}
+height_m = {flyable.takeoff_m:g}
+vehicles = {dumps(list(flyable.paths))}
 timeout_s = 60
 
 [[step]]
@@ -329,7 +334,7 @@ on_lag = "land"  # who falls behind for too long; the others go on
 {lights}
 [[step]]
 do = "land"
-vehicles = {dumps(list(made.paths))}
+vehicles = {dumps(list(flyable.paths))}
 timeout_s = 90
 
 [expect]
@@ -342,5 +347,5 @@ do = "land"
 """
 
 
-def _commented(head: Sequence[str], text: str) -> str:
-    return "\n".join(f"# {line}" for line in head) + "\n" + text
+def _commented(comments_of_all: Sequence[str], text: str) -> str:
+    return "\n".join(f"# {line}" for line in comments_of_all) + "\n" + text

@@ -112,19 +112,19 @@ def bezier_piece(duration_s: float, points: list[list[float]]) -> list[float]:
         duration_s: duration of the piece.
         points: the two to four control points, each x, y, z.
     """
-    p = np.array(points, dtype=float)
+    control_points = np.array(points, dtype=float)
 
     # row k holds the factors of the control points in the coefficient of (t / duration)^k
     linear = [[1, 0], [-1, 1]]
     quadratic = [[1, 0, 0], [-2, 2, 0], [1, -2, 1]]
     cubic = [[1, 0, 0, 0], [-3, 3, 0, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]
-    rows = {2: linear, 3: quadratic}.get(len(p), cubic)
+    rows = {2: linear, 3: quadratic}.get(len(control_points), cubic)
 
     # absurdly large points overflow; the caller refuses pieces that are not finite
     with np.errstate(all="ignore"):
-        powers = np.array(rows, dtype=float) @ p
-        per_time = powers / duration_s ** np.arange(len(p))[:, None]
+        powers = np.array(rows, dtype=float) @ control_points
+        per_time = powers / duration_s ** np.arange(len(control_points))[:, None]
     coefficients = np.zeros((4, 8))
-    coefficients[:3, : len(p)] = per_time.T
+    coefficients[:3, : len(control_points)] = per_time.T
     # of the NUMBERS of a piece, the first is its duration
     return [duration_s, *coefficients.reshape(NUMBERS - 1).tolist()]

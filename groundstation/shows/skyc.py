@@ -242,74 +242,74 @@ def _drone(file: str, index: int, settings: dict[str, Any]) -> Drone:
     if not isinstance(name, str) or not name:
         name = f"drone {index + 1}"
     name = name[:_LONGEST_NAME]
-    where = f"{file}, '{name}'"
+    subject = f"{file}, '{name}'"
     trajectory = _table(settings, "trajectory")
     if trajectory.get("version") != 1:
         raise ConfigError(
-            f"{where}: its trajectory has version {trajectory.get('version')!r}; version 1 can be "
-            "read."
+            f"{subject}: its trajectory has version {trajectory.get('version')!r}; version 1 can be"
+            " read."
         )
 
-    first_s, pieces, first_enu_m = _pieces(where, trajectory.get("points"))
-    path = path_from_pieces(where, pieces)
-    begin_s = first_s + _number(where, trajectory.get("takeoffTime", 0.0))
-    path = _with_yaw(where, path, begin_s, _table(settings, "yawControl"))
+    first_s, pieces, first_enu_m = _pieces(subject, trajectory.get("points"))
+    path = path_from_pieces(subject, pieces)
+    begin_s = first_s + _number(subject, trajectory.get("takeoffTime", 0.0))
+    path = _with_yaw(subject, path, begin_s, _table(settings, "yawControl"))
 
     home_enu_m = first_enu_m
     if settings.get("home") is not None:
-        home_enu_m = _point(where, settings["home"])
+        home_enu_m = _point(subject, settings["home"])
     return Drone(
         name=name,
         home_enu_m=home_enu_m,
         path=path,
         begin_s=begin_s,
-        lights=_lights(where, _table(settings, "lights")),
+        lights=_lights(subject, _table(settings, "lights")),
     )
 
 
-def _pieces(where: str, points: Any) -> tuple[float, list[list[float]], Xyz]:
+def _pieces(subject: str, points: Any) -> tuple[float, list[list[float]], Xyz]:
     """Return the time of the first point, the pieces of the path, and the first position."""
     if not isinstance(points, list) or len(points) < 2:
-        raise ConfigError(f"{where}: its trajectory has fewer than two points: it is no path.")
+        raise ConfigError(f"{subject}: its trajectory has fewer than two points: it is no path.")
     if len(points) > MOST_PIECES + 1:
         raise ConfigError(
-            f"{where}: its trajectory has {len(points)} points; {MOST_PIECES + 1} are the most "
+            f"{subject}: its trajectory has {len(points)} points; {MOST_PIECES + 1} are the most "
             "that a vehicle can hold. Export the show with fewer."
         )
 
     pieces: list[list[float]] = []
-    last_s = math.nan
-    last = (0.0, 0.0, 0.0)
+    previous_s = math.nan
+    previous = (0.0, 0.0, 0.0)
     for k, keypoint in enumerate(points):
         if not isinstance(keypoint, list) or len(keypoint) < 2:
-            raise ConfigError(f"{where}: points[{k}] is no [time, [x, y, z], [control points]].")
-        time_s = _number(where, keypoint[0])
-        point = _point(where, keypoint[1])
+            raise ConfigError(f"{subject}: points[{k}] is no [time, [x, y, z], [control points]].")
+        time_s = _number(subject, keypoint[0])
+        point = _point(subject, keypoint[1])
         controls = []
         if len(keypoint) > 2 and keypoint[2]:
             if not isinstance(keypoint[2], list) or len(keypoint[2]) > 2:
                 raise ConfigError(
-                    f"{where}: points[{k}] has {str(keypoint[2])[:40]} where a list of at most two "
-                    "control points is needed. Export the show again."
+                    f"{subject}: points[{k}] has {str(keypoint[2])[:40]} where a list of at most"
+                    " two control points is needed. Export the show again."
                 )
-            controls = [_point(where, control) for control in keypoint[2]]
+            controls = [_point(subject, control) for control in keypoint[2]]
 
         if k > 0:
-            if not time_s > last_s:
+            if not time_s > previous_s:
                 raise ConfigError(
-                    f"{where}: points[{k}]: its time does not rise above the one before. Export "
+                    f"{subject}: points[{k}]: its time does not rise above the one before. Export "
                     "the show again."
                 )
-            curve = [list(corner) for corner in (last, *controls, point)]
-            pieces.append(bezier_piece(time_s - last_s, curve))
-        last_s = time_s
-        last = point
+            curve = [list(corner) for corner in (previous, *controls, point)]
+            pieces.append(bezier_piece(time_s - previous_s, curve))
+        previous_s = time_s
+        previous = point
 
     first = points[0]
-    return _number(where, first[0]), pieces, _point(where, first[1])
+    return _number(subject, first[0]), pieces, _point(subject, first[1])
 
 
-def _with_yaw(where: str, path: Path, begin_s: float, control: dict[str, Any]) -> Path:
+def _with_yaw(subject: str, path: Path, begin_s: float, control: dict[str, Any]) -> Path:
     """Return the path with yaw from the setpoints; within each piece yaw turns smoothly."""
     setpoints = control.get("setpoints")
     if not isinstance(setpoints, list) or not setpoints:
@@ -320,20 +320,20 @@ def _with_yaw(where: str, path: Path, begin_s: float, control: dict[str, Any]) -
     for k, setpoint in enumerate(setpoints):
         if not isinstance(setpoint, list) or len(setpoint) != 2:
             raise ConfigError(
-                f"{where}: yaw setpoint {k} is {str(setpoint)[:40]!r} where [time, yaw in degrees] "
-                "is needed. Export the show again."
+                f"{subject}: yaw setpoint {k} is {str(setpoint)[:40]!r} where [time, yaw in"
+                " degrees] is needed. Export the show again."
             )
-        times_s.append(_number(where, setpoint[0]))
-        yaws_deg.append(_number(where, setpoint[1]))
+        times_s.append(_number(subject, setpoint[0]))
+        yaws_deg.append(_number(subject, setpoint[1]))
         if k > 0 and times_s[k] < times_s[k - 1]:
             raise ConfigError(
-                f"{where}: yaw setpoint {k}: its time is earlier than the one before. Export the "
+                f"{subject}: yaw setpoint {k}: its time is earlier than the one before. Export the "
                 "show again."
             )
         if abs(yaws_deg[k]) > _MOST_YAW_DEG:
             raise ConfigError(
-                f"{where}: yaw setpoint {k} is {yaws_deg[k]:g} degrees; at most {_MOST_YAW_DEG:g} "
-                "are read. Export the show again."
+                f"{subject}: yaw setpoint {k} is {yaws_deg[k]:g} degrees; at most"
+                f" {_MOST_YAW_DEG:g} are read. Export the show again."
             )
     yaws_rad = np.unwrap(np.radians(yaws_deg))
 
@@ -352,24 +352,24 @@ def _with_yaw(where: str, path: Path, begin_s: float, control: dict[str, Any]) -
     return path_of(pieces.tolist())
 
 
-def _lights(where: str, program: dict[str, Any]) -> tuple[TimedColour, ...]:
+def _lights(subject: str, program: dict[str, Any]) -> tuple[TimedColour, ...]:
     if program.get("version") != 1 or not isinstance(program.get("data"), str):
         return ()
     try:
         return colours(base64.b64decode(program["data"], validate=True))
     except (ValueError, binascii.Error) as error:
-        raise ConfigError(f"{where}: its light program cannot be read ({error}).") from None
+        raise ConfigError(f"{subject}: its light program cannot be read ({error}).") from None
 
 
-def _number(where: str, value: Any) -> float:
+def _number(subject: str, value: Any) -> float:
     # json_values has refused numbers that are not finite or have more than 64 bits
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ConfigError(f"{where}: {str(value)[:40]!r} stands where a finite number is needed.")
+        raise ConfigError(f"{subject}: {str(value)[:40]!r} stands where a finite number is needed.")
     return float(value)
 
 
-def _point(where: str, value: Any) -> Xyz:
+def _point(subject: str, value: Any) -> Xyz:
     if not isinstance(value, list) or len(value) != 3:
-        raise ConfigError(f"{where}: {str(value)[:40]!r} stands where [x, y, z] is needed.")
-    x, y, z = (_number(where, number) for number in value)
+        raise ConfigError(f"{subject}: {str(value)[:40]!r} stands where [x, y, z] is needed.")
+    x, y, z = (_number(subject, number) for number in value)
     return x, y, z
