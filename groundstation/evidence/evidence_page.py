@@ -12,11 +12,11 @@ from collections.abc import Iterable, Sequence
 from groundstation.evidence.evidence_comparison import Agreement
 from groundstation.evidence.evidence_summary import Evidence
 from groundstation.evidence.matrix import NOT_SHOWN, SHOWN, WRONG, FailsafeRow, MatrixRow
+from groundstation.evidence.volumes import GUST_OF_MEAN
 
 PAGE_NAME = "evidence.html"
 _MOST_REASONS = 8  # reasons of a row that are shown
 _SHORT_HASH = 16  # letters of a digest that are shown
-_GUST_FACTOR = 1.25  # wind with gusts over mean wind
 # a row whose upper bound of the share of wrong flights is larger rests on too few flights
 _WIDE_BOUND = 0.2
 
@@ -44,13 +44,13 @@ img { max-width: 100%; border: 1px solid #d5dade; }
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
 
-def page(evidence: Evidence, picture: bytes, beside: Sequence[Agreement], other: str) -> str:
+def page(evidence: Evidence, picture: bytes, agreements: Sequence[Agreement], other: str) -> str:
     """Return the page.
 
     Args:
         evidence: the evidence.
         picture: a PNG of the volumes.
-        beside: figures compared with another machine's; empty if there is no other one.
+        agreements: figures compared with another machine's; empty if there is no other one.
         other: the other machine in words.
     """
     title = f"{evidence.fleet}, {evidence.mission}, {evidence.wind_m_s:g} m/s of wind"
@@ -67,8 +67,8 @@ def page(evidence: Evidence, picture: bytes, beside: Sequence[Agreement], other:
         "<h2>By what this was made</h2>",
         _provenance(evidence),
     ]
-    if beside:
-        parts += ["<h2>Beside another machine</h2>", _beside(beside, other)]
+    if agreements:
+        parts += ["<h2>Beside another machine</h2>", _agreements_table(agreements, other)]
     parts.append("</body></html>\n")
     return "\n".join(parts)
 
@@ -81,7 +81,7 @@ def _introduction(evidence: Evidence) -> str:
     wide_note = ""
     if wide:
         wide_note = (
-            f"<p class='note'>{_number(evidence.rounds, 'round')} of all faults: of the rows with"
+            f"<p class='note'>{_counted(evidence.rounds, 'round')} of all faults: of the rows with"
             f" evidence, {wide} rest on so few flights that"
             f" {100.0 * _WIDE_BOUND:g} % of such flights or more may still be wrong. They say how"
             " many flights they rest on, and are marked in amber.</p>"
@@ -101,26 +101,26 @@ def _introduction(evidence: Evidence) -> str:
 
 
 def _volumes(evidence: Evidence, picture: bytes) -> str:
-    shapes = evidence.volumes
-    wind_with_gusts_m_s = _GUST_FACTOR * shapes.wind_m_s
+    volumes = evidence.volumes
+    wind_with_gusts_m_s = GUST_OF_MEAN * volumes.wind_m_s
     rows = [
         (
             "Flight geography",
-            f"{shapes.geography_height_m:.1f} m high",
+            f"{volumes.geography_height_m:.1f} m high",
             "around what the mission plans and what was flown in this wind while nothing failed",
         ),
         (
             "Contingency volume",
-            f"{shapes.excursion_m:.1f} m wider, {shapes.contingency_height_m:.1f} m high",
+            f"{volumes.excursion_m:.1f} m wider, {volumes.contingency_height_m:.1f} m high",
             "the farthest and the highest that any vehicle came in all flights",
         ),
         (
             "Ground risk buffer",
-            f"{shapes.fall_reach_m:.1f} m wider",
-            f"a fall of {shapes.fall_s:.1f} s from {shapes.contingency_height_m:.1f} m, with"
-            f" {shapes.fastest_m_s:.1f} m/s over the ground and {wind_with_gusts_m_s:.1f} m/s of"
+            f"{volumes.fall_reach_m:.1f} m wider",
+            f"a fall of {volumes.fall_s:.1f} s from {volumes.contingency_height_m:.1f} m, with"
+            f" {volumes.fastest_m_s:.1f} m/s over the ground and {wind_with_gusts_m_s:.1f} m/s of"
             " wind with gusts;"
-            f" by the rule of one to one it would be {shapes.contingency_height_m:.1f} m",
+            f" by the rule of one to one it would be {volumes.contingency_height_m:.1f} m",
         ),
     ]
     cells = "".join(
@@ -198,13 +198,13 @@ def _is_wide(row: MatrixRow) -> bool:
 def _result(row: MatrixRow) -> str:
     words = _WORDS[row.status]
     if row.status == SHOWN and row.not_flown:
-        words += f", in part: {_number(len(row.not_flown), 'fault')} not flown"
+        words += f", in part: {_counted(len(row.not_flown), 'fault')} not flown"
     if _is_wide(row):
-        words += f"; {_number(row.flights, 'flight')} only"
+        words += f"; {_counted(row.flights, 'flight')} only"
     return words
 
 
-def _number(count: int, noun: str) -> str:
+def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
@@ -222,13 +222,13 @@ def _shown_by(row: MatrixRow) -> str:
     parts = []
     if row.faults:
         names = ", ".join(f"{name} ({count})" for name, count in row.faults.items())
-        parts.append(_folded(_number(len(row.faults), "fault"), _text(names)))
+        parts.append(_folded(_counted(len(row.faults), "fault"), _text(names)))
     if row.not_flown:
-        title = f"{_number(len(row.not_flown), 'fault')} not flown"
+        title = f"{_counted(len(row.not_flown), 'fault')} not flown"
         parts.append(_folded(title, _text(", ".join(row.not_flown))))
     if row.rows:
-        items = "".join(_failsafe_row(one) for one in row.rows)
-        title = f"{_number(len(row.rows), 'row')} of the failsafe table"
+        items = "".join(_failsafe_row(failsafe_row) for failsafe_row in row.rows)
+        title = f"{_counted(len(row.rows), 'row')} of the failsafe table"
         parts.append(_folded(title, f"<ul>{items}</ul>"))
     return "".join(parts)
 
@@ -268,9 +268,9 @@ def _name_and_value(rows: Iterable[tuple[str, str]]) -> Iterable[str]:
         yield f"<tr><td>{_text(name)}</td><td><code>{_text(value)}</code></td></tr>"
 
 
-def _beside(beside: Sequence[Agreement], other: str) -> str:
+def _agreements_table(agreements: Sequence[Agreement], other: str) -> str:
     cells = []
-    for agreement in beside:
+    for agreement in agreements:
         status = "shown" if agreement.is_within else "wrong"
         word = "within" if agreement.is_within else "outside"
         cells.append(

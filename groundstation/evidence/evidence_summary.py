@@ -71,7 +71,7 @@ def summarized(
         made_by: versions, machine and files.
     """
     undisturbed = [flight for flight in flights if flight.case.fault == NOTHING]
-    shapes = volumes(
+    fleet_volumes = volumes(
         planned=planned,
         undisturbed=[point for flight in undisturbed for point in flight.hull_m],
         undisturbed_height_m=max((flight.highest_m for flight in undisturbed), default=0.0),
@@ -96,21 +96,21 @@ def summarized(
         matrix=tuple(rows),
         not_shown=NOT_SHOWN,
         never_seen=tuple(conditions_never_seen(flights)),
-        volumes=_rounded(shapes),
-        excursions_m=tuple(_excursion_m(shapes, flight) for flight in flights),
+        volumes=_rounded(fleet_volumes),
+        excursions_m=tuple(_excursion_m(fleet_volumes, flight) for flight in flights),
         provenance=made_by,
     )
 
 
-def _excursion_m(shapes: Volumes, flight: FlownCase) -> float:
+def _excursion_m(fleet_volumes: Volumes, flight: FlownCase) -> float:
     """Return the greatest distance of a flight outside the flight geography."""
-    outside_m = [distance_outside_m(shapes.geography, point) for point in flight.hull_m]
+    outside_m = [distance_outside_m(fleet_volumes.geography, point) for point in flight.hull_m]
     return round(max(outside_m, default=0.0), 3)
 
 
-def _rounded(shapes: Volumes) -> Volumes:
+def _rounded(fleet_volumes: Volumes) -> Volumes:
     values: dict[str, Any] = {}
-    for name, value in shapes._asdict().items():
+    for name, value in fleet_volumes._asdict().items():
         if isinstance(value, float):
             values[name] = round(value, 3)
         else:

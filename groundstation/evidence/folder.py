@@ -47,7 +47,7 @@ def write_folder(
 
     title = f"{evidence.fleet}, {evidence.mission}, {evidence.wind_m_s:g} m/s of wind"
     drawing = folder / DRAWING_NAME
-    draw_volumes(drawing, title, evidence.volumes, fleet, [one.hull_m for one in flights])
+    draw_volumes(drawing, title, evidence.volumes, fleet, [flight.hull_m for flight in flights])
 
     agreements: list[Agreement] = []
     other_machine = ""

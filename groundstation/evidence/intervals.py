@@ -1,8 +1,8 @@
 """Exact confidence intervals of a share, by Clopper and Pearson. Pure.
 
 An event happened in k of n flights. The interval contains every true share for which k events are
-not improbable. It assumes independent flights, and it says nothing about cases that are not among
-the possible flights.
+not improbable. The flights have to be independent. The interval says nothing about cases that the
+campaign cannot draw.
 """
 
 from __future__ import annotations
@@ -38,11 +38,13 @@ def two_sided(events: int, count: int) -> Interval:
     low = 0.0
     if events > 0:
         # the share at which so many events or more have a probability of 2.5 %
-        low = _share_where(lambda share: 1.0 - _chance_of_at_most(events - 1, count, share) < tail)
+        low = _share_where(
+            lambda share: 1.0 - _probability_of_at_most(events - 1, count, share) < tail
+        )
     high = 1.0
     if events < count:
         # the share at which so many events or fewer have a probability of 2.5 %
-        high = _share_where(lambda share: _chance_of_at_most(events, count, share) > tail)
+        high = _share_where(lambda share: _probability_of_at_most(events, count, share) > tail)
     return Interval(events=events, flights=count, low=low, high=high)
 
 
@@ -56,11 +58,14 @@ def upper_bound(events: int, count: int) -> float:
     if events >= count:
         return 1.0
     tail = 1.0 - CONFIDENCE
-    return _share_where(lambda share: _chance_of_at_most(events, count, share) > tail)
+    return _share_where(lambda share: _probability_of_at_most(events, count, share) > tail)
 
 
 def _share_where(is_below: Callable[[float], bool]) -> float:
-    """Return the share below which a condition is true and above which it is false (bisection)."""
+    """Return the share below which a condition is true and above which it is false.
+
+    The share is found by bisection.
+    """
     low = 0.0
     high = 1.0
     for _ in range(60):
@@ -72,15 +77,17 @@ def _share_where(is_below: Callable[[float], bool]) -> float:
     return 0.5 * (low + high)
 
 
-def _chance_of_at_most(events: int, count: int, share: float) -> float:
+def _probability_of_at_most(events: int, count: int, share: float) -> float:
     """Return the binomial probability of so many events or fewer."""
     if share <= 0.0:
         return 1.0
     if share >= 1.0:
         return 0.0 if events < count else 1.0
 
-    chance = 0.0
+    probability = 0.0
     for k in range(events + 1):
-        log_ways = math.lgamma(count + 1) - math.lgamma(k + 1) - math.lgamma(count - k + 1)
-        chance += math.exp(log_ways + k * math.log(share) + (count - k) * math.log1p(-share))
-    return min(chance, 1.0)
+        log_combinations = math.lgamma(count + 1) - math.lgamma(k + 1) - math.lgamma(count - k + 1)
+        probability += math.exp(
+            log_combinations + k * math.log(share) + (count - k) * math.log1p(-share)
+        )
+    return min(probability, 1.0)

@@ -70,9 +70,9 @@ def _row(
 ) -> MatrixRow:
     own_flights = [flight for flight in flights if flight.case.fault in hazard.faults]
     rows = tuple(_failsafe_rows(hazard, own_flights, tests))
-    wrong = [flight for flight in own_flights if not flight.is_right]
+    wrong_flights = [flight for flight in own_flights if not flight.is_right]
     reasons = [f"{row.condition}: {row.wrong}" for row in rows if row.wrong]
-    reasons += [reason for flight in wrong for reason in _reasons(flight)]
+    reasons += [reason for flight in wrong_flights for reason in _reasons(flight)]
 
     status = SHOWN
     if not own_flights:
@@ -86,7 +86,7 @@ def _row(
         if count:
             flown_faults[fault] = count
 
-    interval = two_sided(len(wrong), len(own_flights))
+    interval = two_sided(len(wrong_flights), len(own_flights))
     seeds = [flight.case.seed for flight in own_flights]
     distances_m = [flight.smallest_m for flight in own_flights if flight.smallest_m is not None]
     return MatrixRow(
@@ -98,8 +98,8 @@ def _row(
         faults=flown_faults,
         not_flown=tuple(fault for fault in hazard.faults if fault not in flown_faults),
         flights=len(own_flights),
-        wrong_flights=len(wrong),
-        upper_bound=round(upper_bound(len(wrong), len(own_flights)), 4),
+        wrong_flights=len(wrong_flights),
+        upper_bound=round(upper_bound(len(wrong_flights), len(own_flights)), 4),
         low=round(interval.low, 4),
         high=round(interval.high, 4),
         seeds=(min(seeds, default=0), max(seeds, default=0)),
@@ -130,11 +130,12 @@ def _failsafe_rows(
         )
 
 
-def _reasons(flown: FlownCase) -> list[str]:
-    case = flown.case
+def _reasons(flight: FlownCase) -> list[str]:
+    """Return the sentences about what went wrong in a flight, each with the case of the flight."""
+    case = flight.case
     victim = f", {case.victim}" if case.victim else ""
-    flight = f"{case.fault}{victim} at {case.at_s:.2f} s, seed {case.seed}"
-    return [f"{flight}: {sentence}" for sentence in flown.wrong]
+    case_words = f"{case.fault}{victim} at {case.at_s:.2f} s, seed {case.seed}"
+    return [f"{case_words}: {sentence}" for sentence in flight.wrong]
 
 
 def conditions_never_seen(flights: Sequence[FlownCase]) -> list[str]:

@@ -22,7 +22,7 @@ from onboard.security.certificates import read_certificate
 from onboard.security.credentials import files_of
 from onboard.security.node_roles import NodeRole
 
-_WHEELS = ("covey", "numpy", "numba", "llvmlite", "msgspec")
+_LIBRARIES = ("covey", "numpy", "numba", "llvmlite", "msgspec")
 _PACKAGES = ("onboard", "groundstation", "sitl")
 _CPU_FILE = Path("/proc/cpuinfo")
 
@@ -52,7 +52,7 @@ def provenance(fleet_path: Path, mission_path: Path, mission: Mission) -> Proven
 
 def _versions() -> dict[str, str]:
     versions = {"python": platform.python_version()}
-    for name in _WHEELS:
+    for name in _LIBRARIES:
         try:
             versions[name] = version(name)
         except PackageNotFoundError:
@@ -62,7 +62,7 @@ def _versions() -> dict[str, str]:
 
 def source_hash() -> str:
     """Return the SHA-256 of all Python and TOML files of the Covey that runs here."""
-    total = hashlib.sha256()
+    digest = hashlib.sha256()
     for package in _PACKAGES:
         spec = importlib.util.find_spec(package)
         if spec is None or not spec.submodule_search_locations:
@@ -72,9 +72,9 @@ def source_hash() -> str:
             is_source = path.suffix in (".py", ".toml") and "examples" not in path.parts
             if is_source and path.is_file():
                 name = path.relative_to(root).as_posix()
-                total.update(f"{package}/{name}\n".encode())
-                total.update(hashlib.sha256(path.read_bytes()).digest())
-    return total.hexdigest()
+                digest.update(f"{package}/{name}\n".encode())
+                digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
 
 
 def _machine() -> dict[str, str]:
@@ -101,12 +101,12 @@ def _processor() -> str:
 
 def _files(fleet_path: Path, mission_path: Path, mission: Mission) -> dict[str, str]:
     """Return the hashes of fleet file, mission file, and the files of the mission's paths."""
-    hashes_of = {}
+    hash_by_name = {}
     folder = mission_path.parent
     for path in [fleet_path, mission_path, *(folder / name for name in sorted(mission.paths))]:
         if path.is_file():
-            hashes_of[path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
-    return hashes_of
+            hash_by_name[path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return hash_by_name
 
 
 def _certificates(fleet: FleetConfig) -> dict[str, str]:
@@ -114,7 +114,7 @@ def _certificates(fleet: FleetConfig) -> dict[str, str]:
     if not fleet.has_keys:
         return {}
 
-    found = {}
+    fingerprints = {}
     for node in (NodeRole.GROUND.value, *fleet.enabled_names):
         authority, own, _ = files_of(node)
         for name in (authority, own):
@@ -122,5 +122,5 @@ def _certificates(fleet: FleetConfig) -> dict[str, str]:
                 certificate = read_certificate(os.path.join(fleet.keys_folder, name))
             except ConfigError:
                 continue  # a ground does not need the certificates of all vehicles
-            found[name] = certificate.fingerprint(hashes.SHA256()).hex()
-    return found
+            fingerprints[name] = certificate.fingerprint(hashes.SHA256()).hex()
+    return fingerprints

@@ -32,7 +32,7 @@ GUST_OF_MEAN = 1.25  # wind with gusts over mean wind, as in wind limits (docs/w
 GRAVITY_M_S2 = 9.81
 _CORNERS_OF_CIRCLE = 32
 _EARTH_RADIUS_M = 6_371_000.0  # PX4's sphere
-_STEP_S = 0.005
+_STEP_S = 0.005  # step of the integration of a fall
 _LONGEST_FALL_S = 600.0
 
 
@@ -135,7 +135,8 @@ def _turn(first: Point, second: Point, third: Point) -> float:
 
 def widened(outline: Outline, by_m: float) -> Outline:
     """Return a convex outline that is wider by a distance on all sides; corners become round."""
-    # each corner becomes a polygon around the true circle, so the result is not too small
+    # Each corner becomes a polygon that surrounds the true circle, so that the result is nowhere
+    # too narrow.
     radius_m = by_m / math.cos(math.pi / _CORNERS_OF_CIRCLE)
     moved = []
     for east, north in outline:
@@ -155,14 +156,14 @@ def distance_outside_m(outline: Outline, point: Point) -> float:
 
 
 def _distance_to_edge_m(begin: Point, end: Point, point: Point) -> float:
-    along = (end[0] - begin[0], end[1] - begin[1])
-    length_2 = along[0] ** 2 + along[1] ** 2
+    edge = (end[0] - begin[0], end[1] - begin[1])
+    length_2 = edge[0] ** 2 + edge[1] ** 2
     edge_share = 0.0
     if length_2 > 0.0:
-        projected = (point[0] - begin[0]) * along[0] + (point[1] - begin[1]) * along[1]
+        projected = (point[0] - begin[0]) * edge[0] + (point[1] - begin[1]) * edge[1]
         edge_share = projected / length_2
         edge_share = min(max(edge_share, 0.0), 1.0)
-    nearest = (begin[0] + edge_share * along[0], begin[1] + edge_share * along[1])
+    nearest = (begin[0] + edge_share * edge[0], begin[1] + edge_share * edge[1])
     return math.dist(nearest, point)
 
 
@@ -243,10 +244,10 @@ def longitude_latitude_deg(origin: Origin, east_m: float, north_m: float) -> Poi
     latitude = math.asin(
         cosine * math.sin(latitude_0) + north * sine * math.cos(latitude_0) / angle
     )
-    turn = math.atan2(
+    longitude_difference = math.atan2(
         east * sine,
         angle * math.cos(latitude_0) * cosine - north * math.sin(latitude_0) * sine,
     )
-    longitude_deg = origin.longitude_deg + math.degrees(turn)
+    longitude_deg = origin.longitude_deg + math.degrees(longitude_difference)
     longitude_deg = (longitude_deg + 180.0) % 360.0 - 180.0
     return (longitude_deg, math.degrees(latitude))
