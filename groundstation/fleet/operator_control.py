@@ -25,8 +25,8 @@ from onboard.bus.schema import Telemetry
 SETTLE_S = 0.5  # time in which every vehicle reports the operator
 SILENCE_S = 10.0  # time without an answer after which control may be taken by force
 FORCE_WORD = "force"
-# verbs that every ground of the person who operates may order: see onboard/bus/control_token.py
-_OF_THE_PERSON = ("resume", "skip", "home", "bring_home")
+# verbs that the operator may order from any of his grounds, see onboard/bus/control_token.py
+_OPEN_TO_SAME_PERSON = ("resume", "skip", "home", "bring_home")
 
 
 class TokenBus(Protocol):
@@ -73,8 +73,8 @@ class Control:
         self._clock_ns = clock_ns
         self._own_tokens: dict[ControlClaim, ControlToken] = {}  # tokens of this ground by claim
         # Begin of two waits: SETTLE_S for the reports of all vehicles, and SILENCE_S for an answer.
-        # It is the time of the first telemetry, of the last own claim or of the last own request,
-        # whichever came last; 0 before the first telemetry.
+        # Both begin with the first telemetry, and again with each claim and each request of this
+        # ground. 0 before the first telemetry.
         self._wait_begin_ns = 0
         self._announced: ControlToken | None = None  # the last holder that was announced
         self.holder: ControlToken | None = None  # the operator, by the vehicles' telemetry
@@ -111,7 +111,11 @@ class Control:
         """
         if kind in OPEN_TO_ALL or self.is_operator:
             return None
-        if kind in _OF_THE_PERSON and self.holder is not None and self.holder.is_of(self._author):
+        if (
+            kind in _OPEN_TO_SAME_PERSON
+            and self.holder is not None
+            and self.holder.is_of(self._author)
+        ):
             return None
 
         if self.holder is None:
@@ -283,18 +287,18 @@ class Control:
     def _announce(self) -> None:
         """Say who operates, if that has changed."""
         holder = self.holder
-        before = self._announced
-        if holder == before:
+        last_holder = self._announced
+        if holder == last_holder:
             return
 
         self._announced = holder
         if holder is None:
-            if before is not None:
-                self._say("warning", f"{before.label} does not operate any more: nobody does.")
+            if last_holder is not None:
+                self._say("warning", f"{last_holder.label} does not operate any more: nobody does.")
         elif holder == self._own_tokens.get("operator"):
             self._say("info", "You operate this fleet.")
         else:
-            severity = "info" if before is None else "warning"
+            severity = "info" if last_holder is None else "warning"
             self._say(severity, f"{holder.label} operates this fleet.")
 
     # -- own tokens --------------------------------------------------------------------------------

@@ -60,9 +60,9 @@ PREFLIGHT_STALE_NS = int(TOPICS[Topic.PREFLIGHT].stale_after_s * 1e9)
 PERSON_STALE_NS = int(TOPICS[Topic.ALL_POSES].stale_after_s * 1e9)
 TRUTH_STALE_NS = int(TOPICS[Topic.TRUTH].stale_after_s * 1e9)
 _NEVER = -(1 << 62)  # time of something that has not happened, long before every other time [ns]
-# A message whose number is lower than the last one's by less than this was overtaken, and is
-# dropped. If it is lower by more, the last number was false, and the message counts. So one false,
-# high number suppresses at most this many messages.
+# A message whose number is lower than the last number, by less than this, was overtaken by the last
+# message and is dropped. If it is lower by more, the last number was false, and the message counts.
+# So one false, high number suppresses at most this many messages.
 _REORDERED_TICKS = 50
 _REORDERED_REPORTS = 2
 
@@ -75,7 +75,7 @@ class NodeSeen(NamedTuple):
 
 
 class NotUsed(NamedTuple):
-    """Messages that were refused, or pushed out of a full queue."""
+    """Numbers of messages that were refused, and that were pushed out of a full queue."""
 
     refused: int = 0
     dropped: int = 0
@@ -162,12 +162,12 @@ class VehicleView(Struct, frozen=True):
     @property
     def resting_enu_m(self) -> Xyz | None:
         """The position of a disarmed vehicle on the ground [m], ENU; None while it may move."""
-        message = self.telemetry
-        if message is None or not message.is_position_valid:
+        telemetry = self.telemetry
+        if telemetry is None or not telemetry.is_position_valid:
             return None
         if self.is_armed or self.is_airborne:
             return None
-        return message.position_enu_m
+        return telemetry.position_enu_m
 
     def position_enu_m(self, now_ns: int) -> Xyz | None:
         """Return the last reported position, extrapolated to now with the reported velocity.
@@ -178,12 +178,12 @@ class VehicleView(Struct, frozen=True):
         Returns:
             Position [m], ENU; None without fresh telemetry with a valid position.
         """
-        message = self.telemetry
-        if message is None or not self.is_fresh(now_ns) or not message.is_position_valid:
+        telemetry = self.telemetry
+        if telemetry is None or not self.is_fresh(now_ns) or not telemetry.is_position_valid:
             return None
 
         ahead_s = max(0.0, (now_ns - self.received_ns) * 1e-9)
-        return _extrapolated(message.position_enu_m, message.velocity_enu_m_s, ahead_s)
+        return _extrapolated(telemetry.position_enu_m, telemetry.velocity_enu_m_s, ahead_s)
 
     def known_enu_m(self, now_ns: int) -> Xyz | None:
         """Return the position now, by telemetry or else by ground truth; None if neither is new.
@@ -210,7 +210,7 @@ class VehicleView(Struct, frozen=True):
     def is_armed(self) -> bool:
         """Whether the vehicle is armed, by the last telemetry.
 
-        A later report of PX4 itself, on the direct path, that it is disarmed counts more.
+        A later report of a disarm, which PX4 itself sends on the direct path, counts more.
         """
         if self.telemetry is None or self.is_disarmed_by_px4:
             return False
@@ -225,7 +225,7 @@ class VehicleView(Struct, frozen=True):
     def is_airborne(self) -> bool:
         """Whether the vehicle flies, by the last telemetry.
 
-        A later report of PX4 itself, on the direct path, that it is disarmed counts more.
+        A later report of a disarm, which PX4 itself sends on the direct path, counts more.
         """
         if self.telemetry is None or self.is_disarmed_by_px4:
             return False
@@ -259,7 +259,7 @@ class FleetState(Struct, frozen=True):
     unknown_times: tuple[UnknownTime, ...] = ()  # times of unknown distances, oldest first
     # contacts with the ground at the ends of flights, oldest first; simulation only
     touchdowns: tuple[Touchdown, ...] = ()
-    # messages that could not be decoded; these four as in onboard/message_counts.py
+    # numbers of messages that could not be used, as in onboard/message_counts.py
     malformed: int = 0
     refused: int = 0
     dropped: int = 0
@@ -388,14 +388,14 @@ def _fold_preflight(state: FleetState, message: PreflightReport, now_ns: int) ->
     view = state.vehicles.get(message.vehicle)
     if view is None or _is_repeated(view.preflight, message, _REORDERED_REPORTS):
         return state
-    return _with(state, replace(view, preflight=message, preflight_received_ns=now_ns))
+    return _with_view(state, replace(view, preflight=message, preflight_received_ns=now_ns))
 
 
 def _fold_light(state: FleetState, message: Light) -> FleetState:
     view = state.vehicles.get(message.vehicle)
     if view is None:
         return state
-    return _with(state, replace(view, light=message.colour))
+    return _with_view(state, replace(view, light=message.colour))
 
 
 def _fold_poses(state: FleetState, message: MocapPoses, now_ns: int) -> FleetState:
@@ -421,7 +421,7 @@ def _fold_event(state: FleetState, message: Event, now_ns: int) -> FleetState:
     disarmed_ns = view.direct_disarmed_ns
     if message.code == DIRECT_DISARMED:
         disarmed_ns = now_ns
-    return _with(state, replace(view, direct_disarmed_ns=disarmed_ns))
+    return _with_view(state, replace(view, direct_disarmed_ns=disarmed_ns))
 
 
 # -- many messages ---------------------------------------------------------------------------------
@@ -519,10 +519,10 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
 
         if view.name in updated:
             state = replace(state, vehicles=MappingProxyType(dict(vehicles)))
-            state = _compared(state, updated, now_ns)
+            state = _with_separation_of(state, updated, now_ns)
             updated.clear()
 
-        if not _finite(message.position_enu_m) or not _finite(message.velocity_enu_m_s):
+        if not _is_finite(message.position_enu_m) or not _is_finite(message.velocity_enu_m_s):
             malformed += 1
             message = _without_position(message)
 
@@ -541,10 +541,10 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
         return replace(state, late=late)
 
     state = replace(state, vehicles=MappingProxyType(vehicles), malformed=malformed, late=late)
-    return _compared(state, updated, now_ns)
+    return _with_separation_of(state, updated, now_ns)
 
 
-def _compared(state: FleetState, updated: Set[str], now_ns: int) -> FleetState:
+def _with_separation_of(state: FleetState, updated: Set[str], now_ns: int) -> FleetState:
     """Return the state with the smallest separation between ``updated`` and all vehicles."""
     views = state.vehicles.values()
     if not any(view.is_airborne for view in views):
@@ -575,7 +575,7 @@ def _compared(state: FleetState, updated: Set[str], now_ns: int) -> FleetState:
 
     first, second, distance_m = pair
     names = (known[first].name, known[second].name)
-    return replace(state, smallest=_separation(*names, distance_m, now_ns, is_truth=False))
+    return replace(state, smallest=_sorted_separation(*names, distance_m, now_ns, is_truth=False))
 
 
 def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> FleetState:
@@ -601,10 +601,10 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
 
         if view.name in updated:
             state = replace(state, vehicles=MappingProxyType(dict(vehicles)))
-            state = _compared_by_truth(state, updated, now_ns)
+            state = _with_true_separation_of(state, updated, now_ns)
             updated.clear()
 
-        if not _finite(message.position_enu_m) or not _finite(message.velocity_enu_m_s):
+        if not _is_finite(message.position_enu_m) or not _is_finite(message.velocity_enu_m_s):
             continue
         is_newer = view.truth is None or message.stamp_ns > view.truth.stamp_ns
         if not is_newer and view.has_truth(now_ns):
@@ -628,7 +628,7 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
             seen_ns=now_ns,
             seen_enu_m=message.position_enu_m,
         )
-        if not _is_next(view.truth, message):
+        if not _follows_without_gap(view.truth, message):
             state = _seen_again(state, vehicles, view, new_view)
         vehicles[view.name] = new_view
         updated.add(view.name)
@@ -639,10 +639,10 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
     if touchdowns:
         newest_touchdowns = (*state.touchdowns, *touchdowns)[-MAX_TOUCHDOWNS:]
         state = replace(state, touchdowns=newest_touchdowns)
-    return _compared_by_truth(state, updated, now_ns)
+    return _with_true_separation_of(state, updated, now_ns)
 
 
-def _compared_by_truth(state: FleetState, updated: Set[str], now_ns: int) -> FleetState:
+def _with_true_separation_of(state: FleetState, updated: Set[str], now_ns: int) -> FleetState:
     """Return the state with the smallest true separation between ``updated`` and all vehicles.
 
     Samples that are older than the newest one are extrapolated to its time.
@@ -674,7 +674,9 @@ def _compared_by_truth(state: FleetState, updated: Set[str], now_ns: int) -> Fle
 
     first, second, distance_m = pair
     names = (known[first].vehicle, known[second].vehicle)
-    return replace(state, smallest_truth=_separation(*names, distance_m, newest_ns, is_truth=True))
+    return replace(
+        state, smallest_truth=_sorted_separation(*names, distance_m, newest_ns, is_truth=True)
+    )
 
 
 # -- times of unknown distances --------------------------------------------------------------------
@@ -735,7 +737,7 @@ def _unknown_time(
     )
 
 
-def _is_next(last: Truth | None, message: Truth) -> bool:
+def _follows_without_gap(last: Truth | None, message: Truth) -> bool:
     """Whether nothing is missing between two samples of ground truth, by the emulator's clock."""
     if last is None:
         return False
@@ -745,7 +747,7 @@ def _is_next(last: Truth | None, message: Truth) -> bool:
 # -- parts -----------------------------------------------------------------------------------------
 
 
-def _separation(
+def _sorted_separation(
     name: str, other_name: str, distance_m: float, stamp_ns: int, *, is_truth: bool
 ) -> Separation:
     """Return the separation of two vehicles, whose names come in alphabetical order."""
@@ -772,7 +774,7 @@ def _is_repeated(
     return 0 <= last.sequence - message.sequence < most_reordered
 
 
-def _with(state: FleetState, view: VehicleView) -> FleetState:
+def _with_view(state: FleetState, view: VehicleView) -> FleetState:
     """Return the state with another view of one vehicle."""
     return replace(state, vehicles=MappingProxyType({**state.vehicles, view.name: view}))
 
@@ -785,7 +787,7 @@ def _extrapolated(position: Xyz, velocity: Xyz, ahead_s: float) -> Xyz:
     )
 
 
-def _finite(vector: Xyz) -> bool:
+def _is_finite(vector: Xyz) -> bool:
     return all(math.isfinite(value) for value in vector)
 
 

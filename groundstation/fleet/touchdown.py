@@ -22,8 +22,8 @@ LIMIT_BLIND_M_S = 1.2
 # had 1.2 to 1.5 m/s, and one had 2.3 m/s.
 LIMIT_BY_PX4_M_S = 1.6
 
-# A vehicle whose position returns less than this before the contact comes down as fast as without
-# it: its height estimate changes, and no height is left to slow down in.
+# If the position returns less than this time before the contact, the vehicle comes down as fast as
+# without a position: its height estimate changes, and no height is left to slow down in.
 SIGHT_RETURNED_NS = 1_000_000_000
 
 # A vehicle whose telemetry is older than this may have lost its position since.
@@ -44,7 +44,7 @@ class Touchdown(Struct, frozen=True):
     vehicle: str
     stamp_ns: int  # stamp of the ground truth that reported it
     speed_m_s: float  # downwards
-    had_thrust: bool = True  # False: its motors were off, weak or dead, so it fell
+    had_thrust: bool = True  # whether all motors gave thrust; otherwise the vehicle fell
     # whether its agent flew it without a position, until the contact or until shortly before
     is_blind: bool = False
     is_by_px4: bool = False  # whether PX4 alone flew it

@@ -87,10 +87,10 @@ def unknown_time(
             # Both are still unseen. Each has moved since it was last seen.
             approach_ns = (now_ns - before.seen_ns) + (now_ns - other.seen_ns)
         else:
-            # This one is seen again, the other is not. They may have been nearest at any time since
-            # the earlier of their two last sightings, and most may have been flown if they were
-            # nearest right then: by this one from there to its new position until now, and by the
-            # other from there to the position at which it was last seen.
+            # This one is seen again, the other is not. They may have met at any time since the
+            # earlier of their two last sightings. The longest ways are possible if they met at
+            # that very time: this one has flown to its new position since then, and the other had
+            # flown from there to the position at which it was last seen.
             position_enu_m = after.position_enu_m
             earlier_ns = min(before.seen_ns, other.seen_ns)
             by_this_ns = now_ns - earlier_ns
@@ -121,10 +121,10 @@ def with_time(times: tuple[UnknownTime, ...], time: UnknownTime) -> tuple[Unknow
     if len(times) < MAX_KEPT:
         return (*times, time)
 
-    mildest = max(times, key=lambda stored: stored.possible_m)
-    if mildest.possible_m <= time.possible_m:
+    farthest = max(times, key=lambda stored: stored.possible_m)
+    if farthest.possible_m <= time.possible_m:
         return times
-    return (*(stored for stored in times if stored is not mildest), time)
+    return (*(stored for stored in times if stored is not farthest), time)
 
 
 def _is_seen(sighting: Sighting, now_ns: int) -> bool:
