@@ -633,12 +633,12 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
         vehicles[view.name] = new_view
         updated.add(view.name)
 
-    if not updated:
-        return state
-    state = replace(state, vehicles=MappingProxyType(vehicles))
     if touchdowns:
         newest_touchdowns = (*state.touchdowns, *touchdowns)[-MAX_TOUCHDOWNS:]
         state = replace(state, touchdowns=newest_touchdowns)
+    if not updated:
+        return state
+    state = replace(state, vehicles=MappingProxyType(vehicles))
     return _with_true_separation_of(state, updated, now_ns)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from groundstation.fleet.state import fold, initial
+from groundstation.fleet.state import fold, fold_truths, initial
 from groundstation.fleet.touchdown import (
     LIMIT_BLIND_M_S,
     LIMIT_BY_POSES_M_S,
@@ -98,3 +98,12 @@ def test_who_has_lost_thrust_falls() -> None:
 
 def test_who_ends_its_thrust_on_the_ground_has_not_fallen() -> None:
     assert not Touchdown("mav0", 1, 0.3, had_thrust=False).has_fallen(VEHICLE)
+
+
+def test_a_contact_counts_when_its_ground_truth_comes_twice_in_a_batch() -> None:
+    state = fold(initial(FLEET), truth("mav0", 1, 0.0), 1)
+    contact = msgspec.structs.replace(truth("mav0", 2, 0.0), touchdowns=1, touchdown_m_s=0.9)
+
+    state = fold_truths(state, (contact, contact), 2)
+
+    assert [touchdown.speed_m_s for touchdown in state.touchdowns] == [0.9]
