@@ -1,7 +1,8 @@
-"""Commands that the agent's core returns and its shell executes, in the order of their list.
+"""Commands that the agent's core returns, and that its shell executes in the returned order.
 
-Some commands go to PX4, some go to the bus, and one ends the process. An executed command is only
-a request that was sent. The core learns its effect from later inputs (``agent_inputs.py``).
+The core computes without I/O, and the shell does all I/O. Some commands go to PX4, some go to the
+bus, and one ends the process. To execute a command only means to send it: the core learns the
+effect from later inputs (``agent_inputs.py``).
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from onboard.types import AttitudeSetpoint
 class SendAttitude(Struct, frozen=True):
     """Send one setpoint."""
 
-    setpoint: AttitudeSetpoint  # already in PX4's heading
+    setpoint: AttitudeSetpoint  # already converted to PX4's heading
 
 
 class SetOffboard(Struct, frozen=True):
@@ -43,11 +44,11 @@ class Kill(Struct, frozen=True):
 
 
 class RequestHeartbeat(Struct, frozen=True):
-    """Ask PX4 for a heartbeat now: to confirm a doubtful report, or to learn the mode."""
+    """Ask PX4 for a heartbeat now, to confirm a doubtful report or to learn the mode."""
 
 
 class RebootPx4(Struct, frozen=True):
-    """Start PX4 anew; it refuses while it is armed."""
+    """Ask PX4 to reboot; it refuses while it is armed."""
 
 
 class PlayTune(Struct, frozen=True):
@@ -57,7 +58,7 @@ class PlayTune(Struct, frozen=True):
 class SendCorrections(Struct, frozen=True):
     """Give PX4's satellite receiver a fragment of an RTCM frame."""
 
-    flags: int
+    flags: int  # MAVLink's flags of GPS_RTCM_DATA
     data: bytes
 
 
@@ -67,7 +68,7 @@ class SendOdometry(Struct, frozen=True):
     position_enu_m: Xyz
     quaternion_enu_flu_wxyz: Wxyz
     std_m: float
-    reset_count: int = 0  # a changed count tells the estimator to begin anew at this pose
+    reset_count: int = 0  # a changed count makes the estimator restart at this pose
 
 
 # -- to the bus ------------------------------------------------------------------------------------
@@ -87,7 +88,7 @@ class Publish(Struct, frozen=True):
 
 
 class Follow(Struct, frozen=True):
-    """Receive the states of exactly these vehicles at full rate, those of the others slowly."""
+    """Receive the states of exactly these vehicles at full rate, and of all others slowly."""
 
     names: frozenset[str]
 
@@ -102,7 +103,7 @@ class Reply(Struct, frozen=True):
 
 
 class Exit(Struct, frozen=True):
-    """End the process. The shutdown was requested, and the vehicle is on the ground."""
+    """End the process, because the shutdown was requested and the vehicle is on the ground."""
 
 
 Command = (

@@ -1,10 +1,11 @@
-"""What reaches the agent's core from outside: frozen values, without a clock and without sockets.
+"""Inputs of the agent's core, which computes without I/O.
 
-Poses, messages of the neighbours, orders, PX4's newest snapshot, and what the process notices about
-itself. The shell hands them to the core, one after the other, before each tick.
+Inputs are poses, messages of the neighbours, orders, PX4's newest snapshot, and observations of the
+process about itself. The shell, which does all I/O, passes them to the core one after the other
+before each tick.
 
-Some twenty inputs are made at every tick. They are frozen Structs, because creating one costs a
-tenth of what a frozen dataclass costs.
+Some twenty inputs are created at every tick. They are frozen Structs, because creating a Struct
+takes a tenth of the time of a frozen dataclass.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ class PoseReceived(Struct, frozen=True):
 
 
 class AllPosesReceived(Struct, frozen=True):
-    """Mocap samples of several bodies that came together."""
+    """Mocap samples of several bodies that arrived together."""
 
     poses: tuple[MocapPose, ...]
     received_ns: int  # on our clock
@@ -75,14 +76,14 @@ class ParamsRead(Struct, frozen=True):
     """PX4's parameters were read and compared with the required ones."""
 
     problems: tuple[str, ...]  # a sentence for each wrong one; empty when all are right
-    # charge at which PX4's simulated battery stops emptying; 0 for a real one
+    # charge at which PX4's simulated battery stops emptying; 0 for a real battery
     battery_floor_frac: float = 0.0
 
 
 class ClocksCompared(Struct, frozen=True):
     """The clocks of the nodes on other hosts were compared with ours."""
 
-    bounds_s: Mapping[str, float]  # node -> error of its clock at most; inf: not measured yet
+    bounds_s: Mapping[str, float]  # node -> largest error of its clock; inf: not measured yet
 
 
 class CertificateChecked(Struct, frozen=True):
@@ -95,12 +96,12 @@ class CertificateChecked(Struct, frozen=True):
 class LoopTimed(Struct, frozen=True):
     """Statistics of the control loop over the last ten seconds."""
 
-    p50_ms: float  # period: median, 99th percentile and maximum
-    p99_ms: float
-    max_ms: float
-    late_ticks: int  # since the start: ticks whose period was too long
-    lateness_p99_ms: float = 0.0  # how far behind its schedule a tick began
-    missed_ticks: int = 0  # since the start
+    p50_ms: float  # median of the period
+    p99_ms: float  # 99th percentile of the period
+    max_ms: float  # maximum of the period
+    late_ticks: int  # number of ticks since the start whose period was too long
+    lateness_p99_ms: float = 0.0  # 99th percentile of the time by which a tick began too late
+    missed_ticks: int = 0  # number of ticks since the start that were skipped
 
 
 class MessagesCounted(Struct, frozen=True):
@@ -115,13 +116,13 @@ class MessagesCounted(Struct, frozen=True):
 
 
 class TickFailed(Struct, frozen=True):
-    """The shell caught an exception of the last tick: our own bug."""
+    """The shell caught an exception of the last tick, which is a bug of Covey."""
 
     sentence: str
 
 
 class DiskChecked(Struct, frozen=True):
-    """The process checked whether this computer's disk has room left for logs and records."""
+    """The process checked whether this computer's disk has space for logs and records."""
 
     is_full: bool
 

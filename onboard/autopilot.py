@@ -32,24 +32,25 @@ class LinkError(RuntimeError):
 Version = tuple[int, int]  # major and minor number of PX4, as PX4 reports them
 # oldest and newest version with which Covey was measured
 MEASURED_VERSIONS: tuple[Version, Version] = ((1, 16), (1, 18))
-SIGNING_SINCE: Version = (1, 18)  # PX4 takes a key for MAVLink from this version on
-AUTOPILOT_COMPONENT = 1  # MAVLink's id of the autopilot in a vehicle
-_LARGEST_MAJOR = 9
+SIGNING_SINCE: Version = (1, 18)  # first version of PX4 that supports MAVLink signing
+AUTOPILOT_COMPONENT = 1  # MAVLink's component id of an autopilot
+_LARGEST_MAJOR = 9  # a larger major number is not plausible
 
-# A report of PX4 that is older than this is not used.
+# Older reports of PX4 are not used.
 BATTERY_KNOWN_NS = 5_000_000_000  # PX4 reports the battery twice a second
 ACCURACY_KNOWN_NS = 5_000_000_000
 FIX_KNOWN_NS = 1_500_000_000  # PX4 reports the fix five times a second while a receiver works
-STICKS_KNOWN_NS = 1_000_000_000  # PX4 reports the sticks five times a second while it hears them
+# PX4 reports the sticks five times a second while it receives them
+STICKS_KNOWN_NS = 1_000_000_000
 
-# Modes of PX4 in which a pilot's sticks fly. The names are those of onboard/px4/modes.py.
+# Modes of PX4 in which a pilot flies with sticks. The names are those of onboard/px4/modes.py.
 PILOT_MODES = frozenset(
     {"MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED", "RATTITUDE", "ALTITUDE_CRUISE"}
 )
 
 
 def plausible_version(version: Version | None) -> Version | None:
-    """Return a reported version, or None for one that no PX4 can have."""
+    """Return a reported version, or None if no PX4 can have that version."""
     if version is None or not 1 <= version[0] <= _LARGEST_MAJOR:
         return None
     return version
@@ -62,18 +63,18 @@ class Refused(Struct, frozen=True):
     # from other systems and components, for instance a ground station's packets that PX4 forwards
     others: int = 0
     other_address: int = 0  # with the autopilot's ids, but not from its address
-    unsigned: int = 0  # not signed, although this vehicle signs
+    unsigned: int = 0  # not signed, although this vehicle's packets must be signed
     forged: int = 0  # signed with another key
     old: int = 0  # signed, but replayed, or stamped by a clock that went back
 
-    # of the newest refused packet that is not counted as ``others``
-    newest: str = ""  # its reason
-    source: str = ""  # its sender's address, if the transport tells it
+    # the newest refused packet, without those that are counted as ``others``
+    newest: str = ""  # why it was refused
+    source: str = ""  # its sender's address, if the transport knows it
     newest_ns: int = 0  # time of its arrival
 
     @property
     def count(self) -> int:
-        """Number of all refused packets but those from other systems, which are harmless."""
+        """Number of refused packets without those from other systems, which are harmless."""
         return self.malformed + self.other_address + self.unsigned + self.forged + self.old
 
 
@@ -81,7 +82,7 @@ NOTHING_REFUSED = Refused()
 
 
 class Snapshot(Struct, frozen=True):
-    """Newest value of every message, with the monotonic time [ns] of its arrival; 0 = never."""
+    """Newest value of every message, with the monotonic time [ns] of its arrival; 0: never."""
 
     last_packet_ns: int = 0
     system_id: int = 0
@@ -105,15 +106,15 @@ class Snapshot(Struct, frozen=True):
     global_origin: Xyz | None = None
     px4_version: Version | None = None
     is_simulated: bool = False  # whether PX4's own identity says that it is a simulation
-    px4_boot_ms: int = 0  # PX4's clock, which shows whether it stands still
-    restarts: int = 0  # number of times that PX4's clock has begun anew
-    returns: int = 0  # number of times that its messages came back after a silence
+    px4_boot_ms: int = 0  # PX4's clock, which stands still if PX4 hangs
+    restarts: int = 0  # how often PX4's clock has restarted
+    returns: int = 0  # how often PX4's messages came back after a silence
     heartbeat_ns: int = 0
     is_armed: bool = False
     mode: str = ""
     is_failsafe: bool = False
-    sticks_ns: int = 0  # PX4 repeats the positions of a pilot's sticks while it hears them
-    sticks_before_ns: int = 0  # arrival of the message of that kind before the newest one
+    sticks_ns: int = 0  # arrival of the newest message with the positions of a pilot's sticks
+    sticks_before_ns: int = 0  # arrival of the previous message with these positions
     landed: Landed = Landed.UNKNOWN
     landed_ns: int = 0
     battery_frac: float = float("nan")
@@ -125,8 +126,8 @@ class Snapshot(Struct, frozen=True):
     sensors_healthy: int = 0
     sensors_ns: int = 0
     refused: Refused = NOTHING_REFUSED
-    is_signed: bool = False  # PX4 signs what it sends: it has a key
-    # whether this computer's clock is a minute behind that of another sender of signed packets
+    is_signed: bool = False  # whether PX4 signs its packets
+    # whether this computer's clock is a minute behind the clock of another sender of signed packets
     has_wrong_clock: bool = False
 
     def battery(self, now_ns: int) -> tuple[float, float]:
@@ -146,16 +147,17 @@ class Snapshot(Struct, frozen=True):
         return self.has_fix and now_ns - self.fix_ns <= FIX_KNOWN_NS
 
     def hears_sticks(self, now_ns: int) -> bool:
-        """Return whether PX4 hears a pilot's sticks, from a radio control or from a joystick.
+        """Return whether PX4 receives a pilot's sticks, from a radio control or from a joystick.
 
-        It takes two messages in a row: PX4 sends one when the stream begins, also without sticks.
+        Two messages in a row are needed: when the stream begins, PX4 sends one message even without
+        sticks.
         """
         is_recent = now_ns - self.sticks_ns < STICKS_KNOWN_NS
         is_repeated = self.sticks_ns - self.sticks_before_ns < STICKS_KNOWN_NS
         return self.sticks_before_ns > 0 and is_recent and is_repeated
 
     def is_flown_by_hand(self, now_ns: int) -> bool:
-        """Return whether a pilot flies: PX4 is armed, in a pilot's mode, and hears the sticks."""
+        """Return whether a pilot flies: PX4 is armed, in a pilot's mode, and receives sticks."""
         return self.is_armed and self.mode in PILOT_MODES and self.hears_sticks(now_ns)
 
     @property
@@ -192,7 +194,7 @@ class Autopilot(Protocol):
         """Stop the motors now, wherever the vehicle is."""
 
     def request_heartbeat(self) -> None:
-        """Ask for a heartbeat now; one comes every second by itself."""
+        """Ask for a heartbeat now; PX4 sends a heartbeat every second anyway."""
 
     def reboot(self) -> None:
         """Command PX4 to reboot; it refuses while it is armed."""
@@ -210,7 +212,7 @@ class Autopilot(Protocol):
         std_m: float,
         reset_count: int = 0,
     ) -> None:
-        """Send a mocap pose to PX4's estimator, for its own hold and land.
+        """Send a mocap pose to PX4's estimator, for PX4's own hold and land modes.
 
-        A changed count makes the estimator begin anew at this pose.
+        A changed ``reset_count`` makes the estimator restart at this pose.
         """

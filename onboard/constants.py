@@ -2,6 +2,5 @@
 
 GRAVITY_M_S2 = 9.80665
 
-# largest throttle that trajectories, the law and all limits count with; the rest stays for the
-# attitude control
+# largest throttle that trajectories, the law and all limits use; the rest is for attitude control
 MAX_PLANNED_THRUST_FRAC = 0.97

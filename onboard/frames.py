@@ -1,8 +1,8 @@
 """Frames and rotations: the fleet's ENU with FLU bodies, and PX4's NED with FRD bodies.
 
-Fleet, configuration, bus and control speak ENU/FLU only; NED/FRD appears in the link to PX4 and
-nowhere else. Quaternions are Hamilton, ordered (w, x, y, z) as on MAVLink; ``q_enu_flu`` rotates
-FLU components into ENU components.
+Fleet, configuration, bus and control use only ENU/FLU (x forward, y left, z up). NED/FRD appears
+only in the link to PX4. Quaternions are Hamilton quaternions, ordered (w, x, y, z) as on MAVLink.
+``q_enu_flu`` rotates FLU components into ENU components.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ def ned_from_enu(vector_enu: Triple) -> Vec3:
 def enu_flu_from_ned_frd(q_ned_frd: Quaternion) -> Quaternion:
     """Return PX4's attitude (FRD to NED) as the fleet's (FLU to ENU).
 
-    R_enu_flu = R_enu_ned R_ned_frd R_frd_flu. There R_enu_ned is the half turn about (1, 1, 0), and
-    R_frd_flu the half turn about x.
+    R_enu_flu = R_enu_ned R_ned_frd R_frd_flu, where R_enu_ned is the half turn about (1, 1, 0), and
+    R_frd_flu is the half turn about x.
     """
     w, x, y, z = q_ned_frd
     # the product of the three quaternions, multiplied out
@@ -59,8 +59,8 @@ def wrap_rad(angle_rad: float) -> float:
 
 
 def turned_about_up(quaternion: Quaternion, yaw_rad: float) -> Quaternion:
-    """Return the attitude after a turn by ``yaw_rad`` about the outer z axis."""
-    # the quaternion of the turn, (cosine, 0, 0, sine), times the attitude's
+    """Return the attitude after a rotation by ``yaw_rad`` about the outer z axis."""
+    # the quaternion of this rotation, (cosine, 0, 0, sine), times that of the attitude
     w, x, y, z = quaternion
     cosine = math.cos(0.5 * yaw_rad)
     sine = math.sin(0.5 * yaw_rad)
@@ -79,9 +79,9 @@ def body_up(quaternion: Quaternion) -> Vec3:
 
 
 def yaw_from_quaternion(quaternion: Quaternion) -> float:
-    """Return the heading of the body's x axis (ZYX yaw), in (-pi, pi].
+    """Return the heading of the body's x axis (ZYX yaw) in (-pi, pi], counterclockwise.
 
-    It counts counterclockwise from the outer x axis.
+    It is 0 along the outer x axis.
     """
     w, x, y, z = quaternion
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

@@ -1,6 +1,6 @@
 """Counts of the messages that were not used.
 
-Such messages are counted and never logged one by one, so that a flood of them cannot fill a disk.
+They are never logged one by one, so that a flood of such messages cannot fill a disk.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ class MessageCounts:
 
     malformed: int = 0  # bytes that are no message of their topic, or numbers that are not finite
     # sent in another node's name, sent by a node that is not in the fleet file, or not plausible;
-    # refused orders are counted elsewhere
+    # without orders, whose refusals are counted elsewhere
     refused: int = 0
-    # lost on the way (sequence numbers are missing), or pushed out of a full queue
+    # lost on the way (sequence numbers are missing), or removed from a full queue
     dropped: int = 0
     late: int = 0  # repeated, overtaken by a newer message, or older than what is known
 

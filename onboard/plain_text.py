@@ -1,6 +1,6 @@
-"""Text from outside, for terminals and text files.
+"""Cleans text from outside before it is written to terminals and text files.
 
-An escape sequence in such a text would command the terminal. Therefore every character that cannot
+An escape sequence in such a text would control the terminal. Therefore every character that cannot
 be printed becomes a space.
 """
 
@@ -24,11 +24,11 @@ def plain_line(text: str) -> str:
 
 
 def listed(names: Sequence[str], most: int) -> str:
-    """Return names in one line: the first ones, and how many more there are.
+    """Return names in one line: the first names, and how many more there are.
 
     Args:
         names: One or more names.
-        most: The largest number of names that are written out.
+        most: The largest number of names in the line.
     """
     shown = ", ".join(names[:most])
     hidden = len(names) - most
@@ -47,7 +47,7 @@ def plain_lines(text: str) -> str:
         The text, with a space in place of each character that cannot be printed.
     """
     lines = text.split("\n")
-    if all(map(str.isprintable, lines)):
+    if all(map(str.isprintable, lines)):  # the usual case, quickly
         return text
     return "\n".join(map(_printable, lines))
 
@@ -57,12 +57,10 @@ def _printable(line: str) -> str:
 
 
 class PlainStream:
-    """Output of a process whose lines may contain text from outside.
-
-    It cleans every text, so that no caller has to remember it.
+    """An output stream that cleans every text, because it may contain text from outside.
 
     Args:
-        stream: The stream that gets the lines, for instance ``sys.stdout``.
+        stream: The stream that gets the cleaned texts, for instance ``sys.stdout``.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -72,7 +70,7 @@ class PlainStream:
         """Write a text, without its control characters.
 
         Returns:
-            The number of characters of ``text``, as a stream's ``write`` does.
+            The number of characters of ``text``.
         """
         self.stream.write(plain_lines(text))
         return len(text)

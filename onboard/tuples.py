@@ -1,7 +1,7 @@
 """The plain tuples of files, messages and orders.
 
-The control code calculates with :class:`onboard.vectors.Vec3` instead. The frame and the unit of a
-tuple stand in the name of whatever holds it.
+The control code calculates with :class:`onboard.vectors.Vec3` instead. The name of a variable or
+field that holds a tuple contains its frame and unit.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Values that pass between two stages of the pipeline: frozen, of plain floats, in fleet ENU.
+"""Values that pass between the stages of the control pipeline: plain floats in fleet ENU.
 
-Each value belongs to one vehicle. :mod:`onboard.rollout.batch` packs the same values of many
-flights into arrays.
+The pipeline computes one control tick of one vehicle: trajectory, baseline thrust, avoidance law,
+attitude setpoint. :mod:`onboard.rollout.batch` packs the same values of many flights into arrays.
 """
 
 from __future__ import annotations
@@ -16,26 +16,27 @@ TICK_S = 0.02  # period of the control loop
 
 
 class LawStatus(IntEnum):
-    """Effect of the avoidance law on the thrust of one tick; every tick has a status.
+    """Effect of the avoidance law on the thrust of one tick.
 
-    Hard rows keep distances and the speed limit; the soft ones only demand turns.
+    The law limits the thrust by linear inequalities ("rows"). Hard rows keep distances and the
+    speed limit, and soft rows only make vehicles turn around each other.
     """
 
     INACTIVE = 0  # the baseline thrust already satisfies every row
-    SATURATED = 1  # changed, all hard rows satisfied
-    RELAXED = 2  # no thrust satisfies all hard rows: the smallest common slack was granted
+    SATURATED = 1  # the thrust was changed, and satisfies all hard rows
+    RELAXED = 2  # no thrust satisfies all hard rows: they got the smallest common slack
     # the inputs cannot be used (for instance coincident vehicles): the thrust is a bounded fallback
     INFEASIBLE = 3
 
 
 class State(NamedTuple):
-    """Estimate of the own motion, valid now."""
+    """Estimate of the vehicle's own motion, valid now."""
 
     position_enu_m: Vec3
     velocity_enu_m_s: Vec3
     acceleration_enu_m_s2: Vec3
     yaw_rad: float
-    age_s: float  # lag of the estimate behind now; 0 for one that was propagated to now
+    age_s: float  # age of the estimate; 0 if it was propagated to now
     position_std_m: float  # per axis
     velocity_std_m_s: float  # per axis
 
@@ -45,20 +46,20 @@ class Goal(NamedTuple):
 
     position_enu_m: Vec3
     duration_s: float  # time for the flight to the position; 0: as fast as the limits allow
-    sequence: int  # changes with each new goal, so that the trajectory is planned anew
+    sequence: int  # changes with each new goal, so that the trajectory is planned again
 
-    is_on_path: bool = False
+    is_on_path: bool = False  # whether the position is the present point of a followed path
     # motion of the path at a clock rate of 1; zero for a position to fly to
     velocity_enu_m_s: Vec3 = ZERO_3
     acceleration_enu_m_s2: Vec3 = ZERO_3
 
-    # heading to turn to, counterclockwise from east; NaN: keep the present one
+    # heading to turn to, counterclockwise from east; NaN: keep the present heading
     yaw_rad: float = math.nan
     clock_rate_frac: float = 1.0  # rate of the path's clock, as a share of real time
 
 
 class TrajectorySetpoint(NamedTuple):
-    """Motion of the vehicle if it were alone."""
+    """Motion that the trajectory commands, before any avoidance."""
 
     position_enu_m: Vec3
     velocity_enu_m_s: Vec3
@@ -79,42 +80,43 @@ class AttitudeSetpoint(NamedTuple):
 
 
 class Neighbour(NamedTuple):
-    """One neighbour as received; NaN: not known. The law extrapolates it over its age."""
+    """One neighbour as received; NaN: not known. The law extrapolates its motion over the age."""
 
-    position_enu_m: Vec3  # plain estimate, an input of the paper's law
+    position_enu_m: Vec3  # estimate without prediction, which the paper's law uses
     velocity_enu_m_s: Vec3
     acceleration_enu_m_s2: Vec3
 
     predicted_position_enu_m: Vec3  # predicted over the sender's own lag
     predicted_velocity_enu_m_s: Vec3
     commanded_acceleration_enu_m_s2: Vec3
-    intent_enu_m_s: Vec3  # velocity that it would fly if it were alone
+    intent_enu_m_s: Vec3  # velocity that the neighbour would fly if it were alone
 
     age_s: float  # now minus the stamp
-    lead_time_s: float  # from the stamp to the predicted state; NaN: the same as our own
+    lead_time_s: float  # from the stamp to the predicted state; NaN: the same as this vehicle's
     position_std_m: float
     velocity_std_m_s: float
 
-    crowd_count: float  # number of its own near neighbours
+    crowd_count: float  # number of vehicles near the neighbour
     is_cooperative: bool  # False: it avoids nobody, so that this vehicle does all the avoiding
-    is_paper_obstacle: bool  # the ring's successor, the only neighbour of the paper's law
-    table_index: int  # among all neighbours that this vehicle knows, for the record
-    radius_m: float  # of a person's circle, to which the distance is kept; 0 for a vehicle
+    # whether it is the only vehicle that the paper's law avoids: the next one in the fleet's order
+    is_paper_obstacle: bool
+    table_index: int  # index among all neighbours that this vehicle knows, for the record
+    radius_m: float  # radius of a person's circle, to which the distance is kept; 0: a vehicle
 
 
 class LawOutput(NamedTuple):
     """Result of the avoidance law: a thrust, and values that are published and recorded."""
 
     thrust: Thrust
-    predicted_position_enu_m: Vec3  # own state predicted over the own lag; published
+    predicted_position_enu_m: Vec3  # own position predicted over the own lag; published
     predicted_velocity_enu_m_s: Vec3  # published
     commanded_acceleration_enu_m_s2: Vec3  # published
 
     status: int  # a LawStatus
-    intervention_m_s2: float  # |u - u_0|: change of the baseline's thrust
-    slack_m_s2: float  # 0 unless relaxed
-    crowd_count: float  # published
-    # index of the neighbour whose row binds most; -1: none; -2: an obstacle or the fence
+    intervention_m_s2: float  # |u - u_0|: by how much the baseline thrust was changed
+    slack_m_s2: float  # slack of the hard rows; 0 unless RELAXED
+    crowd_count: float  # number of vehicles near this one; published
+    # index of the neighbour whose row limits the thrust most; -1: none; -2: an obstacle or a fence
     active_neighbour: int
 
     lead_time_s: float  # from now to the predicted state; published
@@ -122,7 +124,7 @@ class LawOutput(NamedTuple):
 
 
 class Tick(NamedTuple):
-    """Every intermediate value of one pass of the pipeline, for logs, replay and tests."""
+    """All results of the pipeline in one control tick."""
 
     state: State
     setpoint: TrajectorySetpoint

@@ -1,6 +1,6 @@
 """Vectors of plain floats, and the few operations on them that the control code needs.
 
-Python interprets these functions on a drone, and numba compiles the same functions for batches of
+Python interprets these functions on a drone, and numba compiles them for batches of simulated
 flights. Therefore they take their arguments by position and use only floats and tuples.
 """
 
@@ -11,14 +11,14 @@ from typing import NamedTuple
 
 
 class Vec2(NamedTuple):
-    """A horizontal vector; the unit and the frame stand in the name of whatever holds it."""
+    """A horizontal vector; the name of a variable or field contains its frame and unit."""
 
     x: float
     y: float
 
 
 class Vec3(NamedTuple):
-    """A vector in space; the unit and the frame stand in the name of whatever holds it."""
+    """A vector in space; the name of a variable or field contains its frame and unit."""
 
     x: float
     y: float
@@ -71,7 +71,7 @@ def within(value: float, bound: float) -> float:
 
 def horizontal_within(a: Vec3, bound: float) -> Vec2:
     """Return the horizontal part with both components clipped to [-bound, bound]; 0 for NaN."""
-    if abs(a.x) + abs(a.y) < bound:  # the usual case, quickly; never true for NaN
+    if abs(a.x) + abs(a.y) < bound:  # quick test for the usual case; False for NaN
         return Vec2(a.x, a.y)
     return Vec2(within(a.x, bound), within(a.y, bound))
 

@@ -33,7 +33,7 @@ def way_m(fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m: Xyz) -> f
         name: one of its vehicles.
         begin_enu_m, goal_enu_m: where it is, and the goal [m], ENU.
     """
-    return router.way_m(_around(fleet, name), begin_enu_m, goal_enu_m)
+    return router.route_length_m(_around(fleet, name), begin_enu_m, goal_enu_m)
 
 
 def _around(fleet: FleetConfig, name: str) -> router.Surroundings:

@@ -49,7 +49,7 @@ class CommandExecutor:
         inbox: Inbox,
         on_exit: Callable[[], None],
     ) -> None:
-        self.tick_ns = 0  # time of the begin of the tick
+        self.tick_ns = 0  # time at which the tick began
         self.reliable = BackgroundQueue("bus")  # messages that must arrive
         self._subscriptions = BackgroundQueue("interest")
         self._name = name
@@ -79,7 +79,7 @@ class CommandExecutor:
 
     def start_threads(self) -> None:
         """Start the threads now, before the process takes its realtime priority for all threads."""
-        # int: any call that returns at once
+        # int() stands for any call that returns at once
         self.reliable.submit(int)
         self._subscriptions.submit(int)
 
@@ -133,8 +133,9 @@ class CommandExecutor:
         on_message = self._inbox.neighbour_received
         self._subscriptions.submit(self._bus.follow, Topic.STATE, command.names, on_message)
 
-        # The slow states come from all others, and from the own name: a state under the own name
-        # shows another agent of the same vehicle.
+        # A followed neighbour sends each of its states here. Of all other vehicles only the slow
+        # states are read (topic FAR). They are also read under the own name, because a state under
+        # the own name comes from a second agent of the same vehicle.
         slow_names = self._names - command.names
         slow_names.add(self._name)
         self._subscriptions.submit(self._bus.follow, Topic.FAR, slow_names, on_message)

@@ -29,7 +29,7 @@ class ControlStep:
     Args:
         fleet: the fleet file.
         vehicle_name: one of its vehicles.
-        clock: returns the time [s], to measure the duration of a user's own law; None in simulated
+        clock: returns the time [s]; it measures how long a user's own law takes. None in simulated
             time.
         pipeline_step: ``pipeline.step``, or the same function compiled.
     """

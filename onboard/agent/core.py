@@ -97,7 +97,8 @@ _LONGEST_S = 0.1
 
 _ZERO = (0.0, 0.0, 0.0)
 _IN_AIR = (Landed.IN_AIR, Landed.TAKING_OFF, Landed.LANDING)
-_MAY_END = (Situation.GROUND, Situation.SILENT)  # situations in which the process may end
+# situations in which the process may end: on the ground, and after a flight that it has given up
+_MAY_END = (Situation.GROUND, Situation.SILENT)
 # steps of these situations in which the process stays until PX4 reports that it is disarmed
 _DISARMS = (
     FlightStep.DISARMED,
@@ -113,8 +114,8 @@ class AgentCore:
     Args:
         fleet: the fleet file.
         vehicle_name: one of its vehicles.
-        boot_id: number of this start of the process; another start has another one.
-        clock: returns the time [s], to measure the duration of a user's own law; None in simulated
+        boot_id: number of this start of the process; each start has a different number.
+        clock: returns the time [s]; it measures how long a user's own law takes. None in simulated
             time.
         pipeline_step: ``pipeline.step``, or the same function compiled.
     """
@@ -151,7 +152,7 @@ class AgentCore:
         self._corrections_status: CorrectionsStatus | None = None  # at the newest tick
         self._snapshot = Snapshot()  # newest snapshot of PX4, with confirmed reports only
 
-        # what it decides
+        # what the agent decides
         self.control = ControlStep(fleet, vehicle_name, clock=clock, pipeline_step=pipeline_step)
         self.flight = FlightContext(fleet, vehicle, self.control.surroundings)
         self.failsafes = FailsafeSupervisor(
@@ -175,7 +176,7 @@ class AgentCore:
         )
         self._mismatch = ModelMismatchReporter(vehicle)
 
-        # what leaves it
+        # what leaves the agent
         self.odometry = OdometryForwarder()
         self._setpoints = SetpointOutput(vehicle, self.own, self.flight, self.failsafes)
         self._follower = NeighbourFollower(self.neighbours)
@@ -198,17 +199,18 @@ class AgentCore:
         self._is_stopping = False  # a shutdown was requested
         self._is_disk_full = False
         self._battery_floor_frac = 0.0  # charge at which a simulated battery stops emptying
-        self._clock_jump_ns = 0  # time of the last jump of our clock; 0 never
+        self._clock_jump_ns = 0  # time of the last jump of our clock; 0: none yet
 
-        # other mocap bodies whose poses are needed: of vehicles, and all that were requested
+        # mocap bodies of other vehicles whose poses are needed
         self._watched_vehicles: tuple[str, ...] = ()
+        # mocap bodies of vehicles and persons that were requested last
         self._requested_bodies: tuple[str, ...] = ()
 
         # from the newest tick
         self._period_s = TICK_S  # time since the tick before
         self._ages_s: dict[str, float] = {}  # age of the state of each followed neighbour
         self._distances_m: dict[str, float] = {}  # separation from each neighbour and person
-        self._people_m: dict[str, float] = {}  # those of the persons
+        self._people_m: dict[str, float] = {}  # separation from each person
         self._view = FlightView(
             now_ns=0,
             position_enu_m=_ZERO,
@@ -243,15 +245,15 @@ class AgentCore:
         view = self._look(now_ns, own)
 
         # Where are the others?
-        self.neighbours.forget_carried_away(self.flight.place, now_ns)
-        self.neighbours.place_contradicted(view.position_enu_m, now_ns)
+        self.neighbours.forget_replaced(self.flight.slot_owner, now_ns)
+        self.neighbours.reposition_contradicted(view.position_enu_m, now_ns)
         self._ages_s = self.neighbours.followed_ages_s(now_ns)
         self._distances_m = self.neighbours.distances_m(view.position_enu_m, now_ns)
         if self.people.names:
             self._people_m = self.people.distances_m(view.position_enu_m, now_ns)
             self._distances_m |= self._people_m
 
-        # How old are the corrections, and whose?
+        # How old are the RTK corrections, and from which base station?
         if self.corrections is not None:
             self._corrections_status = self.corrections.status(self._snapshot, now_ns)
 
@@ -267,7 +269,7 @@ class AgentCore:
         # How do we fly that?
         neighbours = self.neighbours.snapshot(now_ns)
         if self.people.names:
-            neighbours = self.people.beside(neighbours, now_ns)
+            neighbours = self.people.added_to(neighbours, now_ns)
         flight = self.flight
         tick = self.control.run(own.state, flight.goal, flight.step.control_mode, neighbours, dt_s)
         if flight.step.control_mode is ControlMode.FLYING and self._mismatch.is_due():
@@ -285,9 +287,11 @@ class AgentCore:
 
     def _measure_period(self, now_ns: int) -> float:
         """Measure the time since the last tick; return it within the bounds for integration [s]."""
-        before_ns = self._view.now_ns
-        self._period_s = (now_ns - before_ns) * 1e-9 if before_ns else TICK_S
-        if now_ns < before_ns:
+        last_tick_ns = self._view.now_ns
+        self._period_s = TICK_S
+        if last_tick_ns:
+            self._period_s = (now_ns - last_tick_ns) * 1e-9
+        if now_ns < last_tick_ns:
             self._clock_jump_ns = now_ns
         return min(max(self._period_s, _SHORTEST_S), _LONGEST_S)
 
@@ -427,7 +431,7 @@ class AgentCore:
             conditions=self.failsafes.conditions,
             corrections=self._corrections_status,
             people_m=self._people_m,
-            place=self.flight.place,
+            slot_owner=self.flight.slot_owner,
         )
         state_machine.preflight_checked(self.flight, view, not self.preflight.not_ready)
 
@@ -458,7 +462,7 @@ class AgentCore:
         )
 
     def _requests(self, view: FlightView, *, was_on_ground: bool) -> list[Command]:
-        """Return the commands that are due from time to time; they are the least urgent ones."""
+        """Return the least urgent commands, which are due only from time to time."""
         requests: list[Command] = []
 
         position_enu_m = view.position_enu_m if view.has_position else None
@@ -493,7 +497,7 @@ class AgentCore:
     def _may_end(self, view: FlightView) -> bool:
         """Return whether the process may end now.
 
-        A process that has disarmed its PX4 waits for PX4's report, but for some seconds at most.
+        After the process has disarmed PX4, it waits at most a few seconds for PX4 to report that.
         """
         flight = self.flight
         waited_long = predicates.px4_has_not_confirmed_in_time(flight, view)

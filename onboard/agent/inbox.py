@@ -30,9 +30,9 @@ from onboard.mocap.bus_source import BusMocap
 from onboard.mocap.factory import source_of
 from onboard.mocap.source import MocapSource
 
-_MOST_EVENTS = 2000
-_MOST_CORRECTIONS = 32  # number of frames that may wait for a tick
-_NODES_PER_TICK = 50
+_MOST_EVENTS = 2000  # number of messages that may wait for a tick
+_MOST_CORRECTIONS = 32  # number of frames of corrections that may wait for a tick
+_NODES_PER_TICK = 50  # number of appeared or lost nodes of the bus that one tick takes
 # Largest gap, in states, that counts as lost messages. A longer gap is a silence, or the neighbour
 # was not followed.
 _MOST_MISSING = 50
@@ -61,8 +61,8 @@ class Inbox:
         takes_corrections: bool = False,
     ) -> None:
         self.clock = ClockNode(bus)
-        # Events (messages of others) may come in a flood: the newest are kept. Notices of this
-        # process are few, and have their own queue so that no event can push them out.
+        # Events are messages of others. If they come in a flood, the newest are kept. Notices of
+        # this process are few, and have their own queue so that no event can push them out.
         self.notices: deque[agent_inputs.AgentInput] = deque(maxlen=_MOST_EVENTS)
         self.events: deque[agent_inputs.AgentInput] = deque(maxlen=_MOST_EVENTS)
         self._nodes: dict[str, bool] = {}  # node that appeared or left -> whether it is present
@@ -74,21 +74,23 @@ class Inbox:
         self._state_ticks = state_ticks
         self._takes_corrections = takes_corrections
         self._mocap: MocapSource | None = None
+        # receives the poses of other bodies (watch_bodies)
         self._others = BusMocap(bus, "*", self._pose_received, self._malformed_received)
         self._reported_problem = ""  # problem of the mocap's source that was reported last
         self._counts = MessageCounts()  # since the last take_counts
         self._sequences: dict[str, int] = {}  # followed neighbour -> sequence of its newest state
 
     def start(self) -> None:
-        """Subscribe to everything but the orders; the bus is open."""
+        """Subscribe to everything except orders. The bus must be open."""
         self.clock.start()
         self._bus.collect(Topic.SLOW_TELEMETRY, "*", self.neighbour_received)
         if self._vehicle.mocap_required and self._vehicle.body:
-            self._mocap = self.source("*" if self._mocap_config.direct else self._vehicle.body)
-            self._mocap.start()
-            # a source that reads the mocap directly delivers all bodies itself
-            if not self._mocap_config.direct:
+            if self._mocap_config.direct:
+                self._mocap = self.source("*")  # delivers the poses of all bodies
+            else:
+                self._mocap = self.source(self._vehicle.body)
                 self._bus.collect(Topic.ALL_POSES, "*", self._all_poses_received)
+            self._mocap.start()
         if self._takes_corrections:
             self._bus.collect(
                 Topic.CORRECTIONS, "*", self._corrections_received, most=_MOST_CORRECTIONS
@@ -114,7 +116,11 @@ class Inbox:
         return changes
 
     def neighbour_received(self, topic: Topic, name: str, message: Message | Malformed) -> None:
-        """Take a state or a telemetry; one under our own name comes from another agent."""
+        """Take a state or a telemetry.
+
+        Messages of this agent are skipped. A message under our own name with another boot_id comes
+        from a second agent of the same vehicle, and is taken.
+        """
         if not isinstance(message, (StateMessage, Telemetry)):
             self._malformed_received()
             return
@@ -127,8 +133,7 @@ class Inbox:
         if topic is Topic.STATE:
             self._count_missing(name, message.sequence)
 
-        is_own = name == self._vehicle.name and message.boot_id == self._boot_id
-        if is_own:
+        if name == self._vehicle.name and message.boot_id == self._boot_id:
             return
         now_ns = time.monotonic_ns()
         on_own_clock = self.clock.from_neighbour(name, message, now_ns)
@@ -139,14 +144,14 @@ class Inbox:
 
         A followed neighbour sends each of its states to this vehicle.
         """
-        # before the first state none is missing
+        # at the first state of a neighbour, no state is missing
         last_sequence = self._sequences.get(name, sequence - self._state_ticks)
         missing = (sequence - last_sequence) // self._state_ticks - 1
         if 0 < missing < _MOST_MISSING:
             self._counts.dropped += missing
 
-        # A small step back is a message that a newer one has overtaken. A large step back is a
-        # neighbour that has begun to count anew.
+        # After a small step back, a newer message has overtaken this one. After a large step back,
+        # the neighbour has restarted its count.
         is_overtaken = -_MOST_MISSING < missing < 0
         if not is_overtaken:
             self._sequences[name] = sequence
@@ -167,7 +172,9 @@ class Inbox:
 
     def mocap_problem(self) -> agent_inputs.MocapProblemChanged | None:
         """Return the problem of the mocap's source if it has changed; otherwise None."""
-        problem = "" if self._mocap is None else self._mocap.problem
+        problem = ""
+        if self._mocap is not None:
+            problem = self._mocap.problem
         if problem == self._reported_problem:
             return None
         self._reported_problem = problem

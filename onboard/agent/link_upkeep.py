@@ -31,8 +31,8 @@ from onboard.px4.required_params import (
 from onboard.safety.failsafe_table import Situation
 
 _REPEAT_S = 5.0  # time until the next check while there are problems
-_LOOK_S = 1.0  # time until the next check while there are none
-# time after which parameters are read again, because somebody may have changed one
+_LOOK_S = 1.0  # time until the next check while there are no problems
+# time after which parameters are read again, because somebody may have changed one of them
 _READ_AGAIN_NS = 15_000_000_000
 _NO_ORIGIN = (
     "PX4 has no global origin yet, and gets no poses until it has: "
@@ -92,7 +92,7 @@ class LinkUpkeep:
     async def _run(self) -> None:
         await self._connect()
         while True:
-            # counted before the work begins: PX4 may restart in the midst of it
+            # read before the preparation, because PX4 may restart during it
             before = _beginnings(self._link.snapshot())
             await self._prepare()
             await self._watch_while(before)
@@ -118,7 +118,7 @@ class LinkUpkeep:
         # polled, because MAVSDK's threads set no Event to wait for
         while self._link.snapshot().heartbeat_ns < requested_ns:  # noqa: ASYNC110
             await asyncio.sleep(0.1)
-        # an earlier run of this agent or a pilot has armed PX4; in flight nothing is changed
+        # armed by an earlier run of this agent or by a pilot; in flight nothing is changed
         if self._link.snapshot().is_armed:
             log.warning("PX4 is armed already: its origin and its parameters are left as they are")
             return
@@ -135,10 +135,10 @@ class LinkUpkeep:
         """Return the required parameters for PX4's version, except unknown optional ones."""
         version = self._link.snapshot().px4_version
         required = required_params(self._fleet, self._vehicle, version)
-        return [demand for name, demand in required.items() if name not in self._absent]
+        return [param for name, param in required.items() if name not in self._absent]
 
     async def _watch_while(self, beginnings: int) -> None:
-        """Check parameters, origin and disk from time to time, until PX4 begins once more."""
+        """Check parameters, origin and disk, until PX4 restarts or is heard again."""
         problems: tuple[str, ...] | None = None  # None: the parameters have not been read yet
         read_ns = 0  # time at which they were read
         read_for: Version | None = None  # PX4's version at that time
@@ -154,17 +154,20 @@ class LinkUpkeep:
             if is_on_ground:
                 has_origin = self._link.settle_global_origin(sets_ours=self._vehicle.mocap_required)
 
-            # Parameters are read once, and again on the ground: after some time, for another
-            # version of PX4, and while there are problems, which may have been solved meanwhile.
+            # Parameters are read once at once. On the ground they are read again after some time,
+            # for another version of PX4, and while there are problems that may have been solved.
             is_old = time.monotonic_ns() - read_ns > _READ_AGAIN_NS
-            is_due = problems or version != read_for or is_old
-            if problems is None or (is_due and is_on_ground):
+            is_due_again = bool(problems) or version != read_for or is_old
+            if problems is None or (is_due_again and is_on_ground):
                 read_ns = time.monotonic_ns()
                 read_for = version
                 problems = await self._read_params(has_origin)
 
-            # a missing origin is looked for every second, whatever other problems there are
-            await asyncio.sleep(_REPEAT_S if problems and has_origin else _LOOK_S)
+            # while the origin is missing, it is looked for every second
+            pause_s = _LOOK_S
+            if problems and has_origin:
+                pause_s = _REPEAT_S
+            await asyncio.sleep(pause_s)
             is_full = await self._in_thread(realtime.is_disk_full)
             self._notify(agent_inputs.DiskChecked(is_full))
 
@@ -174,14 +177,14 @@ class LinkUpkeep:
     async def _read_params(self, has_origin: bool) -> tuple[str, ...]:
         px4 = self._link.snapshot()
         required = self._required()
-        wanted = _values(required)
+        values = _values(required)
         if px4.is_simulated:
-            wanted[BATTERY_FLOOR] = 0.0  # any float, as the parameter is one
-        actual = await self._in_thread(self._link.read_params, wanted)
+            values[BATTERY_FLOOR] = 0.0  # any float: only the type says how to read the parameter
+        actual = await self._in_thread(self._link.read_params, values)
 
-        for demand in required:
-            if demand.is_optional and actual.get(demand.name) is None:
-                self._absent.add(demand.name)
+        for param in required:
+            if param.is_optional and actual.get(param.name) is None:
+                self._absent.add(param.name)
 
         problems = differences(required, actual)
         if not has_origin:
@@ -202,7 +205,8 @@ def _beginnings(px4: Snapshot) -> int:
 
 
 def _values(required: Iterable[RequiredParam]) -> dict[str, Value]:
-    return {demand.name: demand.value for demand in required}
+    """Return the required value of each parameter by its name."""
+    return {param.name: param.value for param in required}
 
 
 def _log_end(task: asyncio.Task[None]) -> None:

@@ -5,8 +5,8 @@ The agent forwards requests while its vehicle stands disarmed on the ground, and
 read logs (:mod:`onboard.px4.log_requests`). It stores nothing on its own disk: the program that
 fetches the log requests missing pieces again.
 
-Log pieces have the lowest priority of all messages. Each tick sends a bounded number of them, on a
-topic that all others overtake. If the queue is full, the oldest pieces are dropped.
+Pieces of a log have the lowest priority of all messages on the bus. Each tick sends a bounded
+number of pieces. If the queue is full, the oldest pieces are dropped.
 """
 
 from __future__ import annotations
@@ -92,5 +92,12 @@ class LogRelay:
         """Store an answer of PX4; called on the thread of the link."""
         if self._is_listening:
             system_id = self._link.system_id
-            data = packed(packet.number, packet.payload, 0, system_id, AUTOPILOT_COMPONENT)
-            self._answers.append(data)  # without the signature that a vehicle with a key sends
+            # packed again, so that the packet has no signature
+            data = packed(
+                packet.number,
+                packet.payload,
+                sequence=0,
+                system_id=system_id,
+                component_id=AUTOPILOT_COMPONENT,
+            )
+            self._answers.append(data)

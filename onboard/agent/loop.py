@@ -42,8 +42,9 @@ from onboard.security.mavlink_key import mavlink_key
 from onboard.types import TICK_S
 
 PERIOD_NS = round(TICK_S * 1e9)
-_CHECKED_POSITION_HZ = 10.0  # rate of PX4's position where it is only checked
-_SATELLITES_HZ = 5.0
+# rate of PX4's position with mocap, where this position is only compared
+_CHECKED_POSITION_HZ = 10.0
+_SATELLITES_HZ = 5.0  # rate of PX4's satellite fix, without mocap
 _STATISTICS_TICKS = 25  # number of ticks between two reports of the loop's times
 _FAILED_TICKS_TO_LAND = 25  # number of failed ticks in a row after which PX4 lands
 _TIDY_TICKS = 500  # number of ticks between two garbage collections, on the ground only
@@ -72,9 +73,8 @@ class AgentProcess:
         self._is_realtime = is_realtime
         vehicle = fleet.vehicles[name]
 
-        self._core = AgentCore(
-            fleet, name, boot_id=time.time_ns() & 0x7FFFFFFF, clock=time.perf_counter
-        )
+        boot_id = time.time_ns() & 0x7FFFFFFF  # differs at each start, and fits 31 bits
+        self._core = AgentCore(fleet, name, boot_id=boot_id, clock=time.perf_counter)
 
         position_hz = 1e9 / PERIOD_NS
         satellites_hz = _SATELLITES_HZ
@@ -102,14 +102,14 @@ class AgentProcess:
             router_timeout_s=_ROUTER_S,
         )
 
-        # The end of the certificates with which the links are opened. Newer files count only after
-        # the next start.
+        # The end of validity of the certificates with which the links are opened. Newer
+        # certificates are used only after the next start.
         self._certificate_end = first_end(fleet, name)
         self._ends_links = False  # whether the process ends because of its certificate
 
         mocap = fleet.mocap
         if has_bus_mocap or vehicle.emulated:
-            mocap = MocapConfig()
+            mocap = MocapConfig()  # its default: poses come over the bus
         self._inbox = Inbox(
             vehicle=vehicle,
             boot_id=self._core.boot_id,
@@ -231,13 +231,13 @@ class AgentProcess:
             self._executor.reliable.submit(reply, answer)
             return
 
-        if not isinstance(message, UntrustedOrder) or message.is_answered:
-            self._executor.expect_reply(message.order_id, reply)
-
         if isinstance(message, UntrustedOrder):
+            if message.is_answered:
+                self._executor.expect_reply(message.order_id, reply)
             self._executor.execute(self._core.handle(agent_inputs.OrderUntrusted(message), now_ns))
             return
 
+        self._executor.expect_reply(message.order_id, reply)
         self._core.handle(agent_inputs.SnapshotReceived(self._link.snapshot()), now_ns)
         order = self._inbox.clock.order(message, now_ns)
         self._executor.execute(self._core.handle(agent_inputs.OrderReceived(order), now_ns))
@@ -302,7 +302,8 @@ class AgentProcess:
             execute(core.handle(change, now_ns))
         self._bus.deliver()
 
-        # commands of poses go to PX4 after the setpoint, which must not wait for them
+        # The commands that follow from poses go to PX4 after the setpoint, so that the setpoint
+        # does not wait for them.
         for_px4: list[agent_commands.Command] = []
         while inbox.events:
             for_px4 += core.handle(inbox.events.popleft(), now_ns)

@@ -1,7 +1,7 @@
 """Publishes ends of orders again to a ground that was cut off when they happened. Pure.
 
-An order ends with an event. A ground whose link breaks misses it, and would wait for it forever.
-Therefore the newest ends are kept, and published again when the ground is back.
+An order ends with an event, its end. A ground whose link breaks misses this event, and would wait
+for it forever. Therefore the newest ends are kept, and published again when the ground is back.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class LostEnds:
         self._ends: deque[tuple[int, Publish]] = deque(maxlen=_MOST_ENDS)  # stamp [ns], event
         self._lost_ns: dict[str, int] = {}  # ground -> time when its loss was noticed
         self._from_ns = 0  # ends since this time are published again
-        self._repeat_ns = 0  # time at which they are published; 0: none are to be
+        self._repeat_ns = 0  # time at which they are published again; 0: no repeat is pending
 
     def see(self, ground: str, is_alive: bool, now_ns: int) -> None:
         """Take the appearance or the loss of a ground."""

@@ -48,7 +48,9 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run an agent, or manage its service; return the exit status, 2 when the input is wrong."""
-    words = list(sys.argv[1:] if argv is None else argv)
+    if argv is None:
+        argv = sys.argv[1:]
+    words = list(argv)
     if words and words[0] in service.VERBS:
         return service.main(words)
     if words[:1] == ["deploy"]:

@@ -64,7 +64,7 @@ class TickResult(Struct, frozen=True):
     is_cooperative: bool  # whether the others may count on this vehicle to avoid them
     period_s: float  # time since the tick before
     is_airborne: bool
-    may_touch_the_ground: bool  # whether it lifts off or lands, at the ground
+    may_touch_the_ground: bool  # whether it lifts off or touches down
     ages_s: dict[str, float]  # age of the state of each followed neighbour
     distances_m: dict[str, float]  # separation from each neighbour
     not_ready: tuple[str, ...]  # sentences of the preflight check
@@ -145,7 +145,7 @@ def law_status(tick: Tick) -> str:
 
 
 def neighbour_name(index: int, neighbours: NeighbourTable) -> str:
-    """Return the name of a vehicle or person to avoid; empty: there is none of this index."""
+    """Return the name of the vehicle or person with this index; empty if there is none."""
     if not 0 <= index < len(neighbours.avoided_names):
         return ""
     return neighbours.avoided_names[index]
@@ -206,14 +206,25 @@ def telemetry(
     now_ns = view.now_ns
     snapshot = view.snapshot
     flight = sources.flight
-    order = flight.order
 
     autopilot_age_s = math.inf
     if snapshot.last_packet_ns:
         autopilot_age_s = (now_ns - snapshot.last_packet_ns) * 1e-9
 
-    goal_enu_m = flight.goal_position_enu_m if flight.step.is_under_law else view.position_enu_m
-    is_on_ground = flight.step.situation is Situation.GROUND
+    goal_enu_m = view.position_enu_m
+    if flight.step.is_under_law:
+        goal_enu_m = flight.goal_position_enu_m
+
+    not_ready: tuple[str, ...] = ()
+    if flight.step.situation is Situation.GROUND:
+        not_ready = _not_ready(result.not_ready, flight)
+
+    order_id = ""
+    order_kind = ""
+    if flight.order is not None:
+        order_id = flight.order.order_id
+        order_kind = flight.order.kind
+
     nearest = min(result.distances_m, key=result.distances_m.__getitem__, default="")
     conditions, action = sources.failsafes.in_words()
     battery_frac, battery_voltage_v = snapshot.battery(now_ns)
@@ -230,7 +241,7 @@ def telemetry(
         stamp_ns=now_ns,
         state=result.state,
         reason=flight.reason,
-        not_ready=_not_ready(result.not_ready, flight) if is_on_ground else (),
+        not_ready=not_ready,
         is_armed=snapshot.is_armed,
         is_airborne=result.is_airborne,
         mode=snapshot.mode,
@@ -247,8 +258,8 @@ def telemetry(
         intervention_m_s2=float(tick.law.intervention_m_s2),
         nearest_vehicle=nearest,
         nearest_distance_m=result.distances_m.get(nearest, math.inf),
-        order_id="" if order is None else order.order_id,
-        order_kind="" if order is None else order.kind,
+        order_id=order_id,
+        order_kind=order_kind,
         order_phase=flight.step.text,
         state_age_s=view.position_age_s,
         mocap_delay_s=sources.own.validator.delay_s,
@@ -305,7 +316,7 @@ def _counts(counts: MessageCounts) -> dict[str, Any]:
 def _satellite_fields(
     vehicle: Vehicle, snapshot: Snapshot, now_ns: int, corrections: CorrectionsStatus | None
 ) -> dict[str, Any]:
-    """Return the fields about satellites and corrections; without satellites for a mocap flight."""
+    """Return the fields about corrections and, for a flight without mocap, about satellites."""
     is_fix_recent = snapshot.fix_ns and now_ns - snapshot.fix_ns <= FIX_KNOWN_NS
     if vehicle.mocap_required or not is_fix_recent:
         return _correction_fields(corrections)
@@ -320,7 +331,7 @@ def _correction_fields(corrections: CorrectionsStatus | None) -> dict[str, Any]:
     if corrections is None:
         return {}
     age_s = corrections.age_s
-    if math.isinf(age_s):  # none yet
+    if math.isinf(age_s):  # no corrections yet
         age_s = math.nan
     return {
         "corrections_age_s": age_s,
@@ -330,7 +341,7 @@ def _correction_fields(corrections: CorrectionsStatus | None) -> dict[str, Any]:
 
 
 def _taken_order(orders: OrderIntake) -> dict[str, Any]:
-    """Return the fields about the newest order that was taken; none before the first."""
+    """Return the fields about the newest accepted order; no fields before the first order."""
     if orders.taken is None:
         return {}
     order = orders.taken.order
@@ -342,7 +353,7 @@ def _taken_order(orders: OrderIntake) -> dict[str, Any]:
 
 
 def _path_fields(path: PathFlight) -> dict[str, Any]:
-    """Return the fields about the path that is followed; none without one."""
+    """Return the fields about the path that is followed; no fields without a path."""
     if not path.show_id:
         return {}
     return {

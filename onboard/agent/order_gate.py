@@ -1,9 +1,9 @@
 """Checks whether a signed order is new, in a fleet with keys. Pure.
 
-The signature of an order says who gave it, but not when. So an order repeats the stamp of the
-newest telemetry that its sender had from this vehicle. That stamp is from this agent's own clock
-and start, nobody can know it in advance, and it is signed with the order. It shows, without another
-clock, if an order was held back, kept for a later flight, or sent twice.
+The signature of an order shows who gave the order, but not when. So an order repeats the stamp of
+the newest telemetry that its sender had received from this vehicle. Nobody can know this stamp in
+advance, and it is signed with the order. It comes from this agent's own clock, so the agent can
+tell whether an order was delayed, kept for a later flight, or sent twice.
 
 A ground that gets no reply sends its order again, with the same id, a newer stamp of its own, and a
 new signature. Nobody else can make such a message, and the agent replies to it as before.
@@ -18,7 +18,7 @@ from onboard.flight.order_checks import late_sentence
 
 FRESH_S = 5.0  # longest time from the stamp of that telemetry to the order's arrival
 
-# The same for land, hold and kill. In an emergency the ground's newest telemetry may be old.
+# the same for land, hold and kill, because in an emergency the ground's newest telemetry may be old
 FRESH_EMERGENCY_S = 30.0
 _MAX_SEEN = 10_000  # number of orders that are remembered
 
@@ -37,7 +37,7 @@ class OrderGate:
     def __init__(self, boot_id: int) -> None:
         self._boot_id = boot_id
         self._seen: dict[str, int] = {}  # order id -> time of its arrival; the oldest first
-        self._stamps_ns: dict[str, int] = {}  # order id -> its newest stamp
+        self._stamps_ns: dict[str, int] = {}  # order id -> newest stamp of the order itself
 
     def refusal(
         self, order: Order, now_ns: int, *, is_answered: bool = False
@@ -47,8 +47,8 @@ class OrderGate:
         Args:
             order: the order, with its deadline on this agent's clock.
             now_ns: this agent's clock.
-            is_answered: whether this order already has a reply. It may then be sent again: it gets
-                the same reply, and begins nothing.
+            is_answered: whether this order already has a reply. Then the order may be sent again:
+                it gets the same reply, and is not executed again.
         """
         if order.heard_boot_id != self._boot_id:
             sentence = f"Order {order.text} is not for this start of the agent: send it again."
@@ -60,7 +60,7 @@ class OrderGate:
             sentence = f"Order {order.text} was given {age_s:.1f} s ago: send it again."
             return UntrustedOrder("late", sentence, order.order_id)
 
-        if order.kind != "kill":  # a kill is obeyed after its deadline, too
+        if order.kind != "kill":  # a kill is obeyed also after its deadline
             late = late_sentence(order, now_ns)
             if late is not None:
                 return UntrustedOrder("late", late, order.order_id)
@@ -80,7 +80,7 @@ class OrderGate:
         return None
 
     def _forget_old(self, now_ns: int) -> None:
-        """Forget the orders that are too old to be accepted again, and the oldest of too many."""
+        """Forget orders that are too old to be accepted again, and the oldest if there are many."""
         while self._seen:
             oldest_id, seen_ns = next(iter(self._seen.items()))
             is_old = 1e-9 * (now_ns - seen_ns) > FRESH_EMERGENCY_S

@@ -32,9 +32,10 @@ from onboard.supervision.failsafe_supervisor import FailsafeSupervisor
 
 _MOST_REPLIES = 200  # number of replies that are remembered
 
-# After the first time all vehicles of a common order have announced their goals. On a full channel
-# this takes longer, so a conflict counts only if it lasts for the second time.
+# time after the begin of a move at which its goal is compared: usually all vehicles of a common
+# order have announced their goals by then
 _CONFLICT_CHECK_NS = 600_000_000
+# a conflict ends the move only if it lasts for this time, because announcements may be delayed
 _CONFLICT_STAYS_NS = 1_000_000_000
 
 _SAY_AGAIN_NS = 1_000_000_000  # shortest time between two events about the same kind of refusal
@@ -67,8 +68,9 @@ class OrderIntake:
         gate: OrderGate | None = None,
     ) -> None:
         self.taken: TakenOrder | None = None  # newest accepted order; None before the first
-        self._taken_of_person: TakenOrder | None = None  # newest one that a person gave
-        # number of refused orders that were not trusted, or not the operator's, by reason
+        # newest accepted order of a person; other orders come from missions
+        self._taken_of_person: TakenOrder | None = None
+        # reason -> number of orders refused because of their signature or their sender
         self.refused: Counter[str] = Counter()
         self._flight = flight
         self._failsafes = failsafes
@@ -86,34 +88,39 @@ class OrderIntake:
 
         An order that was sent twice gets the same reply and begins once.
         """
-        known = self._replies.get(order.order_id)
+        earlier_reply = self._replies.get(order.order_id)
+        is_answered = earlier_reply is not None
         if self._gate is not None:
-            untrusted = self._gate.refusal(order, facts.view.now_ns, is_answered=known is not None)
+            untrusted = self._gate.refusal(order, facts.view.now_ns, is_answered=is_answered)
             if untrusted is not None:
                 return self.refuse(untrusted, facts.view)
 
-        if known is not None:
-            return known
+        if earlier_reply is not None:
+            return earlier_reply
 
-        reason = self._refusal(order, facts, is_stopping=is_stopping)
-        note = reason
-        if note is None:
+        refusal = self._refusal(order, facts, is_stopping=is_stopping)
+        is_accepted = refusal is None
+        if refusal is None:
             note = order_checks.acceptance(order, self._flight, facts.view)
+            answer = f"accepted. {note}".strip()
+        else:
+            note = refusal
+            answer = f"refused: {refusal}"
+
         reply = OrderReply(
             order_id=order.order_id,
             vehicle=self._flight.vehicle.name,
-            is_accepted=reason is None,
+            is_accepted=is_accepted,
             reason=note,
         )
         self._keep(reply)
 
-        # only the sender sees the reply, so an event with it goes to the record
+        # only the sender sees the reply, so an event with the answer goes to the record
         if order.kind != "load_path":
-            answer = f"accepted. {note}".strip() if reason is None else f"refused: {reason}"
             sentence = f"{order.order_id[:60]} {order.text} {answer}"
             self._flight.say(facts.view, "debug", "order", sentence)
 
-        if reason is None:
+        if is_accepted:
             self._begin(order, facts.view)
         return reply
 
@@ -149,9 +156,9 @@ class OrderIntake:
             self.refused["operator"] += 1
             return not_operator
 
-        unheard_order = self._replaces_unheard(order)
-        if unheard_order is not None:
-            return unheard_order
+        reason = self._refusal_of_late_mission(order)
+        if reason is not None:
+            return reason
 
         reason = order_checks.refusal(order, self._flight, facts)
         if reason is not None:
@@ -166,17 +173,19 @@ class OrderIntake:
             return "This agent has been asked to stop: start it again."
         return None
 
-    def _replaces_unheard(self, order: Order) -> str | None:
+    def _refusal_of_late_mission(self, order: Order) -> str | None:
         """Return why a mission's order must not replace a person's order, or None if it may.
 
-        A mission ends when it hears of a person's order. Before that it must not replace an order
-        that it does not know.
+        A mission learns of a person's order from the telemetry, and then ends. Until then its
+        orders must not replace the person's order.
         """
         taken = self._taken_of_person
-        begins_nothing = order.kind in BESIDE
-        if order.reason != BY_MISSION or taken is None or begins_nothing or order.kind == "kill":
+        if taken is None or order.reason != BY_MISSION:
+            return None
+        if order.kind in BESIDE or order.kind == "kill":  # leaves the taken order in progress
             return None
 
+        # the order names the newest telemetry that the mission had received from this agent
         is_of_this_start = order.heard_boot_id == self._boot_id
         if is_of_this_start and order.heard_ns >= taken.taken_ns:
             return None

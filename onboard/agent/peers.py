@@ -28,14 +28,14 @@ class BusNodes:
         self._grounds: set[str] = set()
 
     def update(self, node: str, is_alive: bool, now_ns: int) -> None:
-        """Take the appearance or the end of a node."""
-        # Grounds may give orders, as operator or not. Others show roles only.
+        """Take the appearance or the loss of a node."""
+        # The presence of a ground itself matters. Every other node only shows who has which role.
         first_word = node.partition("-")[0]
         if first_word != GROUND:
             self.roles.see(node, is_alive)
             return
 
-        # if a ground appears twice, its link broke in between and the end was not noticed
+        # if a ground appears twice, its link broke in between, and nobody noticed the loss
         if is_alive and node in self._grounds:
             self.lost_ends.see(node, False, now_ns)
         self.lost_ends.see(node, is_alive, now_ns)
@@ -49,8 +49,8 @@ class BusNodes:
     def silence_s(self, last_heard_ns: int, now_ns: int) -> float:
         """Return the time [s] since a message came over the bus.
 
-        It is 0 while silence is no sign of a lost bus: before the first message, if no other node
-        is expected, and while a ground is present.
+        The time is 0 while silence is normal: before the first message, if no other node is
+        expected, and while a ground is present.
         """
         if not last_heard_ns or not self._has_peers or self.has_ground:
             return 0.0

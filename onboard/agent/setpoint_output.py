@@ -45,6 +45,7 @@ class SetpointOutput:
         self._failsafes = failsafes
         self._max_tilt_deg = vehicle.max_tilt_deg
         self._has_mocap = vehicle.mocap_required
+        # after this time without setpoints, PX4 begins to land
         self._loss_ns = round(1e9 * silence_s(vehicle))
         self._sent_ns = 0  # time of the last setpoint; 0 while nothing is sent
 
@@ -94,7 +95,7 @@ class SetpointOutput:
         return is_height_exact and self._flight.may_touch_the_ground(view)
 
     def _let_px4_land(self, view: FlightView) -> None:
-        """Leave the vehicle to PX4, which has begun to land it because setpoints were missing.
+        """Leave the vehicle to PX4, which has begun to land because setpoints were missing.
 
         New setpoints would interrupt PX4's landing.
         """

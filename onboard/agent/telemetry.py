@@ -18,15 +18,15 @@ from onboard.bus.topics import Topic
 from onboard.message_counts import MessageCounts, total
 from onboard.neighbours.subscription import is_slow
 
-_TELEMETRY_TICKS = 5
-_BATCH_TICKS = 10
+_TELEMETRY_TICKS = 5  # number of ticks between two telemetries
+_BATCH_TICKS = 10  # number of samples in one message to the record
 
 
 class TickMessages(NamedTuple):
     """Messages of one tick, in two parts that have different places among its commands."""
 
-    # This part goes before the events of the same tick. So whoever receives the end of an order
-    # already has the state to which the order led.
+    # This part goes before the events of the same tick. So a program that receives the end of an
+    # order already has the state to which the order led.
     telemetry: list[Command]
     others: list[Command]  # this part goes after the setpoint
 
@@ -38,7 +38,7 @@ class TelemetryPublisher:
         self, identity: AgentIdentity, sources: TelemetrySources, state_ticks: int = 1
     ) -> None:
         self.loop = LoopTimed(0.0, 0.0, 0.0, 0)  # newest statistics of the loop
-        # unused messages that reached neither the neighbour table nor the own state
+        # unused messages; the neighbour table and the own state count theirs themselves
         self.counts = MessageCounts()
 
         self._identity = identity
@@ -59,7 +59,7 @@ class TelemetryPublisher:
         others: list[Command] = []
         if self._sequence % self._state_ticks == 0:
             others.append(Publish(Topic.STATE, state))
-        if is_slow(self._sequence):  # for all other vehicles
+        if is_slow(self._sequence):  # for vehicles that do not follow this one
             others.append(Publish(Topic.FAR, state))
         if len(self._samples) >= _BATCH_TICKS:
             others.append(Publish(Topic.TICK, self._batch()))

@@ -1,8 +1,8 @@
 """Selects the telemetry for the other agents. Pure.
 
-People get all of it ten times a second. The other agents use a few fields only, and each message
-costs each of them time. So the agents get a message at once if one of these fields has changed, and
-otherwise twice a second.
+People get every telemetry, ten times a second. The other agents use only a few of its fields, and
+each message costs them time. So they get a telemetry at once if one of these fields has changed,
+and otherwise twice a second.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from onboard.tuples import Xyz
 _EVERY_NS = 450_000_000  # twice a second, with some slack
 _GOAL_M = 0.05  # a goal that moved by less has not changed
 
-# A change is sent this many times more, because a message may be lost and goals are compared half a
-# second after their orders.
+# A changed telemetry is repeated this many times, because a message may be lost, and goals are
+# compared already half a second after their orders.
 _REPEATS = 3
 
 

@@ -15,15 +15,15 @@ _CLOCK_MONOTONIC = 1
 _TFD_FLAGS = os.O_NONBLOCK | os.O_CLOEXEC
 _TFD_TIMER_ABSTIME = 1
 
-_WINDOW = 500  # ten seconds at 50 Hz
+_WINDOW = 500  # number of ticks in the statistics: ten seconds at 50 Hz
 
 
 class Ticker:
     """Calls ``on_tick`` every ``period_ns``, first at a multiple of the period plus ``offset_ns``.
 
-    ``missed_ticks`` counts the times of the schedule without a tick: those during which an earlier
-    tick still ran. ``late_ticks`` counts the ticks whose period was longer than ``period_ns`` by
-    more than ``late_ns``.
+    ``missed_ticks`` counts the scheduled ticks that were left out because an earlier tick still
+    ran. ``late_ticks`` counts the ticks whose period was longer than ``period_ns`` by more than
+    ``late_ns``.
     """
 
     def __init__(
@@ -89,6 +89,7 @@ class Ticker:
         return ordered[round(0.99 * (len(ordered) - 1))]
 
     def _readable(self) -> None:
+        """Run one tick for a timerfd that has expired, once or several times."""
         if self._fd is None:
             return
         try:
@@ -100,6 +101,7 @@ class Ticker:
         self._run()
 
     def _timed(self) -> None:
+        """Run one tick on asyncio's clock, and schedule the next."""
         now_ns = time.monotonic_ns()
         missed = max(0, (now_ns - self._next_ns) // self._period_ns)
         self.missed_ticks += missed

@@ -17,18 +17,18 @@ from onboard.preflight.preflight_inputs import EMULATOR
 from onboard.safety.failsafe_table import Situation
 from onboard.types import TICK_S
 
-_START_NS = 1_000_000_000
+_START_NS = 1_000_000_000  # made-up time of the first tick
 _PERIOD_NS = round(TICK_S * 1e9)
 _MOST_TICKS = 250
-_FLYING_TICKS = 50
-_CLIMB_M_S = 0.4
+_FLYING_TICKS = 50  # the warm-up ends after this number of ticks in flight
+_CLIMB_M_S = 0.4  # speed of the made-up climb
 
 
 def warm_up(fleet: FleetConfig, name: str) -> bool:
     """Fly a core that is alone in its fleet; return whether it took off.
 
-    If the preflight check refuses the take-off (outside the fence, for instance), it stays on the
-    ground.
+    If the preflight check refuses the take-off (outside the fence, for instance), the core stays
+    on the ground.
     """
     core = AgentCore(replace(fleet, vehicles={name: fleet.vehicles[name]}), name, boot_id=0)
     core.preflight.is_warm = True

@@ -8,6 +8,9 @@ bounds the input so that the output decays to its limit no faster than the kappa
 Let e and w be position and velocity relative to the other vehicle. The inputs are ``u_1 = 2 e . u``
 and ``u_2 = e x u``, (15). So (17) and (18) are half-planes whose normals are e, and e turned by 90
 degrees. A row is divided by the distance to keep, so that its bound is in m/s^2.
+
+Numbers in brackets are equations of the paper. README.md beside this file explains the lines of the
+algorithm (line D) and the deviations from the paper (D4).
 """
 
 from __future__ import annotations
@@ -36,15 +39,16 @@ SPEED_GAIN_1_S = 8.0  # rate at which the speed may approach its limit
 VIOLATED_M_S2 = 1e-10  # a row that is missed by more changes the thrust; less is rounding
 
 # Two intended straight paths conflict if they pass each other nearer than _CONFLICT_WIDTH times the
-# distance to keep. The conflict has its full strength where they pass nearer by _CONFLICT_FADE
-# times that distance, and from this relative intent on.
+# distance to keep. The strength of the conflict grows to 1 while the passing distance falls by
+# _CONFLICT_FADE times the distance to keep. It also grows with the relative intended speed, up to
+# _CONFLICT_M_S.
 _CONFLICT_WIDTH = 0.9
 _CONFLICT_FADE = 0.2
 _CONFLICT_M_S = 0.3
-_NO_INTENT_M_S = 1e-6  # relative intent below which two vehicles intend the same
+_NO_INTENT_M_S = 1e-6  # below this relative intended speed two vehicles intend the same
 
-# A pair turns clockwise only if its relative velocity clearly says so: if the passing distance is
-# at least this share of the distance to keep. A slower velocity than the floor counts as the floor.
+# A pair turns clockwise only if its relative velocity clearly requires it: the passing distance is
+# at least this share of the distance to keep. A speed below the floor is replaced by the floor.
 _CLOCKWISE_WIDTH = 0.25
 _CLOCKWISE_FLOOR_M_S = 0.1
 
@@ -116,8 +120,8 @@ def turning_strength(violation_m_s2: float, pair: NeighbourPair, params: LawPara
     """Return how much of a neighbour's rotation row counts, from 0 to 1, by policy.
 
     Under the policy "violated" the strength grows with the violation of the distance row. Under
-    "ahead" it grows also before any violation, where the paths that both vehicles intend come too
-    near to each other. DEVIATION D4, D15.
+    "ahead" it also grows before any violation, if the paths that both vehicles intend come too near
+    to each other. DEVIATION D4, D15.
 
     Args:
         violation_m_s2: by how much the baseline violates the distance row.
@@ -285,7 +289,7 @@ def distance_row(pair: NeighbourPair, d_m: float, params: LawParams) -> HalfPlan
 def promised_row(pair: NeighbourPair, params: LawParams) -> HalfPlane:
     """Return the half-plane of the promised safety distance, without any margin (line Q).
 
-    Where rows contradict, this row gives way last.
+    If rows contradict each other, this row is relaxed last.
 
     Args:
         pair: this vehicle and the neighbour at t + L.
@@ -338,7 +342,7 @@ def rotation_row(
 def conflict(e: Vec2, intent_m_s: Vec2, d_m: float) -> float:
     """Return how much the intended straight paths of a pair conflict, from 0 to 1. DEVIATION D4.
 
-    They conflict where they would pass each other too near.
+    They conflict if the two vehicles would pass each other too near.
 
     Args:
         e: relative position [m].
@@ -473,7 +477,7 @@ def can_bind(row: HalfPlane, radius_m_s2: float) -> bool:
 
 
 def faded(row: HalfPlane, thrust_m_s2: Vec2, strength: float) -> HalfPlane:
-    """Return the row, its bound moved towards the value that the baseline reaches. DEVIATION D15.
+    """Return the row with its bound moved towards the baseline's value of it. DEVIATION D15.
 
     Args:
         row: half-plane.

@@ -6,15 +6,16 @@ vector n from its nearest point into the allowed space, the row is
     n . u >= -(k_1 + k_2) n . v - k_1 k_2 h.
 
 Each near edge of an area has its own row, also in a concave area. An edge ends at its corners. So
-a vehicle keeps its distance from a corner that points into the allowed space, all around it. While
-the vehicle turns about a corner, its distance grows faster than n . u says; the row leaves this
-out. Inside a circle of radius r the vehicle's tangential velocity v_t lets the distance shrink with
-v_t^2 / r; the row adds this. DEVIATION D13.
+a vehicle keeps its distance all around a corner that points into the allowed space. While the
+vehicle turns about a corner, its distance grows faster than n . u says; the row ignores this.
+Inside a circle of radius r the vehicle's tangential velocity v_t lets the distance shrink with
+v_t^2 / r; the row adds this. DEVIATION D13 (README.md beside this file).
 
-If the vehicle is on the forbidden side of an area, only the nearest edge has a row, and it leads
-the vehicle back. The nearest edge alone shows on which side the vehicle is. If its nearest point
-lies between its ends, the side of its line decides. If that point is a corner, the corner decides:
-a vehicle on the allowed side is never nearest to a corner that points away from it.
+If the vehicle is on the forbidden side of an area, only the nearest edge has a row, which leads the
+vehicle back. The nearest edge alone shows on which side the vehicle is. If the nearest point lies
+between the ends of this edge, the side of its line decides. If the nearest point is a corner, the
+corner decides: a corner that points away from the allowed space is never the nearest point for a
+vehicle on the allowed side.
 
 A goal may lie behind an area to stay out of, or behind a corner that points inwards. The edges
 there have rotation rows, as obstacles have.
@@ -41,8 +42,8 @@ from onboard.avoidance.pairs import Own, Surface, ascending, separated
 from onboard.avoidance.params import ROTATION_NEVER, Capsule, Gains, LawParams
 from onboard.vectors import Vec2, cross_2, dot_2, length_2
 
-MAX_EDGES = 8  # only so many of the nearest edges count
-LEAST_REACH_M = 2.0  # so that an edge leads a vehicle back that is outside by up to this distance
+MAX_EDGES = 8  # number of edges that count, the nearest ones
+LEAST_REACH_M = 2.0  # an edge leads a vehicle back from up to this distance outside
 PIVOT_M = 0.5  # least distance of the vehicle from the point about which it turns
 _ON_EDGE_M = 1e-6  # a vehicle nearer to an edge than this is on it; avoids a division by zero
 
@@ -58,7 +59,7 @@ class Edge(NamedTuple):
     keep_m: float  # distance to keep from the edge
     curvature_1_m: float  # 1 / radius of a circle that the vehicle flies inside; otherwise 0
     is_turned_about: bool  # whether the edge may have a rotation row
-    # whether the nearest point is between the edge's ends; it then moves along with the vehicle
+    # whether the nearest point is between the edge's ends, and so moves along with the vehicle
     is_flat: bool
 
 
@@ -104,9 +105,9 @@ def edge_constraints(own: Own, still: Sequence[Capsule], params: LawParams) -> l
 
 
 def reach_m(own: Own, gains: Gains) -> float:
-    """Return the largest distance [m], beyond the one to keep, from which an edge counts.
+    """Return the distance [m], beyond the distance to keep, within which an edge counts.
 
-    On the allowed side, rows of edges further away cannot bind.
+    On the allowed side, rows of edges further away cannot change the thrust.
 
     Args:
         own: this vehicle at t + L.

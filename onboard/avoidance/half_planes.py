@@ -31,8 +31,8 @@ def unit_row(row: HalfPlane) -> HalfPlane:
 def scaled_row(row: HalfPlane, factor: float) -> HalfPlane:
     """Return the same half-plane with both sides multiplied by a factor.
 
-    The slack of a row is in the units of its bound. So a slack that several rows have in common
-    moves the edge of this row by that slack divided by the factor.
+    A slack is the amount by which a bound is lowered. If several rows have a common slack, it moves
+    the edge of this row by the slack divided by the factor.
 
     Args:
         row: half-plane.
@@ -110,7 +110,7 @@ def on_circle(row: HalfPlane, radius: float, side: float) -> Vec2:
 
 
 def corner(one: HalfPlane, two: HalfPlane) -> Vec2:
-    """Return the point where the edges of two half-planes meet; NaN for parallel ones.
+    """Return the point where the edges of two half-planes meet; NaN if they are parallel.
 
     Args:
         one, two: half-planes with normals of any length.

@@ -20,7 +20,7 @@ from onboard.types import Neighbour
 # speed of a climb if that is less. So the velocity times this time is the climb that is intended.
 INTENT_S = 2.0
 
-# A climb is expected to go on for this time, whatever is intended: longer than braking takes.
+# Whatever is intended, a climb is expected to go on for this time, which is longer than braking.
 _MOTION_S = 0.4
 
 # For a pair without vertical motion: height, on top of the vertical separation, over which the
@@ -42,7 +42,7 @@ class Climb(NamedTuple):
     """Vertical motion of one vehicle; NaN: not known."""
 
     height_m: float  # height now
-    ahead_m: float  # height at this vehicle's t + L, also for a neighbour
+    ahead_m: float  # height at t + L, with the lead time L of this agent's own vehicle
     velocity_m_s: float
     intended_climb_m: float  # after t + L, within INTENT_S; negative: it descends
     position_std_m: float
@@ -55,9 +55,9 @@ def share_of(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
 
     Args:
         own: this vehicle.
-        neighbour: the neighbour as received. One that does not cooperate lands, falls or is silent,
-            so the whole column below it counts. While its message is stale, or its motion or intent
-            is not finite, the columns below and above any neighbour count.
+        neighbour: the neighbour as received. If it does not cooperate, it may land, fall or be
+            silent, so the whole column below it counts. While its message is stale, or its motion
+            or intent is not finite, the columns below and above it count.
         own_lead_s: time L from now to this vehicle's t + L.
         spacing: holds the vertical separation; if that is infinite, the share is always 1.
     Properties: the same for both vehicles of a pair that know the same; translation-invariant.
@@ -73,7 +73,7 @@ def share_of(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
     closing_m_s = -side * (own.velocity_m_s - other.velocity_m_s)
     intended_closing_m = -side * (own.intended_climb_m - other.intended_climb_m)
 
-    # a sum is finite only where all of its terms are
+    # a sum is finite only if all of its terms are finite
     known = gap_now_m + gap_ahead_m + closing_m_s + own.intended_climb_m + other.intended_climb_m
     if not math.isfinite(known):
         return 1.0
@@ -82,7 +82,9 @@ def share_of(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
     if not neighbour.is_cooperative and side < 0.0:
         return 1.0  # the whole column below it counts
 
-    # The more height the two are about to lose, the earlier the distance begins to grow.
+    # The distance begins to grow at the gap near_m + TRANSITION_M + towards_m, so the earlier the
+    # more height the two are about to lose. It has its full value when the gap is smaller by
+    # growth_m.
     own_std_m = known_std(own.position_std_m)
     other_std_m = known_std(other.position_std_m)
     sigma_m = HEIGHT_SIGMAS * math.hypot(own_std_m, other_std_m)
@@ -96,9 +98,9 @@ def share_of(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
 
 
 def is_ahead(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spacing) -> bool:
-    """Whether this vehicle intends to climb or sink towards a neighbour that is still well apart.
+    """Return whether this vehicle intends to climb or sink towards a neighbour that is still far.
 
-    Well apart means that their heights differ by at least the vertical separation.
+    Far means that their heights differ by at least the vertical separation.
 
     Args:
         own: this vehicle.

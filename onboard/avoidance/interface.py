@@ -2,9 +2,9 @@
 
 Every number that enters the law is made finite here, so that the law itself has no such checks.
 
-The law calculates for the time t + L, at which a command of now takes effect. It limits the thrust
-by half-planes, its rows: one for each neighbour, obstacle and wall. README.md beside this file has
-the lines of the algorithm (P1 to O) and the deviations from the paper (D1 to D16).
+The law calculates for the time t + L, at which a command given now takes effect. It limits the
+thrust by half-planes, its rows: one for each neighbour, obstacle and wall. README.md beside this
+file lists the lines of the algorithm (P1 to O) and the deviations from the paper (D1 to D16).
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def output_of(
 def unchanged(
     thrust: Thrust, predicted: Motion, intent_enu_m_s: Vec3, params: LawParams
 ) -> LawOutput:
-    """Return the output of a law that does nothing; it does not even limit the tilt.
+    """Return the output of a law that changes nothing, and does not even limit the tilt.
 
     Args:
         thrust: thrust of the baseline, which is not changed.

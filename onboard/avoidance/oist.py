@@ -79,8 +79,9 @@ from onboard.avoidance.projection import (
 from onboard.types import LawOutput, Neighbour, State
 from onboard.vectors import Vec2, dot_2, length_2
 
-# A vehicle that the law holds back for HELD_S calls for a roundabout, for ROUNDABOUT_S: it
-# publishes the crowd count of a crowd, so that all around it turn the same way.
+# After the law has held a vehicle back for HELD_S, the vehicle calls for a roundabout for
+# ROUNDABOUT_S: it publishes the crowd count of a crowd, so that all vehicles around it turn the
+# same way.
 HELD_S = 3.0
 ROUNDABOUT_S = 5.0
 
@@ -89,17 +90,17 @@ ROUNDABOUT_S = 5.0
 _HELD_INTENT_2_M2_S2 = 0.04
 _HELD_FRAC = 0.2
 
-# Stiffness of the springs by which rotation rows pull the thrust. With 25, one row is satisfied to
-# 96 % of the way. Stiffer springs make the command jump where rows contradict each other; with
-# softer ones vehicles stop face to face. Under the policy "always", as in the paper, the row holds.
+# Stiffness of the springs by which rotation rows pull the thrust. With 25, one row is satisfied by
+# 96 %. Stiffer springs make the command jump if rows contradict each other. With softer springs,
+# vehicles stop face to face. Under the policy "always", as in the paper, the row is satisfied.
 _TURN_STIFFNESS = 25.0
 _STIFFNESS_ALWAYS = 1e7
 
-# Where rows contradict each other, the margins give way by 30 m/s^2 while the speed limit gives way
-# by 1 m/s^2.
+# If rows contradict each other, the margins are relaxed by 30 m/s^2 while the speed limit is
+# relaxed by 1 m/s^2.
 _LIMIT_FIRMNESS = 30.0
 
-# A vehicle that flees from one that does not cooperate may fly faster by this factor.
+# A vehicle that flees from a neighbour that does not cooperate may fly faster by this factor.
 _FLEEING_FACTOR = 2.0
 
 # The speed limit is raised for the noise of the own velocity, by at most this share of the limit.
@@ -142,9 +143,9 @@ def initial() -> LawMemory:
 
 
 def predict(memory: LawMemory, state: State, params: LawParams, dt_s: float) -> Motion:
-    """Return the own motion at t + L, when a command of now takes effect (line P1).
+    """Return the own motion at t + L, when a command given now takes effect (line P1).
 
-    Under the paper's law, or by policy, it is the present motion: nothing is predicted.
+    Under the paper's law, or by policy, nothing is predicted: the result is the present motion.
 
     Args:
         memory: holds the past commands and the last prediction.
@@ -343,9 +344,9 @@ def nearest_thrust(
     limit: HalfPlane,
     params: LawParams,
 ) -> Projection:
-    """Return the thrust nearest to the wanted one that satisfies all rows (line Q).
+    """Return the thrust nearest to the wanted thrust that satisfies all rows (line Q).
 
-    If no thrust satisfies all rows, the margins give way first, then the limit of the speed, and
+    If no thrust satisfies all rows, the margins are relaxed first, then the limit of the speed, and
     last the promised distances, obstacles and walls.
 
     Args:
@@ -366,8 +367,8 @@ def nearest_thrust(
 
     promises = [compensated(promised_row(pair, params), own.compensation_m_s2) for pair in pairs]
     firm = [row for row in promises if can_bind(row, radius)] + static
-    yielding = with_margins + [scaled_row(row, _LIMIT_FIRMNESS) for row in limits]
-    return relaxed_in_order(wanted_m_s2, yielding, firm, radius)
+    relaxed_first = with_margins + [scaled_row(row, _LIMIT_FIRMNESS) for row in limits]
+    return relaxed_in_order(wanted_m_s2, relaxed_first, firm, radius)
 
 
 def speed_limit(
@@ -375,7 +376,8 @@ def speed_limit(
 ) -> HalfPlane:
     """Return the row of the speed limit, which is higher for a vehicle that flees.
 
-    The limit is higher by one standard deviation of the own velocity, so that noise brakes nobody.
+    The limit is raised by one standard deviation of the own velocity, so that noise does not brake
+    the vehicle.
 
     Args:
         own: this vehicle at t + L.
@@ -393,7 +395,7 @@ def speed_limit(
 
 
 def is_fleeing(own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane]) -> bool:
-    """Whether the row of a neighbour that does not cooperate can bind.
+    """Return whether the row of a neighbour that does not cooperate can change the thrust.
 
     If so, the vehicle may flee faster than its top speed.
 
@@ -411,10 +413,10 @@ def is_fleeing(own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane]) -> b
 def next_held_s(held_s: float, own: Own, is_active: bool, dt_s: float) -> float:
     """Return the next ``LawMemory.held_s``.
 
-    It counts the time for which a vehicle intends to move and the law keeps it from doing so. Two
-    parked neighbours with too narrow a gap between them would hold a vehicle for ever, because each
-    of their rows requires a turn that the other row forbids. So after HELD_S the vehicle calls for
-    a roundabout for ROUNDABOUT_S, which leads it around both neighbours. DEVIATION D4.
+    This counts the time for which a vehicle intends to move and the law prevents it. Two parked
+    neighbours with too narrow a gap between them would hold a vehicle for ever, because each of
+    their rows requires a turn that the other row forbids. So after HELD_S the vehicle calls for a
+    roundabout for ROUNDABOUT_S, which leads it around both neighbours. DEVIATION D4.
 
     Args:
         held_s: value at the last tick.
@@ -427,9 +429,9 @@ def next_held_s(held_s: float, own: Own, is_active: bool, dt_s: float) -> float:
 
     intent_2 = dot_2(own.intent_m_s, own.intent_m_s)
     along = dot_2(own.velocity_m_s, own.intent_m_s)
-    intends_to_go = intent_2 > _HELD_INTENT_2_M2_S2
-    gets_on = along >= _HELD_FRAC * intent_2
-    if not is_active or not intends_to_go or gets_on:
+    intends_to_move = intent_2 > _HELD_INTENT_2_M2_S2
+    makes_progress = along >= _HELD_FRAC * intent_2
+    if not is_active or not intends_to_move or makes_progress:
         return 0.0
 
     count_s = held_s + dt_s

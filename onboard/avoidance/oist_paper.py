@@ -1,6 +1,6 @@
 """The paper's law for one moving obstacle: equations (5) to (22), turning as (8) or (9) says.
 
-The paper orders its vehicles in a ring, and each vehicle avoids its successor only.
+The paper orders its vehicles in a ring, and each vehicle avoids only its successor.
 
 All forces are per unit of mass, F / m, so that the mass cancels in M_o of (11). Only the horizontal
 x and y are used. Positions, velocities and accelerations are in fleet ENU. The orthoradial velocity

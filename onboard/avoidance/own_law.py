@@ -26,9 +26,9 @@ _CHANGED_M_S2 = 1e-9  # a smaller change of the baseline's thrust is rounding
 
 
 class LawNeighbour(NamedTuple):
-    """One neighbour as Covey's law takes it: horizontal, at t + L.
+    """One neighbour as Covey's law sees it: horizontal, at t + L.
 
-    That is the time at which a command of now takes effect.
+    A command given now takes effect at t + L.
     """
 
     e_m: Vec2  # own position minus the neighbour's
@@ -200,10 +200,10 @@ def _exceeded_limit(thrust: Vec3, inputs: LawInputs) -> str:
 def flown_instead(
     thrust: Vec3, covey: LawOutput, memory: LawMemory, before: LawMemory, inputs: LawInputs
 ) -> tuple[LawMemory, LawOutput]:
-    """Return Covey's memory and output with another law's thrust in the place of Covey's.
+    """Return Covey's memory and output with the thrust of the user's law.
 
     Args:
-        thrust: thrust of the other law, which is flown.
+        thrust: thrust of the user's law, which is flown.
         covey: output of Covey's law at the same tick.
         memory: memory of Covey's law after that tick.
         before: memory of Covey's law before that tick.

@@ -26,7 +26,7 @@ from onboard.vectors import Vec3
 SLOW_S = 0.005
 SLOW_TICKS = 3
 STOPPED_S = 0.1
-_MAX_MESSAGE_CHARS = 120  # of an exception's message, in a sentence
+_MAX_MESSAGE_CHARS = 120  # longest part of an exception's message in a sentence
 
 
 class OwnLawRunner:
@@ -34,8 +34,8 @@ class OwnLawRunner:
 
     Args:
         law: the law that the fleet file names.
-        clock: returns the time [s] by which the law's duration is measured. None where time is
-            simulated: no law is slow there.
+        clock: returns the time [s] by which the law's duration is measured. None in simulated time,
+            where no law counts as slow.
     Raises:
         ConfigError: the law cannot be imported.
     """
@@ -51,7 +51,7 @@ class OwnLawRunner:
         self._relaxed_share = 0.0  # ``LawMemory.relaxed_share`` of Covey's law
 
     def begin_anew(self) -> None:
-        """Forget the flight: called on the ground."""
+        """Forget the last flight; called on the ground."""
         self.refusal = ""
         self._memory = None
         self._slow_ticks = 0
@@ -105,7 +105,9 @@ class OwnLawRunner:
 
     def _answer(self, inputs: LawInputs) -> tuple[Any, Vec3, str]:
         """Return the law's memory and thrust, and the reason if the thrust cannot be flown."""
-        began_s = 0.0 if self._clock is None else self._clock()
+        began_s = 0.0
+        if self._clock is not None:
+            began_s = self._clock()
         try:
             memory, thrust, refusal = judged(self._function(self._memory, inputs), inputs)
         except KeyboardInterrupt:
@@ -118,7 +120,7 @@ class OwnLawRunner:
         return memory, thrust, refusal
 
     def _slowness(self, duration_s: float) -> str:
-        """Return why a law that took this time is refused as slow; empty if it is not."""
+        """Return why a law that took this time is refused as slow; empty if it is not slow."""
         if duration_s > SLOW_S:
             self._slow_ticks += 1
         else:
@@ -134,7 +136,7 @@ class OwnLawRunner:
 
 
 def _in_words(error: BaseException) -> str:
-    """Return type and message of an exception; its message may be empty, or raise when read."""
+    """Return type and message of an exception; the message may be empty, or raise an exception."""
     name = type(error).__name__
     try:
         message = " ".join(str(error).split())[:_MAX_MESSAGE_CHARS]

@@ -1,7 +1,8 @@
 """Pairs of this vehicle with a neighbour or an obstacle: geometry, distance to keep, and crowd.
 
-Everything is horizontal and at the time t + L, when a command of now takes effect. Heights only
-decide how much of a distance counts (:mod:`onboard.avoidance.heights`).
+Everything is horizontal and at the time t + L, when a command given now takes effect. Heights only
+decide how much of a distance counts (:mod:`onboard.avoidance.heights`). README.md beside this file
+lists the lines of the algorithm (P3, D) and the deviations from the paper (D5).
 """
 
 from __future__ import annotations
@@ -16,28 +17,28 @@ from onboard.avoidance.prediction import Received, known_std, receive
 from onboard.types import Neighbour
 from onboard.vectors import Vec2, dot_2, length_2
 
-MAX_OBSTACLES = 6  # only so many of the nearest obstacles count
-LARGEST_MARGIN_M = 5.0
+MAX_OBSTACLES = 6  # number of obstacles that count, the nearest ones
+LARGEST_MARGIN_M = 5.0  # a larger margin counts as this
 LARGEST_RADIUS_M = 5.0  # of a person's circle
 COINCIDENT_M = 1e-6  # two vehicles nearer than this are at one point: rows would divide by zero
 _STANDING_M_S = 1e-6  # a slower relative velocity has no direction
 SETTLED_M_S = 0.1  # a vehicle that intends to move no faster than this is not part of a crowd
 
-# Horizontal distances from a neighbour above or below, as shares of the distance to keep. A climb
-# or descent stops nearer than the first, and has its full speed from the second on.
+# A climb or descent waits while the horizontal distance from a neighbour above or below is less
+# than _WAITS_FRAC of the distance to keep. It has its full speed from _GOES_FRAC on.
 _WAITS_FRAC = 0.5
 _GOES_FRAC = 0.9
 
-# The same for a descent without poses, whose distances are less certain: nearer than the first the
-# vehicle counts as above the neighbour, from the second on as beside it. From the first to the
-# second its limit of the sinking speed grows by 1 m/s.
+# In a descent without poses distances are less certain. The vehicle counts as above a neighbour if
+# their horizontal distance is less than _ABOVE_FRAC of the distance to keep, and as beside it from
+# _BESIDE_FRAC on. Between these two, the limit of the sinking speed grows by 1 m/s.
 _ABOVE_FRAC = 0.7
 _BESIDE_FRAC = 1.0
 _LEAST_DISTANCE_M = 0.01  # rows are divided by the distance to keep
 
 
 class Own(NamedTuple):
-    """This vehicle at t + L; all of it is horizontal, except for the climb and thrust_z_m_s2."""
+    """This vehicle at t + L; everything except the climb and thrust_z_m_s2 is horizontal."""
 
     position_m: Vec2
     velocity_m_s: Vec2
@@ -110,7 +111,7 @@ def nearest_pairs(own: Own, neighbours: Sequence[Neighbour], params: LawParams) 
         elif dot_2(e, e) <= range_2_m2:
             in_range.append(k)
 
-    # the share is 0 where one vehicle is far enough above the other
+    # share of the distance to keep that counts; 0 if one vehicle is far enough above the other
     shares = [share_of(own.climb, neighbours[k], lead_s, spacing) for k in in_range]
 
     pairs: list[NeighbourPair] = []
@@ -134,6 +135,7 @@ def nearest_pairs(own: Own, neighbours: Sequence[Neighbour], params: LawParams) 
 def _pair(
     own: Own, neighbour: Neighbour, other: Received, share: float, params: LawParams
 ) -> NeighbourPair:
+    """Return the pair with one neighbour; ``share`` of the distance to keep counts."""
     e = Vec2(own.position_m.x - other.position_m.x, own.position_m.y - other.position_m.y)
     w = Vec2(own.velocity_m_s.x - other.velocity_m_s.x, own.velocity_m_s.y - other.velocity_m_s.y)
     distance_2_m2 = dot_2(e, e)
@@ -198,8 +200,8 @@ def climb_share(own: Own, neighbours: Sequence[Neighbour], params: LawParams) ->
 def sink_limit(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> float:
     """Return how fast this vehicle may sink without poses [m/s]; infinite if nothing limits it.
 
-    Beside a neighbour it may sink freely. Above a neighbour it may sink only as fast as it can
-    still stop above it.
+    Beside a neighbour this vehicle may sink freely. Above a neighbour it may sink only so fast that
+    it can still stop above the neighbour.
 
     Args:
         own: this vehicle at t + L.
@@ -227,8 +229,8 @@ def sink_limit(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> 
 def design_distance(own_margin_2_m2: float, neighbour: Neighbour, spacing: Spacing) -> float:
     """Return the distance d [m] to keep from a neighbour. DEVIATION D5, D12.
 
-    The distance grows where the estimates of the two are worse than those of a mocap. From a person
-    it is kept to his circle.
+    The distance grows if the estimates of the two vehicles are worse than those of a mocap. Around
+    a person it begins at the person's circle (``radius_m``).
 
     Args:
         own_margin_2_m2: :func:`margin_2` of this vehicle.
@@ -290,8 +292,8 @@ def surface_of(
 ) -> Surface:
     """Return the nearest point of one obstacle.
 
-    Beside the segment the nearest point moves along with the vehicle, so that only the velocity
-    towards it counts.
+    Beside the segment the nearest point moves along with the vehicle. So only the velocity towards
+    the nearest point counts.
 
     Args:
         capsule: the obstacle, in fleet ENU.
@@ -322,7 +324,7 @@ def surface_of(
 
 
 def separated(e: Vec2, w: Vec2) -> Vec2:
-    """Return e; for coincident vehicles, a tiny vector along the relative velocity instead.
+    """Return e, or for coincident vehicles a tiny vector along the relative velocity.
 
     Args:
         e, w: relative position and velocity [m, m/s].

@@ -23,8 +23,8 @@ from onboard.vectors import Vec2, cross_2
 OPEN_FENCE = (-math.inf, math.inf, -math.inf, math.inf)
 _BRAKE_SHARE = 0.6  # share of the largest horizontal acceleration for braking before static things
 
-# The margin for the accuracy is the floor plus so many sigma_d. Both numbers come from simulated
-# flights. The floor covers lag errors and gusts.
+# The margin for the accuracy is the floor plus MARGIN_SIGMAS standard deviations of the distance.
+# Both numbers come from simulated flights. The floor covers lag errors and gusts.
 MARGIN_FLOOR_M = 0.05
 MARGIN_SIGMAS = 5.0
 
@@ -111,7 +111,7 @@ class Policies(NamedTuple):
 
 
 class Spacing(NamedTuple):
-    """Distances to keep, and from whom."""
+    """Distances to keep, and the neighbours that count."""
 
     safety_distance_m: float  # d_inf
     # a pair whose heights differ by more does not count; infinite: every pair counts
@@ -126,7 +126,7 @@ class Spacing(NamedTuple):
     sigma_velocity_s: float  # per m/s of its standard deviation of velocity
 
     clearance_m: float  # kept from an obstacle's outline by the vehicle's centre
-    max_neighbours: int  # only so many of the nearest neighbours count
+    max_neighbours: int  # number of neighbours that count, the nearest ones
     range_m: float  # only neighbours within this distance count
 
 
@@ -173,7 +173,7 @@ class LawParams(NamedTuple):
 
 
 class VehicleLimits(NamedTuple):
-    """Properties of the vehicle and its room that shape the law."""
+    """Properties of the vehicle and its fence that shape the law."""
 
     lag_s: float = 0.15
     vertical_lag_s: float = 0.09
@@ -186,7 +186,7 @@ class VehicleLimits(NamedTuple):
     fence_enu_m: tuple[float, float, float, float] = OPEN_FENCE  # x low, x high, y low, y high
 
 
-# stands for any vehicle where only the values of ``[law]`` matter
+# stands for any vehicle if only the values of ``[law]`` matter
 QUICK_VEHICLE = VehicleLimits()
 
 
@@ -228,7 +228,8 @@ def _with_law(config: LawConfig, law: str) -> LawConfig:
         raise ValueError(
             f"law is '{law}', but there are only {', '.join(LAW_NAMES)}. Name one of these."
         )
-    return msgspec.structs.replace(config, name=LAW_NAMES[LAW_NAMES.index(law)])
+    checked_name = LAW_NAMES[LAW_NAMES.index(law)]  # equals `law`, with the type BuiltInLaw
+    return msgspec.structs.replace(config, name=checked_name)
 
 
 def obstacles(fleet: FleetConfig) -> tuple[Capsule, ...]:

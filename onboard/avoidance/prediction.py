@@ -18,14 +18,14 @@ from onboard.vectors import ZERO_3, Vec2, Vec3, horizontal_within, is_finite
 
 SLOTS = 40  # number of past commands that are kept
 MAX_MESSAGE_AGE_S = 0.30  # extrapolating a silent neighbour for longer than this gains nothing
-# The same for a neighbour that cooperates, because it publishes its prediction. The neighbour table
-# counts it as silent earlier if its messages are older than the radio explains.
+# This limit for a neighbour that cooperates, because it publishes its prediction. The neighbour
+# table counts it as silent earlier if its messages are older than the radio explains.
 MAX_PREDICTION_AGE_S = 0.80
-# How long an acceleration of a neighbour counts. Both react to each other's commands, so a command
-# that counts for long makes two vehicles with old messages swing against each other: with 0.25 s
+# For how long an acceleration of a neighbour counts. Two vehicles react to each other's commands.
+# If a command counts for long, two vehicles with old messages swing against each other: with 0.25 s
 # and messages of 200 ms the commands changed nearly four times as fast as with 0.08 s.
 MAX_COMMAND_AGE_S = 0.08  # its last command
-MAX_ACCELERATION_AGE_S = 0.25  # the estimated acceleration of one that does not cooperate
+MAX_ACCELERATION_AGE_S = 0.25  # its estimated acceleration, if it does not cooperate
 LONGEST_LEAD_S = 1.0
 # largest error of the configured lag L; twice this error causes violations in every third flight
 LAG_ERROR_S = 0.04
@@ -35,8 +35,8 @@ LARGEST = 1e5
 # is 0.07 s. With 0.11 s and more, crowds came nearer to each other.
 _SMOOTHING_S2_M = 0.6
 _LONGEST_SMOOTHING_S = 0.15
-_SMOOTHED_STDS = 2.0  # standard deviations between the smoothed motion and the newest, at most
-LARGEST_STD = 1e3
+_SMOOTHED_STDS = 2.0  # largest difference of the smoothed from the newest motion [std]
+LARGEST_STD = 1e3  # a larger standard deviation counts as this
 _LEAST_LEAD_S = 1e-3  # a shorter lead time of a neighbour counts as 0; avoids a division by zero
 
 
@@ -148,15 +148,15 @@ def predict_own(
 def smoothed(predicted: Motion, expected: Motion, state: State, dt_s: float) -> Motion:
     """Return the horizontal prediction without the fast part of the estimate's noise.
 
-    The gains of the law would pass this noise on to the command. The motion that the last
-    prediction and command led to expect is corrected towards the new prediction. The time constant
-    is proportional to the velocity's standard deviation, so that an exact estimate is not smoothed.
-    The result differs from the prediction by at most _SMOOTHED_STDS standard deviations, so that it
-    follows a jump of the estimate at once.
+    The gains of the law would pass this noise on to the command. So the expected motion, which
+    follows from the last prediction and command, is corrected towards the new prediction. The time
+    constant is proportional to the velocity's standard deviation, so that an exact estimate is not
+    smoothed. The result differs from the new prediction by at most _SMOOTHED_STDS standard
+    deviations, so that it follows a jump of the estimate at once.
 
     Args:
         predicted: prediction from the newest estimate.
-        expected: prediction of the last tick, under the command since; not finite: there is none.
+        expected: prediction of the last tick, moved on by the last command; not finite: none yet.
         state: newest estimate, of which the standard deviations are used.
         dt_s: time since the last tick.
     """
@@ -177,15 +177,15 @@ def smoothed(predicted: Motion, expected: Motion, state: State, dt_s: float) -> 
 
 
 def moved_towards(value: Vec3, expected: Vec3, share: float, longest: float) -> Vec3:
-    """Return a vector moved horizontally by a share of the way to an expected one.
+    """Return a vector moved horizontally by a share of its difference from an expected vector.
 
     Args:
         value, expected: the vectors.
         share: from 0 to 1.
-        longest: a longer way is shortened to this length first.
+        longest: a longer difference is shortened to this length first.
     """
-    way = into_disc(Vec2(expected.x - value.x, expected.y - value.y), longest)
-    return Vec3(value.x + share * way.x, value.y + share * way.y, value.z)
+    change = into_disc(Vec2(expected.x - value.x, expected.y - value.y), longest)
+    return Vec3(value.x + share * change.x, value.y + share * change.y, value.z)
 
 
 def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
@@ -199,9 +199,9 @@ def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
     For any other neighbour, the plain estimate is extrapolated with its acceleration, which is
     clipped to 1 g.
 
-    A command counts for the time by which the own lag is longer, and for at most MAX_COMMAND_AGE_S
-    of the message's age; an estimated acceleration counts for at most MAX_ACCELERATION_AGE_S. After
-    that time the neighbour is extrapolated at constant velocity.
+    A command counts for the time by which the own lag is longer than the neighbour's, and for at
+    most MAX_COMMAND_AGE_S of the message's age. An estimated acceleration counts for at most
+    MAX_ACCELERATION_AGE_S. After that time the neighbour is extrapolated at constant velocity.
 
     Args:
         neighbour: the neighbour as received.
@@ -278,7 +278,7 @@ def known_std(std: float) -> float:
 
 
 def message_age(neighbour: Neighbour) -> float:
-    """Return the age of a message [s], clipped to a largest age; an unknown age counts as largest.
+    """Return the age of a message [s], limited to a largest age, which replaces an unknown age.
 
     Args:
         neighbour: the neighbour as received. The largest age is greater if it cooperates.
@@ -294,7 +294,7 @@ def message_age(neighbour: Neighbour) -> float:
 
 
 def lead_time(lead_s: float, own_lead_s: float) -> float:
-    """Return a neighbour's lead time [s] within bounds, or the own one if it is not known.
+    """Return a neighbour's lead time [s] within bounds, or the own lead time if it is not known.
 
     Args:
         lead_s: lead time of the neighbour, as received.

@@ -8,9 +8,9 @@ none is violated. The optimum for a part of the rows is the optimum for all rows
 all. So no iteration has to converge, and there is no solver status to interpret.
 
 The law calls three functions. :func:`pulled` moves the thrust towards rows that need not hold, in a
-few rounds. The projection after it is exact, wherever these rounds end. :func:`project` returns the
-nearest point that satisfies all rows that must hold. If there is none, :func:`relaxed_in_order`
-decides which rows give way, and by how much.
+few rounds. The projection afterwards is exact for the point at which these rounds end.
+:func:`project` returns the nearest point that satisfies all rows that must hold. If no point does,
+:func:`relaxed_in_order` decides which rows are relaxed, and by how much.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ _TOLERANCE = 1e-10  # amount by which a point may violate a row, relative to 1 p
 # two solutions nearer than this, times the scale of the bounds, differ by rounding only
 _ONE_POINT = 1e-4
 
-# Where yielding rows are violated by their slack, firm rows may be violated, too, but by this many
-# times less.
+# The slack of firm rows is smaller than the slack of yielding rows by this factor.
 _FIRMNESS = 1000.0
 
-# Only violated rows pull, so which ones do depends on where the point comes to rest. Two or three
-# rounds mostly find it; of 20,000 random cases with up to 12 rows, none took more than eight.
+# Only violated rows pull, and the resting point decides which rows are violated. Two or three
+# rounds mostly find that point; of 20,000 random cases with up to 12 rows, none took more than
+# eight.
 _MOST_PULLS = 8
-_MOST_HALVINGS = 8  # of the way of one round
+_MOST_HALVINGS = 8  # number of times that the motion of one round is halved at most
 
 # The smallest slack leaves only one point, and rounding may exclude it. So the slack is widened by
 # the first of these numbers that leaves a point, times the scale of the bounds.
@@ -66,7 +66,7 @@ class Projection(NamedTuple):
 
 
 class Candidate(NamedTuple):
-    """A point that may be the nearest feasible one."""
+    """A point that may be the nearest feasible point."""
 
     is_feasible: bool
     point: Vec2
@@ -89,23 +89,24 @@ def project(u: Vec2, hard: list[HalfPlane], radius: float) -> Projection:
     if is_inside and largest_violation(u, hard) <= _TOLERANCE:
         return Projection(u, INACTIVE, 0.0)
 
-    found = nearest(u, [unit_row(row) for row in hard], radius)
-    if not found.is_feasible:
+    best = nearest(u, [unit_row(row) for row in hard], radius)
+    if not best.is_feasible:
         return Projection(u, RELAXED, 0.0)
-    return Projection(found.point, SATURATED, 0.0)
+    return Projection(best.point, SATURATED, 0.0)
 
 
 def pulled(u: Vec2, soft: list[HalfPlane], stiffness: float) -> Vec2:
     """Return a point moved towards soft rows, as if each violated row pulled it by a spring.
 
-    It minimizes ``|x - u|^2 + stiffness * sum of squared violations``. One row moves the point by
-    ``stiffness / (1 + stiffness)`` of the way to its edge. Rows that contradict each other share,
-    and the point moves continuously with all rows.
+    The result x minimizes ``|x - u|^2 + stiffness * sum of squared violations``. A single row moves
+    the point to its edge by the share ``stiffness / (1 + stiffness)``. Between rows that contradict
+    each other there is a compromise, and x is continuous in all rows.
 
     Args:
         u: point to move, finite.
         soft: rows with normals of any length.
-        stiffness: of a spring, relative to the one that holds the point at u; at least 0.
+        stiffness: stiffness of a row's spring, relative to the spring that holds the point at u; at
+            least 0.
     Properties: rotation-equivariant; homogeneous; independent of the order of the rows; a point
         that satisfies all rows is returned without a changed bit.
     """
@@ -117,7 +118,8 @@ def pulled(u: Vec2, soft: list[HalfPlane], stiffness: float) -> Vec2:
         if aim.x == x.x and aim.y == x.y:
             break
 
-        # On the way to `aim` other rows may be violated, so the energy may be larger there.
+        # At `aim` other rows may be violated, so the energy may be larger than at x. Then `aim` is
+        # moved nearer to x.
         energy = energy_of(x, u, springs, stiffness)
         for _ in range(_MOST_HALVINGS):
             if energy_of(aim, u, springs, stiffness) <= energy:
@@ -144,7 +146,7 @@ def energy_of(x: Vec2, u: Vec2, springs: list[HalfPlane], stiffness: float) -> f
 
 
 def at_rest(u: Vec2, springs: list[HalfPlane], stiffness: float) -> Vec2:
-    """Return where a point comes to rest that springs pull towards the edges of rows.
+    """Return the resting point of a point that springs pull towards the edges of rows.
 
     The forces balance: ``x - u = stiffness * sum of (b - n . x) n``, two linear equations for x.
 
@@ -174,15 +176,16 @@ def relaxed_in_order(
 ) -> Projection:
     """Return the nearest point of the disc for rows that contradict each other.
 
-    If a point satisfies the firm rows, all rows get the smallest slack with which a point is left:
-    yielding rows the whole slack, firm rows only a thousandth of it, so that they nearly hold.
-    If no point satisfies the firm rows, the yielding rows are left out, and the firm rows get their
+    If a point satisfies the firm rows, all rows get the smallest slack with which some point
+    satisfies all of them: yielding rows the whole slack, firm rows only a thousandth of it. If no
+    point satisfies the firm rows, the yielding rows are left out, and the firm rows get their
     smallest common slack. The point moves continuously from one case to the other.
 
     Args:
         u: point to project.
-        yielding: rows that give way first.
-        firm: rows that give way last: weaker forms of the yielding rows, or rows of another kind.
+        yielding: rows that are relaxed first.
+        firm: rows that are relaxed last: weaker forms of the yielding rows, or rows of another
+            kind.
         radius: radius of the disc.
     """
     is_firm_possible = nearest(u, [unit_row(row) for row in firm], radius).is_feasible
@@ -197,7 +200,7 @@ def relaxed_in_order(
 
 
 def largest_bound(rows: list[HalfPlane]) -> float:
-    """Return 1 plus the largest absolute bound. Rounding errors are relative to it.
+    """Return 1 plus the largest absolute bound, to which rounding errors are relative.
 
     Args:
         rows: half-planes with normals of any length.
@@ -225,7 +228,7 @@ def relaxed(u: Vec2, hard: list[HalfPlane], radius: float, scale: float) -> Proj
         best = nearest(u, rows, radius)
 
         # Usually only one point has the least slack: `point`, which no widening has moved. If
-        # `best` is another one, several points have it, and `best` is the nearest of them.
+        # `best` is another point, several points have the least slack, and `best` is the nearest.
         if best.is_feasible:
             apart = abs(best.point.x - point.x) + abs(best.point.y - point.y)
             if apart > _ONE_POINT * scale:
@@ -236,7 +239,7 @@ def relaxed(u: Vec2, hard: list[HalfPlane], radius: float, scale: float) -> Proj
 
 
 def nearest(u: Vec2, rows: list[HalfPlane], radius: float) -> Candidate:
-    """Return the nearest point of the disc and of all rows, infeasible where there is none.
+    """Return the nearest point of the disc and of all rows; infeasible if there is no such point.
 
     Args:
         u: point to project.
@@ -257,7 +260,7 @@ def nearest(u: Vec2, rows: list[HalfPlane], radius: float) -> Candidate:
 
 
 def most_violated(u: Vec2, rows: list[HalfPlane]) -> int:
-    """Return the index of the most violated row; -1 if none is.
+    """Return the index of the most violated row; -1 if no row is violated.
 
     Args:
         u: point.
@@ -299,7 +302,7 @@ def nearest_of(u: Vec2, rows: list[HalfPlane], radius: float) -> Candidate:
 def nearer(
     best: Candidate, point: Vec2, u: Vec2, rows: list[HalfPlane], radius: float
 ) -> Candidate:
-    """Return the point as a candidate if it is feasible and nearer than the best one so far.
+    """Return the point as a candidate if it is feasible and nearer than the best so far.
 
     Args:
         best: best candidate so far, which is returned if the point is no better.

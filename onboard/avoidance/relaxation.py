@@ -8,9 +8,9 @@ by two conditions:
     on the circle, two rows are violated equally (one equation, and the circle);
     on the circle, only one row counts: the point lies in the direction of its normal.
 
-All of these points are tried, and the origin, at which every row is satisfied already if no bound
-is positive. Only the rows that matter take part: the most violated row is added, one at a time,
-until no other row is violated by more.
+All of these points are tried. The origin is tried as well: if no bound is positive, it satisfies
+all rows. Only the rows that matter take part: the most violated row is added, one at a time, until
+no other row is violated by more.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def least_slack_of(rows: list[HalfPlane], radius: float) -> tuple[float, Vec2]:
 
 
 def candidates(rows: list[HalfPlane], radius: float) -> list[Vec2]:
-    """Return the points where the smallest common slack may lie; NaN where rows are parallel.
+    """Return the points that may have the smallest common slack; NaN if rows are parallel.
 
     Args:
         rows: half-planes with normals of any length.
@@ -103,13 +103,13 @@ def candidates(rows: list[HalfPlane], radius: float) -> list[Vec2]:
             if size <= _PARALLEL:
                 continue
 
-            # on the circle, where two rows are missed equally
+            # on the circle, where two rows are violated equally
             unit_normal = Vec2(equal.normal.x / size, equal.normal.y / size)
             unit = HalfPlane(unit_normal, equal.bound_m_s2 / size)
             points.append(on_circle(unit, radius, 1.0))
             points.append(on_circle(unit, radius, -1.0))
 
-            # where three rows are missed equally
+            # where three rows are violated equally
             for k in range(j):
                 points.append(corner(equal, difference(rows[k], rows[i])))
     return points

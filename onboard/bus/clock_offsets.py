@@ -136,17 +136,17 @@ class Clocks:
             the message to publish at once.
         """
         self._sequence += 1
-        heard = tuple(
-            HeardClock(name, peer.host, peer.sent_ns, peer.received_ns)
-            for name, peer in tuple(self._peers.items())
-            if peer.host != self.host and now_ns - peer.received_ns < _FORGET_NS
-        )
+        heard = []
+        for name, peer in tuple(self._peers.items()):
+            is_recent = now_ns - peer.received_ns < _FORGET_NS
+            if is_recent and peer.host != self.host:
+                heard.append(HeardClock(name, peer.host, peer.sent_ns, peer.received_ns))
         return ClockMessage(
             node=self.node,
             host=self.host,
             sequence=self._sequence,
             sent_ns=now_ns,
-            heard=heard,
+            heard=tuple(heard),
             world_ns=world_ns,
         )
 

@@ -1,8 +1,8 @@
 """Parked vehicles as things to fly around, for a vehicle that they keep from its goal. Pure.
 
-The law turns a vehicle about each neighbour by itself. Several parked ones, nearer together than
-two distances to keep, are a wall for it, and where its goal lies straight behind it stands before
-them. Once it has stood for a while, its ways lead around them as around pillars.
+The avoidance law leads a vehicle around each single neighbour. Several parked vehicles with gaps
+that are too narrow are a wall for it: if the goal lies straight behind them, the vehicle stops in
+front of them. Once it has stood for a while, its route leads around them as around pillars.
 """
 
 from __future__ import annotations
@@ -16,22 +16,23 @@ from onboard.control.route_map import CORNERS_PER_END
 from onboard.types import Neighbour, State
 from onboard.vectors import Vec2, horizontal, length_2
 
-STANDING_S = 8.0  # a vehicle does not get on when it has stood for this time
-STANDING_M_S = 0.3  # whoever is slower stands
-AWAY_M = 0.4  # a vehicle nearer to its goal has no reason to go on
+STANDING_S = 8.0  # a vehicle that has stood for this time makes no progress
+STANDING_M_S = 0.3  # a slower vehicle stands
+AWAY_M = 0.4  # a vehicle that stands nearer to its goal than this is not held back
 
-_PARKED_M_S = 0.2  # whoever is slower, and intends to be, is parked
-_TOUCHING_M = 0.5  # one that is farther away than it must be by more holds nobody back
+_PARKED_M_S = 0.2  # a neighbour is parked if its speed and its intended speed are below this
+# a parked vehicle holds this one back if the gap beyond the distance to keep is smaller than this
+_TOUCHING_M = 0.5
 _NEAR_M = 5.0  # only parked vehicles within this distance count
-_MOST = 8  # only so many of the nearest parked vehicles count
+_MOST = 8  # number of parked vehicles that count, the nearest ones
 
-# A map that is computed in flight may take some milliseconds only, so it has at most so many tests
-# (see route_map.MOST_TESTS).
+# A map that is computed in flight may take only some milliseconds. So it has at most this number of
+# tests (see route_map.MOST_TESTS).
 _MOST_TESTS = 60_000
 
 
 def is_standing_away(state: State, goal: Vec2) -> bool:
-    """Return whether a vehicle stands, and its goal is elsewhere.
+    """Return whether a vehicle stands away from its goal.
 
     Args:
         state: own estimate.
@@ -50,13 +51,13 @@ def pillars(state: State, neighbours: Sequence[Neighbour], spacing: Spacing) -> 
         neighbours: the known neighbours.
         spacing: distances to keep.
     Returns:
-        Pillars whose outline plus the clearance is the distance to keep; none, if all are too far
-        away to hold this vehicle back.
+        Pillars whose outline plus the clearance is the distance to keep. Empty if all parked
+        vehicles are too far away to hold this vehicle back.
     """
     here = horizontal(state.position_enu_m)
     own_margin_2_m2 = margin_2(state.position_std_m, state.velocity_std_m_s, spacing)
 
-    found = []
+    pillars_by_distance = []
     is_held = False
     for neighbour in neighbours:
         if not _is_parked(neighbour):
@@ -65,16 +66,19 @@ def pillars(state: State, neighbours: Sequence[Neighbour], spacing: Spacing) -> 
         away_m = math.dist(here, there)
         keep_m = design_distance(own_margin_2_m2, neighbour, spacing)
         if away_m < _NEAR_M:
-            found.append((away_m, Capsule(there, there, keep_m - spacing.clearance_m)))
-            is_held = is_held or away_m < keep_m + _TOUCHING_M
+            pillar = Capsule(there, there, keep_m - spacing.clearance_m)
+            pillars_by_distance.append((away_m, pillar))
+            if away_m < keep_m + _TOUCHING_M:
+                is_held = True
 
     if not is_held:
         return ()
-    return tuple(pillar for _, pillar in sorted(found)[:_MOST])
+    nearest = sorted(pillars_by_distance)[:_MOST]
+    return tuple(pillar for _, pillar in nearest)
 
 
 def most_pillars(corner_count: int, thing_count: int) -> int:
-    """Return how many pillars a map may have beside what stands still, to be computed in flight.
+    """Return how many pillars a map of static things may also have, to be computed in flight.
 
     Args:
         corner_count: corners around the static things.

@@ -1,9 +1,10 @@
 """Which vehicles pass above others in a move, and how high: ``law.passing_heights = 2``.
 
 Every second vehicle of the fleet file rises between the ends of a level leg, so that only half of
-the vehicles meet on each level. All know this rule from the fleet file, and nobody has to be asked.
-A vehicle does not rise among obstacles or fences, because their heights are not looked at here, nor
-under a law that knows no heights. The profile of the rise is in :mod:`onboard.control.trajectory`.
+the vehicles meet on each level. All vehicles know this rule from the fleet file, so it needs no
+messages. A vehicle stays on its level in a fleet with obstacles or fences, whose heights are not
+considered here, and under a law that ignores heights. The profile of the rise is in
+:mod:`onboard.control.trajectory`.
 """
 
 from __future__ import annotations
@@ -30,7 +31,9 @@ def rise_m(fleet: FleetConfig, vehicle_name: str) -> float:
         return 0.0
 
     is_second = list(fleet.vehicles).index(vehicle_name) % 2 == 1
-    return float(vertical_m) + _SPARE_M if is_second else 0.0
+    if is_second:
+        return float(vertical_m) + _SPARE_M
+    return 0.0
 
 
 def highest_m(fleet: FleetConfig) -> float:
@@ -52,4 +55,6 @@ def top_m(fleet: FleetConfig, vehicle_name: str, height_m: float) -> float:
         height_m: height of the level, fleet ENU.
     """
     risen_m = height_m + rise_m(fleet, vehicle_name)
-    return risen_m if risen_m <= highest_m(fleet) else height_m
+    if risen_m > highest_m(fleet):
+        return height_m
+    return risen_m

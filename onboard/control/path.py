@@ -25,7 +25,7 @@ NUMBERS = 33
 MOST_BYTES = 262_144  # largest path: nearly two thousand pieces
 PART_BYTES = 24_576  # a path is sent in parts of this size: a message has at most 65536 bytes
 LONGEST_S = 3600.0
-_ROW = struct.Struct(f"<{NUMBERS}f")
+_ROW = struct.Struct(f"<{NUMBERS}f")  # one piece as little-endian 32-bit floats
 MOST_PIECES = MOST_BYTES // _ROW.size
 
 
@@ -107,13 +107,15 @@ def point_at(path: Path, time_s: float) -> PathPoint:
     """Return the motion at a time of the path; before its begin and after its end it is at rest."""
     if time_s >= path.duration_s:
         last = path.pieces[-1]
-        return _rest(last, last[0])
-    if not time_s > 0.0:
+        last_duration_s = last[0]
+        return _rest(last, last_duration_s)
+    if not time_s > 0.0:  # or NaN
         return _rest(path.pieces[0], 0.0)
 
     index = bisect_right(path.ends_s, time_s)
     piece = path.pieces[index]
-    since_s = time_s - (path.ends_s[index] - piece[0])
+    begin_s = path.ends_s[index] - piece[0]
+    since_s = time_s - begin_s
 
     x, v_x, a_x = horner(piece, 0, since_s)
     y, v_y, a_y = horner(piece, 1, since_s)
@@ -146,6 +148,7 @@ def horner(piece: Sequence[float], axis: int, t: float) -> tuple[float, float, f
         axis: 0 to 3 for x, y, z, yaw.
         t: time since the begin of the piece [s], or an array.
     """
+    # the number 0 is the duration; the coefficients of the axes follow
     c0, c1, c2, c3, c4, c5, c6, c7 = piece[1 + 8 * axis : 9 + 8 * axis]
     value = c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * (c5 + t * (c6 + t * c7))))))
     first = c1 + t * (
@@ -166,11 +169,12 @@ def sampled(path: Path, times_s: Array) -> Array:
     # the end of the path belongs to its last piece
     clipped_s = np.clip(times_s, 0.0, path.duration_s)
     index = np.minimum(np.searchsorted(ends_s, clipped_s, side="right"), len(pieces) - 1)
-    since_s = clipped_s - (ends_s[index] - pieces[index, 0])
+    begins_s = ends_s[index] - pieces[index, 0]
+    since_s = clipped_s - begins_s
 
-    numbers = pieces[index].T
+    numbers = pieces[index].T  # (NUMBERS, T): the numbers of each time's piece
     by_axis = [horner(numbers, axis, since_s) for axis in range(4)]  # type: ignore[arg-type]
-    motion = np.array(by_axis).transpose(1, 2, 0)
+    motion = np.array(by_axis).transpose(1, 2, 0)  # from (axis, derivative, time)
 
     # before its begin and after its end the path is at rest
     is_outside = (times_s < 0.0) | (times_s > path.duration_s)

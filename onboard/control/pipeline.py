@@ -1,6 +1,8 @@
 """The control pipeline of one vehicle: calls all stages in their order, once per tick.
 
-Every intermediate value is in the returned Tick.
+Every intermediate value is in the returned Tick. L is the lead time: a command that is given at t
+acts at t + L. Lines with a letter (line G, line O) are those of the algorithm in
+onboard/avoidance/README.md, which also lists the deviations from the paper (D7).
 
     predict the own state to t + L
     -> trajectory setpoint for t + L
@@ -179,19 +181,23 @@ def before_law(
     is_usable = is_within(state.position_enu_m, LARGEST) and is_within(
         state.velocity_enu_m_s, LARGEST
     )
-    usable = state if is_usable else _at_rest(state, memory)
+    usable = state
+    if not is_usable:
+        usable = _at_rest(state, memory)
     observer, hover = _observed(memory, usable, mode, params, dt_s)
 
     speed_share = 1.0  # a descent without poses does not slow down in a jam
     if mode != ControlMode.BLIND:
         speed_share = oist.speed_share(memory.law, params.law)
     predicted = oist.predict(memory.law, usable, params.law, dt_s)
-    rate, leg, setpoint = _advance_trajectory(memory, predicted, goal, mode, params, dt_s)
+    rate, trajectory_memory, setpoint = _advance_trajectory(
+        memory, predicted, goal, mode, params, dt_s
+    )
     intended_m_s = intent(
         predicted.position_enu_m,
         goal,
         params.trajectory.max_speed_m_s,
-        rise_m=trajectory.rise_soon_m(leg),
+        rise_m=trajectory.rise_soon_m(trajectory_memory),
     )
 
     # Line O: the compensation of drag and observed disturbance is added after the law. So the law's
@@ -202,15 +208,18 @@ def before_law(
     compensation = _compensation(predicted.velocity_enu_m_s, disturbance, params)
 
     thrust = _tracking(predicted, setpoint, speed_share, mode, params)
+
+    motion = predicted
+    if not is_usable:  # NaN makes the law level the thrust and publish no prediction
+        motion = Motion(_NOWHERE, _NOWHERE)
     return BeforeLaw(
         observer=observer,
         hover_thrust=hover,
         clock_rate=rate,
-        trajectory=leg,
+        trajectory=trajectory_memory,
         setpoint=setpoint,
         baseline=interface.Baseline(thrust, compensation, intended_m_s),
-        # NaN makes the law level the thrust and publish no prediction
-        motion=predicted if is_usable else Motion(_NOWHERE, _NOWHERE),
+        motion=motion,
         is_usable=is_usable,
     )
 
@@ -280,18 +289,20 @@ def _advance_trajectory(
     dt_s: float,
 ) -> tuple[float, trajectory.TrajectoryMemory, TrajectorySetpoint]:
     """Return the rate of the trajectory's clock, the trajectory's memory, and the setpoint."""
-    leg = memory.trajectory
+    trajectory_memory = memory.trajectory
     bounds = params.trajectory
 
     if mode == ControlMode.BLIND:
         # a descent without poses waits only for vehicles below, which land soon
         limit_m_s = memory.law.sink_limit_m_s
-        leg, setpoint = sinking.step(leg, predicted, goal, params.sinking, limit_m_s, dt_s)
-        return 1.0, leg, setpoint
+        trajectory_memory, setpoint = sinking.step(
+            trajectory_memory, predicted, goal, params.sinking, limit_m_s, dt_s
+        )
+        return 1.0, trajectory_memory, setpoint
 
     rate = clock_rate(memory, predicted.position_enu_m, goal, params, dt_s)
-    leg, setpoint = trajectory.step(leg, goal, bounds, dt_s, rate)
-    return rate, leg, setpoint
+    trajectory_memory, setpoint = trajectory.step(trajectory_memory, goal, bounds, dt_s, rate)
+    return rate, trajectory_memory, setpoint
 
 
 def _observed(
@@ -356,8 +367,8 @@ def clock_rate(
 ) -> float:
     """Return the rate of the trajectory's clock, from 0 to 1.
 
-    It is less than 1 while the law is active and the vehicle lags behind its setpoint. It is 0
-    while the vehicle climbs or sinks towards neighbours that are still in the way.
+    The rate is less than 1 while the law is active and the vehicle lags behind its setpoint. It is
+    0 while neighbours are in the way of a climb or a descent.
 
     Only the lag along the direction to the goal counts: a vehicle that was pushed aside or ahead
     does not slow its clock. DEVIATION D7. The vehicles on a path have one common clock, which is
@@ -373,6 +384,7 @@ def clock_rate(
     if goal.is_on_path:
         return goal.clock_rate_frac
 
+    # the lag behind the setpoint, projected onto the direction from the setpoint to the goal
     leading = trajectory.setpoint_position(memory.trajectory)
     to_goal_x = goal.position_enu_m.x - leading.x
     to_goal_y = goal.position_enu_m.y - leading.y
@@ -394,9 +406,9 @@ def clock_rate(
 def intent(position_enu_m: Vec3, goal: Goal, max_speed_m_s: float, rise_m: float = 0.0) -> Vec3:
     """Return the velocity [m/s] that would lead straight to the goal or along the path.
 
-    It is at most the top speed. Its vertical part times ``INTENT_S`` is the remaining climb to the
-    goal, so that the neighbours know where a climb ends. In a leg that rises, the climb is to the
-    height that it reaches soon.
+    The velocity is limited to the top speed. Its vertical part times ``INTENT_S`` is the remaining
+    climb to the goal, so that the neighbours know where a climb ends. In a leg that rises
+    (:mod:`onboard.control.passing`), the climb is to the height that the leg reaches soon.
 
     Args:
         position_enu_m: position predicted to t + L [m], ENU.
@@ -426,7 +438,7 @@ def _activity(
 
 
 def _turned(yaw_rad: float, goal: Goal, params: PipelineParams, dt_s: float) -> float:
-    """Return the heading to hold after this tick; it turns the shorter way to the goal's."""
+    """Return the heading to hold after this tick; it turns in the shorter sense to the goal's."""
     if not math.isfinite(goal.yaw_rad):
         return yaw_rad
 
@@ -488,7 +500,7 @@ def _compensation(
 def _on_ground(state: State, params: PipelineParams) -> tuple[PipelineMemory, Tick]:
     """Return a level setpoint without thrust, and reset memories.
 
-    The reset keeps values that were estimated on the ground out of the flight.
+    After the reset, nothing that was estimated on the ground is used in the flight.
     """
     position = finite_or(state.position_enu_m, ZERO_3)
     memory = initial(params, position)

@@ -17,10 +17,9 @@ from onboard.estimation import disturbance_observer, hover_thrust
 _COMPENSATION_SHARE = 0.75
 _LIFT_COMPENSATION_SHARE = 0.5  # the same for the vertical acceleration
 
-# The smaller of these two bounds the baseline's vertical acceleration: a number, and a share of the
-# lift reserve. The rest of the reserve stays for separation.
+# Limits of the baseline's vertical acceleration; the smaller limit counts.
 _MAX_VERTICAL_M_S2 = 2.5
-_VERTICAL_SHARE = 0.4
+_VERTICAL_SHARE = 0.4  # share of the lift reserve; the rest stays for separation
 
 _PURSUIT_FACTOR = 1.25  # largest speed of a return to the setpoint, relative to the top speed
 
@@ -81,7 +80,7 @@ def pipeline_params(
     if law_numbers.law != PAPER:
         lead_s = law_numbers.lead_time_s
 
-    rise_m = 0.0  # only under Covey's law does a vehicle rise; otherwise its legs are straight
+    rise_m = 0.0  # without Covey's law the legs are straight
     if law_numbers.law == COVEY:
         rise_m = passing.rise_m(fleet, vehicle_name)
 

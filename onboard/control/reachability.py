@@ -1,4 +1,4 @@
-"""Says whether a vehicle finds a way to a goal around the static things of its fleet. Pure."""
+"""Says whether a vehicle finds a route to a goal around the static things of its fleet. Pure."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from onboard.control.router import Surroundings, in_the_way, map_of
 from onboard.tuples import Xyz
 from onboard.vectors import Vec2
 
-# A goal that is too near to an obstacle by less than this can be reached nevertheless: a vehicle
-# that the law holds so far away from its goal counts as arrived.
+# A goal may be closer to an obstacle than the clearance by this. The law then stops the vehicle
+# this far from its goal, which counts as an arrival.
 _TOO_NEAR_M = 0.1
 
 
 def no_way(around: Surroundings, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m: Xyz) -> str:
-    """Return the words that say why there is no way to a goal; empty if there is one.
+    """Return the words that say why there is no route to a goal; empty if there is a route.
 
     Args:
-        around: what surrounds the vehicle.
+        around: static things around the vehicle.
         vehicle_name: the vehicle that shall fly there.
-        begin_enu_m, goal_enu_m: where it is, and the goal [m], ENU.
+        begin_enu_m, goal_enu_m: its position, and the goal [m], ENU.
     """
     if not around.still:
         return ""

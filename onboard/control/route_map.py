@@ -1,13 +1,14 @@
-"""Finds the shortest ways around static things, by a visibility graph.
+"""Finds the shortest routes around static things, by a visibility graph.
 
 A straight line to a goal may lead through an obstacle, or past it more closely than the law allows.
-The law slides along an obstacle towards the goal, and so it stops where the goal lies straight
-behind a wall. The shortest way around is a chain of straight pieces whose corners lie beside the
-ends of obstacles (Lozano-Perez and Wesley, An algorithm for planning collision-free paths among
-polyhedral obstacles, 1979). All corners, and the shortest ways between them, are computed once. For
-a position and a goal only the pieces to and from the corners are computed.
+The law slides along an obstacle towards the goal, so it stops if the goal lies straight behind a
+wall. The shortest route around is a chain of straight pieces whose corners lie beside the ends of
+obstacles (Lozano-Perez and Wesley, An algorithm for planning collision-free paths among polyhedral
+obstacles, 1979). All corners, and the shortest routes between them, are computed once. For a
+position and a goal only the pieces to and from the corners are computed.
 
-Everything is horizontal: obstacles have no height limit, and areas with one are chosen before.
+A static thing is an obstacle or an edge of an area. Everything here is horizontal: the caller
+passes only the things whose heights matter for the flight.
 """
 
 from __future__ import annotations
@@ -22,35 +23,36 @@ from onboard.arrays import Array, BoolArray, IntArray
 from onboard.avoidance.params import Capsule, Walls
 from onboard.vectors import Vec2
 
-# A corner is farther than necessary from what it leads around, so that the law does not push a
-# vehicle away from it. A piece may be nearer than necessary: the law holds the distance there.
+# A corner is farther than necessary from its thing, so that the law does not push a vehicle away
+# from the corner. A piece may be nearer than necessary: the law keeps the distance there.
 _CORNER_SPARE_M = 0.05
 _PIECE_SPARE_M = 0.05
 
 _BAR_M = 0.001  # distance that a piece keeps from a bar across a passage that is too narrow
-_BEYOND_WALL_M = 1.0  # a bar beside a wall of the box reaches so far beyond it
+_BEYOND_WALL_M = 1.0  # length of a bar beyond a wall of the box
 
 _NARROW_M = 0.3  # a passage wider than necessary by less than this has a corner in its middle
 CORNERS_PER_END = 8  # a regular octagon around each end of an obstacle
 
-# A way on another side of a thing is taken only if it is shorter by this. Otherwise a vehicle whose
-# estimate is noisy would turn to and fro between two ways of one length.
+# A route on another side of a thing is taken only if it is shorter by this. Otherwise a vehicle
+# with a noisy estimate would alternate between two routes of the same length.
 _SHORTER_M = 0.5
 
-_FIRST_TRIES = 8  # corners that are tried together, the most promising ones; then all others
+_FIRST_TRIES = 8  # number of corners that are tried together first, those with the shortest routes
 
-# Tests whether a piece between two corners keeps its distance from a thing: the corners, squared,
-# times the things. With more than this the map would take too long to compute (a second on a small
-# computer). It then has no corners, so that every way is straight.
+# Largest number of tests whether a piece between two corners keeps its distance from a thing: the
+# number of corners, squared, times the number of things. With more tests the map would take too
+# long to compute (a second on a small computer). It then has no corners, and every route is
+# straight.
 MOST_TESTS = 1_000_000
 
-# Rounding may make a distance too small by this: at corners and passages, and along a piece.
-_PLACE_ROUNDING_M = 1e-6
+# Rounding may make a distance too small by this: first at a point, then along a piece.
+_POINT_ROUNDING_M = 1e-6
 _PIECE_ROUNDING_M = 1e-9
 
 
 class _Things(NamedTuple):
-    """Static things as arrays: all points nearer to a segment than the distance to keep."""
+    """O static things: each is a segment, and the distance that vehicles keep from it."""
 
     begin_m: Array  # (O, 2)
     end_m: Array  # (O, 2)
@@ -59,31 +61,33 @@ class _Things(NamedTuple):
 
 
 class _Ends(NamedTuple):
-    """The ends of things about which ways turn, each once."""
+    """The E ends of things around which routes turn, without repetition."""
 
     points_m: Array  # (E, 2)
     keep_m: Array  # (E,)
 
 
-class _Ways(NamedTuple):
-    """The shortest ways between all corners."""
+class _CornerRoutes(NamedTuple):
+    """The shortest routes between all C corners."""
 
     corners_m: Array  # (C, 2)
-    pieces_m: Array  # (C, C) lengths of the straight pieces, infinite where one is not free
-    length_m: Array  # (C, C), infinite where there is no way
-    following: IntArray  # (C, C) the next corner on the way from one to another
+    pieces_m: Array  # (C, C) lengths of the straight pieces, infinite if a piece is not free
+    length_m: Array  # (C, C), infinite where there is no route
+    following: IntArray  # (C, C) index of the next corner on the route from one corner to another
     is_complete: bool  # False: there were too many corners, and all are left out
 
 
-class _Rest(NamedTuple):
-    """The shortest ways from all corners to one goal."""
+class _GoalRoutes(NamedTuple):
+    """The shortest routes from all corners to one goal."""
 
-    length_m: Array  # (C,), infinite where there is no way
-    last: IntArray  # (C,) the last corner of each way
+    length_m: Array  # (C,), infinite where there is no route
+    last: IntArray  # (C,) index of the last corner of each route
 
 
 class RouteMap:
-    """Corners around static things, and the shortest ways between them, computed when it is made.
+    """Corners around static things, and the shortest routes between them.
+
+    The constructor computes all of them.
 
     Args:
         still: obstacles and edges of areas, in fleet ENU.
@@ -93,52 +97,55 @@ class RouteMap:
 
     def __init__(self, still: Sequence[Capsule], clearance_m: float, walls: Walls) -> None:
         blocking = [capsule for capsule in still if not _is_round_field(capsule)]
-        free_standing = _things(blocking, clearance_m)
-        ends = _ends(blocking, free_standing)
+        free_standing = _things_of(blocking, clearance_m)
+        ends = _ends_of(blocking, free_standing)
         self._walls = walls
-        self._obstacles = _things([thing for thing in still if thing.area == 0], clearance_m)
-        self._things = _closed(free_standing, ends, walls)
+        self._obstacles = _things_of([thing for thing in still if thing.area == 0], clearance_m)
+        self._things = _with_bars(free_standing, ends, walls)
 
         corners = _corners(ends, free_standing, walls)
         is_complete = len(corners) ** 2 * len(self._things.keep_m) <= MOST_TESTS
         if not is_complete:
             corners = corners[:0]
 
+        # lengths of the free pieces between two corners
         between_m = np.full((len(corners), len(corners)), np.inf)
         for row, corner in zip(between_m, corners, strict=True):
             is_free = self._are_free(corner, corners)
             row[is_free] = _lengths(corners - corner)[is_free]
-        self._ways = _shortest(corners, between_m, is_complete)
+        self._routes = _shortest(corners, between_m, is_complete)
 
     @property
     def is_complete(self) -> bool:
-        """Whether the map has all corners. Only then a way that it does not find does not exist."""
-        return self._ways.is_complete
+        """Whether the map has all corners, so that it finds every route that exists."""
+        return self._routes.is_complete
 
     @property
     def corners(self) -> list[Vec2]:
         """All corners, in fleet ENU [m]."""
-        return [Vec2(*corner) for corner in self._ways.corners_m.tolist()]
+        return [Vec2(*corner) for corner in self._routes.corners_m.tolist()]
 
     def route(self, begin_m: Vec2, goal_m: Vec2, present_m: Vec2 | None = None) -> list[Vec2]:
-        """Return the points of the shortest way: its corners, then the goal.
+        """Return the points of the shortest route: its corners, then the goal.
 
         Args:
             begin_m, goal_m: positions in fleet ENU. Either may be nearer to an obstacle than
-                allowed; the way then leads away from it. The begin may be beyond the edge of an
-                area, which then does not count until the first corner.
-            present_m: the corner that is flown to. Ways on its side of a thing are preferred.
+                allowed; the route then leads away from it. The begin may be beyond the edge of an
+                area; this area is then ignored until the first corner.
+            present_m: the corner to which the vehicle flies now. Routes on the same side of a thing
+                are preferred.
         Returns:
-            Only the goal, if the straight line is free; an empty list, if there is no way.
+            Only the goal if the straight line is free. Empty if there is no route.
         """
         begin = np.array(begin_m)
-        counts = self._counts(begin)
+        counts = self._counting_things(begin)
         if self._are_free(begin, np.array(goal_m), counts):
             return [goal_m]
 
-        corners = self._ways.corners_m
-        rest = self._rest(goal_m)
-        total_m = _lengths(corners - begin) + rest.length_m
+        # corners by the length of the route through them, the shortest first
+        corners = self._routes.corners_m
+        from_corners = self._routes_to(goal_m)
+        total_m = _lengths(corners - begin) + from_corners.length_m
         order = np.argsort(total_m)
         order = order[np.isfinite(total_m[order])]
 
@@ -148,76 +155,80 @@ class RouteMap:
         if first is None:
             return []
 
-        present = self._number_of(present_m)
+        # stay on the present side of a thing unless the other side is much shorter
+        present = self._index_of(present_m)
         if present is not None and total_m[present] < total_m[first] + _SHORTER_M:
-            is_other_side = not np.isfinite(self._ways.pieces_m[present, first])
+            is_other_side = not np.isfinite(self._routes.pieces_m[present, first])
             if is_other_side and self._are_free(begin, corners[present], counts):
                 first = present
-        return [*self._corners_between(first, int(rest.last[first])), goal_m]
+        last = int(from_corners.last[first])
+        return [*self._corners_between(first, last), goal_m]
 
-    def _first_in_sight(self, begin: Array, numbers: IntArray, counts: BoolArray) -> int | None:
-        """Return the first of some corners to which the straight line is free."""
-        is_free = self._are_free(begin, self._ways.corners_m[numbers], counts)
+    def _first_in_sight(self, begin: Array, indices: IntArray, counts: BoolArray) -> int | None:
+        """Return the index of the first of some corners to which the straight line is free."""
+        is_free = self._are_free(begin, self._routes.corners_m[indices], counts)
         if not is_free.any():
             return None
-        return int(numbers[int(is_free.argmax())])
+        return int(indices[int(is_free.argmax())])
 
-    def _number_of(self, corner_m: Vec2 | None) -> int | None:
-        """Return the number of a corner; None if it is none of this map."""
+    def _index_of(self, corner_m: Vec2 | None) -> int | None:
+        """Return the index of a corner; None if this map has no such corner."""
         if corner_m is None:
             return None
-        is_same = (self._ways.corners_m == np.array(corner_m)).all(-1)
+        is_same = (self._routes.corners_m == np.array(corner_m)).all(-1)
         if not is_same.any():
             return None
         return int(is_same.argmax())
 
     def _corners_between(self, corner: int, last: int) -> list[Vec2]:
-        """Return the corners of the shortest way from one corner to another."""
-        ways = self._ways
-        points = [Vec2(*ways.corners_m[corner].tolist())]
+        """Return the corners of the shortest route from one corner to another."""
+        routes = self._routes
+        points = [Vec2(*routes.corners_m[corner].tolist())]
         while corner != last:
-            corner = int(ways.following[corner, last])
-            points.append(Vec2(*ways.corners_m[corner].tolist()))
+            corner = int(routes.following[corner, last])
+            points.append(Vec2(*routes.corners_m[corner].tolist()))
         return points
 
-    def _rest(self, goal_m: Vec2) -> _Rest:
-        """Return the shortest ways from all corners to a goal."""
-        corners = self._ways.corners_m
+    def _routes_to(self, goal_m: Vec2) -> _GoalRoutes:
+        """Return the shortest routes from all corners to a goal."""
+        corners = self._routes.corners_m
         goal = np.array(goal_m)
         last_m = np.where(self._are_free(goal, corners), _lengths(corners - goal), np.inf)
-        total_m = self._ways.length_m + last_m[None]
-        return _Rest(total_m.min(1, initial=np.inf), _nearest_column(total_m))
+        total_m = self._routes.length_m + last_m[None]
+        return _GoalRoutes(total_m.min(1, initial=np.inf), _nearest_column(total_m))
 
-    def _counts(self, point_m: Array) -> BoolArray:
-        """Return whether each thing counts for a piece from a point.
+    def _counting_things(self, point_m: Array) -> BoolArray:
+        """Return whether each thing (O,) counts for a piece from a point.
 
-        The edges of an area do not, if the point is beyond them: every way back crosses one.
+        If the point is beyond an area's edges, these do not count: every route back crosses one.
         """
         is_beyond = _areas_left(point_m, self._things)
         return np.asarray(~is_beyond[self._things.area])
 
     def lengths_past(self, begin_m: Vec2, other_m: Vec2, keep_m: float) -> list[float]:
-        """Return the length [m] of the shortest way to each corner that keeps off a point.
+        """Return the length [m] of the shortest route to each corner that stays away from a point.
 
         Args:
-            begin_m: begin of the ways, which may be nearer to the point.
+            begin_m: begin of the routes; it may be nearer to the point than ``keep_m``.
             other_m: the point.
-            keep_m: distance to keep from it.
+            keep_m: distance to keep from the point.
         Returns:
-            The lengths, in the order of the corners; infinite where there is no way.
+            The lengths, in the order of the corners; infinite where there is no route.
         """
         begin = np.array(begin_m)
         other = np.array(other_m)
-        corners = self._ways.corners_m
+        corners = self._routes.corners_m
 
+        # routes of one piece
         kept_m = min(keep_m, math.dist(begin_m, other_m)) - _PIECE_ROUNDING_M
         is_open = _point_distances(other, begin, corners) >= kept_m
-        is_open &= self._are_free(begin, corners, self._counts(begin))
+        is_open &= self._are_free(begin, corners, self._counting_things(begin))
         lengths_m = np.where(is_open, _lengths(corners - begin), np.inf)
 
+        # longer routes, by the algorithm of Bellman and Ford
         is_clear = _point_distances(other, corners[:, None], corners[None]) >= keep_m
-        pieces_m = np.where(is_clear, self._ways.pieces_m, np.inf)
-        for _ in range(len(corners)):  # Bellman and Ford
+        pieces_m = np.where(is_clear, self._routes.pieces_m, np.inf)
+        for _ in range(len(corners)):
             through_m = (lengths_m[:, None] + pieces_m).min(0, initial=np.inf)
             if (through_m >= lengths_m).all():
                 break
@@ -243,7 +254,7 @@ class RouteMap:
     ) -> BoolArray:
         """Return whether each straight piece, (..., 2) to (..., 2), keeps its distances.
 
-        A piece with an end nearer to a thing than allowed may be as near as that end all along.
+        If an end of a piece is nearer to a thing than allowed, the whole piece may be as near.
 
         Args:
             begins_m, ends_m: ends of the pieces.
@@ -275,8 +286,9 @@ def _areas_left(point_m: Array, things: _Things) -> BoolArray:
     """Return for each area, by its number, whether a point (2,) is beyond its edges.
 
     The allowed side of an edge is on its left. So the allowed space is inside an outline that
-    turns left, and outside of one that turns right. A point is inside an outline if a ray from it
-    to the east crosses an odd number of edges. Number 0, the obstacles, is never left.
+    turns left, and outside of an outline that turns right. A point is inside an outline if a ray
+    from the point to the east crosses an odd number of edges. Number 0 stands for the obstacles,
+    and its entry is False.
     """
     begin = things.begin_m - point_m
     end = things.end_m - point_m
@@ -296,16 +308,22 @@ def _areas_left(point_m: Array, things: _Things) -> BoolArray:
 
 
 def _is_round_field(capsule: Capsule) -> bool:
-    """Whether an edge is the circle of an area to stay in, which no straight line inside leaves."""
+    """Return whether an edge is the circle of an area to stay in.
+
+    A straight line between two points inside a circle stays inside.
+    """
     is_round = capsule.begin_enu_m == capsule.end_enu_m
     return capsule.area > 0 and is_round and not capsule.is_turned_about
 
 
-def _things(still: Sequence[Capsule], clearance_m: float) -> _Things:
+def _things_of(still: Sequence[Capsule], clearance_m: float) -> _Things:
+    """Return obstacles and edges of areas as arrays."""
     keep_m = []
     for capsule in still:
-        kept_m = clearance_m if capsule.area == 0 else capsule.keep_m
-        keep_m.append(capsule.radius_m + kept_m)
+        beyond_outline_m = capsule.keep_m
+        if capsule.area == 0:
+            beyond_outline_m = clearance_m
+        keep_m.append(capsule.radius_m + beyond_outline_m)
     return _Things(
         begin_m=np.array([capsule.begin_enu_m for capsule in still]).reshape(-1, 2),
         end_m=np.array([capsule.end_enu_m for capsule in still]).reshape(-1, 2),
@@ -314,9 +332,9 @@ def _things(still: Sequence[Capsule], clearance_m: float) -> _Things:
     )
 
 
-def _ends(still: Sequence[Capsule], things: _Things) -> _Ends:
+def _ends_of(still: Sequence[Capsule], things: _Things) -> _Ends:
     """Return the ends of obstacles, and the corners of areas that point into the allowed space."""
-    ends: dict[tuple[Vec2, float], None] = {}  # in order, each once
+    ends: dict[tuple[Vec2, float], None] = {}  # (end, distance to keep), without repetition
     for capsule, keep_m in zip(still, things.keep_m.tolist(), strict=True):
         is_segment = capsule.begin_enu_m != capsule.end_enu_m
         if capsule.area == 0 or not is_segment or capsule.is_begin_inwards:
@@ -329,29 +347,29 @@ def _ends(still: Sequence[Capsule], things: _Things) -> _Ends:
     )
 
 
-def _closed(things: _Things, ends: _Ends, walls: Walls) -> _Things:
+def _with_bars(things: _Things, ends: _Ends, walls: Walls) -> _Things:
     """Return the things, and a bar across each passage that is a little too narrow.
 
-    A piece may be nearer to a thing than the distance to keep, by a spare. So without the bar a way
-    could lead through a passage that is too narrow by up to two spares, in which the law stops the
-    vehicle.
+    A piece may be nearer to a thing than the distance to keep by _PIECE_SPARE_M. So without the bar
+    a route could lead through a passage that is too narrow by up to twice that, where the law stops
+    the vehicle.
     """
     across, free_m = _passages(ends, things)
-    is_too_narrow = free_m < -_PLACE_ROUNDING_M
-    is_little = free_m > -2.0 * _PIECE_SPARE_M - _PLACE_ROUNDING_M
+    is_too_narrow = free_m < -_POINT_ROUNDING_M
+    is_little = free_m > -2.0 * _PIECE_SPARE_M - _POINT_ROUNDING_M
     is_closed = is_too_narrow & is_little
     begins = np.broadcast_to(ends.points_m[:, None], across.shape)
     bars = [np.stack([begins[is_closed], (begins + across)[is_closed]], axis=1)]
 
-    # also between an end and a wall of the box; a vehicle may be a little beyond the wall
+    # a bar also between an end and a wall of the box; a vehicle may be a little beyond the wall
     for axis, wall_m, sign in _sides(walls):
         room_m = sign * (wall_m - ends.points_m[:, axis])
-        is_closed = (room_m > 0.0) & (room_m < ends.keep_m - _PLACE_ROUNDING_M)
+        is_closed = (room_m > 0.0) & (room_m < ends.keep_m - _POINT_ROUNDING_M)
         feet = ends.points_m[is_closed].copy()
         feet[:, axis] = wall_m + sign * _BEYOND_WALL_M
         bars.append(np.stack([ends.points_m[is_closed], feet], axis=1))
 
-    # a piece may be nearer to a bar, as to every thing, by the spare: _BAR_M is left
+    # a piece may be nearer to a bar by _PIECE_SPARE_M, as to every thing; _BAR_M remains
     all_bars = np.concatenate(bars)
     count = len(all_bars)
     return _Things(
@@ -363,7 +381,7 @@ def _closed(things: _Things, ends: _Ends, walls: Walls) -> _Things:
 
 
 def _sides(walls: Walls) -> tuple[tuple[int, float, float], ...]:
-    """Return for each wall of the box its axis, where it is, and the sign of the way outwards."""
+    """Return the walls of the box: axis (0: x, 1: y), coordinate [m], sign of the outward axis."""
     return (
         (0, walls.low_x_m, -1.0),
         (0, walls.high_x_m, 1.0),
@@ -373,16 +391,16 @@ def _sides(walls: Walls) -> tuple[tuple[int, float, float], ...]:
 
 
 def _corners(ends: _Ends, things: _Things, walls: Walls) -> Array:
-    """Return the points (C, 2) about which ways turn.
+    """Return the points (C, 2) at which routes turn.
 
     They lie around the ends of things, and in the middle of narrow passages.
     """
-    around = _around(ends)
-    middles = np.concatenate([_middles(ends, things), _middles_beside_walls(ends, walls)])
+    around = _octagon_corners(ends)
+    middles = np.concatenate([_passage_middles(ends, things), _wall_passage_middles(ends, walls)])
 
-    # Other things may take half of a corner's spare. A middle of a passage may have none.
+    # A corner needs half of its spare to other things. The middle of a passage needs no spare.
     around = around[_is_clear(around, things, 0.5 * _CORNER_SPARE_M)]
-    middles = middles[_is_clear(middles, things, -_PLACE_ROUNDING_M)]
+    middles = middles[_is_clear(middles, things, -_POINT_ROUNDING_M)]
     corners = np.concatenate([around, middles])
 
     return np.asarray(corners[_is_inside(corners, walls)])
@@ -397,7 +415,7 @@ def _is_inside(points_m: Array, walls: Walls) -> BoolArray:
     return np.asarray(is_inside_x & is_inside_y)
 
 
-def _around(ends: _Ends) -> Array:
+def _octagon_corners(ends: _Ends) -> Array:
     """Return the corners (.., 2) of an octagon around each end; its sides keep the distance."""
     angle = 2.0 * np.pi * np.arange(CORNERS_PER_END) / CORNERS_PER_END
     directions = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -406,21 +424,21 @@ def _around(ends: _Ends) -> Array:
     return np.asarray(corners.reshape(-1, 2))
 
 
-def _middles(ends: _Ends, things: _Things) -> Array:
+def _passage_middles(ends: _Ends, things: _Things) -> Array:
     """Return the middle (.., 2) of each narrow passage between an end and another thing.
 
-    It is where both are farther away than they have to be, by the same.
+    Its distances from both exceed the distances to keep by the same amount.
     """
     across, free_m = _passages(ends, things)
     width_m = _lengths(across)
-    is_narrow = (free_m > -_PLACE_ROUNDING_M) & (free_m < _NARROW_M)
+    is_narrow = (free_m > -_POINT_ROUNDING_M) & (free_m < _NARROW_M)
 
     share = (ends.keep_m[:, None] + 0.5 * free_m) / np.maximum(width_m, 1e-12)
     middles = ends.points_m[:, None] + share[..., None] * across
     return np.asarray(middles[is_narrow])
 
 
-def _middles_beside_walls(ends: _Ends, walls: Walls) -> Array:
+def _wall_passage_middles(ends: _Ends, walls: Walls) -> Array:
     """Return the middle (.., 2) of each narrow passage between an end and a wall of the box.
 
     The vehicle's centre may be at the wall, so only the end has a distance that must be kept.
@@ -428,7 +446,7 @@ def _middles_beside_walls(ends: _Ends, walls: Walls) -> Array:
     middles = []
     for axis, wall_m, sign in _sides(walls):
         free_m = sign * (wall_m - ends.points_m[:, axis]) - ends.keep_m
-        is_narrow = (free_m > -_PLACE_ROUNDING_M) & (free_m < _NARROW_M)
+        is_narrow = (free_m > -_POINT_ROUNDING_M) & (free_m < _NARROW_M)
         beside_wall = ends.points_m[is_narrow].copy()
         beside_wall[:, axis] += sign * (ends.keep_m + 0.5 * free_m)[is_narrow]
         middles.append(beside_wall)
@@ -436,7 +454,7 @@ def _middles_beside_walls(ends: _Ends, walls: Walls) -> Array:
 
 
 def _passages(ends: _Ends, things: _Things) -> tuple[Array, Array]:
-    """Return the passage from each end to each thing, and how much wider it is than it must be.
+    """Return the passage from each end to each thing, and by how much it is wider than necessary.
 
     Returns:
         Vectors (E, O, 2) from the ends to the nearest points of the things, and widths (E, O).
@@ -447,17 +465,17 @@ def _passages(ends: _Ends, things: _Things) -> tuple[Array, Array]:
 
 
 def _is_clear(points_m: Array, things: _Things, spare_m: float) -> BoolArray:
-    """Return whether each point (P, 2) is farther from all things than it must be, by a spare."""
+    """Return whether each point (P, 2) is farther from all things than necessary by a spare."""
     distance_m = _point_distances(points_m[:, None], things.begin_m, things.end_m)
     return np.asarray((distance_m >= things.keep_m + spare_m).all(-1))
 
 
-def _shortest(corners_m: Array, between_m: Array, is_complete: bool) -> _Ways:
-    """Return the shortest ways between corners, by Floyd's and Warshall's algorithm.
+def _shortest(corners_m: Array, between_m: Array, is_complete: bool) -> _CornerRoutes:
+    """Return the shortest routes between corners, by Floyd's and Warshall's algorithm.
 
     Args:
         corners_m: the corners (C, 2).
-        between_m: lengths (C, C) of the straight pieces, infinite where one is not free.
+        between_m: lengths (C, C) of the straight pieces, infinite if a piece is not free.
         is_complete: whether these are all corners.
     """
     count = len(between_m)
@@ -468,7 +486,7 @@ def _shortest(corners_m: Array, between_m: Array, is_complete: bool) -> _Ways:
         is_shorter = through_m < length_m
         length_m = np.where(is_shorter, through_m, length_m)
         following = np.where(is_shorter, following[:, middle, None], following)
-    return _Ways(
+    return _CornerRoutes(
         corners_m=corners_m,
         pieces_m=between_m,
         length_m=length_m,
@@ -482,12 +500,13 @@ def _lengths(vectors_m: Array) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
+    """Return the cross products of plane vectors; positive if b is to the left of a."""
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
-def _shares(points_m: Array, begins_m: Array, ends_m: Array) -> Array:
-    """Return where on segments the points nearest to given ones lie: shares from 0 to 1."""
-    # by components: a sum along an axis of two takes three times as long
+def _nearest_shares(points_m: Array, begins_m: Array, ends_m: Array) -> Array:
+    """Return the points of segments that are nearest to given points, as shares from 0 to 1."""
+    # by components: a sum over an axis of length two takes three times as long
     along_x = ends_m[..., 0] - begins_m[..., 0]
     along_y = ends_m[..., 1] - begins_m[..., 1]
     x = points_m[..., 0] - begins_m[..., 0]
@@ -498,13 +517,13 @@ def _shares(points_m: Array, begins_m: Array, ends_m: Array) -> Array:
 
 def _nearest_points(points_m: Array, begins_m: Array, ends_m: Array) -> Array:
     """Return the nearest points of segments to points; all (..., 2), broadcast."""
-    share = _shares(points_m, begins_m, ends_m)
+    share = _nearest_shares(points_m, begins_m, ends_m)
     return np.asarray(begins_m + share[..., None] * (ends_m - begins_m))
 
 
 def _point_distances(points_m: Array, begins_m: Array, ends_m: Array) -> Array:
     """Return the distances of points from segments; all (..., 2), broadcast."""
-    share = _shares(points_m, begins_m, ends_m)
+    share = _nearest_shares(points_m, begins_m, ends_m)
     x = begins_m[..., 0] + share * (ends_m[..., 0] - begins_m[..., 0]) - points_m[..., 0]
     y = begins_m[..., 1] + share * (ends_m[..., 1] - begins_m[..., 1]) - points_m[..., 1]
     return np.asarray(np.sqrt(x * x + y * y))
@@ -524,6 +543,7 @@ def _piece_distances(begins_m: Array, ends_m: Array, things: _Things, from_ends_
     of_end_m = _point_distances(things.end_m, begins_m, ends_m)
     distance_m = np.minimum(np.minimum(of_begin_m, of_end_m), from_ends_m)
 
+    # two segments cross if the ends of each lie on different sides of the other
     piece = ends_m - begins_m
     thing = things.end_m - things.begin_m
     sides_of_piece = _cross(piece, things.begin_m - begins_m) * _cross(

@@ -1,12 +1,13 @@
 """Leads one vehicle around static things: gives its trajectory the next corner as its goal.
 
-A goal that is in sight passes unchanged. For another one the vehicle flies to the first corner of
-the shortest way (:mod:`onboard.control.route_map`) until it sees the next one. The way is found
-anew several times a second from where the vehicle is, so others may push it off its way.
+A point is in sight if the straight line to it is free. If the goal is in sight, it stays the
+trajectory's goal. If not, the vehicle flies to the first corner of the shortest route
+(:mod:`onboard.control.route_map`) until the next corner is in sight. The route is searched several
+times a second from the present position, so other vehicles may push the vehicle off its route.
 
-Where two meet in a passage that is too narrow for both, one flies back and waits beside it until
-the other one has passed (:mod:`onboard.control.yielding`). A vehicle that parked vehicles keep from
-its goal flies around them as well (:mod:`onboard.control.parked`).
+If two vehicles meet in a passage that is too narrow for both, one of them flies back and waits
+beside the passage until the other has passed (:mod:`onboard.control.yielding`). If parked vehicles
+keep a vehicle from its goal, it also flies around them (:mod:`onboard.control.parked`).
 """
 
 from __future__ import annotations
@@ -23,34 +24,34 @@ from onboard.tuples import Xyz
 from onboard.types import Goal, Neighbour, State
 from onboard.vectors import Vec2, Vec3, horizontal, is_finite
 
-PERIOD_S = 0.2  # from one search to the next
+PERIOD_S = 0.2  # time from one search to the next
 
-# Where there is room, the trajectory aims at a point behind the corner, since it would stop at the
-# corner itself. The next corner is in sight before the vehicle gets to that point.
-_BEYOND_M = (1.0, 0.5, 0.25)
+# If there is room, the trajectory aims at a point this far behind the corner, because it would stop
+# at the corner itself. The next corner is in sight before the vehicle reaches that point.
+_BEYOND_M = (1.0, 0.5, 0.25)  # the first distance that is free
 
-_SAME_PLACE_M = 1e-6  # a point nearer than this has no direction and no way
+_SAME_POINT_M = 1e-6  # a point nearer than this has no direction and no route
 _MOST_WAIT_S = 15.0  # a vehicle that gave way goes on after this time at the latest
 NOBODY = -1  # the index of no vehicle
 _NO_SEQUENCE = -(1 << 53)  # no goal has this sequence
 
 
 class RouteMemory(NamedTuple):
-    """Where a vehicle is on its way, between two ticks."""
+    """Where a vehicle is on its route, between two ticks."""
 
-    sequence: int = _NO_SEQUENCE  # of the goal that is flown to
+    sequence: int = _NO_SEQUENCE  # sequence of the goal that is flown to
     left_s: float = 0.0  # time until the next search
 
-    corner: Vec2 | None = None  # that is flown to; None: straight to the goal
-    aim: Vec2 | None = None  # of the trajectory: the corner, or a point behind it
-    leg_count: int = 0  # corners that were flown to, which number their legs
-    is_around: bool = False  # whether the way to this goal has led around something
-    pace_s_m: float = 0.0  # ordered duration over the length of the way; 0: none was ordered
+    corner: Vec2 | None = None  # corner that is flown to; None: straight to the goal
+    aim: Vec2 | None = None  # end of the trajectory: the corner, or a point behind it
+    leg_count: int = 0  # number of corners that were flown to, each on its own leg
+    is_around: bool = False  # whether the route to this goal has led around something
+    pace_s_m: float = 0.0  # ordered duration per length of the route; 0: no duration was ordered
     leg_s: float = 0.0  # share of the present leg in the ordered duration
 
     met_s: float = 0.0  # time for which it has stood face to face with another vehicle
-    refuge: Vec2 | None = None  # place at which it waits until the other one has passed
-    waited_s: float = 0.0  # time since it left for that place
+    refuge: Vec2 | None = None  # point at which it waits until the other vehicle has passed
+    waited_s: float = 0.0  # time since it left for the refuge
     waits_for: int = NOBODY  # table index of the other vehicle
 
     stood_s: float = 0.0  # time for which it has stood away from its goal
@@ -63,11 +64,11 @@ class Surroundings(NamedTuple):
     still: tuple[Capsule, ...]  # obstacles, and edges of areas, in fleet ENU
     spacing: Spacing
     walls: Walls
-    maps: Mapping[tuple[Capsule, ...], RouteMap]  # by what is in the way
+    maps: Mapping[tuple[Capsule, ...], RouteMap]  # by the things that are in the way of a flight
 
 
 def surroundings(still: Sequence[Capsule], law: LawParams) -> Surroundings:
-    """Return the surroundings of a vehicle, and compute their maps: in flight that takes too long.
+    """Return the surroundings of a vehicle, with all maps: computing one in flight takes too long.
 
     Args:
         still: static things of the fleet.
@@ -89,18 +90,19 @@ def map_of(still: tuple[Capsule, ...], around: Surroundings) -> RouteMap:
 
 
 def is_led(memory: RouteMemory) -> bool:
-    """Return whether the goal of the trajectory may be another one than the vehicle's."""
+    """Return whether the trajectory may lead to a corner instead of the vehicle's goal."""
     return memory.aim is not None or memory.is_around
 
 
 def is_idle(memory: RouteMemory) -> bool:
-    """Return whether nothing is remembered that counts for the next search."""
-    has_company = memory.refuge is not None or memory.past_parked is not None
-    return not (is_led(memory) or has_company or memory.stood_s > 0.0 or memory.met_s > 0.0)
+    """Return whether the memory holds nothing that the next search needs."""
+    avoids_vehicles = memory.refuge is not None or memory.past_parked is not None
+    has_waited = memory.stood_s > 0.0 or memory.met_s > 0.0
+    return not (is_led(memory) or avoids_vehicles or has_waited)
 
 
 def is_due(memory: RouteMemory, goal: Goal, dt_s: float) -> bool:
-    """Return whether the next step looks for a way."""
+    """Return whether the next step looks for a route."""
     return goal.sequence != memory.sequence or memory.left_s <= dt_s
 
 
@@ -118,14 +120,14 @@ def step(
     around: Surroundings,
     dt_s: float,
 ) -> tuple[RouteMemory, Goal]:
-    """Return the memory, and the goal of the trajectory for this tick: the vehicle's or a corner.
+    """Return the memory, and the goal of the trajectory for this tick.
 
-    Where there is no way, it is the vehicle's goal.
+    The goal is a corner of the route; without a route it is the vehicle's own goal.
 
     Args:
         memory: memory of the last tick.
         state: own estimate.
-        goal: where the vehicle shall go.
+        goal: the vehicle's own goal.
         neighbours: the known neighbours.
         around: static things of the fleet.
         dt_s: time since the last tick.
@@ -136,17 +138,17 @@ def step(
     if not is_finite(state.position_enu_m):
         if goal.sequence != memory.sequence:
             return memory, goal
-        return memory, _leg(memory, goal)
+        return memory, _goal_of_leg(memory, goal)
 
     if not is_due(memory, goal, dt_s):
         memory = memory._replace(left_s=memory.left_s - dt_s)
-        return memory, _leg(memory, goal)
+        return memory, _goal_of_leg(memory, goal)
 
     if goal.sequence != memory.sequence:
         memory = RouteMemory(sequence=goal.sequence, leg_count=memory.leg_count)
         memory = memory._replace(pace_s_m=_pace_s_m(state, goal, around))
     memory = _searched(memory, state, goal, neighbours, around)
-    return memory._replace(left_s=PERIOD_S), _leg(memory, goal)
+    return memory._replace(left_s=PERIOD_S), _goal_of_leg(memory, goal)
 
 
 def _searched(
@@ -156,7 +158,7 @@ def _searched(
     neighbours: Sequence[Neighbour],
     around: Surroundings,
 ) -> RouteMemory:
-    """Return the memory after the way was found anew."""
+    """Return the memory after a new search for the route."""
     here = horizontal(state.position_enu_m)
     still = in_the_way(around.still, state.position_enu_m.z, goal.position_enu_m.z)
     goal_m = horizontal(goal.position_enu_m)
@@ -165,17 +167,22 @@ def _searched(
     if not (still or memory.past_parked or is_led(memory)):
         return memory  # nothing is in the way
 
-    route_map = memory.past_parked or map_of(still, around)
-    way = route_map.route(here, goal_m, memory.corner)
+    route_map = memory.past_parked
+    if route_map is None:
+        route_map = map_of(still, around)
+    route = route_map.route(here, goal_m, memory.corner)
+
     if memory.refuge is None:
-        whole_way = [here, *(way or [goal_m])]
-        memory = _giving_way(memory, state, whole_way, neighbours, route_map, around.spacing)
+        whole_route = [here, *(route or [goal_m])]
+        memory = _yielded(memory, state, whole_route, neighbours, route_map, around.spacing)
     else:
-        memory = _waiting(memory, [here, *way], neighbours, around.spacing)
+        memory = _waiting(memory, [here, *route], neighbours, around.spacing)
 
     if memory.refuge is not None:
-        way = route_map.route(here, memory.refuge)
-    return _following(memory, here, way or [goal_m], route_map)
+        route = route_map.route(here, memory.refuge)
+    if not route:
+        route = [goal_m]
+    return _following(memory, here, route, route_map)
 
 
 def _held_by_parked(
@@ -186,7 +193,7 @@ def _held_by_parked(
     still: tuple[Capsule, ...],
     around: Surroundings,
 ) -> RouteMemory:
-    """Return the memory with a map of parked vehicles, if they have kept the vehicle for long."""
+    """Return the memory with a map of parked vehicles, if these have held the vehicle for long."""
     is_waiting = memory.refuge is not None
     if is_waiting or not parked.is_standing_away(state, goal):
         return memory._replace(stood_s=max(memory.stood_s - PERIOD_S, 0.0))
@@ -203,21 +210,21 @@ def _held_by_parked(
     return memory._replace(stood_s=0.0, past_parked=past_parked)
 
 
-def _giving_way(
+def _yielded(
     memory: RouteMemory,
     state: State,
-    way: Sequence[Vec2],
+    route: Sequence[Vec2],
     neighbours: Sequence[Neighbour],
     route_map: RouteMap,
     spacing: Spacing,
 ) -> RouteMemory:
-    """Return the memory with a place to wait at, if the vehicle has to give way."""
-    here = way[0]
-    ahead_m = math.dist(here, way[1])
-    if ahead_m < _SAME_PLACE_M:
+    """Return the memory with a refuge to wait at, if the vehicle has to give way."""
+    here = route[0]
+    ahead_m = math.dist(here, route[1])
+    if ahead_m < _SAME_POINT_M:
         return memory
 
-    direction = Vec2((way[1].x - here.x) / ahead_m, (way[1].y - here.y) / ahead_m)
+    direction = Vec2((route[1].x - here.x) / ahead_m, (route[1].y - here.y) / ahead_m)
     opponent = yielding.opponent_of(state, direction, neighbours, spacing)
     if opponent is None:
         return memory._replace(met_s=0.0)
@@ -226,37 +233,39 @@ def _giving_way(
     if not yielding.is_to_yield(here, opponent, met_s):
         return memory._replace(met_s=met_s)
 
-    refuge = yielding.place_to_wait(here, opponent, route_map)
+    refuge = yielding.nearest_refuge(here, opponent, route_map)
     if refuge is None:
         return memory._replace(met_s=0.0)
     return memory._replace(met_s=0.0, refuge=refuge, waited_s=0.0, waits_for=opponent.table_index)
 
 
 def _waiting(
-    memory: RouteMemory, way: Sequence[Vec2], neighbours: Sequence[Neighbour], spacing: Spacing
+    memory: RouteMemory, route: Sequence[Vec2], neighbours: Sequence[Neighbour], spacing: Spacing
 ) -> RouteMemory:
-    """Return the memory without the place to wait at, once the way is free."""
+    """Return the memory without the refuge, once the route is free."""
     waited_s = memory.waited_s + PERIOD_S
-    is_free = yielding.is_way_free(way, neighbours, spacing)
+    is_free = yielding.is_route_free(route, neighbours, spacing)
     if is_free or waited_s >= _MOST_WAIT_S:
         return memory._replace(refuge=None, waits_for=NOBODY)
     return memory._replace(waited_s=waited_s)
 
 
 def _following(
-    memory: RouteMemory, here: Vec2, way: Sequence[Vec2], route_map: RouteMap
+    memory: RouteMemory, here: Vec2, route: Sequence[Vec2], route_map: RouteMap
 ) -> RouteMemory:
     """Return the memory with the corner and the aim of the trajectory, and the time for the leg."""
-    # a way of one point leads straight to its end: the place to wait at, or the goal (None)
-    corner = way[0] if len(way) > 1 else memory.refuge
+    # a route of one point leads straight to its end: the refuge, or the goal (None)
+    corner = memory.refuge
+    if len(route) > 1:
+        corner = route[0]
     if corner == memory.corner:
         return memory
     if corner is None:
-        leg_s = memory.pace_s_m * math.dist(here, way[0])
+        leg_s = memory.pace_s_m * math.dist(here, route[0])
         return memory._replace(corner=None, aim=None, leg_s=leg_s)
 
     aim = corner
-    leg_s = 0.0  # whoever gives way hurries
+    leg_s = 0.0  # a vehicle that gives way flies as fast as it can
     if memory.refuge is None:
         aim = _behind(here, corner, route_map)
         leg_s = memory.pace_s_m * math.dist(here, aim)
@@ -270,16 +279,16 @@ def _following(
 
 
 def _pace_s_m(state: State, goal: Goal, around: Surroundings) -> float:
-    """Return the ordered time for each metre of the way; 0: the order gives no time."""
+    """Return the ordered time for each metre of the route; 0: the order gives no time."""
     if goal.duration_s <= 0.0:
         return 0.0
-    length_m = way_m(around, state.position_enu_m, goal.position_enu_m)
-    if length_m < _SAME_PLACE_M:
+    length_m = route_length_m(around, state.position_enu_m, goal.position_enu_m)
+    if length_m < _SAME_POINT_M:
         return 0.0
     return goal.duration_s / length_m
 
 
-def _leg(memory: RouteMemory, goal: Goal) -> Goal:
+def _goal_of_leg(memory: RouteMemory, goal: Goal) -> Goal:
     """Return the goal of the present leg, with its share of an ordered duration.
 
     Legs to corners have negative sequences, because those of the vehicle's goals are not negative.
@@ -293,8 +302,8 @@ def _leg(memory: RouteMemory, goal: Goal) -> Goal:
     return goal
 
 
-def way_m(around: Surroundings, begin_enu_m: Xyz, goal_enu_m: Xyz) -> float:
-    """Return the length [m] of the way to a goal; of the straight line, if there is no way.
+def route_length_m(around: Surroundings, begin_enu_m: Xyz, goal_enu_m: Xyz) -> float:
+    """Return the length [m] of the route to a goal; of the straight line, if there is no route.
 
     Args:
         around: static things of the fleet.
@@ -306,10 +315,12 @@ def way_m(around: Surroundings, begin_enu_m: Xyz, goal_enu_m: Xyz) -> float:
     begin = Vec2(begin_enu_m[0], begin_enu_m[1])
     goal = Vec2(goal_enu_m[0], goal_enu_m[1])
     still = in_the_way(around.still, begin_enu_m[2], goal_enu_m[2])
-    way = map_of(still, around).route(begin, goal) or [goal]
+    route = map_of(still, around).route(begin, goal)
+    if not route:
+        route = [goal]
 
     level_m = 0.0
-    for here, there in pairwise([begin, *way]):
+    for here, there in pairwise([begin, *route]):
         level_m += math.dist(here, there)
     return math.hypot(level_m, goal_enu_m[2] - begin_enu_m[2])
 
@@ -317,7 +328,7 @@ def way_m(around: Surroundings, begin_enu_m: Xyz, goal_enu_m: Xyz) -> float:
 def in_the_way(
     still: Sequence[Capsule], height_m: float, goal_height_m: float
 ) -> tuple[Capsule, ...]:
-    """Return the static things that count for a flight between two heights [m]."""
+    """Return the static things that may be in the way of a flight between two heights [m]."""
     low_m = min(height_m, goal_height_m)
     high_m = max(height_m, goal_height_m)
     return tuple(
@@ -327,10 +338,13 @@ def in_the_way(
 
 def _by_height(still: tuple[Capsule, ...]) -> set[tuple[Capsule, ...]]:
     """Return the sets of things that are in the way of flights at or between any heights."""
-    limits = {limit for capsule in still for limit in (capsule.low_m, capsule.high_m)}
+    limits: set[float] = set()
+    for capsule in still:
+        limits.update((capsule.low_m, capsule.high_m))
     heights = sorted(limit for limit in limits if math.isfinite(limit))
 
-    # One height of each band that the limits make: below all of them, between two, above all.
+    # The limits divide the heights into bands. One height of each band: below all limits, between
+    # two neighbouring limits, and above all limits.
     middles = [0.5 * (low + high) for low, high in pairwise(heights)]
     of_bands = [0.0]
     if heights:
@@ -341,12 +355,12 @@ def _by_height(still: tuple[Capsule, ...]) -> set[tuple[Capsule, ...]]:
 
 
 def _behind(here: Vec2, corner: Vec2, route_map: RouteMap) -> Vec2:
-    """Return a point behind a corner, as seen from here, to which the way from the corner is free.
+    """Return a point behind a corner, on the line from here, that is in sight of the corner.
 
-    It is the corner itself where there is no room.
+    It is the corner itself if there is no room.
     """
     away_m = math.dist(here, corner)
-    if away_m < _SAME_PLACE_M:
+    if away_m < _SAME_POINT_M:
         return corner
 
     for beyond_m in _BEYOND_M:

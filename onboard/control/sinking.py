@@ -32,11 +32,12 @@ SLOW_BELOW_WITHOUT_MOCAP_M = 1.2
 
 _BRAKE_FACTOR = 1.6  # horizontal braking, relative to the acceleration of a usual flight
 
-# The smaller of the first two bounds the vertical acceleration: a number, and a share of the lift
-# reserve. Above the ground the vehicle slows down with only a part of it (_RISE_SHARE), so that the
-# rest can correct errors.
+# Limits of the vertical acceleration; the smaller limit counts.
 _VERTICAL_M_S2 = 3.5
-_LIFT_SHARE = 0.75
+_LIFT_SHARE = 0.75  # share of the lift reserve
+
+# Share of the vertical acceleration that the vehicle plans for slowing down above the ground. The
+# rest can correct errors.
 _RISE_SHARE = 0.6
 
 _STEP_S = 0.02  # step of the simulated descent that gives its duration
@@ -61,13 +62,16 @@ def sinking_params(
         hover_frac: throttle that carries its weight.
         has_mocap: whether poses of a motion capture have shown the error of PX4's height.
     """
-    lift_reserve_m_s2 = (1.0 / hover_frac - 1.0) * GRAVITY_M_S2
+    lift_reserve_m_s2 = (1.0 / hover_frac - 1.0) * GRAVITY_M_S2  # at full throttle
     vertical_m_s2 = min(_VERTICAL_M_S2, _LIFT_SHARE * lift_reserve_m_s2)
+    slow_below_m = SLOW_BELOW_WITHOUT_MOCAP_M
+    if has_mocap:
+        slow_below_m = SLOW_BELOW_M
     return SinkingParams(
         brake_m_s2=_BRAKE_FACTOR * max_acceleration_m_s2,
         vertical_m_s2=vertical_m_s2,
         rise_m_s2=_RISE_SHARE * vertical_m_s2,
-        slow_below_m=SLOW_BELOW_M if has_mocap else SLOW_BELOW_WITHOUT_MOCAP_M,
+        slow_below_m=slow_below_m,
     )
 
 

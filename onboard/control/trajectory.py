@@ -48,9 +48,9 @@ _FITS = 1.0 + 1e-9  # a value divided by its bound may be this large, because of
 # goal that is only a few millimetres away.
 _LEAST_SHARE = 0.8
 
-_LEVEL_M = 0.3  # a leg between heights that differ by more is no level one
+_LEVEL_M = 0.3  # a leg is level if the heights of its ends differ by at most this
 _RISE_END_SHARE = 0.95  # share of a leg's time at which a rise has ended
-_LEAST_ABOVE_S = 1.0  # a leg that would be shorter above than this does not rise
+_LEAST_ABOVE_S = 1.0  # a leg does not rise if it would stay above for less than this time
 _RISE_AHEAD_S = 1.0  # a vehicle tells others the rise that it has reached after this time
 
 
@@ -241,7 +241,7 @@ def _risen_m(memory: TrajectoryMemory, elapsed_s: float) -> float:
 def _rise(memory: TrajectoryMemory, elapsed_s: float) -> tuple[_Quintic, float]:
     """Return the motion above the level leg, a time after its begin, and the share of it flown.
 
-    It is a quintic up, and from the time at which the vehicle comes down another one back.
+    The motion is a quintic up. When the vehicle comes down again, it is another quintic down.
     """
     begin_m = ZERO_3
     end_m = Vec3(0.0, 0.0, memory.rise_m)
@@ -276,7 +276,9 @@ def _present(memory: TrajectoryMemory) -> tuple[_Quintic, float]:
     else:
         elapsed_s -= memory.first_duration_s
         # a leg without duration goes nowhere: any duration but 0 gives the same setpoint
-        second_s = memory.second_duration_s if memory.second_duration_s > 0.0 else 1.0
+        second_s = 1.0
+        if memory.second_duration_s > 0.0:
+            second_s = memory.second_duration_s
         leg = _Quintic(
             begin_m=memory.via_position_enu_m,
             velocity_m_s=ZERO_3,
@@ -422,7 +424,9 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
             first_s = direct_s
             second_s = 0.0
 
-    rises = _rises(p.z, target.z, first_s + second_s, params)
+    rise_m = 0.0
+    if _rises(p.z, target.z, first_s + second_s, params):
+        rise_m = params.rise_m
     return TrajectoryMemory(
         start_position_enu_m=p,
         start_velocity_enu_m_s=v,
@@ -434,7 +438,7 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
         elapsed_s=0.0,
         clock_rate=memory.clock_rate,
         sequence=goal.sequence,
-        rise_m=params.rise_m if rises else 0.0,
+        rise_m=rise_m,
         rise_s=shortest_duration_s(params.rise_m, params),
     )
 
@@ -475,7 +479,7 @@ def _brake(p: Vec3, v: Vec3, a: Vec3, duration: float) -> _Quintic:
 def _brake_duration_s(p: Vec3, v: Vec3, a: Vec3, scale_s: float, params: TrajectoryParams) -> float:
     """Return the duration [s] of the shortest brake that keeps the bounds.
 
-    If none keeps them, return that of the brake that exceeds them least.
+    If no brake keeps them, return the duration of the brake that exceeds them least.
     """
     for factor in _BRAKE_FACTORS:
         t = factor * scale_s

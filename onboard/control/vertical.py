@@ -5,11 +5,11 @@ A leg's quintic ends slowly: with 1 m/s at most, the last metre of 30 m takes 10
 
 from __future__ import annotations
 
-# mean speed near the ground, and the height up to which it holds
+# mean speed near the ground, and the height up to which the vehicle is that slow
 _SLOW_M_S = 0.4
 _SLOW_M = 4.0
 
-# Mean speed above that height. Its peak is 1.5 m/s, as of PX4's own descent (MPC_Z_V_AUTO_DN).
+# Mean speed above that height. The peak is then 1.5 m/s, as in PX4's own descent (MPC_Z_V_AUTO_DN).
 _FAST_M_S = 0.8
 
 # Largest mean speed, as a share of the vehicle's top speed: a quintic peaks at 1.9 times its mean.

@@ -1,12 +1,13 @@
-"""Who gives way where two vehicles meet and cannot pass each other, and where it waits. Pure.
+"""Decides which of two vehicles gives way if they meet and cannot pass, and where it waits. Pure.
 
-In a passage that is wide enough for one vehicle, two that meet stand still: neither can turn about
-the other, and neither flies away from its goal. One of them has to go back to a place beside the
-other's way. Both know the same, two positions and two intents, and so both decide the same: the one
-further west goes. If it has not gone after a while, because it finds no place or flies by another
-law, the other one goes.
+If two vehicles meet in a passage that is wide enough for only one, both stand still: neither can
+turn about the other, and neither flies away from its goal. One of them has to fly back to a refuge,
+a point beside the other vehicle's route. Both vehicles know the same two positions and two intents,
+so both decide the same: the vehicle further west goes back. If it does not, because it finds no
+refuge or flies by another law, the other vehicle goes back after a while. For each vehicle, the
+other one is its opponent.
 
-Only static things and parked vehicles make such passages. In the open the law's turning rows are
+Only static things and parked vehicles make such passages. In the open the law's rotation rows are
 enough.
 """
 
@@ -23,21 +24,21 @@ from onboard.control.route_map import RouteMap
 from onboard.types import Neighbour, State
 from onboard.vectors import Vec2, dot_2, horizontal, length_2
 
-MEETING_S = 4.0  # two have met when they have stood face to face for this time
-REFUSED_S = 12.0  # after this time the other one goes
+MEETING_S = 4.0  # two vehicles have met when they have stood face to face for this time
+REFUSED_S = 12.0  # after this time the vehicle further east goes back
 
-_SLOW_M_S = 0.2  # whoever is slower stands
-_NEAR_M = 0.4  # two that stand face to face are at most so much farther apart than they must be
-_FACING = 0.3  # least cosine of the angle between an intent and the direction to the other
-_AHEAD_M = 6.0  # length of the other's way that is kept free
-_BESIDE_M = 0.15  # by which a place to wait is farther from it than necessary
-_ASIDE_M = (0.0, 0.5, 1.0)  # from a corner to the places beside it that are tried
+_SLOW_M_S = 0.2  # a slower vehicle stands
+_NEAR_M = 0.4  # vehicles are face to face if the gap beyond the distance to keep is at most this
+_FACING = 0.3  # least cosine of the angle between an intent and the direction to the other vehicle
+_AHEAD_M = 6.0  # length of the opponent's route that is kept free
+_BESIDE_M = 0.15  # a refuge is farther from that route than necessary by this
+_ASIDE_M = (0.0, 0.5, 1.0)  # distances from a corner at which a refuge is tried
 
-_REJOIN_M = 2.5  # length of the own way that must be free before the vehicle goes on
-_REJOIN_SPARE_M = 0.3  # by which others must be farther from it than necessary
+_REJOIN_M = 2.5  # length of the own route that must be free before the vehicle goes on
+_REJOIN_SPARE_M = 0.3  # other vehicles must be farther from it than necessary by this
 
-# West, turned by 20 degrees. Few passages lie exactly across this direction; in one that does,
-# neither vehicle would be further west.
+# West, turned by 20 degrees. In a passage across this direction, neither vehicle would be further
+# west; few passages have this direction.
 _WEST = Vec2(-math.cos(math.radians(20.0)), -math.sin(math.radians(20.0)))
 
 
@@ -45,9 +46,9 @@ class Opponent(NamedTuple):
     """A neighbour that stands face to face with this vehicle."""
 
     position_m: Vec2
-    direction: Vec2  # in which it intends to fly, of length 1
-    distance_m: float  # that the two keep
-    table_index: int  # of the neighbour
+    direction: Vec2  # unit vector of its intended flight
+    distance_m: float  # distance that the two vehicles keep
+    table_index: int  # index of the neighbour
 
 
 def opponent_of(
@@ -57,7 +58,7 @@ def opponent_of(
 
     Args:
         state: own estimate.
-        direction: direction of the own way, of length 1.
+        direction: unit vector of the own route.
         neighbours: the known neighbours.
         spacing: distances to keep.
     """
@@ -88,24 +89,28 @@ def opponent_of(
 
 
 def is_to_yield(here: Vec2, opponent: Opponent, met_s: float) -> bool:
-    """Return whether this vehicle goes back, as the one further west or as the other one.
+    """Return whether this vehicle goes back.
+
+    The vehicle further west goes back after MEETING_S, the other vehicle after REFUSED_S.
 
     Args:
         here: own position.
-        opponent: who stands face to face with it.
-        met_s: time for which they have stood so.
+        opponent: the vehicle that stands face to face with this one.
+        met_s: time for which they have stood face to face.
     """
     from_opponent = Vec2(here.x - opponent.position_m.x, here.y - opponent.position_m.y)
     is_west = dot_2(from_opponent, _WEST) > 0.0
-    return met_s >= (MEETING_S if is_west else REFUSED_S)
+    if is_west:
+        return met_s >= MEETING_S
+    return met_s >= REFUSED_S
 
 
-def place_to_wait(here: Vec2, opponent: Opponent, route_map: RouteMap) -> Vec2 | None:
-    """Return the nearest place beside the opponent's way that can be reached, if there is one.
+def nearest_refuge(here: Vec2, opponent: Opponent, route_map: RouteMap) -> Vec2 | None:
+    """Return the nearest refuge beside the opponent's route that can be reached, if there is one.
 
     Args:
         here: own position.
-        opponent: who stands face to face with this vehicle, and blocks its ways.
+        opponent: the vehicle that stands face to face with this one, and blocks its routes.
         route_map: map of the static things.
     """
     corners = route_map.corners
@@ -114,36 +119,36 @@ def place_to_wait(here: Vec2, opponent: Opponent, route_map: RouteMap) -> Vec2 |
     best: Vec2 | None = None
     best_m = math.inf
     for to_corner_m, corner in sorted(zip(lengths_m, corners, strict=True)):
-        if to_corner_m >= best_m:  # also where both are infinite: no way leads there
+        if to_corner_m >= best_m:  # also if both are infinite: no route leads there
             break
-        place = _place_beside(corner, opponent, route_map)
-        if place is None:
+        refuge = _refuge_beside(corner, opponent, route_map)
+        if refuge is None:
             continue
-        way_m = to_corner_m + math.dist(corner, place)
-        if way_m < best_m:
-            best = place
-            best_m = way_m
+        route_m = to_corner_m + math.dist(corner, refuge)
+        if route_m < best_m:
+            best = refuge
+            best_m = route_m
     return best
 
 
-def is_way_free(way: Sequence[Vec2], neighbours: Sequence[Neighbour], spacing: Spacing) -> bool:
-    """Return whether no vehicle that intends to move is on the first metres of a way.
+def is_route_free(route: Sequence[Vec2], neighbours: Sequence[Neighbour], spacing: Spacing) -> bool:
+    """Return whether the first metres of a route are free of vehicles that intend to move.
 
     Args:
-        way: points of the way, from the vehicle on.
+        route: points of the route, from the vehicle on.
         neighbours: the known neighbours.
         spacing: distances to keep.
     """
     least_m = spacing.safety_distance_m + spacing.margin_m + _REJOIN_SPARE_M
     left_m = _REJOIN_M
-    for begin, end in pairwise(way):
+    for begin, end in pairwise(route):
         piece = Vec2(end.x - begin.x, end.y - begin.y)
         piece_m = length_2(piece)
         share = min(1.0, left_m / max(piece_m, 1e-6))  # 1e-6: no division by zero
         until = Vec2(begin.x + share * piece.x, begin.y + share * piece.y)
         for neighbour in neighbours:
             is_going = length_2(horizontal(neighbour.intent_enu_m_s)) > _SLOW_M_S
-            away_m = _from_piece_m(horizontal(neighbour.position_enu_m), begin, until)
+            away_m = _piece_distance_m(horizontal(neighbour.position_enu_m), begin, until)
             if is_going and away_m < least_m:
                 return False
         left_m -= piece_m
@@ -152,31 +157,31 @@ def is_way_free(way: Sequence[Vec2], neighbours: Sequence[Neighbour], spacing: S
     return True
 
 
-def _place_beside(corner: Vec2, opponent: Opponent, route_map: RouteMap) -> Vec2 | None:
-    """Return the place nearest to a corner that is far enough from the opponent's way."""
+def _refuge_beside(corner: Vec2, opponent: Opponent, route_map: RouteMap) -> Vec2 | None:
+    """Return the point nearest to a corner that is far enough from the opponent's route."""
     left = Vec2(-opponent.direction.y, opponent.direction.x)
     offset = Vec2(corner.x - opponent.position_m.x, corner.y - opponent.position_m.y)
     side = 1.0 if dot_2(offset, left) >= 0.0 else -1.0
     needed_m = opponent.distance_m + _BESIDE_M
 
     for aside_m in _ASIDE_M:
-        place = Vec2(corner.x + side * aside_m * left.x, corner.y + side * aside_m * left.y)
-        if _from_way_m(place, opponent) >= needed_m and route_map.is_free(corner, place):
-            return place
+        refuge = Vec2(corner.x + side * aside_m * left.x, corner.y + side * aside_m * left.y)
+        if _route_distance_m(refuge, opponent) >= needed_m and route_map.is_free(corner, refuge):
+            return refuge
     return None
 
 
-def _from_way_m(place: Vec2, opponent: Opponent) -> float:
-    """Return the distance of a place from the opponent's way, as far as that is kept free."""
+def _route_distance_m(point: Vec2, opponent: Opponent) -> float:
+    """Return the distance of a point from the first _AHEAD_M of the opponent's route."""
     begin = opponent.position_m
     direction = opponent.direction
     end = Vec2(begin.x + _AHEAD_M * direction.x, begin.y + _AHEAD_M * direction.y)
-    return _from_piece_m(place, begin, end)
+    return _piece_distance_m(point, begin, end)
 
 
-def _from_piece_m(place: Vec2, begin: Vec2, end: Vec2) -> float:
-    """Return the distance of a place from a straight piece."""
+def _piece_distance_m(point: Vec2, begin: Vec2, end: Vec2) -> float:
+    """Return the distance of a point from a straight piece."""
     along = Vec2(end.x - begin.x, end.y - begin.y)
-    offset = Vec2(place.x - begin.x, place.y - begin.y)
+    offset = Vec2(point.x - begin.x, point.y - begin.y)
     share = min(max(dot_2(offset, along) / max(dot_2(along, along), 1e-12), 0.0), 1.0)
     return length_2(Vec2(offset.x - share * along.x, offset.y - share * along.y))

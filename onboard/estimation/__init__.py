@@ -1,1 +1,1 @@
-"""Kalman filter of the own motion, disturbance observer, hover thrust; pure."""
+"""Kalman filter of the vehicle's motion, disturbance observer, hover thrust, wind. Pure."""

@@ -18,7 +18,7 @@ class Accuracy:
     position_time_s: float
     velocity_std_m_s: float
     velocity_time_s: float
-    acceleration_std_m_s2: float = 0.1  # gusts that accelerate one vehicle of a pair only
+    acceleration_std_m_s2: float = 0.1  # gusts that accelerate only one vehicle of a pair
     acceleration_time_s: float = 1.5
 
 

@@ -1,12 +1,13 @@
-"""Disturbance observer: the acceleration that the own commands and the drag do not explain.
+"""Disturbance observer: estimates the acceleration that commands and drag do not explain.
 
-A model applies the own commands through the attitude lag and predicts the velocity. The difference
-to the measured velocity gives the disturbance s_b. The model uses the commands and not the measured
-attitude, so that a static error of the attitude loop and a tilt bias are parts of s_b. The vehicle
-is commanded ``u - s_b + c V`` (line O in avoidance/README.md).
+A model applies the vehicle's commands through the attitude lag, and predicts the velocity. The
+difference between the measured and the predicted velocity gives the disturbance s_b. The model uses
+the commands and not the measured attitude, so s_b includes a static error of the attitude loop and
+a tilt bias. The vehicle is commanded the acceleration ``u - s_b + c V``: u is the desired
+acceleration, c the drag and V the velocity (line O in avoidance/README.md).
 
-The observer is the integral action of the baseline. It takes the command that was really sent,
-after all limits. So it does not wind up when a limit or the avoidance law changes the command.
+The observer is the integral action of the control. It takes the command that was sent after all
+limits, so it does not wind up when a limit or the avoidance law changes the command.
 """
 
 from __future__ import annotations
@@ -16,48 +17,48 @@ from typing import NamedTuple
 
 from onboard.vectors import ZERO_3, Vec3, add_scaled, bounded, finite_or, subtract
 
-HISTORY_TICKS = 8  # number of past commands that are kept; together longer than the delay
+HISTORY_TICKS = 8  # number of kept past commands; together they must be longer than the delay
 
 
 class ObserverParams(NamedTuple):
-    """Model of the response to commands, and the observer's speed."""
+    """Model of the response to commands, and the observer's bandwidth."""
 
-    bandwidth_rad_s: float = 4.0  # both poles
+    bandwidth_rad_s: float = 4.0  # w; both poles are at -w
 
     # horizontal response: dead time and second order
     delay_s: float = 0.04
     wn_rad_s: float = 11.0
     zeta: float = 0.6
 
-    vertical_lag_s: float = 0.06  # first order of the vertical response
+    vertical_lag_s: float = 0.06  # time constant of the first-order vertical response
     drag_1_s: float = 0.0
 
-    max_disturbance_m_s2: float = 1.5  # per axis
+    max_disturbance_m_s2: float = 1.5  # bound of each axis
     mean_time_s: float = 2.0  # time constant of the mean disturbance
-    # Largest difference from the mean that moves the mean, per axis. A larger one is clipped, so
-    # that a jump of the poses does not move the mean like wind.
+    # Bound of the difference between disturbance and mean, per axis. A larger difference is
+    # clipped, because it comes from a jump of the poses and not from wind.
     max_miss_m_s2: float = 0.8
 
 
 class ObserverMemory(NamedTuple):
     """State of the observer and of the lag model."""
 
-    velocity_enu_m_s: Vec3
+    velocity_enu_m_s: Vec3  # observer's own velocity, which follows the measured one
     disturbance_enu_m_s2: Vec3  # s_b
     # mean of s_b over the last seconds, which is used instead of s_b while there are no poses
     mean_enu_m_s2: Vec3
-    response_enu_m_s2: Vec3  # present acceleration of the model that obeys the commands
-    response_rate_enu_m_s3: Vec3
-    commands_enu_m_s2: tuple[Vec3, ...]  # HISTORY_TICKS of them, newest first, without gravity
+    response_enu_m_s2: Vec3  # model's acceleration in response to the commands
+    response_rate_enu_m_s3: Vec3  # its derivative
+    commands_enu_m_s2: tuple[Vec3, ...]  # last HISTORY_TICKS commands, newest first, no gravity
 
 
 class _Axis(NamedTuple):
-    """The memory of one axis."""
+    """One axis of the memory."""
 
     velocity_m_s: float
     disturbance_m_s2: float
     response_m_s2: float
-    rate_m_s3: float
+    rate_m_s3: float  # derivative of the response
 
 
 _NO_COMMANDS = (ZERO_3,) * HISTORY_TICKS
@@ -97,17 +98,17 @@ def step(
             from the throttle. The last command replaces a component that is not finite.
         params: model and bandwidth.
         dt_s: length of the tick.
-        is_frozen: True (on the ground, at lift-off, without a position): s_b is kept, and only the
-            model is updated.
+        is_frozen: whether s_b is kept, and only the model is updated: on the ground, at lift-off,
+            or without a position.
     Returns:
-        Memory, and s_b [m/s^2], ENU: the acceleration that commands and drag do not explain.
-    Properties: yaw-rotation-equivariant; s_b is zero for a vehicle that obeys the model.
+        Memory, and s_b [m/s^2], ENU.
+    Properties: yaw-rotation-equivariant; s_b is zero for a vehicle that moves as the model does.
     """
     measured = finite_or(velocity_enu_m_s, memory.velocity_enu_m_s)
     command = finite_or(command_enu_m_s2, memory.commands_enu_m_s2[0])
     commands = (command,) + memory.commands_enu_m_s2[:-1]  # noqa: RUF005  numba compiles no unpacking
 
-    # The command one dead time ago is interpolated linearly between two ticks. The bound keeps the
+    # Interpolate the command one dead time ago linearly between two ticks. The bound keeps the
     # index whole + 1 within the list.
     ticks = min(params.delay_s / dt_s, HISTORY_TICKS - 1.000001)
     whole = int(ticks)
@@ -151,7 +152,7 @@ def _horizontal(
 ) -> _Axis:
     """Return a horizontal axis after a tick of its second-order response.
 
-    The implicit midpoint rule is stable for every length of the tick.
+    It is integrated by the implicit midpoint rule, which is stable for every length of the tick.
     """
     wn = params.wn_rad_s
     half = 0.5 * dt_s
@@ -181,9 +182,9 @@ def _observed(
     params: ObserverParams,
     dt_s: float,
 ) -> _Axis:
-    """Return the axis after its correction by the measured velocity.
+    """Return the axis with velocity and disturbance corrected by the measured velocity.
 
-    The gains put both discrete poles on exp(-w T), with the bandwidth w and the tick T.
+    The gains put both discrete poles at exp(-w T), with the bandwidth w and the tick T.
     """
     acting = 0.5 * (response_m_s2 + axis.response_m_s2)  # response in the middle of the tick
     net = acting - params.drag_1_s * measured_m_s + axis.disturbance_m_s2

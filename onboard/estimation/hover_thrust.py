@@ -1,9 +1,9 @@
-"""Slow and bounded estimate of the throttle that carries the weight.
+"""Slow and bounded estimate of the hover throttle, which carries the weight.
 
-Thrust is linear in throttle: a_z + g = (throttle/hover) g cos(tilt). The battery's sag and a wrong
-mass change the hover throttle within tens of seconds, so the estimate has a time constant of some
-seconds. The disturbance observer compensates faster changes. The equation does not hold near the
-ground (ground effect, contact) and while the throttle saturates. The estimate is frozen there.
+Thrust is linear in throttle: a_z + g = (throttle/hover) g cos(tilt). The hover throttle changes
+within tens of seconds while the battery's voltage falls, so the estimate has a time constant of
+some seconds. The disturbance observer compensates faster changes. The equation does not hold near
+the ground (ground effect, contact) and while the throttle saturates. Then the estimate is frozen.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ from typing import NamedTuple
 
 from onboard.constants import GRAVITY_M_S2
 
-LEAST_HEIGHT_M = 0.3  # above the ground; nearer to it the estimate is frozen
+LEAST_HEIGHT_M = 0.3  # nearer to the ground the estimate is frozen
 
 
 class HoverThrustParams(NamedTuple):
-    """Speed and bounds of the estimate, and the limits beyond which it is frozen."""
+    """Time constants and bounds of the estimate, and the limits beyond which it is frozen."""
 
     configured_frac: float  # hover throttle of the fleet file
     max_deviation: float = 0.2  # largest deviation from the configured value, as a share of it
-    time_constant_s: float = 4.0  # of the estimate
-    motor_lag_s: float = 0.05  # from the throttle to its thrust
+    time_constant_s: float = 4.0  # time constant of the estimate
+    motor_lag_s: float = 0.05  # time constant from throttle to thrust
 
     # outside these limits the estimate is frozen
     min_height_m: float = LEAST_HEIGHT_M  # in the fleet frame
-    max_acceleration_m_s2: float = 2.0  # vertical; beyond it the model is too coarse
+    max_acceleration_m_s2: float = 2.0  # vertical
     min_cos_tilt: float = 0.5
     min_thrust_frac: float = 0.1
     max_thrust_frac: float = 0.97
@@ -58,16 +58,16 @@ def step(
 
     Args:
         memory: memory of the last tick.
-        thrust_frac: throttle sent on the last tick [-]. If it is not finite, the motors' throttle
-            stays unchanged.
+        thrust_frac: throttle that was sent at the last tick [-]. If it is not finite, the motors'
+            throttle stays unchanged.
         cos_tilt: cosine of the tilt of the flown attitude [-].
-        vertical_acceleration_m_s2: estimate, up positive, without gravity. If it is not finite, the
-            estimate is frozen.
-        height_m: height in the fleet frame. If it is not finite, the estimate is frozen.
-        params: speed and bounds.
+        vertical_acceleration_m_s2: estimated acceleration, up positive, without gravity. If it is
+            not finite, the hover throttle is frozen.
+        height_m: height in the fleet frame. If it is not finite, the hover throttle is frozen.
+        params: time constants and bounds.
         dt_s: length of the tick.
-        is_flying: False (on the ground, lifting off) freezes the estimate, but not the motors'
-            throttle.
+        is_flying: whether the vehicle flies. On the ground and at lift-off the hover throttle is
+            frozen, but not the motors' throttle.
     Returns:
         Memory, and the hover throttle [-]: within max_deviation of the configured value, always
         finite.

@@ -1,16 +1,15 @@
-"""Kalman filter of the own motion, from mocap samples, the flown attitude and the sent throttle.
+"""Kalman filter of a vehicle's motion from mocap samples, the flown attitude and the sent throttle.
 
-Per axis the state is [p, v, b], with p' = v and v' = a + b - c v. Here a is the acceleration that
-attitude and throttle give (thrust after the motor lag, minus gravity), c is the linear drag, and b
-is a slowly wandering bias (thrust scale, tilt bias, wind). All axes share one covariance, because
-they have the same noise.
+Per axis the state is [p, v, b]: position, velocity and bias, with p' = v and v' = a + b - c v. Here
+a is the acceleration that attitude and throttle give (thrust after the motor lag, minus gravity),
+and c is the linear drag. The bias b changes slowly: thrust scale, tilt bias, wind. All axes share
+one covariance P, because they have the same noise. Phi(t) is the transition matrix over a time t.
 
-A mocap sample belongs to a time ``age`` ago. Its correction is applied for that time and propagated
-to now. Because the system is linear, this is a single step: the innovation is the sample minus the
-position that the present estimate implies for that time, and the row is H = [1 0 0] Phi(-age).
-Samples may therefore come late, out of order or not at all. The position at a past time follows by
-integrating backwards from the present estimate, along the accelerations of the last ticks. So a
-correction of the present state corrects the past, too.
+A mocap sample was measured at a time ``age`` ago. The system is linear, so one step corrects the
+present state by it: the innovation is the sample minus the position at that time, and the
+measurement row is H = [1 0 0] Phi(-age). Samples may therefore come late, out of order or not at
+all. The position at a past time follows from integrating backwards from the present estimate, along
+the accelerations of the last ticks. So a correction of the present state also corrects the past.
 """
 
 from __future__ import annotations
@@ -36,39 +35,39 @@ from onboard.vectors import (
 HISTORY_TICKS = 28  # a sample older than this many ticks is ignored
 _LEAST_VARIANCE = 1e-12  # rounding must not make a variance negative
 _LEARNED_S = 0.125  # half of the time constant of the disturbance observer, 1 / bandwidth_rad_s
-_LEAST_BIAS_M_S2 = 3.0  # smallest bound of the bias: static errors need it, too
+_LEAST_BIAS_M_S2 = 3.0  # smallest bound of the bias, which static errors need
 
 # standard deviations at the start, when the vehicle stands still
 _START_VELOCITY_M_S = 0.05
 _START_BIAS_M_S2 = 0.3
 
-# the same after samples that were believed to be of another time
+# standard deviations of an estimate from samples that turned out to be of another time
 _DOUBT_M = 1.0
 _DOUBT_M_S = 1.0
 _DOUBT_M_S2 = 1.0
 
-_AGE_ROUNDING_S = 1e-9
+_AGE_ROUNDING_S = 1e-9  # an age may exceed the remembered time by this, because of rounding
 
 
 class KalmanParams(NamedTuple):
     """Noise and limits of the filter."""
 
-    position_noise_m: float = 0.003  # std of a mocap sample per axis
-    acceleration_noise: float = 0.03  # of the model [m/s^2 per sqrt(Hz)]
+    position_noise_m: float = 0.003  # standard deviation of a mocap sample per axis
+    acceleration_noise: float = 0.03  # noise of the model [m/s^2 per sqrt(Hz)]
     bias_noise: float = 0.12  # random walk of the bias [m/s^3 per sqrt(Hz)]
-    max_bias_m_s2: float = _LEAST_BIAS_M_S2  # per axis
+    max_bias_m_s2: float = _LEAST_BIAS_M_S2  # bound of each axis
     drag_1_s: float = 0.0  # c
     gust_time_s: float = 0.25  # time for which a gust moves the vehicle before it is compensated
-    motor_lag_s: float = 0.05  # from throttle to thrust
+    motor_lag_s: float = 0.05  # time constant from throttle to thrust
 
     # A sample whose innovation is larger than both gates is a jump. The gates are wide enough for a
-    # gap of 0.2 s at speed, and smaller than half the distance of two bodies.
+    # gap of 0.2 s at full speed, and smaller than half the distance between two bodies.
     jump_gate_m: float = 0.30
     jump_gate_sigma: float = 6.0
 
 
 class Covariance(NamedTuple):
-    """Covariance of position, velocity and bias of one axis."""
+    """Covariance of position (p), velocity (v) and bias (b) of one axis."""
 
     pp: float
     pv: float
@@ -79,10 +78,10 @@ class Covariance(NamedTuple):
 
 
 class PastTick(NamedTuple):
-    """Acceleration of one past tick, without the bias; users add the present bias."""
+    """One past tick."""
 
     duration_s: float  # 0: there was no tick yet
-    acceleration_enu_m_s2: Vec3
+    acceleration_enu_m_s2: Vec3  # without the bias, so that the present bias can be added
 
 
 class KalmanMemory(NamedTuple):
@@ -91,13 +90,13 @@ class KalmanMemory(NamedTuple):
     position_enu_m: Vec3
     velocity_enu_m_s: Vec3
     bias_enu_m_s2: Vec3
-    acceleration_enu_m_s2: Vec3  # of the model, with bias and drag
+    acceleration_enu_m_s2: Vec3  # acceleration of the model, with bias and drag
     covariance: Covariance  # the same for each axis
     past: tuple[PastTick, ...]  # the last HISTORY_TICKS ticks, newest first
     thrust_m_s2: float  # collective thrust per mass, after the motor lag
 
     rejected_count: int  # number of jumps in a row
-    last_age_s: float  # present age of the newest used sample; grows with each tick
+    last_age_s: float  # present age of the newest used sample
 
 
 _NO_PAST = (PastTick(0.0, ZERO_3),) * HISTORY_TICKS
@@ -115,11 +114,11 @@ def gust_time_s(lag_s: float) -> float:
 def largest_bias_m_s2(largest_push_m_s2: float) -> float:
     """Return the bound of the bias per axis [m/s^2].
 
-    It is twice the largest push that the vehicle can compensate, so that a wind beyond the
-    vehicle's limit is recognised.
+    It is twice the largest push of the wind that the vehicle can compensate, so that the filter
+    recognises a stronger wind.
 
     Args:
-        largest_push_m_s2: largest push of the wind that the vehicle can compensate, per axis.
+        largest_push_m_s2: largest push that the vehicle can compensate, per axis.
     """
     return max(_LEAST_BIAS_M_S2, 2.0 * largest_push_m_s2)
 
@@ -128,7 +127,7 @@ def initial(position_enu_m: Vec3, params: KalmanParams) -> KalmanMemory:
     """Return the memory of a vehicle at rest at a measured position.
 
     Args:
-        position_enu_m: measured [m], ENU.
+        position_enu_m: measured position [m], ENU.
         params: noise and limits.
     """
     covariance = Covariance(
@@ -153,10 +152,10 @@ def initial(position_enu_m: Vec3, params: KalmanParams) -> KalmanMemory:
 
 
 def doubted(memory: KalmanMemory) -> KalmanMemory:
-    """Return the same estimate with such a large variance that the next samples replace it.
+    """Return the same estimate with so large a variance that the next samples replace it.
 
     Args:
-        memory: memory of this tick, from samples that were believed to be of another time.
+        memory: memory from samples that turned out to be of another time.
     """
     covariance = Covariance(
         pp=_DOUBT_M * _DOUBT_M,
@@ -180,9 +179,8 @@ def drive(
 ) -> KalmanMemory:
     """Return the memory after ``dt_s`` under the flown attitude and the sent throttle.
 
-    The motor lag applies to the throttle only, because the attitude is measured. On the ground
-    contact forces keep the horizontal acceleration at zero, and the vertical acceleration from
-    being negative.
+    Only the throttle passes a lag, because the attitude is measured. On the ground, contact forces
+    make the horizontal acceleration zero, and the vertical acceleration not negative.
 
     Args:
         memory: memory of the last tick.
@@ -207,7 +205,10 @@ def drive(
 
 
 def driven_enu_m_s2(memory: KalmanMemory, params: KalmanParams) -> Vec3:
-    """Return the acceleration of the last tick by attitude and throttle, without drag and bias."""
+    """Return the acceleration that attitude and throttle gave in the last tick [m/s^2], ENU.
+
+    It contains neither drag nor bias.
+    """
     return add_scaled(
         memory.past[0].acceleration_enu_m_s2, params.drag_1_s, memory.velocity_enu_m_s
     )
@@ -231,8 +232,11 @@ def predict(
 def _moved(
     memory: KalmanMemory, driven: Vec3, thrust_m_s2: float, params: KalmanParams, dt_s: float
 ) -> KalmanMemory:
-    """Return the memory after one tick, integrated by the midpoint rule."""
-    pushed = add(finite_or(driven, ZERO_3), memory.bias_enu_m_s2)
+    """Return the memory after one tick, integrated by the midpoint rule.
+
+    ``driven`` is the acceleration without drag and bias.
+    """
+    pushed = add(finite_or(driven, ZERO_3), memory.bias_enu_m_s2)  # with the bias
 
     before = memory.velocity_enu_m_s
     middle = add_scaled(before, 0.5 * dt_s, add_scaled(pushed, -params.drag_1_s, before))
@@ -253,7 +257,10 @@ def _moved(
 
 
 def _grown(covariance: Covariance, params: KalmanParams, dt_s: float) -> Covariance:
-    """Return Phi P Phi' + Q with Phi = [[1, T, T^2/2], [0, 1 - c T, T], [0, 0, 1]]."""
+    """Return the covariance one tick T later: Phi P Phi' + Q.
+
+    Phi = [[1, T, T^2/2], [0, 1 - c T, T], [0, 0, 1]].
+    """
     pp, pv, pb, vv, vb, bb = covariance
     t = dt_s
     half = 0.5 * dt_s * dt_s
@@ -261,7 +268,7 @@ def _grown(covariance: Covariance, params: KalmanParams, dt_s: float) -> Covaria
     q_a = params.acceleration_noise * params.acceleration_noise
     q_b = params.bias_noise * params.bias_noise
 
-    # A = Phi P, row by row: a is the row of the position, b that of the velocity
+    # A = Phi P: a_* is the row of the position, b_* the row of the velocity
     a_p = pp + t * pv + half * pb
     a_v = pv + t * vv + half * vb
     a_b = pb + t * vb + half * bb
@@ -282,11 +289,11 @@ def _grown(covariance: Covariance, params: KalmanParams, dt_s: float) -> Covaria
 def correct(
     memory: KalmanMemory, position_enu_m: Vec3, age_s: float, params: KalmanParams
 ) -> KalmanMemory:
-    """Return the memory with a mocap sample applied at its own time.
+    """Return the memory corrected by a mocap sample.
 
-    A sample that is not finite or older than the remembered ticks is ignored. A jump is ignored and
-    counted in ``rejected_count``, which the next good sample resets to 0. If many samples in a row
-    are jumps, the caller decides whether to restart the filter at them with ``initial``.
+    A sample is ignored if it is not finite, or older than the remembered ticks. A jump is ignored
+    and counted in ``rejected_count``, which the next used sample resets to 0. After many jumps in a
+    row the caller may restart the filter with ``initial``.
 
     Args:
         memory: memory of the last tick.
@@ -317,7 +324,8 @@ def correct(
     if _is_jump(innovation, variance_m2, params):
         return _rejected(memory)
 
-    # the gain k = P H' / (H P H' + R), the states x + k innovation, and P - k g'
+    # With the gain k = P H' / (H P H' + R), the state becomes x + k innovation, and the covariance
+    # P - k g'.
     k_p = g_p / variance_m2
     k_v = g_v / variance_m2
     k_b = g_b / variance_m2
@@ -369,7 +377,7 @@ def _rejected(memory: KalmanMemory) -> KalmanMemory:
 
 
 def remembers(memory: KalmanMemory, age_s: float) -> bool:
-    """Whether the remembered ticks reach back to ``age_s`` ago; False for NaN."""
+    """Whether the remembered ticks cover the last ``age_s`` seconds; False for NaN."""
     left_s = age_s - _AGE_ROUNDING_S
     for tick in memory.past:
         if left_s <= 0.0:
@@ -381,9 +389,9 @@ def remembers(memory: KalmanMemory, age_s: float) -> bool:
 
 
 def position_at(memory: KalmanMemory, age_s: float) -> Vec3:
-    """Return the position [m], ENU, that the present estimate implies for ``age_s`` ago.
+    """Return the position ``age_s`` ago [m], ENU, according to the present estimate.
 
-    Between two ticks it is linear.
+    Between two ticks the position is interpolated linearly.
     """
     position = memory.position_enu_m
     velocity = memory.velocity_enu_m_s
@@ -393,7 +401,7 @@ def position_at(memory: KalmanMemory, age_s: float) -> Vec3:
         if left_s <= 0.0 or t <= 0.0:
             break
 
-        # back over the whole tick: the velocity at its middle is v - t/2 a
+        # go back over the whole tick: the velocity in its middle is v - t/2 a
         acceleration = add(tick.acceleration_enu_m_s2, memory.bias_enu_m_s2)
         middle = add_scaled(velocity, -0.5 * t, acceleration)
         whole_step = scaled(-t, middle)
@@ -407,14 +415,14 @@ def position_at(memory: KalmanMemory, age_s: float) -> Vec3:
 def state(
     memory: KalmanMemory, yaw_rad: float, least_position_std_m: float, least_velocity_std_m_s: float
 ) -> State:
-    """Return the present estimate for the pipeline, with its accuracy per axis.
+    """Return the present estimate for the control pipeline, with its accuracy per axis.
 
     Args:
         memory: memory of this tick.
         yaw_rad: heading, counterclockwise from east.
-        least_position_std_m: slow error of the samples that the filter cannot see [m]; 0 for a
+        least_position_std_m: slow error of the positions, which the filter cannot see [m]; 0 for a
             mocap.
-        least_velocity_std_m_s: the same for the velocity [m/s].
+        least_velocity_std_m_s: slow error of the velocity [m/s].
     """
     position_std_m = math.sqrt(memory.covariance.pp)
     velocity_std_m_s = math.sqrt(memory.covariance.vv)

@@ -1,15 +1,15 @@
 """Estimates the wind at a vehicle from its tilt, its motion and its drag.
 
-Wind pushes a vehicle, and the vehicle tilts against it. The Kalman filter's bias is that push: the
-acceleration that attitude, throttle and the drag of the own motion do not explain. The push divided
-by the drag is the velocity of the air. Its mean over some seconds is the wind; the deviations from
-the mean are the gusts. If the drag is not known, the gusts are known as an acceleration only.
+Wind pushes a vehicle, and the vehicle tilts against the wind. The push is the Kalman filter's bias:
+the acceleration that attitude, throttle and the drag of the vehicle's motion do not explain. The
+push divided by the drag is the velocity of the air. Its mean over some seconds is the wind, and the
+deviations from the mean are the gusts. If the drag is not known, the gusts are known only as an
+acceleration.
 
-The disturbance observer and the attitude lag take a moment to compensate a gust. For that time the
-gust moves the vehicle against its command. Therefore gusts count as an error of the published
-velocity, which widens the distance that all others keep. Two calm seconds say little about the next
-gust. So the largest of three standard deviations counts: that of the present gusts, that of the
-last half minute, and the one that is usual in the present mean wind.
+Before the control compensates a gust, the gust moves the vehicle. Therefore gusts are added to the
+published error of the velocity, which widens the distance that all other vehicles keep. Two calm
+seconds do not predict the next gust. So the largest of three standard deviations is used: that of
+the present gusts, that of the last half minute, and the usual one in the present mean wind.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from onboard.types import State
 from onboard.vectors import ZERO_3, Vec3, add_scaled, subtract
 
 MEAN_TIME_S = 2.0  # averaging time of the mean wind and of the present gusts
-_LASTING_TIME_S = 30.0  # averaging time of the lasting gusts, which widen the distance to others
+_LASTING_TIME_S = 30.0  # averaging time of the gusts of the last half minute
 
-_KNOWN_AFTER_S = 1.0  # time of flight before the wind is known
+_KNOWN_AFTER_S = 1.0  # the wind is known after this time of flight
 
-# The usual margin covers gusts up to this standard deviation. In calm air the filter's bias wanders
+# The usual margin covers gusts up to this standard deviation. In calm air the filter's bias varies
 # by 0.03 m/s^2.
 COVERED_M_S2 = 0.15
 
@@ -35,8 +35,8 @@ class WindMemory(NamedTuple):
     """State of the estimate."""
 
     push_enu_m_s2: Vec3  # mean push
-    variance_m2_s4: float  # variance of the push about that mean, per horizontal axis
-    lasting_variance_m2_s4: float  # mean of that variance over a longer time
+    variance_m2_s4: float  # present variance of the push about its mean, per horizontal axis
+    lasting_variance_m2_s4: float  # mean of this variance over the last half minute
     time_s: float  # time of flight
 
 
@@ -62,7 +62,7 @@ def step(memory: WindMemory, bias_enu_m_s2: Vec3, dt_s: float, is_on_ground: boo
     if not math.isfinite(bias_enu_m_s2.x + bias_enu_m_s2.y + bias_enu_m_s2.z):
         return memory
 
-    # until MEAN_TIME_S of flight this gives a plain mean, later a low-pass
+    # the push is averaged over all ticks until MEAN_TIME_S of flight, and low-passed afterwards
     time_s = memory.time_s + dt_s
     blend = dt_s / max(min(time_s, MEAN_TIME_S), dt_s, 1e-6)
     off = subtract(bias_enu_m_s2, memory.push_enu_m_s2)
@@ -91,8 +91,7 @@ def step(memory: WindMemory, bias_enu_m_s2: Vec3, dt_s: float, is_on_ground: boo
 def wind_enu_m_s(memory: WindMemory, drag_1_s: float) -> tuple[float, float]:
     """Return the mean velocity of the air, east and north [m/s]; NaN while it is not known.
 
-    It is not known on the ground and in the first second of a flight. Without a drag it is never
-    known.
+    It is not known on the ground, in the first second of a flight, and for an unknown drag.
 
     Args:
         memory: present memory.
@@ -116,20 +115,20 @@ def gust_std_m_s2(memory: WindMemory) -> float:
 def strongest_gust_std_m_s2(memory: WindMemory) -> float:
     """Return the standard deviation of the gusts to expect, per axis [m/s^2].
 
-    It is the largest of three: the present one, that of the last half minute, and the one that is
-    usual in the mean wind.
+    It is the largest of three: that of the present gusts, that of the last half minute, and the
+    usual one in the mean wind.
 
     Args:
         memory: present memory.
     """
     now_m_s2 = gust_std_m_s2(memory)
     lasting_m_s2 = math.sqrt(memory.lasting_variance_m2_s4)
-    expected_m_s2 = GUST_SHARE * math.hypot(memory.push_enu_m_s2.x, memory.push_enu_m_s2.y)
-    return max(now_m_s2, lasting_m_s2, expected_m_s2)
+    usual_m_s2 = GUST_SHARE * math.hypot(memory.push_enu_m_s2.x, memory.push_enu_m_s2.y)
+    return max(now_m_s2, lasting_m_s2, usual_m_s2)
 
 
 def widened(state: State, memory: WindMemory, gust_time_s: float) -> State:
-    """Return the estimate with the velocity error that gusts add.
+    """Return the estimate with a larger error of the velocity, to which gusts are added.
 
     Args:
         state: estimate of the Kalman filter.

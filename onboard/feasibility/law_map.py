@@ -144,7 +144,8 @@ def map_finding(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> Find
     promised = [cell for cell in law_map.cells if cell.is_promised]
 
     # a failed easier cell decides, even if harder cells are promised
-    failed = [cell for cell in law_map.cells if cell.has_failed and cell.is_within(here)]
+    easier = [cell for cell in law_map.cells if cell.is_within(here)]
+    failed = [cell for cell in easier if cell.has_failed]
     if failed:
         return _refusal(here, failed, promised, law_map)
 

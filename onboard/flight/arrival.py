@@ -26,8 +26,8 @@ _GUST_S = 0.6
 _AROUND_S2 = 1.0
 
 _TURNED_RAD = math.radians(10.0)  # difference of the heading within which a turn is complete
-_REST_FACTOR = 1.5  # largest speed at rest, over the largest speed of a vehicle that has arrived
-_INSIDE_M = 0.05  # distance of a stop point from the fence
+_REST_FACTOR = 1.5  # largest speed at rest, divided by the largest speed at arrival
+_INSIDE_M = 0.05  # least distance of a stop point from the fence
 
 # the baseline ends a climb or a descent within this time
 _VERTICAL_BRAKE_S = 0.15
@@ -51,7 +51,8 @@ def is_at(view: FlightView, goal_enu_m: Xyz, vehicle: Vehicle) -> bool:
     Gusts move a hovering vehicle to and fro with up to half a metre per second. So in gusts only
     the distance counts, and the vehicle has arrived if it stays within that distance.
 
-    The gusts of the last seconds are often half of the true ones. So the gusts to expect count.
+    The gusts that were measured in the last seconds are often only half as strong as the true ones.
+    So the expected gusts count.
     """
     beyond_m_s2 = view.expected_gust_m_s2 - _CALM_M_S2
     if beyond_m_s2 <= 0.0:
@@ -81,7 +82,7 @@ def has_turned(view: FlightView, yaw_rad: float) -> bool:
 
 
 def is_at_rest(view: FlightView, vehicle: Vehicle) -> bool:
-    """Return whether the vehicle is as slow as one that holds."""
+    """Return whether the vehicle is slow enough to count as holding."""
     _, moved_m_s = moved_by_gusts(view.gust_m_s2)
     slow_m_s = _slow_m_s(vehicle) + moved_m_s
     return math.hypot(*view.velocity_enu_m_s) < _REST_FACTOR * slow_m_s
@@ -90,7 +91,8 @@ def is_at_rest(view: FlightView, vehicle: Vehicle) -> bool:
 def stop_point(view: FlightView, vehicle: Vehicle, fleet: FleetConfig) -> Xyz:
     """Return the point [m, ENU] inside the fence where the vehicle comes to rest.
 
-    It flies on for its lag. Then it brakes at half of its largest deceleration on average.
+    The vehicle flies on for the time of its lag. Then it brakes, on average at half of its largest
+    deceleration.
     """
     speed_m_s = math.hypot(*view.velocity_enu_m_s)
     brake_s = vehicle.lag_s + speed_m_s / vehicle.max_acceleration_m_s2

@@ -8,10 +8,10 @@ A vehicle stands on the ground if both are true:
 Little thrust and no vertical motion together need neither a height nor PX4. In the air a vehicle
 with so little thrust would move in a third of a second by more than "no vertical motion" allows.
 
-PX4's own height from satellites errs by half a metre, so a low height is no sign there. Only thrust
-tells: the setpoint sinks on, and the vehicle does not sink although it has hardly any thrust. PX4's
-land detector does not help either. With attitude setpoints it reports the ground only after a while
-without thrust (MPC_MANTHR_MIN in its MulticopterLandDetector.cpp).
+PX4's own height from satellites errs by half a metre, so a low height is no sign there. Only the
+thrust shows the contact: the setpoint keeps sinking, the thrust falls, and the vehicle does not
+sink. PX4's land detector does not help either. With attitude setpoints it reports the ground only
+after a while without thrust (MPC_MANTHR_MIN in its MulticopterLandDetector.cpp).
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ _STILL_M = 0.02  # a vehicle is still if its height changes by less within AGREE
 _STILL_PX4_M_S = 0.15  # without a mocap, whose height has more noise, the vertical speed counts
 LOW_M = 0.06  # height above the ground below which a vehicle is low
 
-# Without a mocap PX4's velocity may err by more than _STILL_PX4_M_S. A vehicle in the air with so
-# little thrust for this time would sink with 3 m/s; a slower one stands.
+# Without a mocap PX4's velocity may err by more than _STILL_PX4_M_S. After _LIGHT_LONG_S with
+# little thrust, a vehicle in the air would sink at 3 m/s. A vehicle slower than _LIGHT_SLOW_M_S
+# stands.
 _LIGHT_LONG_S = 1.5
 _LIGHT_SLOW_M_S = 0.7
 
@@ -41,13 +42,13 @@ _STALLED_S = 1.5
 # impact for a climb, so rising counts as standing, too.
 _BLIND_LOW_M = 0.6  # below this height the ground may be
 _BLIND_SINKS_M_S = 0.25  # a vehicle that sinks more slowly than this stands
-_BLIND_STANDS_S = 0.26  # time after which it has landed
-_BLIND_TOUCHES_S = 0.06  # time after which it seems to stand
+_BLIND_STANDS_S = 0.26  # a vehicle that stands for this time has landed
+_BLIND_TOUCHES_S = 0.06  # a vehicle that stands for this time seems to have landed
 _BLIND_UNDER_GROUND_M = -1.0  # no error explains so low a height: the vehicle has landed
 
 
 class ContactSigns(Struct, frozen=True):
-    """Begin of each sign of contact, as the last time at which the sign did not hold."""
+    """Times since which the signs of contact hold: the last time [ns] a sign did not hold."""
 
     height_m: float = 0.0  # height at which the vehicle has been still
     still_ns: int = 0  # the vehicle does not move vertically
@@ -65,7 +66,7 @@ def observe(
         signs: signs of contact at the last tick.
         view: what the flight sees at this tick.
         has_mocap: whether a mocap measures the height, to millimetres.
-        sinks_blind: whether it descends without poses; single ones may come.
+        sinks_blind: whether the vehicle descends without poses; single poses may still come.
     """
     now_ns = view.now_ns
     height_m = view.position_enu_m[2]

@@ -49,7 +49,7 @@ class FlightContext:
 
     fleet: FleetConfig
     vehicle: Vehicle
-    surroundings: Surroundings | None = None  # static things around it; None: there are none
+    surroundings: Surroundings | None = None  # static obstacles; None: there are none
 
     step: FlightStep = FlightStep.WAITING
     reason: str = ""  # why the step began; shown to people beside the state
@@ -65,16 +65,16 @@ class FlightContext:
     path: PathFlight = field(default_factory=PathFlight)
     follow: FollowFlight = field(default_factory=FollowFlight)
 
-    ground_z_m: float = 0.0  # height of the ground where it took off
+    ground_z_m: float = 0.0  # height of the ground where the vehicle took off
     lowest_m: float = math.inf  # lowest height since the landing began, or since contact
-    contact_z_m: float = -math.inf  # height at which it touched the ground
+    contact_z_m: float = -math.inf  # height at which the vehicle touched the ground
     # the person who ordered that the vehicle takes part in no flight; empty: it takes part
     disabled_by: str = ""
     stands_in_for: str = ""  # the vehicle that this one replaces in the fleet; empty: none
     has_fallen: bool = False  # whether PX4 disarmed or restarted in this flight
     was_killed: bool = False  # whether an order to kill stops, or has stopped, the motors
     contact: ContactSigns = field(default_factory=ContactSigns)
-    # goal when the poses stopped, to whose height the vehicle goes once they come again
+    # goal when the poses stopped; the vehicle returns to its height once poses arrive again
     seen_goal: Goal = _NO_GOAL
 
     commands: list[Command] = field(default_factory=list)  # commands that the core has to take
@@ -93,7 +93,7 @@ class FlightContext:
 
     @property
     def expected(self) -> Expected:
-        """Reports that PX4 sends while nobody takes the vehicle away."""
+        """Reports that PX4 sends as long as only this agent controls the vehicle."""
         mode = ""
         if self.step in MUST_BE_OFFBOARD:
             mode = "OFFBOARD"
@@ -111,7 +111,7 @@ class FlightContext:
         return order is not None and order.kind == "land" and not order.reason
 
     @property
-    def place(self) -> str:
+    def slot_owner(self) -> str:
         """Name of the vehicle whose start, slots and paths this one uses: usually its own."""
         return self.stands_in_for or self.vehicle.name
 
@@ -145,19 +145,19 @@ class FlightContext:
         return not touches_the_ground_soon
 
     def may_touch_the_ground(self, view: FlightView) -> bool:
-        """Return whether it lifts off or lands, so low that its feet may touch the ground."""
+        """Return whether the vehicle lifts off or lands so low that its feet may touch ground."""
         may_be_down = self.step in _NEAR_THE_GROUND or self.step is FlightStep.CONTACT
         return may_be_down and self._height_m(view) < LOW_M
 
     def _height_m(self, view: FlightView) -> float:
-        """Return the height above the ground where it took off [m]."""
+        """Return the height above the ground where the vehicle took off [m]."""
         return view.position_enu_m[2] - self.ground_z_m
 
-    def way_m(self, view: FlightView, goal_enu_m: Xyz) -> float:
-        """Return the length [m] of the way to a goal, around what stands still."""
+    def route_length_m(self, view: FlightView, goal_enu_m: Xyz) -> float:
+        """Return the length [m] of the route to a goal, around everything that stands still."""
         if self.surroundings is None:
             return math.dist(view.position_enu_m, goal_enu_m)
-        return router.way_m(self.surroundings, view.position_enu_m, goal_enu_m)
+        return router.route_length_m(self.surroundings, view.position_enu_m, goal_enu_m)
 
     def seconds(self, view: FlightView) -> float:
         """Return the time since the step began [s]."""
@@ -168,14 +168,16 @@ class FlightContext:
         return (view.now_ns - self.steady_ns) * 1e-9
 
     def overdue(self, view: FlightView) -> str | None:
-        """Return why a move or a landing counts as overdue, or None if it does not.
+        """Return why a move or a landing is overdue, or None if it is not overdue.
 
-        The reason is empty if only the deadline has passed.
+        The reason is an empty text if only the deadline has passed.
         """
         step = self.step
         if step is FlightStep.DESCENT or step is FlightStep.CONTACT:
             is_height_known = view.has_position and not view.is_blind
-            limit_m = _RISEN_M if self.vehicle.mocap_required else _PX4_HEIGHT_RISEN_M
+            limit_m = _PX4_HEIGHT_RISEN_M
+            if self.vehicle.mocap_required:
+                limit_m = _RISEN_M
             risen_m = view.position_enu_m[2] - self.lowest_m
             if is_height_known and risen_m > limit_m:
                 return f"it has risen by {risen_m:.2f} m"

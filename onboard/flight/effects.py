@@ -44,7 +44,7 @@ _LEG_LIMIT_S = 30.0
 _LANDING_LIMIT_S = 20.0
 _PATIENCE = 3.0
 
-_PEAK_OF_MEAN = 1.9  # peak speed of a quintic, over its mean speed
+_PEAK_OF_MEAN = 1.9  # peak speed of a trajectory, divided by its mean speed
 
 
 def takeoff_height_m(order: Order | None) -> float:
@@ -82,9 +82,12 @@ def climb_on(flight: FlightContext, view: FlightView) -> None:
 
 
 def take_over(flight: FlightContext, view: FlightView) -> None:
-    """Stop here, and take the height of the start as the ground: the take-off was not seen."""
+    """Stop here, and take the height of the start as the ground.
+
+    This agent was not in control at the take-off, so it does not know the height of the ground.
+    """
     flight.was_killed = False
-    flight.ground_z_m = flight.fleet.vehicles[flight.place].start_enu_m[2]
+    flight.ground_z_m = flight.fleet.vehicles[flight.slot_owner].start_enu_m[2]
     _set_goal(flight, stop_point(view, flight.vehicle, flight.fleet), 0.0)
 
 
@@ -92,7 +95,7 @@ def take_over(flight: FlightContext, view: FlightView) -> None:
 
 
 def fly_leg(flight: FlightContext, view: FlightView) -> None:
-    """Go to the ordered position, within a time that grows with the length of the way."""
+    """Go to the ordered position, within a time that grows with the length of the route."""
     order = flight.order
     assert order is not None
     assert order.position_enu_m is not None
@@ -101,7 +104,7 @@ def fly_leg(flight: FlightContext, view: FlightView) -> None:
     _set_goal(flight, order.position_enu_m, duration_s, _ordered_yaw_rad(order))
     flight.leg_count += 1
 
-    distance_m = flight.way_m(view, order.position_enu_m)
+    distance_m = flight.route_length_m(view, order.position_enu_m)
     alone_s = _PEAK_OF_MEAN * distance_m / flight.vehicle.max_speed_m_s
     _limit(flight, view, _LEG_LIMIT_S + _PATIENCE * max(duration_s, alone_s))
 
@@ -109,7 +112,7 @@ def fly_leg(flight: FlightContext, view: FlightView) -> None:
 def slow_down(flight: FlightContext, view: FlightView) -> None:
     """Fly the rest of the leg at reduced speed, with more time for it."""
     flight.is_slow = True
-    left_m = flight.way_m(view, flight.goal_position_enu_m)
+    left_m = flight.route_length_m(view, flight.goal_position_enu_m)
     duration_s = left_m / (_SLOW_SHARE * flight.vehicle.max_speed_m_s)
     _set_goal(flight, flight.goal_position_enu_m, duration_s, flight.goal.yaw_rad)
     flight.deadline_ns += round(_PATIENCE * duration_s * 1e9)
@@ -143,7 +146,7 @@ def begin_path(flight: FlightContext, view: FlightView) -> None:
 
 
 def follow_path(flight: FlightContext, view: FlightView) -> None:
-    """Advance the path's clock. The goal is the path's motion when a command given now acts."""
+    """Advance the path's clock. The goal is the path's motion one lag ahead of that clock."""
     flight.path.advance(view.now_ns, view.period_s, view.position_enu_m, view.other_clocks)
     flight.goal = flight.path.goal(flight.goal.sequence, flight.vehicle.lag_s)
 
@@ -160,13 +163,13 @@ def stay_at_end(flight: FlightContext, view: FlightView) -> None:
 
 
 def skip_to_end(flight: FlightContext, view: FlightView) -> None:
-    """Go to where the path ends, within a time that grows with the length of the way."""
+    """Go to the end of the path, within a time that grows with the length of the route."""
     assert flight.path.path is not None
     end = point_at(flight.path.path, flight.path.path.duration_s)
     _set_goal(flight, end.position_enu_m, 0.0, end.yaw_rad)
     flight.leg_count += 1
 
-    distance_m = flight.way_m(view, end.position_enu_m)
+    distance_m = flight.route_length_m(view, end.position_enu_m)
     alone_s = _PEAK_OF_MEAN * distance_m / flight.vehicle.max_speed_m_s
     _limit(flight, view, _LEG_LIMIT_S + _PATIENCE * alone_s)
 
@@ -210,7 +213,7 @@ def feel_for_ground(flight: FlightContext, view: FlightView) -> None:
     """Sink on at a low constant speed, also below the expected ground."""
     goal = flight.goal
     sequence = goal.sequence
-    if not goal.is_on_path:  # the goal of the planned part: the slow part begins with a new one
+    if not goal.is_on_path:  # still the goal of the planned part: the slow part begins now
         sequence += 1
 
     speed_m_s = min(_FEEL_M_S, -goal.velocity_enu_m_s.z + _FEEL_M_S2 * view.period_s)
@@ -283,7 +286,7 @@ def hold_again(flight: FlightContext, view: FlightView) -> None:
 def resume(flight: FlightContext, view: FlightView) -> None:
     """Go on with the order that dead reckoning has interrupted, at the same speed."""
     order = flight.order
-    if order is not None and order.kind == "follow_path":  # it skips the rest
+    if order is not None and order.kind == "follow_path":  # the vehicle skips the rest of the path
         seen = flight.seen_goal
         _set_goal(flight, seen.position_enu_m, 0.0, seen.yaw_rad)
     elif order is not None and order.position_enu_m is not None:
@@ -322,4 +325,5 @@ def _set_goal(
 
 
 def _limit(flight: FlightContext, view: FlightView, limit_s: float) -> None:
+    """Set the deadline of the step, as a time from now."""
     flight.deadline_ns = view.now_ns + round(limit_s * 1e9)

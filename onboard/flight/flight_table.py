@@ -1,13 +1,13 @@
 """The flight as a table: (step, event) -> (next step, request to PX4, ...). Pure data.
 
-How to read it: several rows may have the same step and event. The first of them whose predicate
-holds counts. An event without such a row changes nothing, and an order without one is refused.
-A vehicle counts as armed, in OFFBOARD, landed or disarmed only when PX4 says so. Therefore steps
-wait for PX4, and a request that has no effect is repeated.
+How to read it: several rows may have the same step and event. The first row whose predicate holds
+is applied. If there is no such row, an event changes nothing, and an order is refused. A vehicle
+counts as armed, in OFFBOARD, landed or disarmed only when PX4 says so. Therefore steps wait for
+PX4, and a request that has no effect is repeated.
 
-The rows stand in groups. First come the orders of operators, then the demands of failsafes, and
-then what a tick observes: without poses, on the ground, in take-off, flight and landing.
-docs/flight.md is printed from here.
+The rows stand in groups: the orders of operators, the actions of failsafes, and the events of a
+tick (without poses, on the ground, in take-off, flight and landing). docs/flight.md is printed from
+here.
 """
 
 from __future__ import annotations
@@ -121,9 +121,9 @@ ORDERS = (
     # `home` is the only move that gets here, and only for a vehicle on its take-off spot.
     Row(_START, E.MOVE, ends=("done", sentences.STANDS_AT_HOME)),
     Row((S.DISARMING,), E.LAND, when=p.px4_reports_the_ground),  # it stands, and is disarmed
-    # After a kill as well, since its command may have been lost. The rows of LANDING distinguish a
-    # fall from a landing. If PX4 hears sticks, a heartbeat is requested first, which shows whether
-    # a pilot flies.
+    # These rows also apply after a kill, since the kill may have been lost. The rows of LANDING
+    # distinguish a fall from a landing. If PX4 receives sticks, a heartbeat is requested first,
+    # which shows whether a pilot flies.
     Row((*_SILENT, S.TAKEOVER, S.DISARMING), E.LAND, when=p.px4_hears_sticks, to=S.PX4_LANDING,
         request=RequestHeartbeat(), reason=sentences.ordered_or_killed),
     Row((*_SILENT, S.TAKEOVER, S.DISARMING), E.LAND, to=S.PX4_LANDING, request=Px4Land(),
@@ -177,7 +177,7 @@ FAILSAFES = (
         E.FAILSAFE_STOP, to=S.FAILED, effect=effects.note_fall, reason=CAUSE),
 )
 
-# The rows of a tick without poses come before all others of a tick.
+# Among the rows of ticks, those for a vehicle without poses come first.
 BLIND = (
     Row((S.CLIMB, S.LEG, S.ARRIVED, S.HOLDING), E.TICK, when=p.is_blind, to=S.COASTING,
         effect=effects.sink),

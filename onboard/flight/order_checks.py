@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import BESIDE, ON_PATHS, Order, Telemetry
-from onboard.config.fleet import FleetConfig, FleetSection, Vehicle
+from onboard.config.fleet import FleetConfig, FleetSection
 from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import floor_m, least_height_m
 from onboard.config.pair_separation import separation_m
@@ -75,36 +75,36 @@ def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | Non
     if not order.order_id:
         return "An order needs an id of its own, by which its end is reported: set order_id."
 
-    if order.kind in BESIDE:
-        return _beside_the_flight(order, flight, facts)
+    if order.kind in BESIDE:  # changes no step of the flight
+        return _refusal_beside_flight(order, flight, facts)
     if order.kind == "hold" and flight.state == "failed":
-        return _take_over(order, flight, facts)
+        return _refusal_to_take_over(order, flight, facts)
 
     if facts.view.is_flown_by_hand:
-        overrules_pilot = _overrules_pilot(order, flight)
-        if overrules_pilot is not None:
-            return overrules_pilot
+        reason = _refusal_of_pilot(order, flight)
+        if reason is not None:
+            return reason
 
     if not accepts(flight.step, order.kind):
-        return _wrong_step(order, flight)
+        return _refusal_of_step(order, flight)
     if flight.step in _AT_REST and order.kind in ("land", "move"):
-        return _at_rest(order, flight, facts)
+        return _refusal_at_rest(order, flight, facts)
 
     if order.kind == "disarm" and flight.step in _MAY_BE_UP and not facts.view.is_on_ground:
         return _NOT_ON_GROUND
-    if order.kind in ("arm", "takeoff"):
-        return _start(order, flight, facts)
-    if order.kind == "reboot":
-        return _reboot(facts.view)
-    if order.kind == "follow_path":
-        return _follow_path(order, flight, facts)
-    if order.kind == "move":
-        not_followed = follow_flight.goal_refusal(flight.follow, order)
-        return not_followed or _move(order, flight.vehicle, facts)
+    match order.kind:
+        case "arm" | "takeoff":
+            return _refusal_to_start(order, flight, facts)
+        case "reboot":
+            return _refusal_to_reboot(facts.view)
+        case "follow_path":
+            return _refusal_to_follow_path(order, flight, facts)
+        case "move":
+            return _refusal_to_move(order, flight, facts)
     return None
 
 
-def _beside_the_flight(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
+def _refusal_beside_flight(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
     """Return the reason against an order that does not change the flight's step, or None."""
     if order.kind == "load_path":
         return path_flight.part_refusal(flight.path, order.path, flight.vehicle, facts.fleet)
@@ -113,34 +113,36 @@ def _beside_the_flight(order: Order, flight: FlightContext, facts: OrderFacts) -
     if order.kind in ON_PATHS:
         return path_flight.change_refusal(flight.path, order.kind)
     if order.kind == "disable":
-        return _disable(flight, facts.view)
+        return _refusal_to_disable(flight, facts.view)
     if order.kind == "enable":
-        return _has_stand_in(flight, facts.others)
+        return _refusal_to_enable(flight, facts.others)
     if order.kind == "stand_in":
-        return _stand_in(order, flight, facts)
+        return _refusal_to_stand_in(order, flight, facts)
     return None
 
 
-def _stand_in(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
+def _refusal_to_stand_in(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
     """Return the reason against standing in for another vehicle, or None."""
-    not_at_rest = _disable(flight, facts.view)
+    not_at_rest = _refusal_to_disable(flight, facts.view)
     if not_at_rest is not None:
         return not_at_rest
 
     name = flight.vehicle.name
-    position_enu_m = facts.view.position_enu_m if facts.view.has_position else None
+    position_enu_m = None
+    if facts.view.has_position:
+        position_enu_m = facts.view.position_enu_m
     return stand_in_refusal(facts.fleet, name, order.stands_in_for, position_enu_m) or None
 
 
-def _has_stand_in(flight: FlightContext, others: Mapping[str, Telemetry]) -> str | None:
+def _refusal_to_enable(flight: FlightContext, others: Mapping[str, Telemetry]) -> str | None:
     """Return a sentence if another vehicle stands in for this one, or None."""
     for other, telemetry in others.items():
-        if telemetry.stands_in_for == flight.place and not telemetry.disabled_by:
+        if telemetry.stands_in_for == flight.slot_owner and not telemetry.disabled_by:
             return sentences.has_stand_in(flight.vehicle.name, other)
     return None
 
 
-def _disable(flight: FlightContext, view: FlightView) -> str | None:
+def _refusal_to_disable(flight: FlightContext, view: FlightView) -> str | None:
     """Return the reason against taking a vehicle out of service, or None.
 
     The vehicle has to stand on the ground, disarmed.
@@ -167,7 +169,7 @@ def acceptance(order: Order, flight: FlightContext, view: FlightView) -> str:
 
 
 def late_sentence(order: Order, now_ns: int) -> str | None:
-    """Return the sentence about an order that came after its deadline; None for one in time."""
+    """Return the sentence about an order that came after its deadline; None if it is in time."""
     if not order.deadline_ns or order.deadline_ns >= now_ns:
         return None
     late_s = 1e-9 * (now_ns - order.deadline_ns)
@@ -188,19 +190,19 @@ def goal_conflict(goal: Xyz, others: Mapping[str, Telemetry], limits: FleetSecti
     return None
 
 
-def _take_over(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
+def _refusal_to_take_over(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
     """Return the reason against a hold that takes over after a failed flight, or None."""
     not_ready = facts.not_ready_in_air()
     refused = takeover.refusal(facts.view, not_ready, facts.distances_m, facts.fleet)
     if refused is not None and flight.was_killed:
-        return _wrong_step(order, flight)
+        return _refusal_of_step(order, flight)
     return refused
 
 
-def _overrules_pilot(order: Order, flight: FlightContext) -> str | None:
+def _refusal_of_pilot(order: Order, flight: FlightContext) -> str | None:
     """Return the reason against an order to a vehicle that a pilot flies by hand, or None.
 
-    Against the pilot's sticks a vehicle is landed only if a person orders that vehicle by its name.
+    While a pilot flies, only a person's order to this vehicle by its name can land it.
     """
     name = flight.vehicle.name
     if order.kind == "land" and order.reason:  # by a mission, or to all vehicles
@@ -213,7 +215,7 @@ def _overrules_pilot(order: Order, flight: FlightContext) -> str | None:
     return None
 
 
-def _wrong_step(order: Order, flight: FlightContext) -> str:
+def _refusal_of_step(order: Order, flight: FlightContext) -> str:
     """Return the reason why the flight table has no row for the order in this step."""
     doing: str = flight.state
     if flight.step.text:
@@ -254,7 +256,7 @@ def _wrong_step(order: Order, flight: FlightContext) -> str:
             return f"The vehicle does not fly (it is {doing}): order take-off first."
 
 
-def _at_rest(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
+def _refusal_at_rest(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
     """Return the reason against `land` or `home` for a vehicle on the ground, or None.
 
     None means that the order is done already. A vehicle at its take-off spot is at home. A vehicle
@@ -262,17 +264,17 @@ def _at_rest(order: Order, flight: FlightContext, facts: OrderFacts) -> str | No
     """
     name = flight.vehicle.name
     if flight.was_killed:
-        return _wrong_step(order, flight)
+        return _refusal_of_step(order, flight)
     if flight.has_fallen:
         return f"{name} fell: {flight.reason} Look at it before you order take-off."
     if facts.view.snapshot.is_armed:
-        return _wrong_step(order, flight)
+        return _refusal_of_step(order, flight)
     if order.kind == "land":
         return None
 
     home_enu_m = order.position_enu_m
     if not order.then_land or home_enu_m is None or not facts.view.has_position:
-        return _wrong_step(order, flight)
+        return _refusal_of_step(order, flight)
 
     away_m = math.dist(home_enu_m[:2], facts.view.position_enu_m[:2])
     if away_m > _AT_HOME_M:
@@ -283,7 +285,7 @@ def _at_rest(order: Order, flight: FlightContext, facts: OrderFacts) -> str | No
     return None
 
 
-def _start(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
+def _refusal_to_start(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
     """Return the reason against arming or taking off, or None."""
     if flight.disabled_by:
         return sentences.disabled(flight)
@@ -329,7 +331,7 @@ def _start(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None
     return None
 
 
-def _reboot(view: FlightView) -> str | None:
+def _refusal_to_reboot(view: FlightView) -> str | None:
     """Return the reason against rebooting PX4, or None; it has to be disarmed and on the ground."""
     if view.snapshot.is_armed:
         return "PX4 is armed: order disarm first. It starts anew on the ground only, disarmed."
@@ -341,7 +343,7 @@ def _reboot(view: FlightView) -> str | None:
     return None
 
 
-def _follow_path(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
+def _refusal_to_follow_path(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
     """Return the reason against following the loaded path, or None."""
     view = facts.view
     least_pct = facts.fleet.fleet.battery_warning_pct
@@ -354,8 +356,13 @@ def _follow_path(order: Order, flight: FlightContext, facts: OrderFacts) -> str 
     return path_flight.start_refusal(flight.path, order.path, view.now_ns, view.position_enu_m)
 
 
-def _move(order: Order, vehicle: Vehicle, facts: OrderFacts) -> str | None:
+def _refusal_to_move(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
     """Return the reason against a move to the ordered goal, or None."""
+    not_followed = follow_flight.goal_refusal(flight.follow, order)
+    if not_followed is not None:
+        return not_followed
+
+    vehicle = flight.vehicle
     limits = facts.fleet.fleet
     goal = order.position_enu_m
     if goal is None or not is_finite(goal):
@@ -392,14 +399,14 @@ def _move(order: Order, vehicle: Vehicle, facts: OrderFacts) -> str | None:
             return f"Goal {goal_text} {words}."
 
     for name, other in facts.others.items():
-        # A flying neighbour may just have been ordered elsewhere; one on the ground, or landing,
-        # stays where it is.
+        # A flying neighbour may just have been ordered to go elsewhere. A neighbour that lands or
+        # is on the ground stays where it is.
         if other.is_airborne and other.state != "landing":
             continue
 
         x, y, z = other.position_enu_m
         if other.is_airborne:
-            z = min(z, goal[2])  # it lands: the whole column below it counts
+            z = min(z, goal[2])  # a landing neighbour takes the whole column below it
         distance_m = separation_m((x, y, z), goal, limits.height_share)
         if other.is_position_valid and distance_m < limits.safety_distance_m:
             return (

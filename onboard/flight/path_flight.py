@@ -5,14 +5,14 @@ it with the clocks in the telemetry of the others. So a show goes on without the
 
     A vehicle that falls behind its path requests more time. All clocks then run at half the rate.
 
-    A clock that is ahead of the slowest one slows down.
+    A clock that is ahead of the slowest clock slows down.
 
     A vehicle gets PATIENCE_S of time. If it has used that time and is still behind, it leaves the
     show, and the others do not wait for it any more.
 
-    A pause stops the clock of the vehicle that was ordered to pause, and the clocks of all others
-    of the show that hear of it. Each vehicle brakes along its own path. The clocks go on when no
-    vehicle of the show is paused.
+    A pause stops the clock of the vehicle that was ordered to pause. The other vehicles of the show
+    see that in its telemetry, and stop their clocks, too. Each vehicle brakes along its own path.
+    The clocks go on when no vehicle of the show is paused.
 
     A vehicle that skips the rest leaves the show, and flies straight to the end of its path. Its
     order to follow the path is done there.
@@ -42,9 +42,9 @@ BEHIND_M = 0.6  # lag from which on a vehicle requests more time
 CAUGHT_UP_M = 0.3  # lag below which the request ends
 SLOWEST_RATE = 0.5  # rate of the clocks while a vehicle requests more time
 START_WITHIN_S = 60.0  # a show begins at most this long after its order
-AT_START_M = 0.5  # largest distance from the begin of the path at its order
+AT_START_M = 0.5  # largest distance from the begin of the path when the show is ordered
 
-_RATE_SLEW_1_S = 0.5  # how fast the rate of the clock changes
+_RATE_SLEW_1_S = 0.5  # largest change of the clock's rate in each second
 _RECOVERY = 0.1  # seconds of patience that a vehicle regains in each second in which it keeps up
 _AHEAD_GAIN_1_S = 1.0  # how much a clock slows down for each second that it is ahead
 _AHEAD_S = 0.05  # a clock that is ahead of the slowest by less does not slow down
@@ -84,7 +84,7 @@ class PathFlight:
 
     lag_m: float = 0.0  # distance from the path's present point
     is_lagging: bool = False  # whether the lag is too large
-    slow_until_ns: int = 0  # until this time a failsafe requests slow flight; 0: none does
+    slow_until_ns: int = 0  # until this time a failsafe requests slow flight; 0: no request
     is_paused: bool = False  # whether an order has stopped the clock
     is_skipped: bool = False  # whether an order lets it fly straight to the end
     used_s: float = 0.0  # part of the patience that is used up
@@ -124,7 +124,7 @@ class PathFlight:
         self.start_ns = order.start_ns
         self.on_lag = order.on_lag
 
-        self.time_s = -math.inf
+        self.time_s = -math.inf  # the first tick sets it
         self.rate = 1.0
         self.target_rate = 1.0
         self.compare_ns = 0
@@ -145,7 +145,7 @@ class PathFlight:
             now_ns: our clock.
             dt_s: time since the last tick.
             position_enu_m: position of the vehicle.
-            others: clocks of the others, if a comparison is due; None at the ticks between.
+            others: clocks of the others; None at ticks without a comparison.
         """
         assert self.path is not None
         self._advance_clock(now_ns, dt_s, others)
@@ -165,6 +165,7 @@ class PathFlight:
         self.used_s = max(used_s, 0.0)
 
     def _advance_clock(self, now_ns: int, dt_s: float, others: Sequence[OtherClock] | None) -> None:
+        """Set the path time before the start; from then on integrate the rate of the clock."""
         since_start_s = (now_ns - self.start_ns) * 1e-9
         is_first = not math.isfinite(self.time_s)
         if since_start_s <= 0.0 or is_first:
@@ -182,7 +183,7 @@ class PathFlight:
         self.time_s += self.rate * dt_s
 
     def goal(self, sequence: int, lead_s: float) -> Goal:
-        """Return the path's motion ``lead_s`` ahead, where a command given now acts."""
+        """Return the path's motion after ``lead_s``, when a command given now has its effect."""
         assert self.path is not None
         point: PathPoint = paths.point_at(self.path, self.time_s + self.rate * lead_s)
         return Goal(
@@ -198,7 +199,7 @@ class PathFlight:
 
 
 def other_clocks(telemetries: Iterable[Telemetry], show_id: str, now_ns: int) -> list[OtherClock]:
-    """Return the clocks of the others that fly the same show and have been heard lately."""
+    """Return the clocks of the others that fly the same show and whose telemetry is recent."""
     clocks = []
     for other in telemetries:
         is_heard = now_ns - other.stamp_ns < _HEARD_NS
@@ -217,9 +218,9 @@ def other_clocks(telemetries: Iterable[Telemetry], show_id: str, now_ns: int) ->
 def part_refusal(
     flight: PathFlight, order: PathOrder | None, vehicle: Vehicle, fleet: FleetConfig
 ) -> str | None:
-    """Return the reason why a part of a path cannot be taken.
+    """Return the reason why a part of a path cannot be taken, or None.
 
-    The whole path is checked with its last part.
+    The whole path is checked when its last part comes.
     """
     most_parts = 1 + paths.MOST_BYTES // paths.PART_BYTES
     if order is None or not 0 <= order.part < order.parts <= most_parts:
@@ -246,7 +247,7 @@ def part_refusal(
 def start_refusal(
     flight: PathFlight, order: PathOrder | None, now_ns: int, position_enu_m: Xyz
 ) -> str | None:
-    """Return the reason why the loaded path cannot be followed from the ordered instant."""
+    """Return the reason why the loaded path cannot be followed from that instant, or None."""
     if order is None or not order.show_id:
         return (
             "An order to follow a path needs the path's id and the show's: "
@@ -300,7 +301,7 @@ def _target_rate(own: PathFlight, others: Sequence[OtherClock]) -> float:
 
 
 def _parts_with(flight: PathFlight, order: PathOrder) -> dict[int, bytes]:
-    """Return the known parts of the order's path and the order's part; other paths are dropped."""
+    """Return all parts that have come of the order's path, with the part of this order."""
     parts: dict[int, bytes] = {}
     if flight.path_id == order.path_id:
         parts.update(flight.parts)
@@ -309,18 +310,21 @@ def _parts_with(flight: PathFlight, order: PathOrder) -> dict[int, bytes]:
 
 
 def _joined(parts: dict[int, bytes]) -> bytes:
+    """Return the parts as one sequence of bytes, in the order of their indices."""
     return b"".join(parts[index] for index in sorted(parts))
 
 
 def _path_refusal(path: Path, vehicle: Vehicle, fleet: FleetConfig) -> str | None:
     """Return the reason why a path cannot be flown (fence, height, speed or ends), or None."""
     times_s = np.linspace(0.0, path.duration_s, 2 + int(_CHECK_HZ * path.duration_s))
+    # rows: samples; columns: x, y, z and heading
     values, rates, _ = paths.sampled(path, times_s)
 
     fence = fleet.fleet.geofence_m
     low_enu_m, high_enu_m = np.array([fence.x, fence.y, fence.z]).T
     position_enu_m = values[:, :3]
-    is_out = ((position_enu_m < low_enu_m) | (position_enu_m > high_enu_m)).any(-1)
+    is_coordinate_out = (position_enu_m < low_enu_m) | (position_enu_m > high_enu_m)
+    is_out = is_coordinate_out.any(-1)  # per sample
     if is_out.any():
         return f"The path leaves the geofence at {times_s[is_out.argmax()]:.1f} s."
 

@@ -1,8 +1,8 @@
 """Predicates of the flight table; docs/flight.md prints their names. Pure.
 
 Each function answers one question about the flight at this tick. In the docstrings "it" is the
-vehicle. No row names :func:`is_steady`, which says whether the condition that the step waits for
-holds at this tick. The flight measures for how long that condition has lasted.
+vehicle. Only :func:`is_steady` is no predicate of a row: it says whether the condition that the
+step waits for holds at this tick. The flight measures for how long that condition has lasted.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from onboard.flight.types import FlightStep, FlightView
 # what PX4 confirms
 CONFIRM_TIMEOUT_S = 5.0
 REBOOT_TIMEOUT_S = 30.0
-_STREAM_BEFORE_OFFBOARD_S = 0.3
+_STREAM_BEFORE_OFFBOARD_S = 0.3  # time of setpoints before OFFBOARD is requested
 _LEAST_OFFBOARD_S = 0.1
 _ARM_ON_ITS_WAY_S = 0.5  # a request to arm that is older than this has had its effect
-_KILL_ON_ITS_WAY_S = 0.5  # the same for a kill
+_KILL_ON_ITS_WAY_S = 0.5  # a kill that is older than this has had its effect
 
 # take-off, move, hold
 LIFTOFF_TIMEOUT_S = 6.0
@@ -32,32 +32,34 @@ _PATIENCE = 3.0  # a climb may also take this many times its planned duration
 # Height at which the landing gear has left the ground. Before that the vehicle hardly tilts, and
 # wind carries it along: with 0.12 m here, by up to 1.4 m in 3 m/s of wind with a drag of 1/s.
 _LIFTED_M = 0.05
-_ARRIVED_S = 0.5
-_MOVED_BY_GUSTS_S = 3.0
-_SEEN_S = 0.6  # for which poses must have come before a descent without them ends
-_REST_S = 0.3
+_ARRIVED_S = 0.5  # time at the goal after which a vehicle has arrived
+_MOVED_BY_GUSTS_S = 3.0  # the same for a vehicle that gusts keep farther away than in calm air
+_SEEN_S = 0.6  # a descent without poses ends when poses have come for this time
+_REST_S = 0.3  # time at rest after which a hold is complete
 
 # landing
 _BEGUN_S = 0.3  # a descent does not end before this time
 _LATE_DESCENT_S = 1.0  # a descent is late by this much after its planned end
 _LOWER_FLOOR_S = 3.0  # if a descent lasts longer than planned by this, the ground is lower
-_CONTACT_HEIGHT_M = 0.06
+_CONTACT_HEIGHT_M = 0.06  # a vehicle on the ground is below this height
 _FEELS_WITHIN_M = 0.3  # distance from the height at which the slow part of a landing begins
-_FALLEN_M = 0.10
-_FALLING_M_S = -0.3
-_KEPT_OFF_M = 0.5  # horizontal distance from the goal of a descent
+_FALLEN_M = 0.10  # a falling vehicle is below the height of its contact by more than this
+_FALLING_M_S = -0.3  # and its vertical speed is below this
+# Other vehicles keep a vehicle off its landing spot if it rests at least _KEPT_OFF_M beside the
+# spot for _KEPT_OFF_S. A vehicle rests only if its vertical speed is above _SINKS_M_S.
+_KEPT_OFF_M = 0.5
 _KEPT_OFF_S = 2.0
 _SINKS_M_S = -0.5
-_DISARM_AFTER_S = 4.0  # PX4 disarms by itself within this time
-_DISARM_AFTER_SEEN_S = 0.5  # the same, once PX4 reports the ground
+_DISARM_AFTER_S = 4.0  # PX4 disarms by itself within this time after the contact
+_DISARM_AFTER_SEEN_S = 0.5  # it disarms within this time if it reports the ground
 
 # landing by dead reckoning
-_BLIND_BEGUN_S = 0.6
+_BLIND_BEGUN_S = 0.6  # contact is looked for only after this time
 
 # PX4's own landing
 _PX4_LANDING_TIMEOUT_S = 60.0
-_MODE_KNOWN_S = 1.2  # PX4's heartbeat comes once a second, and at once when it is asked for
-_PX4_SINKS_M_S = 0.5  # at least: MPC_LAND_SPEED is 0.7 m/s
+_MODE_KNOWN_S = 1.2  # PX4's heartbeat, with its mode, comes once a second
+_PX4_SINKS_M_S = 0.5  # least speed of its descent: MPC_LAND_SPEED is 0.7 m/s
 
 
 def _is_confirmed(flight: FlightContext, view: FlightView) -> bool:
@@ -91,7 +93,7 @@ def px4_confirms_disarmed(flight: FlightContext, view: FlightView) -> bool:
 
 
 def px4_stays_disarmed(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether PX4 says disarmed at a time when earlier requests to arm have had effect."""
+    """Return whether PX4 says disarmed, so late that no request to arm is still on its way."""
     later_ns = view.snapshot.heartbeat_ns - flight.step_ns
     return not view.snapshot.is_armed and later_ns > 1e9 * _ARM_ON_ITS_WAY_S
 
@@ -302,14 +304,14 @@ def sees_again(flight: FlightContext, view: FlightView) -> bool:
 def sees_again_for_long(flight: FlightContext, view: FlightView) -> bool:
     """Return whether its position has been measured for a while again, in a descent without poses.
 
-    Poses that come and go would otherwise begin the descent, and the search for the signs of the
-    ground, anew each time.
+    Poses that come and go must not restart the descent, and the search for signs of the ground,
+    each time.
     """
     return not view.is_blind and flight.steady_s(view) > _SEEN_S
 
 
 def falls(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether it falls from the height of its contact, so that it did not stand there."""
+    """Return whether it falls below the height of its contact, which was no contact then."""
     fallen_m = flight.contact_z_m - view.position_enu_m[2]
     return fallen_m > _FALLEN_M and view.velocity_enu_m_s[2] < _FALLING_M_S
 
@@ -341,7 +343,7 @@ def floor_is_lower(flight: FlightContext, view: FlightView) -> bool:
 def landed_by_order(flight: FlightContext, view: FlightView) -> bool:
     """Return whether PX4 confirms the end of a landing that an operator ordered.
 
-    A hold and a disarm during lift-off order one, too.
+    A hold or a disarm during the lift-off also orders a landing.
     """
     order = flight.order
     if order is None or not landed(flight, view):
@@ -359,8 +361,10 @@ def landed(flight: FlightContext, view: FlightView) -> bool:
 
 
 def px4_should_have_disarmed(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether PX4 has had the time to disarm by itself; less if it reports the ground."""
-    limit_s = _DISARM_AFTER_SEEN_S if view.is_on_ground else _DISARM_AFTER_S
+    """Return whether PX4 has had time to disarm by itself; it needs less once it reports ground."""
+    limit_s = _DISARM_AFTER_S
+    if view.is_on_ground:
+        limit_s = _DISARM_AFTER_SEEN_S
     return flight.seconds(view) > limit_s
 
 
@@ -376,22 +380,22 @@ def falls_by_kill(flight: FlightContext, view: FlightView) -> bool:
 
 
 def kill_had_no_effect(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether PX4 says that it is armed when an older kill has had its effect."""
+    """Return whether PX4 says armed, so late that a kill must have had its effect."""
     later_ns = view.snapshot.heartbeat_ns - flight.step_ns
     is_effect_known = later_ns > 1e9 * _KILL_ON_ITS_WAY_S
     return flight.was_killed and view.snapshot.is_armed and is_effect_known
 
 
 def px4_hears_sticks(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether PX4 hears a pilot's sticks, so that he may have the vehicle."""
+    """Return whether PX4 receives a pilot's sticks, so that the pilot may be flying it."""
     return view.hears_sticks
 
 
 def px4_does_not_land(flight: FlightContext, view: FlightView) -> bool:
     """Return whether PX4 is in another mode than LAND, and does not report the ground.
 
-    If PX4 hears sticks, only a mode that was reported since this step began counts: the pilot may
-    have taken over.
+    If PX4 receives sticks, the mode must have been reported since this step began, because the
+    pilot may have taken over.
     """
     is_known = _is_confirmed(flight, view) or flight.seconds(view) > _MODE_KNOWN_S
     if view.hears_sticks and not is_known:

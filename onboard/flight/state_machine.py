@@ -1,4 +1,4 @@
-"""The state machine of a flight: applies the rows of the flight table. Only it writes the step.
+"""The state machine of a flight: applies the rows of the flight table, and alone writes the step.
 
 An order begins a step, and so does an action of the failsafe table. :func:`advance` goes on to the
 next step at a tick, when telemetry and estimate allow it. All of these are FlightEvents. For an
@@ -26,7 +26,12 @@ _REPEAT_NS = 1_200_000_000
 # while it climbs, so that the climb does not count as a failed landing.
 _STILL_CLIMBING_S = 1.0
 
-_EVENT_OF_ORDER = {event.value.removeprefix("order "): event for event in FlightEvent}
+# kind of an order -> event
+_EVENT_OF_ORDER = {
+    event.value.removeprefix("order "): event
+    for event in FlightEvent
+    if event.value.startswith("order ")
+}
 _EVENT_OF_ACTION = {
     Action.SLOW: FlightEvent.FAILSAFE_SLOW,
     Action.HOLD: FlightEvent.FAILSAFE_HOLD,
@@ -180,7 +185,7 @@ def preflight_checked(flight: FlightContext, view: FlightView, is_ready: bool) -
 
 
 def advance(flight: FlightContext, view: FlightView) -> None:
-    """Update the signs and times of this tick, and go on to the next step if one is due."""
+    """Update the signs of contact and the times, and go on to the next step if one is due."""
     flight.contact = contact.observe(
         flight.contact,
         view,
@@ -237,14 +242,14 @@ def _apply(flight: FlightContext, view: FlightView, row: Row, cause: str = "") -
         is_due = view.now_ns - flight.request_ns > _REPEAT_NS
         if row.to is not None or is_due:
             flight.commands.append(row.request)
-            # a request for a heartbeat must not delay the request that its answer leads to
+            # PX4's answer to a heartbeat request leads to the next request, which must not wait
             if not isinstance(row.request, RequestHeartbeat):
                 flight.request_ns = view.now_ns
 
 
 def _begin_step(flight: FlightContext, view: FlightView, step: FlightStep) -> None:
     if flight.step is FlightStep.PATH and step is not FlightStep.PATH:
-        flight.path.show_id = ""  # the other vehicles of the show do not wait for it any more
+        flight.path.show_id = ""  # so the other vehicles of the show no longer wait for this one
 
     flight.step = step
     flight.step_ns = view.now_ns

@@ -32,7 +32,7 @@ RULES = (
     "configuration",
     "loop",
 )
-MOVING_M_S = 0.5
+MOVING_M_S = 0.5  # a faster vehicle is not taken over
 
 
 def refusal(

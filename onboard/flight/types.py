@@ -37,7 +37,7 @@ from onboard.safety.failsafe_table import Situation as S
 from onboard.tuples import Wxyz, Xyz
 from onboard.types import TICK_S
 
-_LANDED_FRESH_NS = 1_500_000_000  # PX4 reports it 5 to 10 times a second
+_LANDED_FRESH_NS = 1_500_000_000  # PX4 reports its landed state 5 to 10 times a second
 
 
 class FlightStep(Enum):
@@ -145,7 +145,7 @@ class FlightView(Struct, frozen=True):
     velocity_enu_m_s: Xyz
     has_position: bool  # whether the position is known, from poses or by dead reckoning
     snapshot: Snapshot  # newest reports of PX4
-    thrust_share: float = 1.0  # thrust of the last setpoint over the hover thrust
+    thrust_share: float = 1.0  # thrust of the last setpoint, divided by the hover thrust
     # clocks of the other vehicles of the same show; None: they are not compared at this tick
     other_clocks: tuple[OtherClock, ...] | None = None
     period_s: float = TICK_S  # time since the last tick
@@ -154,7 +154,7 @@ class FlightView(Struct, frozen=True):
     position_age_s: float = math.inf  # age of the newest sample that the estimate has used
     attitude_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)  # in the fleet's frame
     gust_m_s2: float = 0.0  # standard deviation of the present gusts, per axis
-    expected_gust_m_s2: float = 0.0  # the same of the gusts to expect
+    expected_gust_m_s2: float = 0.0  # standard deviation of the gusts to expect, per axis
 
     @property
     def has_landed_report(self) -> bool:

@@ -1,1 +1,1 @@
-"""The own state: believable poses, PX4's local frame, and the poses that PX4 gets."""
+"""The vehicle's own position: checked poses, PX4's local frame, and the poses sent to PX4."""

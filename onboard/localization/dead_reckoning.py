@@ -1,17 +1,17 @@
-"""Dead reckoning of the own motion while no pose comes.
+"""Dead reckoning of the vehicle's own motion while no pose arrives.
 
-Horizontally the estimate continues from attitude and throttle alone. PX4's own horizontal estimate
-is less accurate: it was wrong by 1 to 2.3 m three to four seconds after the last pose of a real
-vehicle. Attitude and throttle gave an error of 0.09 m after two seconds, and of 0.35 m after three
-(medians).
+Horizontally the estimate continues from attitude and throttle alone. PX4's horizontal estimate is
+less accurate: it was wrong by 1 to 2.3 m three to four seconds after the last pose of a real
+vehicle. Attitude and throttle gave a median error of 0.09 m after two seconds, and of 0.35 m after
+three.
 
-Height and vertical speed follow those of PX4, which measures them with accelerometers and a
-barometer. The throttle is not sufficient for them. The hover throttle may not be learned yet, for
-instance in a climb, and an error of 4 % in it makes a descent slower by 0.3 m/s.
+Vertically the estimate follows PX4's height and vertical speed, which come from accelerometers and
+a barometer. The throttle would not suffice: the hover throttle may not be learned yet, for instance
+in a climb, and an error of 4 % in it makes a descent slower by 0.3 m/s.
 
-The acceleration that attitude and throttle do not explain (the bias) is set to its mean over the
-last seconds. Its newest value may contain noise of up to 1.3 m/s^2, which led to an error of
-1.5 m/s after two seconds.
+The bias is the acceleration that attitude and throttle do not explain. Dead reckoning uses its mean
+over the last seconds. The newest bias may contain noise of up to 1.3 m/s^2, which led to an error
+of 1.5 m/s after two seconds.
 """
 
 from __future__ import annotations
@@ -34,9 +34,8 @@ _LARGEST_MISS_M_S2 = 0.8
 _HEIGHT_RAD_S = 3.0  # bandwidth with which PX4's height is followed
 _CLIMB_RAD_S = 6.0  # bandwidth with which PX4's vertical speed is followed
 
-# The published standard deviation of the position grows at a constant rate, up to a bound. The
-# bound grows with the time without samples. Real PX4s were flown with this growth, and it did no
-# harm.
+# The published standard deviation of the position grows at a constant rate, up to a bound, which
+# also grows. Real PX4s were flown with this growth, and it did no harm.
 _STD_M_S = 0.05  # growth of the standard deviation
 _LARGEST_STD_M = 0.04  # bound at the last sample
 _LARGEST_STD_M_S = 0.03  # growth of the bound
@@ -51,15 +50,14 @@ class VerticalMotion(NamedTuple):
 
 @dataclass(slots=True)
 class DeadReckoning:
-    """Memory of one vehicle; :meth:`step` after the samples of each tick."""
+    """Dead reckoning of one vehicle. Call :meth:`step` after the samples of each tick."""
 
     is_on: bool = False  # whether the samples are so old that the estimate is dead reckoning
 
     # Published standard deviations of position [m] and velocity [m/s]. They begin with those of the
-    # last sample, and then the standard deviation of the position grows. Without this growth,
-    # vehicles that lost their poses at a height of 2.5 m came nearer to each other than with it.
-    # With a growth as fast as that of the error, the law commanded 10 m/s^2, which did more harm
-    # than the error.
+    # last sample. Then the standard deviation of the position grows. Without this growth, vehicles
+    # that lost their poses at a height of 2.5 m came nearer to each other. If it grew as fast as
+    # the true error, the law would command 10 m/s^2, which did more harm than the error.
     std: tuple[float, float] = (0.0, 0.0)
 
     _mean_bias_m_s2: Vec3 = ZERO_3
@@ -73,7 +71,7 @@ class DeadReckoning:
         dt_s: float,
         is_on_ground: bool,
     ) -> KalmanMemory:
-        """Return the filter's memory, which dead reckoning corrects once samples are missing.
+        """Return the filter's memory, corrected by dead reckoning once samples are missing.
 
         Args:
             memory: memory of the Kalman filter, propagated to now.
@@ -108,17 +106,17 @@ class DeadReckoning:
         position = memory.position_enu_m
         velocity = memory.velocity_enu_m_s
 
-        # When dead reckoning begins, the motion since the last sample is corrected: as if the mean
-        # bias had acted since then, instead of the newest one.
+        # When dead reckoning begins, correct the motion since the last sample, as if the mean bias
+        # had acted since then instead of the newest bias.
         if not self.is_on:
             self.is_on = True
             change = subtract(mean_bias, memory.bias_enu_m_s2)
             position = add_scaled(position, 0.5 * age_s * age_s, change)
             velocity = add_scaled(velocity, age_s, change)
 
-        # PX4's height corrects height and vertical speed as a critically damped filter of bandwidth
-        # W does: the height by 2 W dt, and the speed by W^2 dt, times the difference in height.
-        # PX4's vertical speed corrects the speed in addition.
+        # Follow PX4's height with a critically damped filter of bandwidth W: correct the height by
+        # 2 W dt, and the speed by W^2 dt, times the difference in height. Then correct the speed
+        # also by PX4's vertical speed.
         if vertical is not None:
             height_difference_m = vertical.height_m - position.z
             speed_difference_m_s = vertical.climbing_m_s - velocity.z
@@ -139,9 +137,9 @@ class DeadReckoning:
         )
 
     def _grown_std_m(self, age_s: float, dt_s: float) -> float:
-        """Return the standard deviation of the position that is published after a tick."""
+        """Return the position's standard deviation one tick later; it never shrinks."""
         std_before_m = self.std[0]
         bound_m = _LARGEST_STD_M + _LARGEST_STD_M_S * age_s
         if std_before_m >= bound_m:
-            return std_before_m  # it never shrinks
+            return std_before_m
         return min(std_before_m + _STD_M_S * dt_s, bound_m)

@@ -1,14 +1,15 @@
 """Converts PX4's local positions to the fleet frame, for vehicles that fly without a mocap.
 
-Each PX4 has its own origin: the place where its estimator started. Outdoors PX4 sends the position
-of its origin on Earth, and the fleet file contains that of the fleet's origin. Their difference is
-the horizontal offset. Heights are measured from the ground under the vehicle, since satellite
-heights differ by metres. Without a global origin, the place where the vehicle stands before its
-first flight is taken to be its take-off spot in the fleet file.
+The local frame of each PX4 has its origin where PX4's estimator started. An offset converts local
+positions to the fleet frame. Outdoors PX4 sends the latitude and longitude of its origin, and the
+fleet file contains those of the fleet's origin: their difference is the horizontal offset. Heights
+are measured from the ground under the vehicle, since satellite heights differ by metres. If the
+fleet file has no origin, the vehicle is assumed to stand on its take-off spot before its first
+flight.
 
-PX4's estimate may jump ("reset"). In the air the offset absorbs a jump, so that the estimate in the
-fleet frame stays continuous. With a global origin the right offset is known, and a horizontal jump
-is slowly undone. A jump in height is absorbed for good, because the ground was measured before it.
+PX4's estimate may jump ("reset"). In the air the offset absorbs a jump, so that the position in the
+fleet frame stays continuous. With an origin on Earth the true horizontal offset is known, and the
+offset slowly returns to it. A jump in height stays absorbed.
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ from onboard.localization.dead_reckoning import VerticalMotion
 from onboard.safety.limits import LOCAL_POSITION_FRESH_S
 from onboard.tuples import Xyz
 
-# A position jumped if it is farther from the expected one than _JUMP_M, plus what an acceleration
-# of _JUMP_M_S2 may add.
+# A position has jumped if its distance from the expected position is larger than _JUMP_M, plus what
+# an acceleration of _JUMP_M_S2 may add.
 _JUMP_M = 0.3
 _JUMP_M_S2 = 3.0
 
-_GIVE_BACK_M_S = 0.2  # speed at which a horizontal jump is undone
+_RETURN_M_S = 0.2  # speed at which the offset returns to the true one after a horizontal jump
 
 
 class _LocalPosition(NamedTuple):
@@ -43,7 +44,7 @@ class _LocalPosition(NamedTuple):
 
 @dataclass(slots=True)
 class LocalFrame:
-    """One vehicle's local frame; :meth:`take` each new local position."""
+    """One vehicle's local frame. Call :meth:`take` with each new local position."""
 
     start_enu_m: Xyz  # the vehicle's take-off spot in the fleet file
     origin: Origin | None  # fleet's origin on Earth; None if only take-off spots are known
@@ -53,7 +54,7 @@ class LocalFrame:
     _has_flown: bool = False
 
     def take(self, snapshot: Snapshot) -> Xyz | None:
-        """Return the newest local position in the fleet frame, or None without a known offset."""
+        """Return the newest local position in the fleet frame; None if no offset is known."""
         local = _LocalPosition(
             snapshot.local_position_ns,
             enu_from_ned(snapshot.position_local_ned_m),
@@ -70,12 +71,12 @@ class LocalFrame:
         if anchored_m is None:
             return None
 
-        # without an origin on Earth, the vehicle's place is known only before its first flight
-        is_spot_known = self.origin is not None or not self._has_flown
-        if self._offset_enu_m is None or (is_parked and is_spot_known):
+        # without an origin on Earth, the anchored offset is right only before the first flight
+        is_anchor_right = self.origin is not None or not self._has_flown
+        if self._offset_enu_m is None or (is_parked and is_anchor_right):
             self._offset_enu_m = anchored_m
         elif is_parked:
-            # only the height of the ground is known
+            # after a flight, only the height of the ground is known
             self._offset_enu_m = (self._offset_enu_m[0], self._offset_enu_m[1], anchored_m[2])
         elif last is not None:
             self._offset_enu_m = self._absorbed_m(self._offset_enu_m, last, local, anchored_m)
@@ -106,9 +107,10 @@ class LocalFrame:
         )
 
     def _anchored_offset_m(self, local_m: Xyz, snapshot: Snapshot) -> Xyz | None:
-        """Return the offset for a vehicle that stands on the ground.
+        """Return the offset by the origins on Earth, or without them by the take-off spot.
 
-        The result is None if the fleet has an origin on Earth and PX4 has not sent its own yet.
+        The height is always that of a vehicle on the ground at its take-off spot. The result is
+        None if the fleet has an origin on Earth and PX4 has not sent its origin yet.
         """
         x, y, z = (start - here for start, here in zip(self.start_enu_m, local_m, strict=True))
         if self.origin is None:
@@ -123,15 +125,13 @@ class LocalFrame:
     def _absorbed_m(
         self, offset_m: Xyz, last: _LocalPosition, local: _LocalPosition, anchored_m: Xyz
     ) -> Xyz:
-        """Return the offset after a local position in the air.
-
-        It absorbs a jump, and moves towards the offset by the origins on Earth.
+        """Return the offset in the air: it absorbs a jump, and returns towards the true offset.
 
         Args:
             offset_m: present offset.
             last: previous local position.
             local: newest local position.
-            anchored_m: offset by the origins on Earth; its horizontal part counts.
+            anchored_m: true offset by the origins on Earth; only its horizontal part is used.
         """
         x, y, z = offset_m  # the new offset, changed in two steps
         dt_s = (local.stamp_ns - last.stamp_ns) * 1e-9
@@ -142,8 +142,8 @@ class LocalFrame:
                 local.position_m, last.position_m, last.velocity_m_s, strict=True
             )
         )
-        # An acceleration a moves the vehicle by 0.5 a t^2. Within less than a second, a t is larger
-        # than that, and so more generous.
+        # An acceleration a moves the vehicle by 0.5 a t^2. The bound is more generous: a t^2, and
+        # a t within less than a second.
         reach_m = _JUMP_M + _JUMP_M_S2 * dt_s * max(1.0, dt_s)
         if math.hypot(*jump_m) > reach_m:
             self.jumps += 1
@@ -151,12 +151,12 @@ class LocalFrame:
             y = y - jump_m[1]
             z = z - jump_m[2]
 
-        # move slowly towards the offset by the origins
+        # return slowly towards the true offset
         if self.origin is not None:
             remaining_m = math.hypot(anchored_m[0] - x, anchored_m[1] - y)
             moved_share = 0.0
             if remaining_m > 0.0:
-                moved_share = min(1.0, _GIVE_BACK_M_S * dt_s / remaining_m)
+                moved_share = min(1.0, _RETURN_M_S * dt_s / remaining_m)
             x = x + moved_share * (anchored_m[0] - x)
             y = y + moved_share * (anchored_m[1] - y)
 

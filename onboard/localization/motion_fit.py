@@ -1,25 +1,24 @@
-"""Checks whether positions fit the own motion, for vehicles that fly by PX4's position. Pure.
+"""Checks whether PX4's positions fit the vehicle's motion, and detects late receivers. Pure.
 
-Attitude and throttle give the acceleration of the vehicle. If the positions of a receiver are late,
-they contradict it whenever the velocity changes. Such a vehicle flies by an old position,
-overshoots, and circles around its goal. There are two measures.
+Attitude and throttle give the acceleration of the vehicle ("driven" below). If a receiver's
+positions are late, they contradict the driven acceleration whenever the velocity changes. A vehicle
+that flies by late positions overshoots, and circles around its goal. There are two measures.
 
-* The lateness: PX4's velocity may change as attitude and throttle say now, or as they said 0.36 s
-  ago. Both accelerations are compared with the measured one. The squared error of the present minus
-  that of the past is summed over some seconds, and the sum grows if positions are late. Mean
-  accelerations are left out, so that neither wind nor a wrong thrust counts. In 273 flights of
-  single vehicles with receivers in time the sum stayed below 3.4 m^2/s^3: in up to 7 m/s of wind
-  with gusts of up to 40 %, with errors as by satellites and as by RTK. With real PX4s in simulation
-  it stayed below 0.2. With receivers that were half a second late it was above LATE_M2_S3 after
-  2 s.
-* The miss: the root mean square of the horizontal innovations of the filter over a second. In 18
-  flights with satellites and the errors of PX4's simulator it stayed below 0.13 m. With positions
-  that were half a second late it was 0.2 m and more.
+* The lateness: PX4's velocity gives the measured acceleration. It is compared with the driven
+  acceleration of now (error e_now), and with the driven acceleration of 0.36 s ago (error e_then).
+  If positions are late, e_then is smaller. The lateness is e_now^2 - e_then^2, integrated over some
+  seconds. Mean accelerations are subtracted before, so that neither wind nor a wrong thrust counts.
+  In 273 simulated flights of single vehicles whose receivers were in time, the lateness stayed
+  below 3.4 m^2/s^3 (wind up to 7 m/s, gusts up to 40 %, errors of satellites and of RTK). With real
+  PX4s in simulation it stayed below 0.2. With receivers that were half a second late it was above
+  LATE_M2_S3 after 2 s.
+* The miss: the root mean square of the filter's horizontal innovations over a second. In 18 flights
+  with satellites and the errors of PX4's simulator it stayed below 0.13 m. With positions that were
+  half a second late it was 0.2 m and more.
 
 Positions that drift slowly fit any motion, so they are not detected. A wrong heading is not
-detected either, because PX4 turns the accelerations that it integrates by the same error. In
-simulations with 21 real PX4s, errors of 16 degrees looked like -6 to 9 degrees over 8 s, and a
-right heading like up to 12. PX4 finds the error by itself.
+detected either, because PX4 rotates the accelerations that it integrates by the same error. PX4
+corrects its heading by itself.
 """
 
 from __future__ import annotations
@@ -30,38 +29,37 @@ from dataclasses import dataclass, field
 
 from onboard.vectors import ZERO_3, Vec3, add_scaled, bounded, scaled, subtract
 
-# Late positions count as old as this; the filter remembers its states for as long. If they are in
-# fact newer, the vehicle flies well. If they are older, it goes on circling.
+# Late positions are assumed to be this old, and the filter remembers its states for this time. If
+# they are newer, the vehicle flies well. If they are older, it continues to circle.
 LATE_BY_S = 0.5
-LATE_M2_S3 = 6.0
+LATE_M2_S3 = 6.0  # positions are late if the lateness is larger
 
-_LAG_TICKS = 18  # from the past acceleration to the present one: 0.36 s
+_LAG_TICKS = 18  # from the past driven acceleration to the present one: 0.36 s
 _MISS_S = 1.0  # averaging time of the miss
 _LATENESS_S = 5.0  # time constant with which the lateness is forgotten
 _MEAN_S = 2.0  # averaging time of the mean accelerations
-_LONGEST_S = 0.1  # the change of the velocity over a longer gap is not used
-_LARGEST_M_S2 = 10.0  # per axis; a larger acceleration is a jump of PX4's estimate
+_LONGEST_GAP_S = 0.1  # the change of the velocity over a longer gap is not used
+_LARGEST_M_S2 = 10.0  # bound of each axis: a larger acceleration is a jump of PX4's estimate
 
 
-def _standing() -> deque[Vec3]:
+def _zero_accelerations() -> deque[Vec3]:
     return deque([ZERO_3] * (_LAG_TICKS + 1), maxlen=_LAG_TICKS + 1)
 
 
 @dataclass(slots=True)
 class MotionFit:
-    """Memory of one vehicle; :meth:`drive` at each tick, and :meth:`step` with each position."""
+    """Fit of one vehicle. Call :meth:`drive` at each tick, and :meth:`step` with each position."""
 
     drag_1_s: float = 0.0  # linear drag of the vehicle
     is_late: bool = False  # whether positions have been found late since the take-off
-    lateness_m2_s3: float = 0.0  # summed squared error of the present minus that of the past
-    _mean_square_m2: float = 0.0
+    lateness_m2_s3: float = 0.0
+    _mean_square_m2: float = 0.0  # mean squared horizontal innovation
 
-    # accelerations by attitude and throttle in the last ticks, oldest first
-    _driven_enu_m_s2: deque[Vec3] = field(default_factory=_standing)
-    _stamp_ns: int = 0  # of the last position
-    _velocity_enu_m_s: Vec3 = ZERO_3
-    # mean accelerations: by PX4's velocity, and by attitude and throttle
-    _measured_mean_m_s2: Vec3 = ZERO_3
+    # driven accelerations of the last ticks, oldest first
+    _driven_enu_m_s2: deque[Vec3] = field(default_factory=_zero_accelerations)
+    _stamp_ns: int = 0  # time of the last position
+    _velocity_enu_m_s: Vec3 = ZERO_3  # velocity that came with the last position
+    _measured_mean_m_s2: Vec3 = ZERO_3  # mean acceleration by PX4's velocity
     _driven_mean_m_s2: Vec3 = ZERO_3
     _time_s: float = 0.0  # time of flight
 
@@ -71,7 +69,7 @@ class MotionFit:
         return math.sqrt(self._mean_square_m2)
 
     def drive(self, acceleration_enu_m_s2: Vec3) -> None:
-        """Take the acceleration by attitude and throttle, without drag [m/s^2], ENU."""
+        """Append a tick's acceleration by attitude and throttle, without drag [m/s^2], ENU."""
         self._driven_enu_m_s2.append(acceleration_enu_m_s2)
 
     def step(
@@ -103,7 +101,7 @@ class MotionFit:
         weight = 1.0 - math.exp(-dt_s / _MISS_S)
         self._mean_square_m2 += weight * (_square(innovation_m) - self._mean_square_m2)
 
-        if 0.0 < dt_s < _LONGEST_S:
+        if 0.0 < dt_s < _LONGEST_GAP_S:
             measured_m_s2 = bounded(scaled(1.0 / dt_s, change_m_s), _LARGEST_M_S2)
             without_drag_m_s2 = add_scaled(measured_m_s2, self.drag_1_s, velocity_enu_m_s)
             self._compare(without_drag_m_s2, dt_s)
@@ -118,7 +116,7 @@ class MotionFit:
         self._measured_mean_m_s2 = _moved(self._measured_mean_m_s2, measured_m_s2, share)
         self._driven_mean_m_s2 = _moved(self._driven_mean_m_s2, now_m_s2, share)
 
-        # without the means, so that wind does not count
+        # subtract the means, so that wind does not count
         changed_m_s2 = subtract(measured_m_s2, self._measured_mean_m_s2)
         by_now_m_s2 = subtract(now_m_s2, self._driven_mean_m_s2)
         by_then_m_s2 = subtract(then_m_s2, self._driven_mean_m_s2)

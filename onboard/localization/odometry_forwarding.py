@@ -1,12 +1,12 @@
 """Chooses the mocap poses that are sent to PX4's estimator. Pure.
 
-PX4 gets poses so that its own hold and land work indoors. PX4 follows any pose, so only accepted
-poses are sent, 33 times a second.
+PX4 gets poses so that its own hold and land modes work indoors. It follows any pose, so only poses
+that the pose validator accepts are sent, 33 times a second.
 
-When accepted poses stop, nothing is sent, and PX4's estimator reports that it has lost its
-position. When they come back, PX4's estimate has drifted farther than its gate accepts. A changed
-reset counter makes PX4 restart its estimate at the pose. In the air the counter changes only if the
-pose is near PX4's own position: if the pose belonged to another body, PX4 would fly there.
+Without accepted poses nothing is sent, and PX4's estimator reports that it has lost its position.
+When poses return, PX4's estimate has drifted so far that PX4 rejects them. A changed reset counter
+makes PX4 restart its estimate at the pose. In the air the counter changes only if the pose is near
+PX4's own position, because a wrong pose may belong to another body.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from onboard.frames import enu_from_ned
 from onboard.tuples import Xyz
 
 _PERIOD_NS = 30_000_000  # PX4 requires 30 to 50 Hz
-_EARLY_NS = 6_000_000  # a pose may be sent before it is due by this time
+_EARLY_NS = 6_000_000  # a pose may be sent this much before it is due
 
 _STD_M = 0.01  # standard deviation of a pose
 
@@ -33,13 +33,13 @@ _GAP_NS = 300_000_000
 _STEP_M = 0.2
 _STEP_M_S = 6.0
 
-# Largest distance of PX4's own position to a pose at which it may restart. It grows with the time
-# without poses: PX4 then drifts by 0.5 to 1.3 m in six seconds. The bound excludes the position of
-# another vehicle.
+# PX4 may restart its estimate at a pose within this distance of PX4's own position: _NEAR_M, plus
+# _DRIFT_M_S for each second without poses, and at most _FAR_M. Without poses PX4 drifts by 0.5 to
+# 1.3 m in six seconds. _FAR_M excludes the position of another vehicle.
 _NEAR_M = 0.3
 _DRIFT_M_S = 0.15
 _FAR_M = 0.7
-_FRESH_NS = 300_000_000  # an older position of PX4 does not count
+_FRESH_NS = 300_000_000  # an older position of PX4 is not used
 
 
 @dataclass(slots=True)
@@ -78,7 +78,7 @@ class OdometryForwarder:
         ]
 
     def _continues(self, pose: MocapPose, last_enu_m: Xyz) -> bool:
-        """Whether PX4's estimator can follow from the last pose that was sent to this one."""
+        """Whether PX4's estimator can follow from the last sent pose to this one."""
         gap_ns = pose.stamp_ns - self._stamp_ns
         if not 0 <= gap_ns <= _GAP_NS:
             return False

@@ -1,12 +1,12 @@
-"""Estimates the own state from mocap samples, PX4's attitude and the own thrust.
+"""Estimates the vehicle's own state from mocap samples, PX4's attitude and the sent throttle.
 
 The pose validator checks each sample at its arrival. Accepted samples wait in a queue until the
-next tick, where the Kalman filter uses them. A vehicle without a mocap uses PX4's local position
-instead. The core calls :meth:`OwnState.update` at every tick.
+next tick, when the Kalman filter uses them. A vehicle without a mocap uses PX4's local position
+instead. The agent calls :meth:`OwnState.update` at every tick.
 
-PX4's heading may be wrong by tens of degrees, since it comes from a magnetometer. Its difference to
-the mocap's heading is low-passed. It converts PX4's attitude to the fleet frame, and attitude
-setpoints back to PX4's heading.
+PX4's heading may be wrong by tens of degrees, since it comes from a magnetometer. The difference
+between the mocap's heading and PX4's (the heading offset) is low-passed. It converts PX4's attitude
+to the fleet frame, and attitude setpoints back to PX4's heading.
 """
 
 from __future__ import annotations
@@ -39,13 +39,14 @@ from onboard.types import AttitudeSetpoint, State
 _MAX_POSITION_M = 1e4  # largest coordinate of a pose
 _MAX_QUEUE = 8  # number of samples that may wait for a tick; the newest are kept
 _FUTURE_NS = 5_000_000  # a stamp may be ahead of its arrival by this time
-_HEADING_TIME_S = 1.0  # time constant of the heading's offset
+_HEADING_TIME_S = 1.0  # time constant of the heading offset
 _REJECTED_TO_RESTART = 10  # rejected samples in a row after which the filter restarts on the ground
 _WITHOUT_FIX_NS = 500_000_000  # satellites are lost after this time without a fix
-_BELIEVED_S = 0.1  # PX4's position is compared with an estimate whose newest sample is not older
-# noise between two positions of PX4, and the gate for their jumps; ACCURACIES has the slow error
-_PX4_POSITION_STD_M = 0.05
-_PX4_JUMP_GATE_M = 1.0
+_TRUSTED_S = 0.1  # an estimate with an older newest sample is not compared with PX4's position
+
+# For positions by PX4. The slow error of such positions is in ACCURACIES.
+_PX4_POSITION_STD_M = 0.05  # noise between two positions
+_PX4_JUMP_GATE_M = 1.0  # a larger innovation is a jump
 _ZERO: Xyz = (0.0, 0.0, 0.0)
 _SQRT_HALF = math.sqrt(0.5)
 
@@ -64,7 +65,7 @@ class OwnEstimate(NamedTuple):
     state: State | None  # None before the first usable sample
     attitude_wxyz: Wxyz  # in the fleet frame
     age_s: float  # age of the newest used sample; inf before the first
-    is_reckoned: bool  # whether it is dead reckoning, while this agent flies the vehicle
+    is_reckoned: bool  # whether this agent flies the vehicle by dead reckoning
     jumps: int  # number of impossible samples in a row
     is_mocap_frozen: bool
     is_mocap_late: bool
@@ -76,7 +77,7 @@ class OwnEstimate(NamedTuple):
 class OwnState:
     """Estimate of one vehicle.
 
-    Call :meth:`update` once a tick, and :meth:`add_pose` whenever a sample arrives.
+    Call :meth:`update` once a tick, and :meth:`add_pose` whenever a mocap sample arrives.
     """
 
     vehicle: Vehicle
@@ -84,18 +85,18 @@ class OwnState:
     corrections: CorrectionsConfig | None = None  # None: the vehicle uses no corrections
     counts: MessageCounts = field(default_factory=MessageCounts)  # poses that were not used
     heading_offset_rad: float = 0.0  # heading in the fleet frame minus PX4's heading
+    # only for vehicles with a mocap
     validator: PoseValidator = field(default_factory=PoseValidator)
-    # used for vehicles with a mocap
     px4_check: Px4PositionCheck = field(default_factory=Px4PositionCheck)
-    # used for vehicles without a mocap
+    # only for vehicles without a mocap
     has_lost_satellites: bool = False
     fit: MotionFit = field(init=False)
-    # Whether this agent's setpoints fly the vehicle. Only then is its thrust known, which dead
+    # Whether this agent's setpoints fly the vehicle. Only then the thrust is known, which dead
     # reckoning needs.
     is_flown: bool = False
 
     _params: KalmanParams = field(init=False)
-    _memory: kalman.KalmanMemory | None = None  # of the filter; None before the first sample
+    _memory: kalman.KalmanMemory | None = None  # filter's memory; None before the first sample
     _reckoning: DeadReckoning = field(default_factory=DeadReckoning)
     _wind: wind.WindMemory = field(default_factory=wind.initial)
     # least published standard deviations of position [m] and velocity [m/s]
@@ -103,15 +104,15 @@ class OwnState:
 
     _queue: list[_Sample] = field(default_factory=list)
     _newest_ns: int = 0  # stamp of the newest usable mocap sample
-    # position of the newest sample that the filter rejected; it stays after a good one
+    # position of the newest sample that the filter rejected; accepted samples do not clear it
     _rejected_enu_m: Xyz | None = None
 
-    _has_heading: bool = False  # whether the heading's offset is known
+    _has_heading: bool = False  # whether the heading offset is known
     _yaw_rad: float = 0.0  # heading of the newest sample
 
     _local_frame: LocalFrame = field(init=False)
     _local_ns: int = 0  # stamp of PX4's newest local position
-    _fix_ns: int = 0  # last time at which PX4 had a fix; 0 never
+    _fix_ns: int = 0  # last time at which PX4 had a fix; 0: never
 
     def __post_init__(self) -> None:
         vehicle = self.vehicle
@@ -128,7 +129,7 @@ class OwnState:
             )
 
     def add_pose(self, pose: MocapPose, received_ns: int) -> bool:
-        """Queue a mocap sample for the next update; return False if it is not accepted."""
+        """Queue a mocap sample for the next update, and return whether it was accepted."""
         if not pose.is_tracked:
             return False
 
@@ -136,9 +137,8 @@ class OwnState:
             self.counts.malformed += 1
             return False
 
-        # All stamps are on one clock: a sample that is not newer is out of order, or from before a
-        # restart. Sequence numbers are not used, because a false one could exclude all later
-        # samples.
+        # All stamps are of one clock, so a sample that is not newer arrived out of order. Sequence
+        # numbers are not used, because a single wrong number could exclude all later samples.
         is_new = self._newest_ns < pose.stamp_ns <= received_ns + _FUTURE_NS
         if not is_new:
             self.counts.late += 1
@@ -181,8 +181,8 @@ class OwnState:
             is_on_ground: whether the vehicle stands on the ground.
         """
         if not self.vehicle.mocap_required:
-            self._look_at_satellites(snapshot, now_ns)
-            self._take_local_position(snapshot)
+            self._notice_lost_satellites(snapshot, now_ns)
+            self._queue_local_position(snapshot)
 
         if self._memory is not None:
             self._memory = kalman.drive(
@@ -212,11 +212,12 @@ class OwnState:
         is_reckoned = self.is_reckoned
 
         if self.vehicle.mocap_required:
-            is_believed = not jumps and age_s < _BELIEVED_S
-            known_enu_m = self.position_enu_m if is_believed or is_reckoned else None
-            self.px4_check.update(snapshot, known_enu_m, now_ns, is_reckoned=is_reckoned)
+            trusted_enu_m = None
+            if is_reckoned or (jumps == 0 and age_s < _TRUSTED_S):
+                trusted_enu_m = self.position_enu_m
+            self.px4_check.update(snapshot, trusted_enu_m, now_ns, is_reckoned=is_reckoned)
 
-        # converted once more, because the samples have changed the heading's offset
+        # convert once more, because the samples have changed the heading offset
         attitude_wxyz = turned_about_up(snapshot.quaternion_enu_flu_wxyz, self.heading_offset_rad)
         state = self._state(is_reckoned=is_reckoned)
         gust_m_s2 = wind.gust_std_m_s2(self._wind)
@@ -236,35 +237,35 @@ class OwnState:
     def _use(
         self, sample: _Sample, snapshot: Snapshot, now_ns: int, dt_s: float, is_on_ground: bool
     ) -> None:
-        """Correct the estimate by a queued sample, or begin anew with it."""
+        """Correct the estimate by a queued sample, or restart the estimate at it."""
         memory = self._memory
         if memory is None or (is_on_ground and memory.rejected_count >= _REJECTED_TO_RESTART):
             memory = kalman.initial(sample.position_enu_m, self._params)
 
         age_s = max(0.0, (now_ns - sample.stamp_ns) * 1e-9)
         position_enu_m = sample.position_enu_m
-        taken_s = age_s  # time since the position was measured
+        measured_s = age_s  # time since the position was measured
         if not self.vehicle.mocap_required:
-            memory = self._fitted(memory, sample, snapshot, age_s, is_on_ground)
+            memory = self._update_fit(memory, sample, snapshot, age_s, is_on_ground)
         if self.fit.is_late:
-            taken_s += LATE_BY_S
-            position_enu_m = _as_of_then(memory, position_enu_m, age_s)
+            measured_s += LATE_BY_S
+            position_enu_m = _with_past_height(memory, position_enu_m, age_s)
 
-        self._memory = kalman.correct(memory, position_enu_m, taken_s, self._params)
+        self._memory = kalman.correct(memory, position_enu_m, measured_s, self._params)
         if self._memory.rejected_count > memory.rejected_count:
             self.counts.refused += 1
             self._rejected_enu_m = sample.position_enu_m
             return
 
-        if self.fit.is_late and kalman.remembers(memory, taken_s):
-            # late positions still come as often as before, so that the estimate is not stale
+        if self.fit.is_late and kalman.remembers(memory, measured_s):
+            # late positions still arrive regularly, so the estimate does not become stale
             self._memory = self._memory._replace(last_age_s=min(memory.last_age_s, age_s))
 
         self._yaw_rad = sample.yaw_rad
         if self.vehicle.mocap_required:
             self._follow_heading(sample.yaw_rad, snapshot, dt_s)
 
-    def _fitted(
+    def _update_fit(
         self,
         memory: kalman.KalmanMemory,
         sample: _Sample,
@@ -272,10 +273,10 @@ class OwnState:
         age_s: float,
         is_on_ground: bool,
     ) -> kalman.KalmanMemory:
-        """Compare a position of PX4 with the own motion, and return the filter's memory.
+        """Compare a position of PX4 with the vehicle's motion, and return the filter's memory.
 
-        When positions are found late, the estimate so far rests on positions that were older than
-        assumed. The returned memory then doubts it.
+        When the positions turn out to be late, the estimate so far is wrong, because the filter
+        assumed that they were newer. Then the returned memory has a larger covariance.
         """
         was_late = self.fit.is_late
         expected_enu_m = kalman.position_at(memory, age_s)
@@ -292,36 +293,36 @@ class OwnState:
         return memory
 
     def _follow_heading(self, yaw_rad: float, snapshot: Snapshot, dt_s: float) -> None:
-        """Follow the offset of PX4's heading; the first sample sets it."""
+        """Update the heading offset by a sample's heading; the first sample sets it."""
         if snapshot.attitude_ns == 0:
             return
 
         px4_yaw_rad = yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz)
-        miss_rad = wrap_rad(yaw_rad - px4_yaw_rad - self.heading_offset_rad)
+        error_rad = wrap_rad(yaw_rad - px4_yaw_rad - self.heading_offset_rad)
         weight = 1.0
         if self._has_heading:
             weight = min(1.0, dt_s / _HEADING_TIME_S)
-        self.heading_offset_rad = wrap_rad(self.heading_offset_rad + weight * miss_rad)
+        self.heading_offset_rad = wrap_rad(self.heading_offset_rad + weight * error_rad)
         self._has_heading = True
 
-    def _look_at_satellites(self, snapshot: Snapshot, now_ns: int) -> None:
-        """Find out whether satellites are lost: PX4's position then drifts, and is not used.
+    def _notice_lost_satellites(self, snapshot: Snapshot, now_ns: int) -> None:
+        """Find out whether satellites are lost. Then PX4's position drifts, and is not used.
 
-        A PX4 that has never had a fix knows its position from another sensor.
+        A PX4 that has never had a fix gets its position from another sensor.
         """
         if snapshot.sees_satellites(now_ns):
             self._fix_ns = now_ns
         has_had_fix = self._fix_ns != 0
         self.has_lost_satellites = has_had_fix and now_ns - self._fix_ns > _WITHOUT_FIX_NS
 
-    def _take_local_position(self, snapshot: Snapshot) -> None:
+    def _queue_local_position(self, snapshot: Snapshot) -> None:
         """Queue PX4's local position, if there is a new one."""
         if snapshot.local_position_ns == self._local_ns or self.has_lost_satellites:
             return
         self._local_ns = snapshot.local_position_ns
 
-        # When a fix has fallen back, PX4's own accuracy stays good for a while, but the receiver
-        # reports the new accuracy at once. Both values are for two axes together.
+        # When the type of fix becomes worse, PX4's estimated accuracy stays good for a while, but
+        # the receiver reports its new accuracy at once. Both values are for two axes together.
         accuracy_m = snapshot.position_accuracy_m
         if fix.is_below(snapshot, self.corrections, snapshot.local_position_ns):
             accuracy_m = max(accuracy_m, snapshot.fix_accuracy_m)
@@ -342,7 +343,7 @@ class OwnState:
         motion = self.px4_check.motion(now_ns)
         if motion is None:
             return None
-        (position_enu_m, velocity_enu_m_s) = motion
+        position_enu_m, velocity_enu_m_s = motion
         return VerticalMotion(height_m=position_enu_m[2], climbing_m_s=velocity_enu_m_s[2])
 
     def to_px4(self, setpoint: AttitudeSetpoint) -> AttitudeSetpoint:
@@ -359,8 +360,10 @@ class OwnState:
 
     @property
     def jumped_to_enu_m(self) -> Xyz | None:
-        """Position of the newest impossible sample, if :attr:`jumps` counts any."""
-        return self.validator.jumped_to_enu_m or self._rejected_enu_m
+        """Position of the newest impossible sample; valid only while :attr:`jumps` is not 0."""
+        if self.validator.jumped_to_enu_m is not None:
+            return self.validator.jumped_to_enu_m
+        return self._rejected_enu_m
 
     @property
     def age_s(self) -> float:
@@ -371,7 +374,7 @@ class OwnState:
 
     @property
     def is_reckoned(self) -> bool:
-        """Whether the estimate is dead reckoning; False while this agent does not fly."""
+        """Whether this agent flies the vehicle by dead reckoning."""
         return self._reckoning.is_on and self.is_flown
 
     @property
@@ -395,12 +398,12 @@ class OwnState:
 
     @property
     def gust_m_s2(self) -> float:
-        """Standard deviation of the gusts as an acceleration, per axis."""
+        """Standard deviation of the present gusts as an acceleration, per axis."""
         return wind.gust_std_m_s2(self._wind)
 
     @property
     def gust_m_s(self) -> float:
-        """Standard deviation of the gusts as a velocity of the air; NaN while no wind is known."""
+        """Standard deviation of the present gusts as a velocity; NaN while no wind is known."""
         if math.isnan(self.wind_enu_m_s[0]):
             return math.nan
         return self.gust_m_s2 / self.vehicle.drag_1_s
@@ -409,10 +412,12 @@ class OwnState:
     def position_std_m(self) -> float:
         """Standard deviation of the estimate along one axis [m]; infinite before the first sample.
 
-        During dead reckoning it is that of the filter.
+        It is that of the filter, even during dead reckoning.
         """
         state = self._state(is_reckoned=False)
-        return math.inf if state is None else state.position_std_m
+        if state is None:
+            return math.inf
+        return state.position_std_m
 
     def _state(self, *, is_reckoned: bool) -> State | None:
         """Return the estimate as of the last update; None before the first sample."""
@@ -432,12 +437,13 @@ class OwnState:
         )
 
 
-def _as_of_then(
+def _with_past_height(
     memory: kalman.KalmanMemory, position_enu_m: vectors.Vec3, age_s: float
 ) -> vectors.Vec3:
-    """Return a late position with the height that it had at the time of its horizontal part.
+    """Return a late position with the height that the vehicle had when it was measured.
 
-    The height is not late, because PX4 measures it with a barometer.
+    Only the horizontal part of a late position is late, because PX4 measures the height with a
+    barometer.
     """
     now_m = kalman.position_at(memory, age_s).z
     then_m = kalman.position_at(memory, age_s + LATE_BY_S).z

@@ -1,9 +1,9 @@
-"""Checks whether the poses of a body are believable. Pure.
+"""Checks the mocap poses of a body before they are used. Pure.
 
-It detects jumps, repetitions, late samples, clocks that jump, and old samples after an outage. The
-Kalman filter has its own gate for jumps, wide enough for a stalled process. This validator is
-stricter: between two samples a vehicle moves only as far as its acceleration allows. A rejected
-sample reaches neither the estimate nor PX4.
+The validator detects jumps, repetitions, late samples, clocks that jump, and old samples after an
+outage. The Kalman filter also has a gate for jumps, which is wide because a process may stall. The
+validator is stricter: between two samples a vehicle moves only as far as its acceleration allows. A
+rejected sample reaches neither the estimate nor PX4.
 """
 
 from __future__ import annotations
@@ -15,44 +15,43 @@ from operator import mul
 
 from onboard.tuples import Wxyz, Xyz
 
-# weights of a new sample in the low-passed delay, noise and velocity
-_LATE_SHARE = 0.2
-_NOISE_SHARE = 0.05
-_VELOCITY_SHARE = 0.3
+# weights of a new sample in low-passed values
+_DELAY_WEIGHT = 0.2
+_NOISE_WEIGHT = 0.05
+_VELOCITY_WEIGHT = 0.3
 
-# After a jump, a sample may continue the path from before the jump. Such a sample is accepted even
-# if PX4 contradicts it, because a single wrong sample must not exclude the good ones after it. A
-# sample continues the path if its distance from the path is less than _ON_PATH_M, and if it comes
-# within _ON_PATH_S after the last accepted sample.
+# After a jump, a sample may continue the path from before the jump: it is within _ON_PATH_M of that
+# path, and comes within _ON_PATH_S after the last accepted sample. It is accepted even if PX4
+# contradicts it, because a single wrong sample must not exclude the good samples after it.
 _ON_PATH_M = 0.3
 _ON_PATH_S = 0.5
 
 _NOISE_RAD = 0.3  # noise of the attitude
 _NOISES = 6.0  # largest distance from the expected path, in multiples of the noise
-_LEAST_SPEED_2_M2_S2 = 0.01  # a velocity below 0.1 m/s has no direction; this is its square
+_LEAST_SPEED_2_M2_S2 = 0.01  # square of 0.1 m/s: a slower velocity has no clear direction
 
 # After an outage the first sample may be an old one with a new stamp, and the vehicle may have
 # moved anywhere. So samples are accepted only after this many in a row agree with each other.
 _CONFIRMED_BY = 2
-_CONFIRMED_AGAINST_PX4_BY = 25  # the same if PX4's position contradicts them: half a second
+_CONFIRMED_AGAINST_PX4_BY = 25  # if PX4's position contradicts them: half a second
 
 
 class PoseVerdict(IntEnum):
     """Result of the check of one sample."""
 
     ACCEPTED = 0
-    JUMPED = 1  # farther than the vehicle can have moved
-    FROZEN = 2  # the same numbers again and again
-    UNCONFIRMED = 3  # the first after an outage
+    JUMPED = 1  # farther away than the vehicle can have moved
+    FROZEN = 2  # the same numbers for too long
+    UNCONFIRMED = 3  # one of the first after an outage
 
 
 @dataclass(frozen=True, slots=True)
 class PoseBounds:
-    """Bounds of a believable body."""
+    """Bounds of possible motions and of usual samples."""
 
     max_speed_m_s: float = 6.0  # with a reserve for gusts and collisions
     max_acceleration_m_s2: float = 15.0  # with a reserve for gusts and collisions
-    noise_m: float = 0.01  # least noise of a sample; a larger one is learned
+    noise_m: float = 0.01  # least noise of a sample; a larger noise is learned
     max_turn_rad_s: float = 12.0  # largest angular rate
     outage_s: float = 0.2  # after this time without an accepted sample, samples must be confirmed
     # time after which identical samples mean a lost body: a tracked body always has noise
@@ -66,7 +65,7 @@ class PoseBounds:
 
 @dataclass(slots=True)
 class PoseValidator:
-    """Memory of one body; :meth:`judge` every usable sample in the order of their stamps."""
+    """Validator of one body. Call :meth:`judge` with each usable sample, in order of stamps."""
 
     bounds: PoseBounds = field(default_factory=PoseBounds)
 
@@ -74,33 +73,34 @@ class PoseValidator:
     jumped_to_enu_m: Xyz | None = None  # position of the newest impossible sample; None: no jump
     frozen_s: float = 0.0  # time for which the same numbers have come
     delay_s: float = 0.0  # mean time from measurement to arrival
-    clock_jump_ns: int = 0  # time of the last jump of a clock, by the delay; 0 never
+    clock_jump_ns: int = 0  # time of the last jump of a clock; 0: never
 
-    # the last accepted sample; the stamp is 0 without one
+    # the last accepted sample; without one the stamp is 0
     _position: Xyz = (0.0, 0.0, 0.0)
     _velocity: Xyz = (0.0, 0.0, 0.0)
     _quaternion: Wxyz = (1.0, 0.0, 0.0, 0.0)
     _stamp_ns: int = 0
 
-    # the newest sample, and how many samples in a row up to it agree; needed after an outage
+    # the newest sample that was not frozen, and the number of samples in a row, up to this one,
+    # that agree with each other; needed after an outage
     _candidate: Xyz = (0.0, 0.0, 0.0)
     _candidate_ns: int = 0
     _agreeing: int = 0
 
-    _last: tuple[Xyz, Wxyz] | None = None  # newest sample, accepted or not
+    _last: tuple[Xyz, Wxyz] | None = None  # position and attitude of the newest sample of all
     _same_since_ns: int = 0  # stamp of the first sample with these numbers
-    _usual_delay_s: float = 0.0  # usual delay of a sample
-    _unusual_since_ns: int = 0  # since when delays are far from the usual one; 0: they are near
+    _usual_delay_s: float = 0.0
+    _unusual_since_ns: int = 0  # time since which the delay is unusual; 0: it is usual
     _noise_m: float = 0.0  # learned noise of a position
 
     @property
     def is_frozen(self) -> bool:
-        """Whether the newest samples are repetitions."""
+        """Whether the same numbers have come for too long."""
         return self.frozen_s > self.bounds.frozen_after_s
 
     @property
     def is_late(self) -> bool:
-        """Whether samples come later than they should."""
+        """Whether the mean delay of samples is too long."""
         return self.delay_s > self.bounds.late_after_s
 
     def judge(
@@ -112,26 +112,29 @@ class PoseValidator:
         *,
         is_contradicted: bool = False,
     ) -> PoseVerdict:
-        """Return whether one sample is accepted; a rejected one does not change the expected path.
+        """Return the verdict on one sample. A rejected sample does not change the expected path.
 
-        The allowed distance grows with the time since the last accepted sample. So a body that
-        really moved in a gap is accepted again. After a jump this holds only if PX4's own position
-        does not contradict the sample (``is_contradicted``).
+        The allowed distance grows with the time since the last accepted sample, so a body that
+        moved in a gap is accepted again. After a jump this holds only if PX4's own position does
+        not contradict the sample (``is_contradicted``).
         """
-        self._follow_delay(stamp_ns, received_ns)
-        self._follow_repetitions(position_enu_m, quaternion_wxyz, stamp_ns)
+        self._update_delay(stamp_ns, received_ns)
+        self._update_repetitions(position_enu_m, quaternion_wxyz, stamp_ns)
         if self.is_frozen:
             return PoseVerdict.FROZEN
 
         gap_s = (stamp_ns - self._stamp_ns) * 1e-9
         if self._stamp_ns and gap_s <= 0.0:
-            self._stamp_ns = 0  # the source's clock has changed: the expected path is not valid
+            self._stamp_ns = 0  # the source's clock has changed, so the expected path is not valid
 
-        agreeing = self._follow_agreement(position_enu_m, stamp_ns)
-        if self._stamp_ns and gap_s > self.bounds.outage_s:
-            needed = _CONFIRMED_AGAINST_PX4_BY if is_contradicted else _CONFIRMED_BY
-            # after jumps there was no outage: samples came, and were rejected
-            if agreeing < needed and self.jumps == 0:
+        agreeing = self._count_agreeing(position_enu_m, stamp_ns)
+        # a gap during jumps is no outage, because samples came and were rejected
+        is_after_outage = gap_s > self.bounds.outage_s and self.jumps == 0
+        if self._stamp_ns and is_after_outage:
+            needed = _CONFIRMED_BY
+            if is_contradicted:
+                needed = _CONFIRMED_AGAINST_PX4_BY
+            if agreeing < needed:
                 return PoseVerdict.UNCONFIRMED
 
         if not self._stamp_ns:
@@ -148,7 +151,7 @@ class PoseValidator:
         self.jumped_to_enu_m = None
         return PoseVerdict.ACCEPTED
 
-    def _follow_delay(self, stamp_ns: int, received_ns: int) -> None:
+    def _update_delay(self, stamp_ns: int, received_ns: int) -> None:
         """Update the mean delay of the samples, and detect a jump of a clock."""
         delay_s = (received_ns - stamp_ns) * 1e-9
         if self._last is None:
@@ -156,9 +159,10 @@ class PoseValidator:
             self._usual_delay_s = delay_s
 
         self._notice_clock_jump(delay_s, received_ns)
-        self.delay_s += _LATE_SHARE * (delay_s - self.delay_s)
+        self.delay_s += _DELAY_WEIGHT * (delay_s - self.delay_s)
 
     def _notice_clock_jump(self, delay_s: float, received_ns: int) -> None:
+        """Record a jump of a clock once the delay has been unusual for long enough."""
         if abs(delay_s - self._usual_delay_s) <= self.bounds.clock_jump_s:
             self._usual_delay_s = delay_s
             self._unusual_since_ns = 0
@@ -171,7 +175,7 @@ class PoseValidator:
             self._usual_delay_s = delay_s
             self._unusual_since_ns = 0
 
-    def _follow_repetitions(self, position: Xyz, quaternion: Wxyz, stamp_ns: int) -> None:
+    def _update_repetitions(self, position: Xyz, quaternion: Wxyz, stamp_ns: int) -> None:
         """Update the time for which the same numbers have come."""
         sample = (position, quaternion)
         if sample != self._last:
@@ -179,14 +183,15 @@ class PoseValidator:
         self._last = sample
         self.frozen_s = (stamp_ns - self._same_since_ns) * 1e-9
 
-    def _follow_agreement(self, position: Xyz, stamp_ns: int) -> int:
-        """Return the number of samples in a row that agree with each other, this one included."""
+    def _count_agreeing(self, position: Xyz, stamp_ns: int) -> int:
+        """Return the number of samples in a row that agree with each other, including this one."""
         gap_s = (stamp_ns - self._candidate_ns) * 1e-9
         noise_m = max(self.bounds.noise_m, self._noise_m)
         reach_m = _NOISES * noise_m + self.bounds.max_speed_m_s * max(0.0, gap_s)
-        agrees = gap_s < self.bounds.outage_s and math.dist(position, self._candidate) < reach_m
-
-        self._agreeing = self._agreeing + 1 if agrees else 1
+        if gap_s < self.bounds.outage_s and math.dist(position, self._candidate) < reach_m:
+            self._agreeing += 1
+        else:
+            self._agreeing = 1
         self._candidate = position
         self._candidate_ns = stamp_ns
         return self._agreeing
@@ -194,9 +199,9 @@ class PoseValidator:
     def _is_possible(
         self, position: Xyz, quaternion: Wxyz, gap_s: float, is_contradicted: bool
     ) -> bool:
-        """Whether the vehicle can have made this motion in ``gap_s``.
+        """Whether the vehicle can have moved to this pose in ``gap_s``.
 
-        If so, the velocity and the noise are updated.
+        If it can, the velocity and the noise are updated.
         """
         bounds = self.bounds
         x, y, z = position
@@ -206,8 +211,8 @@ class PoseValidator:
         dy = y - last_y
         dz = z - last_z
 
-        # The expected path continues with the last velocity. A vehicle that hits something stops at
-        # once, so every point of the path is as possible as its end.
+        # The expected path continues with the last velocity. The miss is the distance to its
+        # nearest point, and not to its end, because a vehicle that hits something stops at once.
         speed_2 = vx * vx + vy * vy + vz * vz
         share_of_path = 1.0
         if speed_2 > _LEAST_SPEED_2_M2_S2:
@@ -221,21 +226,22 @@ class PoseValidator:
         if miss_m > reach_m:
             return False
 
+        # the scalar product of two unit quaternions is the cosine of half the angle between them
         half_turn_cosine = abs(sum(map(mul, quaternion, self._quaternion)))
         reach_rad = min(_NOISE_RAD + bounds.max_turn_rad_s * gap_s, math.pi)
         if half_turn_cosine < math.cos(0.5 * reach_rad):
             return False
 
-        # After a jump, a sample within reach may still be at a wrong position. PX4 excludes such a
-        # sample, unless it continues the path from before the jump.
+        # After a jump, a sample within reach may still be wrong. It is rejected if PX4 contradicts
+        # it, unless it continues the path from before the jump.
         is_on_path = miss_m < _ON_PATH_M and gap_s < _ON_PATH_S
         if self.jumps > 0 and is_contradicted and not is_on_path:
             return False
 
-        self._noise_m += _NOISE_SHARE * (miss_m - self._noise_m)
+        self._noise_m += _NOISE_WEIGHT * (miss_m - self._noise_m)
         self._velocity = (
-            vx + _VELOCITY_SHARE * (dx / gap_s - vx),
-            vy + _VELOCITY_SHARE * (dy / gap_s - vy),
-            vz + _VELOCITY_SHARE * (dz / gap_s - vz),
+            vx + _VELOCITY_WEIGHT * (dx / gap_s - vx),
+            vy + _VELOCITY_WEIGHT * (dy / gap_s - vy),
+            vz + _VELOCITY_WEIGHT * (dz / gap_s - vz),
         )
         return True

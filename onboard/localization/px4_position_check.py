@@ -1,11 +1,12 @@
-"""PX4's own position, with which the positions of the motion capture are checked.
+"""PX4's own position, which checks the poses of the motion capture.
 
-It contradicts poses that jumped, and it is still known when poses are lost. It lags and drifts, so
-no vehicle flies by it while poses come. But PX4 measures accelerations, so a real jump of the
-vehicle would change PX4's position. Rejected poses are not sent to PX4, so they cannot change it.
+PX4's position contradicts poses that jumped, and it is still known when poses are lost. It lags and
+drifts, so no vehicle flies by it while poses arrive. But PX4 measures accelerations, so a real
+sudden motion of the vehicle also changes PX4's position. Rejected poses are not sent to PX4, so
+they do not change it.
 
-If a vehicle lands while its poses are rejected, its landing position counts until a pose agrees.
-Before a flight PX4's position does not count, since people carry vehicles.
+If a vehicle lands while its poses are rejected, the position of the landing is used until a pose is
+accepted. Before a flight PX4's position is not used, since people carry vehicles.
 """
 
 from __future__ import annotations
@@ -18,17 +19,17 @@ from onboard.frames import enu_from_ned
 from onboard.safety.limits import LOCAL_POSITION_FRESH_S
 from onboard.tuples import Xyz
 
-# Published standard deviations of position and velocity. The margin for larger ones would push the
-# other vehicles out of the geofence.
+# Published standard deviations of position and velocity. With larger values, the margin of the
+# other vehicles would push them out of the geofence.
 STD_M = 0.3
 STD_M_S = 0.3
 
-# After this time without poses, PX4's position does not count. Most vehicles have landed by then.
+# PX4's position is not used after this time without poses. Most vehicles have landed by then.
 _TRUSTED_S = 12.0
 _OFFSET_TIME_S = 1.0  # time constant of the offset of PX4's frame
 
 # Largest error of PX4's position: _ERROR_M, plus _ERROR_M_S2 times the square of the time without
-# poses. For most of that time, the own dead reckoning corrects the offset of PX4's frame.
+# poses. For most of that time, Covey's dead reckoning corrects the offset of PX4's frame.
 _ERROR_M = 0.3
 _ERROR_M_S2 = 0.02
 
@@ -37,36 +38,36 @@ _NS = 1e-9  # one nanosecond, in seconds
 
 @dataclass(slots=True)
 class Px4PositionCheck:
-    """PX4's position of one vehicle, in the fleet's frame once poses have shown the offset."""
+    """PX4's position of one vehicle, converted to the fleet frame by an offset from poses."""
 
-    _offset_m: Xyz | None = None  # PX4's frame minus the fleet's; None while not known
+    _offset_m: Xyz | None = None  # position in PX4's frame minus fleet frame; None: not known
     _learned_ns: int = 0  # last time at which the offset was compared with a pose
     _position_m: Xyz = (0.0, 0.0, 0.0)  # ENU, PX4's frame
     _velocity_m_s: Xyz = (0.0, 0.0, 0.0)  # ENU
-    _stamp_ns: int = 0  # time of both
+    _stamp_ns: int = 0  # time of position and velocity
     _is_up: bool = False  # whether the vehicle is armed and not on the ground
-    # position, in the fleet's frame, at which it landed while poses were rejected
+    # position in the fleet frame at which the vehicle landed without poses; None: it did not
     _landed_m: Xyz | None = None
     _landed_blind_s: float = 0.0  # time without poses before that landing
 
     def update(
         self,
         snapshot: Snapshot,
-        believed_enu_m: Xyz | None,
+        trusted_enu_m: Xyz | None,
         now_ns: int,
         *,
         is_reckoned: bool = False,
     ) -> None:
-        """Take one tick.
+        """Update PX4's position and its offset at a tick.
 
         Args:
             snapshot: newest snapshot of PX4.
-            believed_enu_m: the vehicle's estimated position; None if it cannot be trusted.
+            trusted_enu_m: the vehicle's estimated position; None if it cannot be trusted.
             now_ns: time of the tick.
-            is_reckoned: whether that position is dead reckoning. Horizontally it is then still
-                better than PX4's, but not in height.
+            is_reckoned: whether that position is dead reckoning, which is better than PX4's
+                position horizontally, but not in height.
         """
-        has_pose = believed_enu_m is not None and not is_reckoned
+        has_pose = trusted_enu_m is not None and not is_reckoned
         self._follow_landing(snapshot, has_pose, now_ns)
 
         if snapshot.local_position_ns == self._stamp_ns:
@@ -76,8 +77,8 @@ class Px4PositionCheck:
         self._position_m = enu_from_ned(snapshot.position_local_ned_m)
         self._velocity_m_s = enu_from_ned(snapshot.velocity_local_ned_m_s)
 
-        if believed_enu_m is not None:
-            self._learn_offset(believed_enu_m, dt_s, now_ns, is_reckoned)
+        if trusted_enu_m is not None:
+            self._learn_offset(trusted_enu_m, dt_s, now_ns, is_reckoned)
 
     def _follow_landing(self, snapshot: Snapshot, has_pose: bool, now_ns: int) -> None:
         """Remember where the vehicle landed without poses; forget it with the next pose."""
@@ -86,21 +87,22 @@ class Px4PositionCheck:
             self._landed_m = None
         elif self._is_up:
             motion = self.motion(now_ns)
-            self._landed_m = None if motion is None else motion[0]
+            if motion is not None:
+                self._landed_m = motion[0]
             self._landed_blind_s = (now_ns - self._learned_ns) * _NS
         self._is_up = is_up
 
     def _learn_offset(
-        self, believed_enu_m: Xyz, dt_s: float, now_ns: int, is_reckoned: bool
+        self, trusted_enu_m: Xyz, dt_s: float, now_ns: int, is_reckoned: bool
     ) -> None:
-        """Update the offset of PX4's frame from PX4's position and the estimated one."""
-        x, y, z = believed_enu_m
+        """Update the offset of PX4's frame from PX4's position and the estimated position."""
+        x, y, z = trusted_enu_m
         east, north, up = self._position_m
         offset = (east - x, north - y, up - z)
         last_offset = self._offset_m
 
         if is_reckoned:
-            if last_offset is not None:  # dead reckoning corrects the horizontal part only
+            if last_offset is not None:  # dead reckoning corrects only the horizontal part
                 self._offset_m = (offset[0], offset[1], last_offset[2])
             return
 
@@ -117,7 +119,7 @@ class Px4PositionCheck:
         self._learned_ns = now_ns
 
     def motion(self, now_ns: int) -> tuple[Xyz, Xyz] | None:
-        """Return PX4's position and velocity in the fleet's frame, or None if it does not count."""
+        """Return PX4's position and velocity in the fleet frame; None: they are not to be used."""
         if self._landed_m is not None:
             return self._landed_m, (0.0, 0.0, 0.0)
         if not self._is_up or self._offset_m is None:
@@ -139,7 +141,7 @@ class Px4PositionCheck:
         return position_m, (vx, vy, vz)
 
     def contradicts(self, position_enu_m: Xyz, now_ns: int) -> bool:
-        """Whether PX4's position is farther from this one than its largest error."""
+        """Whether PX4's position differs from a pose's position by more than its largest error."""
         motion = self.motion(now_ns)
         if motion is None:
             return False

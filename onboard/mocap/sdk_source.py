@@ -2,7 +2,7 @@
 
 That process is :mod:`onboard.mocap.sdk_process`. A thread starts it, converts its frames to poses
 in the fleet frame, and restarts it when it has ended or sent nothing for a while. A body that is
-missing in the frames is passed on as not tracked, which tells a lost body from a dead source.
+missing in the frames is passed on as not tracked, so that it is not taken for a dead source.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Detects two agents that publish under one name.
 
-Every start of an agent has a new boot id, so a restarted agent never publishes with an earlier one.
-If an earlier boot id is heard again, two agents are running. Two agents of one vehicle are not
-connected to each other, but each is connected to the rest of the fleet. Therefore an agent that
-hears both reports it in its telemetry, and the two learn of each other from that.
+Every start of an agent has a new boot id, so a restarted agent never publishes with an earlier boot
+id. If an earlier boot id is heard again, two agents are running. Two agents of one vehicle are not
+connected to each other, but each is connected to the rest of the fleet. Therefore another agent
+that hears both reports their name in its telemetry, from which the two learn of each other.
 """
 
 from __future__ import annotations

@@ -3,18 +3,18 @@
 Supervision compares each neighbour's messages with other sources. A neighbour may be in three
 states, each with its own effect on avoidance:
 
-    watched          Something contradicts its messages, or did so some seconds ago. The mocap poses
-                     of its body are received, to compare its messages with them. It is still
-                     avoided at the position in its messages.
+    watched          Something contradicts its messages, or has done so in the last seconds. The
+                     mocap poses of its body are received, to compare its messages with them. It is
+                     still avoided at the position in its messages.
 
     contradicted     It was contradicted more often than a mistake explains. It is avoided at the
                      position in its messages or at the mocap's, whichever is nearer to us, as an
                      airborne vehicle that does not cooperate. Once it is overdue, it is avoided at
                      the mocap's position like any other overdue neighbour.
 
-    not cooperating  Its announcement that it cooperates does not count, so this vehicle does all
-                     the avoiding. A neighbour is in this state if it is contradicted, does not fly
-                     as it predicts, or has another configuration than this vehicle.
+    not cooperating  Its announcement that it cooperates is ignored, so this vehicle does all the
+                     avoiding. A neighbour is in this state if it is contradicted, does not fly as
+                     it predicts, or has another configuration than this vehicle.
 
 It is not known which of two contradicting sources is wrong: a vehicle may lie or be mistaken, or
 the motion capture may confuse two bodies. So the nearer of both positions counts.
@@ -28,7 +28,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from onboard.neighbours.mocap_tracker import POSITION_STD_M, VELOCITY_STD_M_S, BodyTracker
-from onboard.neighbours.plausibility import Claim, Seen
+from onboard.neighbours.plausibility import Claim, MocapPosition
 from onboard.neighbours.state_arrays import (
     SCALAR_COLUMN,
     STATE_WIDTH,
@@ -37,7 +37,7 @@ from onboard.neighbours.state_arrays import (
 )
 from onboard.tuples import Xyz
 
-_SEEN_FOR_S = 0.25  # a motion by the mocap that is older does not count
+_MOCAP_KNOWN_S = 0.25  # a motion by the mocap that is older does not count
 
 
 class _Row(NamedTuple):
@@ -55,7 +55,7 @@ class JudgedNeighbours:
     contradicted: set[int] = field(default_factory=set)
     not_cooperating: set[int] = field(default_factory=set)
     # newest mocap position of each neighbour's body, whatever its state
-    seen: dict[int, Seen] = field(default_factory=dict)
+    mocap_positions: dict[int, MocapPosition] = field(default_factory=dict)
     # newest message of each contradicted neighbour, because its row in the arrays may hold the
     # mocap's motion instead
     _messages: dict[int, _Row] = field(default_factory=dict)
@@ -123,7 +123,7 @@ class JudgedNeighbours:
         for index in self.contradicted:
             candidates: list[_Row] = []
             tracker = trackers.get(index)
-            if tracker is not None and (now_ns - tracker.stamp_ns) * 1e-9 < _SEEN_FOR_S:
+            if tracker is not None and (now_ns - tracker.stamp_ns) * 1e-9 < _MOCAP_KNOWN_S:
                 stamp_ns = min(tracker.stamp_ns, now_ns)
                 candidates.append(_Row(stamp_ns, tracked_numbers(tracker)))
 
@@ -134,13 +134,14 @@ class JudgedNeighbours:
                     candidates.append(message)
 
             if candidates:
+                # the first two numbers of a row are the horizontal position
                 nearest = min(candidates, key=lambda row: math.dist(row.numbers[:2], own_enu_m[:2]))
                 # airborne, not cooperative, and announcing nothing, whatever its message says
                 flags = (True, False, False)
                 arrays.set_state(index, nearest.stamp_ns, nearest.numbers, flags)
 
     def _kept_message(self, arrays: NeighbourArrays, index: int) -> _Row | None:
-        """Return a contradicted neighbour's newest message, also if its row is the mocap's."""
+        """Return a contradicted neighbour's newest message, also if its row is from the mocap."""
         newest = _newest_message(arrays, index)
         if newest is not None:
             self._messages[index] = newest

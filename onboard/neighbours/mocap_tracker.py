@@ -25,8 +25,8 @@ _ACCELERATION_SHARE = 0.02
 
 _JUMP_M = 0.5  # a sample farther from the expected position is a jump
 _GAP_S = 0.3  # after a longer gap the filter begins anew
-# A shorter gap counts as this one: velocity and acceleration are corrected by the innovation
-# divided by the gap, and the noise of samples that come faster would change them too much.
+# A shorter gap counts as this: velocity and acceleration are corrected by the innovation divided by
+# the gap, and the noise of faster samples would change them too much.
 _LEAST_GAP_S = 0.01
 _LARGEST_M = 1e4
 _FUTURE_NS = 5_000_000  # a stamp may be ahead of our clock by this time
@@ -87,13 +87,14 @@ class BodyTracker:
         if gap_s < _GAP_S and math.dist(position_enu_m, self._expected(gap_s)) < _JUMP_M:
             self._correct(position_enu_m, gap_s)
         else:
-            # The first sample, or one after a gap or a jump: the filter begins anew there. The last
-            # velocity is still the best guess.
+            # At the first sample, and after a gap or a jump, the filter begins anew at the sample.
+            # The last velocity is still the best guess.
             self.position_enu_m = position_enu_m
             self.acceleration_enu_m_s2 = (0.0, 0.0, 0.0)
         return True
 
     def _correct(self, sample_enu_m: Xyz, gap_s: float) -> None:
+        """Correct the motion along each axis by a sample."""
         axes = zip(
             self.position_enu_m,
             self.velocity_enu_m_s,

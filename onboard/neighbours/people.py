@@ -1,15 +1,16 @@
 """Persons with markers in the motion capture, as neighbours that avoid nobody. Pure.
 
-A person sends no messages. His row is the motion of his body, so the law takes him like a vehicle
+A person sends no messages. The law avoids the mocap motion of the person's body, like a vehicle
 that does not cooperate, with two differences:
 
-    The distance is kept to his circle (``radius_m``), within which his arms and legs are.
+    The distance is kept to a circle around the person (``radius_m``), which holds arms and legs.
 
-    He is as high as the fence, so that nobody flies over him, also where the fleet file allows
-    vehicles to fly above each other.
+    A person counts as high as the fence, so that no vehicle flies over a person, also where the
+    fleet file allows vehicles to fly above each other.
 
-A person whose poses have stopped is unseen: he is avoided where he was last. After a longer time he
-counts as gone, for instance because he has left the room or taken the markers off.
+A person whose poses have stopped is unseen, and is avoided at the last known position. After a
+longer time the person counts as gone, for instance because of leaving the room or taking the
+markers off.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from onboard.neighbours.state_arrays import (
 from onboard.tuples import Xyz
 
 UNSEEN_S = 0.25  # a person whose newest pose is older is unseen
-GONE_S = 10.0  # and gone if it is older than this
+GONE_S = 10.0  # a person whose newest pose is older is gone
 
 _Z = 2  # column of the height in a row
 
@@ -42,8 +43,8 @@ class People:
 
     Args:
         fleet: the fleet file.
-        first_index: number of the vehicles in the table of the neighbours; persons are counted from
-            there.
+        first_index: index of the first person for the law: the number of vehicles in the table of
+            the neighbours.
     """
 
     def __init__(self, fleet: FleetConfig, first_index: int) -> None:
@@ -55,13 +56,13 @@ class People:
         self._late_s = fleet.expected_radio.lateness_s
         self._trackers = [BodyTracker() for _ in self.names]
 
-        nobody_succeeds = np.zeros(len(self.names), dtype=bool)
-        self._arrays = empty(nobody_succeeds, UNSEEN_S)
+        is_paper_obstacle = np.zeros(len(self.names), dtype=bool)  # none of them is
+        self._arrays = empty(is_paper_obstacle, UNSEEN_S)
         self._arrays.numbers[:, SCALAR_COLUMN["table_index"]] += first_index
         self._arrays.numbers[:, SCALAR_COLUMN["radius_m"]] = self._radii_m
 
     def hear_pose(self, pose: MocapPose, received_ns: int) -> bool:
-        """Take a pose of any body; return whether it is a usable one of a person."""
+        """Take a pose of any body; return whether the body is a person's and the pose usable."""
         index = self._indices.get(pose.body)
         if index is None:
             return False
@@ -72,13 +73,13 @@ class People:
 
         numbers = list(tracked_numbers(tracker))
         numbers[_Z] = self._top_m
-        numbers[_Z + 3] = 0.0  # his vertical velocity
+        numbers[_Z + 3] = 0.0  # the vertical velocity
         stamp_ns = min(tracker.stamp_ns, received_ns)
         flags = (True, False, False)  # in the air, not cooperative, announces nothing
         self._arrays.set_state(index, stamp_ns, tuple(numbers), flags)
         return True
 
-    def beside(self, vehicles: NeighbourSnapshot, now_ns: int) -> NeighbourSnapshot:
+    def added_to(self, vehicles: NeighbourSnapshot, now_ns: int) -> NeighbourSnapshot:
         """Return the neighbours of one tick with the persons added after the vehicles."""
         is_here = self._is_here(now_ns)
         if not is_here.any():
@@ -91,7 +92,7 @@ class People:
     def distances_m(self, position_enu_m: Xyz, now_ns: int) -> dict[str, float]:
         """Return the horizontal distance [m] from a position to the circle of each person.
 
-        A person's position is extrapolated, for at most the time after which he is unseen.
+        A person's position is extrapolated for at most UNSEEN_S.
         """
         x, y, _ = position_enu_m
         ages_s = self._ages_s(now_ns).tolist()
@@ -109,7 +110,7 @@ class People:
         return distances_m
 
     def unseen(self, now_ns: int) -> tuple[str, ...]:
-        """Return the persons whose poses have stopped, and who are not gone yet."""
+        """Return the persons whose poses have stopped and that are not gone yet."""
         is_unseen = self._is_here(now_ns) & (self._ages_s(now_ns) > UNSEEN_S + self._late_s)
         return tuple(self.names[index] for index in np.flatnonzero(is_unseen))
 

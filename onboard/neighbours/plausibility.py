@@ -1,9 +1,9 @@
 """Checks whether the state that a neighbour publishes can be true. Pure.
 
 A neighbour with a valid key may still lie, or be mistaken. So its state is compared with physics,
-with its own prediction, and with the motion capture. A single contradiction may come from an
-estimator that began anew; several may not. The accuracy that a neighbour publishes is not checked:
-if it is worse than the truth, others only keep a larger distance.
+with its own prediction, and with the motion capture. A single contradiction may come from a reset
+of its estimator; several contradictions may not. The accuracy that a neighbour publishes is not
+checked: if it is worse than the truth, others only keep a larger distance.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from typing import NamedTuple
 
 from onboard.tuples import Xyz
 
-_JUMP_M = 0.35  # allowed difference between a position and the one that the velocities explain
+_JUMP_M = 0.35  # allowed difference between a position and the position that velocities explain
 _MISS_M = 0.4  # allowed difference between a position and the mocap's
 _MOST_M_S2 = 30.0  # largest acceleration of a vehicle
-# A vehicle may accelerate aside with this for half of a time, and back for the other half.
+# A vehicle may accelerate sideways by this for half of a time, and back for the other half.
 _ASIDE_M_S2 = 15.0
 _NOISE_M_S = 1.0  # allowed error of a change of velocity
 _STDS = 2.0  # published standard deviations that are allowed on top
 _LONGEST_LEAD_S = 1.0  # no prediction reaches farther; a message may claim any lead
 _LONGEST_S = 0.5  # two states, or a state and a pose, farther apart in time are not compared
 
-# A neighbour counts as contradicted after this many contradictions by physics within
-# _REMEMBERED_NS, or this many by the mocap in a row.
+# A neighbour counts as contradicted after _JUMPS contradictions by physics within _REMEMBERED_NS,
+# or _MISSES contradictions by the mocap in a row.
 _JUMPS = 2
 _MISSES = 3
 _REMEMBERED_NS = 3_000_000_000
@@ -43,7 +43,7 @@ class Claim(NamedTuple):
     position_std_m: float
 
 
-class Seen(NamedTuple):
+class MocapPosition(NamedTuple):
     """Position of a neighbour's body by the motion capture."""
 
     stamp_ns: int
@@ -93,23 +93,23 @@ def physical_contradiction(before: Claim | None, claim: Claim, largest_m_s: floa
     return ""
 
 
-def mocap_contradiction(claim: Claim, seen: Seen) -> str:
+def mocap_contradiction(claim: Claim, mocap: MocapPosition) -> str:
     """Return how a neighbour's state contradicts the motion capture; empty if it does not.
 
     Args:
         claim: its newest state.
-        seen: newest mocap position of its body.
+        mocap: newest mocap position of its body.
     Returns:
         Words that follow the vehicle's name in a sentence.
     """
-    dt_s = (seen.stamp_ns - claim.stamp_ns) * 1e-9
+    dt_s = (mocap.stamp_ns - claim.stamp_ns) * 1e-9
     if abs(dt_s) > _LONGEST_S:
         return ""
 
     x, y, z = claim.position_enu_m
     vx, vy, vz = claim.velocity_enu_m_s
     expected_enu_m = (x + dt_s * vx, y + dt_s * vy, z + dt_s * vz)
-    miss_m = math.dist(expected_enu_m, seen.position_enu_m)
+    miss_m = math.dist(expected_enu_m, mocap.position_enu_m)
 
     explained_m = _MISS_M + _STDS * claim.position_std_m + 0.5 * _MOST_M_S2 * dt_s * dt_s
     if miss_m <= explained_m:
@@ -118,10 +118,10 @@ def mocap_contradiction(claim: Claim, seen: Seen) -> str:
 
 
 def _miss_m(claim: Claim, position_enu_m: Xyz, velocity_enu_m_s: Xyz, after_s: float) -> float:
-    """Return the distance [m] of a later position to the one that both velocities explain.
+    """Return the distance [m] of a later position from the position that both velocities explain.
 
-    The expected position follows from the mean of both velocities. An acceleration aside and back
-    again leaves both velocities as they are and adds the distance a * t^2 / 4, which is subtracted.
+    The expected position follows from the mean of both velocities. An acceleration to one side and
+    back leaves both velocities unchanged. It moves the vehicle by a * t^2 / 4, which is subtracted.
     """
     px, py, pz = claim.position_enu_m
     vx, vy, vz = claim.velocity_enu_m_s
@@ -141,18 +141,18 @@ class PlausibilityMonitor:
     reason: str = ""  # why it is contradicted, in words that follow its name; empty: it is not
     is_watched: bool = False  # whether there was a contradiction within the last seconds
     _before: Claim | None = None  # its previous state
-    _seen_ns: int = 0  # stamp of the pose that was compared last
+    _compared_ns: int = 0  # stamp of the pose that was compared last
     # number of contradictions by physics within the last seconds: of position, speed or prediction
     _jumps: int = 0
     _misses: int = 0  # number of contradictions by the mocap in a row
     _contradicted_ns: int = 0  # time of the last contradiction
 
-    def look(self, claim: Claim, seen: Seen | None, now_ns: int) -> None:
+    def look(self, claim: Claim, mocap: MocapPosition | None, now_ns: int) -> None:
         """Compare a neighbour's newest state with physics and the motion capture.
 
         Args:
             claim: its newest state.
-            seen: newest mocap position of its body; None if there is none.
+            mocap: newest mocap position of its body; None if there is none.
             now_ns: our clock.
         """
         if now_ns - self._contradicted_ns > _REMEMBERED_NS:
@@ -167,11 +167,15 @@ class PlausibilityMonitor:
                 self._jumps += 1
             self._before = claim
 
-        if seen is not None and seen.stamp_ns > self._seen_ns:
-            self._seen_ns = seen.stamp_ns
-            miss = mocap_contradiction(claim, seen)
-            self._misses = self._misses + 1 if miss else 0
-            contradiction = contradiction or miss
+        if mocap is not None and mocap.stamp_ns > self._compared_ns:
+            self._compared_ns = mocap.stamp_ns
+            miss = mocap_contradiction(claim, mocap)
+            if miss:
+                self._misses += 1
+            else:
+                self._misses = 0
+            if not contradiction:
+                contradiction = miss
 
         if not contradiction:
             return

@@ -4,8 +4,8 @@ Each neighbour has a row of numbers: the fields of :class:`onboard.types.Neighbo
 Its vectors come first, with three numbers each (VECTOR_COLUMNS), then its scalars (SCALAR_COLUMN).
 
 The first STATE_WIDTH numbers of a row are the state that the neighbour has published. While it is
-overdue or contradicted, they may come from the motion capture instead. The other numbers are ours:
-whether the neighbour cooperates, and which one it is.
+overdue or contradicted (judged.py), they may come from the motion capture instead. This agent adds
+the other numbers: whether the neighbour cooperates, and its index.
 
 A snapshot holds the rows of one tick, with the age of each state. The law reads them as Neighbours;
 the compiled pipeline takes the rows directly.
@@ -60,8 +60,8 @@ class NeighbourArrays:
 
     numbers: Array  # (K, fields of a Neighbour), see VECTOR_COLUMNS and SCALAR_COLUMN
     stamp_ns: IntArray  # (K,) time of the numbers
-    heard_ns: IntArray  # (K,) stamp of the newest valid message; 0 never
-    newest_ns: IntArray  # (K,) stamp of the newest message, valid or not; -1 never
+    heard_ns: IntArray  # (K,) stamp of the newest valid message; 0: none yet
+    newest_ns: IntArray  # (K,) stamp of the newest message, valid or not; -1: none yet
     flags: BoolArray  # (4, K) KNOWN, AIRBORNE, COOPERATIVE, ANNOUNCED
     is_lost: BoolArray  # (K,) whether its newest message says that its position is not known
     is_followed: BoolArray  # (K,) whether its states are received at full rate
@@ -87,8 +87,8 @@ def empty(is_successor: BoolArray, silent_after_s: float) -> NeighbourArrays:
     """Return the arrays of neighbours that were never heard.
 
     Args:
-        is_successor: (K,) whether a neighbour is the next one in the fleet file: the paper's
-            obstacle.
+        is_successor: (K,) whether a neighbour is the next vehicle in the fleet file, which is the
+            paper's obstacle.
         silent_after_s: age beyond which each of them counts as silent.
     """
     count = len(is_successor)
@@ -109,7 +109,7 @@ def empty(is_successor: BoolArray, silent_after_s: float) -> NeighbourArrays:
 
 
 class NeighbourRow(NamedTuple):
-    """Newest state of one neighbour, for callers that need a single one."""
+    """Newest state of one neighbour, for callers that need only one state."""
 
     name: str
     age_s: float
@@ -199,7 +199,7 @@ class NeighbourSnapshot(Sequence[Neighbour]):
 
 
 def snapshot(arrays: NeighbourArrays, ages_s: list[float]) -> NeighbourSnapshot:
-    """Return all known neighbours. A silent neighbour counts as not cooperative.
+    """Return all known neighbours; a silent neighbour counts as not cooperative.
 
     Args:
         arrays: arrays of all K neighbours.

@@ -1,11 +1,12 @@
 """Choice of the neighbours whose states are received at full rate. Pure.
 
 Every vehicle publishes its state twice: 50 times a second for its followers and 5 times a second
-for all others. A vehicle follows the neighbours in reach, and in any case the nearest few.
+for all others. A vehicle follows the neighbours in reach, and in any case the nearest few. From all
+other vehicles it receives only the slow messages.
 
-From the others it receives the slow messages only. Vehicles that are silent or have no position yet
-are among the others: their first slow message gives their position. If they were all followed,
-their states would fill a radio channel that may have lost their messages because it was full.
+Vehicles that are silent or have no position yet are not followed: their first slow message will
+give their position. A full radio channel may be the reason why their messages were lost, and
+following them all would fill it further.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ ALWAYS_FOLLOWED = 4  # number of nearest neighbours that are followed at any dis
 # Time until a vehicle that comes into reach is avoided: a slow message, the choice, the
 # subscription, and the law's prediction over its lag.
 _NOTICE_S = 0.8
-_STAY_FRAC = 1.15  # a followed neighbour is dropped only beyond this times the reach
+_STAY_FRAC = 1.15  # a followed neighbour is dropped only beyond the reach times this
 
 
 def is_slow(sequence: int) -> bool:
@@ -36,8 +37,8 @@ def is_slow(sequence: int) -> bool:
 def reach_m(fleet: FleetConfig, name: str) -> float:
     """Return the distance [m] within which a vehicle follows its neighbours.
 
-    It is large enough for two vehicles that fly at each other with the top speed while avoiding:
-    they notice each other and brake before they reach the safety distance.
+    Even if two vehicles fly at each other with the top speed of avoidance, they notice each other
+    and brake before they reach the safety distance.
     """
     own = fleet.vehicles[name]
     others = [vehicle for other, vehicle in fleet.vehicles.items() if other != name]
@@ -54,7 +55,7 @@ def reach_m(fleet: FleetConfig, name: str) -> float:
 
 
 def _noticed_and_braked_m(speed_m_s: float, brake_m_s2: float) -> float:
-    """Return how far [m] a vehicle flies until it has noticed another one and has stopped."""
+    """Return how far [m] a vehicle flies until it has noticed another vehicle and has stopped."""
     return speed_m_s * (_NOTICE_S + 0.5 * speed_m_s / brake_m_s2)
 
 
@@ -66,10 +67,10 @@ def select(
     Args:
         distances_m: neighbour -> distance, for all neighbours that ever published a position.
         followed: neighbours that are followed at present. They are dropped at a larger distance
-            than others are added, so that the choice does not flicker.
+            than others are added, so that the choice does not alternate.
         reach_m: reach, from :func:`reach_m`.
-        most: number of the nearest neighbours in reach that are followed at most. The law uses no
-            more, and the radio may not carry more.
+        most: largest number of neighbours in reach that are followed, the nearest ones. The law
+            uses no more, and the radio may not carry more.
     Returns:
         Names of the selected neighbours.
     """
@@ -78,8 +79,9 @@ def select(
     # distances, reduced for the neighbours that are followed already
     reduced_m = {}
     for name, distance_m in distances_m.items():
-        is_followed = name in followed
-        reduced_m[name] = distance_m / _STAY_FRAC if is_followed else distance_m
+        reduced_m[name] = distance_m
+        if name in followed:
+            reduced_m[name] = distance_m / _STAY_FRAC
 
     in_reach = [name for name in by_distance if reduced_m[name] < reach_m]
     nearest = sorted(in_reach, key=reduced_m.__getitem__)[:most]

@@ -9,9 +9,9 @@ Usually a neighbour is avoided at the position of its newest message. There are 
 
     A contradicted neighbour: the nearer of its own and the mocap's position counts (judged.py).
 
-In a large fleet a vehicle follows only the neighbours in reach at full rate, and receives the slow
-states of all others (subscription.py). The age beyond which a neighbour counts as silent depends on
-which of the two states we receive.
+In a large fleet a vehicle follows only the neighbours in reach: it receives their states at full
+rate. Of all others it receives the slow states (subscription.py). The age beyond which a neighbour
+counts as silent depends on whether it is followed.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from onboard.message_counts import MessageCounts
 from onboard.neighbours import subscription
 from onboard.neighbours.judged import JudgedNeighbours, tracked_numbers
 from onboard.neighbours.mocap_tracker import BodyTracker
-from onboard.neighbours.plausibility import Claim, Seen
+from onboard.neighbours.plausibility import Claim, MocapPosition
 from onboard.neighbours.state_arrays import (
     AIRBORNE,
     ANNOUNCED,
@@ -55,11 +55,11 @@ from onboard.tuples import Xyz
 SILENT_S = 0.25  # with two ticks of confirmation, a reaction follows within 0.3 s
 STALE_S = 0.15
 
-# a tracker starts with the velocity of the neighbour's last message, if that is not older
+# a tracker starts with the velocity of the neighbour's last message, if it is not older than this
 _VELOCITY_KNOWN_S = 1.0
 _ON_FLOOR_M = 0.15  # a body lower than this above its start or the ground may stand there
-_MISSING_AFTER_S = 2.0
-_LEFT_NS = 5_000_000_000  # an agent without telemetry for so long has ended
+_MISSING_AFTER_S = 2.0  # a required vehicle without messages for this time is missing
+_LEFT_NS = 5_000_000_000  # an agent without telemetry for this time has ended
 _START_UP_NS = 2_000_000_000  # an agent that has just started has not heard all others yet
 
 
@@ -74,14 +74,14 @@ class _Ages:
     followed_s: list[float] = field(default_factory=list)  # ages of the followed neighbours
     oldest_s: float = math.inf  # largest age of a followed neighbour
     has_silent: bool = True  # whether some neighbour is silent
-    at_ns: int = -1  # time of these ages; -1: they have to be calculated anew
+    at_ns: int = -1  # time of these ages; -1: they are outdated
 
 
 class NeighbourTable:
     """The other vehicles of the fleet file, in its order, so that their indices never change.
 
-    A vehicle that publishes a state is avoided, even if the file disables it. But a disabled
-    vehicle is not missed if it is absent.
+    A vehicle that publishes a state is avoided, even if the file disables it. But an absent
+    vehicle that the file disables is not reported as missing.
     """
 
     def __init__(self, fleet: FleetConfig, own_name: str) -> None:
@@ -111,14 +111,15 @@ class NeighbourTable:
                 self._bodies[body] = index
         self._trackers: dict[int, BodyTracker] = {}  # index -> tracker of a watched body
         self._telemetry: dict[str, Telemetry] = {}
-        self._replaced: frozenset[str] = frozenset()  # vehicles whose place another one has
+        self._replaced: frozenset[str] = frozenset()  # vehicles for which another one stands in
         self._started_ns = 0  # time of the first tick; 0 before it
 
         self._reach_m = subscription.reach_m(fleet, own_name)
         self._most_followed = max(subscription.ALWAYS_FOLLOWED, int(fleet.law.max_neighbours))
         self._ages = _Ages([math.inf] * len(self.names))
-        is_small = len(self.names) <= subscription.ALWAYS_FOLLOWED
-        at_first = frozenset(self.names if is_small else ())
+        at_first: frozenset[str] = frozenset()
+        if len(self.names) <= subscription.ALWAYS_FOLLOWED:
+            at_first = frozenset(self.names)
         self._follow(at_first, at_first)
 
     # -- selection ---------------------------------------------------------------------------------
@@ -130,9 +131,9 @@ class NeighbourTable:
 
     @property
     def _is_settled(self) -> BoolArray:
-        """Return whether each neighbour (K,) is followed and already sends its fast states.
+        """Whether each neighbour (K,) is settled: followed, and its fast states already come.
 
-        Only such neighbours have the short limit of silence: see :meth:`_follow`.
+        Only settled neighbours have the short limit of silence: see :meth:`_follow`.
         """
         return np.asarray(self.arrays.silent_after_s <= self.silent_s)
 
@@ -159,7 +160,7 @@ class NeighbourTable:
         before = self.followed
         selected = subscription.select(distances_m, before, self._reach_m, self._most_followed)
 
-        # neighbours that were followed before, and whose fast states already come
+        # settled: followed before, and with fast states that already come
         settled = set()
         sends_fast = self._is_settled | (np.array(ages_s) <= self.silent_s)
         for name, is_fast in zip(self.names, sends_fast.tolist(), strict=True):
@@ -196,7 +197,8 @@ class NeighbourTable:
     def hear(self, message: StateMessage | Telemetry, received_ns: int) -> bool:
         """Take a message with its stamp on our clock; return whether it was used.
 
-        A message of an unknown vehicle is not used, nor one that is repeated, late or not finite.
+        Messages of unknown vehicles are not used. Messages that are repeated, late or not finite
+        are not used either.
         """
         index = self.indices.get(message.vehicle)
         if index is None:
@@ -211,14 +213,15 @@ class NeighbourTable:
         return self._hear_state(index, message, received_ns)
 
     def _hear_telemetry(self, message: Telemetry) -> bool:
+        """Keep a telemetry; return whether it was used."""
         if not is_plausible(message.position_enu_m, message.goal_position_enu_m):
             self.counts.malformed += 1
             return False
         before = self._telemetry.get(message.vehicle)
         self._telemetry[message.vehicle] = message
         if before is None or before.stands_in_for != message.stands_in_for:
-            heard = self._telemetry.values()
-            self._replaced = frozenset(one.stands_in_for for one in heard if one.stands_in_for)
+            names = {telemetry.stands_in_for for telemetry in self._telemetry.values()}
+            self._replaced = frozenset(names - {""})
         return True
 
     def _hear_state(self, index: int, message: StateMessage, received_ns: int) -> bool:
@@ -227,8 +230,9 @@ class NeighbourTable:
             self.counts.malformed += 1
             return False
 
-        # The stamp decides whether a state is repeated, out of order, or from before a restart. A
-        # false sequence number could exclude all later messages; a stamp is limited to now.
+        # The stamp decides whether a state is repeated, out of order, or from before a restart. The
+        # sequence number does not: a false number could exclude all later messages. A false stamp
+        # cannot, because it is limited to now.
         arrays = self.arrays
         stamp_ns = min(message.stamp_ns, received_ns)
         if stamp_ns <= arrays.newest_ns[index]:
@@ -238,8 +242,8 @@ class NeighbourTable:
         arrays.newest_ns[index] = stamp_ns
         arrays.is_lost[index] = not message.is_valid
         if not message.is_valid:
-            # Its position is not known: its last valid state ages, and it is avoided like a silent
-            # vehicle.
+            # The sender does not know its position. Its last valid state ages, so that it is
+            # avoided like a silent vehicle.
             return True
 
         announces = message.is_cooperative
@@ -247,7 +251,7 @@ class NeighbourTable:
         flags = (message.is_airborne, cooperates, announces)
         arrays.heard_ns[index] = stamp_ns
         arrays.set_state(index, stamp_ns, numbers, flags)
-        self.watched_bodies.seen.discard(index)
+        self.watched_bodies.located.discard(index)
         self._forget_ages()
         return True
 
@@ -277,7 +281,7 @@ class NeighbourTable:
         is_airborne = not self._may_stand(index, tracker.position_enu_m[2])
         stamp_ns = min(tracker.stamp_ns, received_ns)
         arrays.set_state(index, stamp_ns, tracked_numbers(tracker), (is_airborne, False, False))
-        self.watched_bodies.seen.add(index)
+        self.watched_bodies.located.add(index)
         self._forget_ages()
         return True
 
@@ -294,27 +298,27 @@ class NeighbourTable:
             return
 
         # an exact repetition means that the mocap has lost the body
-        before = self.judged.seen.get(index)
+        before = self.judged.mocap_positions.get(index)
         is_frozen = before is not None and pose.position_enu_m == before.position_enu_m
         if pose.stamp_ns <= received_ns and not is_frozen:
-            self.judged.seen[index] = Seen(pose.stamp_ns, pose.position_enu_m)
+            self.judged.mocap_positions[index] = MocapPosition(pose.stamp_ns, pose.position_enu_m)
 
-    def forget_carried_away(self, own_place: str, now_ns: int) -> None:
+    def forget_replaced(self, own_slot_owner: str, now_ns: int) -> None:
         """Forget where replaced vehicles stood, unless they still publish a position.
 
-        At a swap a person carries the replaced vehicle away, and its stand-in stands on its spot. A
-        replaced vehicle that is silent, or does not know its position, would otherwise be avoided
-        at the position where it was last.
+        At a swap a person carries the replaced vehicle away, and its stand-in stands on its spot.
+        So a replaced vehicle that is silent, or does not know its position, must not be avoided at
+        its last position.
 
         Args:
-            own_place: place of the own vehicle in the fleet; mostly its own name.
+            own_slot_owner: vehicle whose start and slots the own vehicle uses; usually itself.
             now_ns: present time.
         """
-        if not self._replaced and own_place == self.own_name:
+        if not self._replaced and own_slot_owner == self.own_name:
             return
 
         arrays = self.arrays
-        for name in (*self._replaced, own_place):
+        for name in (*self._replaced, own_slot_owner):
             index = self.indices.get(name)
             if index is None or arrays.flags[AIRBORNE, index]:
                 continue
@@ -325,7 +329,7 @@ class NeighbourTable:
 
     # -- silent and contradicted neighbours --------------------------------------------------------
 
-    def place_contradicted(self, position_enu_m: Xyz, now_ns: int) -> None:
+    def reposition_contradicted(self, position_enu_m: Xyz, now_ns: int) -> None:
         """Put each contradicted neighbour at the nearer of its own and the mocap's position."""
         if self.judged.contradicted:
             self.judged.write_positions(
@@ -337,7 +341,7 @@ class NeighbourTable:
             )
             self._forget_ages()
 
-    def claim(self, name: str) -> tuple[Claim | None, Seen | None]:
+    def claim(self, name: str) -> tuple[Claim | None, MocapPosition | None]:
         """Return a neighbour's motion by its messages, and its mocap position; None: not known.
 
         The mocap position is None for a neighbour that flies by satellites. Its messages may err by
@@ -348,17 +352,19 @@ class NeighbourTable:
         if not self.fleet.vehicles[name].mocap_required:
             return claim, None
 
-        seen = self.judged.seen.get(index)
+        mocap_position = self.judged.mocap_positions.get(index)
         tracker = self._trackers.get(index)
-        if tracker is not None and (seen is None or tracker.stamp_ns > seen.stamp_ns):
-            seen = Seen(tracker.stamp_ns, tracker.position_enu_m)
-        return claim, seen
+        if tracker is None:
+            return claim, mocap_position
+        if mocap_position is None or tracker.stamp_ns > mocap_position.stamp_ns:
+            mocap_position = MocapPosition(tracker.stamp_ns, tracker.position_enu_m)
+        return claim, mocap_position
 
     def bodies_to_watch(self, now_ns: int, own_age_s: float) -> tuple[str, ...] | None:
         """Return the mocap bodies whose poses are needed from now on; None: the same as before.
 
-        These are the bodies of vehicles that are overdue, or watched and in reach, or were so a
-        short while ago.
+        These are the bodies of vehicles that are overdue, or watched and in reach, now or in the
+        last seconds.
 
         Args:
             now_ns: our clock.
@@ -414,7 +420,10 @@ class NeighbourTable:
         stamps_ns = self.arrays.stamp_ns.tolist()
         is_known = self.arrays.flags[KNOWN].tolist()
         for stamp_ns, known in zip(stamps_ns, is_known, strict=True):
-            ages_s.append(max(now_ns - stamp_ns, 0) * 1e-9 if known else math.inf)
+            age_s = math.inf
+            if known:
+                age_s = max(now_ns - stamp_ns, 0) * 1e-9
+            ages_s.append(age_s)
 
         followed_s = [ages_s[index] for index in self._followed_indices]
         self._ages = _Ages(
@@ -437,11 +446,11 @@ class NeighbourTable:
         return {name: age_s for name, age_s in ages if age_s < math.inf}
 
     def age_s(self, name: str, now_ns: int) -> float:
-        """Return the age of one newest state; inf when never heard."""
+        """Return the age of a neighbour's newest state; inf: never heard."""
         return self.ages_s(now_ns)[self.indices[name]]
 
     def oldest_age_s(self, now_ns: int) -> float:
-        """Return the largest age [s] of the followed and known neighbours; 0 without any."""
+        """Return the largest age [s] of the followed and known neighbours; 0 if there are none."""
         return max(self.followed_ages_s(now_ns).values(), default=0.0)
 
     def heard_ages_s(self, now_ns: int) -> Array:
@@ -449,7 +458,7 @@ class NeighbourTable:
 
         Mocap poses do not count as messages.
         """
-        if not self.watched_bodies.seen:
+        if not self.watched_bodies.located:
             return np.array(self.ages_s(now_ns))
         heard_ns = self.arrays.heard_ns
         return np.where(heard_ns > 0, np.maximum(now_ns - heard_ns, 0) * 1e-9, np.inf)
@@ -457,13 +466,13 @@ class NeighbourTable:
     # -- what is known at one time -----------------------------------------------------------------
 
     def snapshot(self, now_ns: int) -> NeighbourSnapshot:
-        """Return all known neighbours as the law takes them, as of one tick."""
+        """Return all known neighbours at one tick, in the form that the law takes."""
         return snapshot(self.arrays, self.ages_s(now_ns))
 
     def distances_m(self, position_enu_m: Xyz, now_ns: int) -> dict[str, float]:
         """Return the separation [m] from each followed and known neighbour.
 
-        Its position is extrapolated, for at most the age beyond which it counts as silent.
+        A neighbour's position is extrapolated for at most the age beyond which it counts as silent.
         """
         self.ages_s(now_ns)
         motions = self.arrays.numbers[self._followed_indices, :6].tolist()
@@ -501,8 +510,7 @@ class NeighbourTable:
     def other_hashes(self, own_hash: str, now_ns: int) -> dict[str, str]:
         """Return the configuration hashes that differ from ours.
 
-        A vehicle on the ground whose agent has ended takes no part any more, so its file does not
-        count.
+        A vehicle on the ground whose agent has ended no longer takes part, so its file is ignored.
         """
         hashes = {}
         for name, telemetry in self._telemetry.items():
@@ -517,14 +525,14 @@ class NeighbourTable:
     # -- neighbours with a problem -----------------------------------------------------------------
 
     def missing(self, now_ns: int) -> tuple[str, ...]:
-        """Return vehicles that are required (enabled = true) and not heard."""
+        """Return vehicles that are required (enabled = true) and send no messages."""
         names = self._named(self.heard_ages_s(now_ns) > _MISSING_AFTER_S)
         return tuple(name for name in names if self.fleet.vehicles[name].enabled is True)
 
     def silent(self, now_ns: int) -> tuple[str, ...]:
         """Return vehicles that were in the air when last heard and have been silent too long."""
         self.ages_s(now_ns)
-        if not self._ages.has_silent and not self.watched_bodies.seen:
+        if not self._ages.has_silent and not self.watched_bodies.located:
             return ()
         is_old = self.heard_ages_s(now_ns) > self.arrays.silent_after_s
         return self._named(self.arrays.flags[AIRBORNE] & is_old)
@@ -544,7 +552,7 @@ class NeighbourTable:
     def stale(self, now_ns: int) -> tuple[str, ...]:
         """Return followed vehicles in the air that are late, but not yet silent."""
         self.ages_s(now_ns)
-        if self._ages.oldest_s <= self._stale_s and not self.watched_bodies.seen:
+        if self._ages.oldest_s <= self._stale_s and not self.watched_bodies.located:
             return ()
         ages_s = self.heard_ages_s(now_ns)
         is_stale = (ages_s > self._stale_s) & (ages_s <= self.silent_s)
@@ -566,6 +574,8 @@ def _is_successor(fleet: FleetConfig, own_name: str, names: tuple[str, ...]) -> 
     ring = fleet.enabled_names
     successor = ""
     if ring:
-        own_index = ring.index(own_name) if own_name in ring else 0
+        own_index = 0
+        if own_name in ring:
+            own_index = ring.index(own_name)
         successor = ring[(own_index + 1) % len(ring)]
     return np.array([name == successor for name in names], dtype=bool)

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 
 from onboard.neighbours.subscription import FAR_SILENT_S
 
-# A followed vehicle whose newest message is older is overdue: it is tracked by the mocap. It counts
-# as silent only later (table.py); by then its mocap poses have come.
+# A followed vehicle whose newest message is older than this is overdue, and is tracked by the
+# mocap. It counts as silent later (table.py), when its mocap poses have come.
 OVERDUE_S = 0.12
 _OWN_LATE_S = 0.1  # our own position is late if it is older than this
 _KEPT_NS = 5_000_000_000  # a body is watched for this time after the last reason for it
@@ -30,7 +30,7 @@ class WatchedBodies:
     # index of a watched vehicle -> last time at which there was a reason to watch it
     reason_ns: dict[int, int] = field(default_factory=dict)
     # indices of vehicles whose newest state comes from the mocap and not from a message
-    seen: set[int] = field(default_factory=set)
+    located: set[int] = field(default_factory=set)
 
     def update(
         self, overdue: Iterable[int], watched: Collection[int], now_ns: int, own_age_s: float

@@ -25,9 +25,9 @@ class AttitudeRate:
     _count_from_ns: int | None = None  # begin of the present second
 
     def update(self, now_ns: int, attitude_ns: int) -> None:
-        """Count one tick; ``attitude_ns`` is the arrival of the newest attitude, 0 never."""
+        """Count one tick; ``attitude_ns`` is the arrival of the newest attitude, 0: none yet."""
         if not attitude_ns:
-            return  # there is no rate before the first one
+            return  # there is no rate before the first attitude
 
         # the first tick, or the first after a flight
         if self._count_from_ns is None or now_ns - self._count_from_ns > 2 * _RATE_OVER_NS:
@@ -49,15 +49,15 @@ class AttitudeRate:
 class TiltComparison:
     """Compares the direction of up in the body's axes, by the mocap and by PX4.
 
-    The comparison needs no common heading. If a person tilts the vehicle, it also shows whether the
-    mocap's body is on this vehicle at all.
+    The comparison needs no common heading. If a person tilts the vehicle, the comparison also shows
+    whether the mocap's body is on this vehicle at all.
     """
 
     difference_rad: float = 0.0  # angle between both directions, low-passed
     # whether the directions differed when a person last tilted the vehicle
     differed_when_tilted: bool = False
     _by_mocap: Xyz | None = None  # direction by the mocap, low-passed; None before the first tick
-    _by_px4: Xyz | None = None  # the same by PX4
+    _by_px4: Xyz | None = None  # direction by PX4, low-passed; None before the first tick
 
     def update(self, mocap_wxyz: Wxyz, snapshot: Snapshot, dt_s: float) -> None:
         """Take one tick on the ground; ``mocap_wxyz`` is the newest sample's attitude."""
@@ -67,9 +67,12 @@ class TiltComparison:
         if not snapshot.attitude_ns or not is_finite:
             return
 
+        if self._by_mocap is None or self._by_px4 is None:
+            self._by_mocap = by_mocap
+            self._by_px4 = by_px4
         weight = min(1.0, dt_s / _TILT_TIME_S)
-        self._by_mocap = _mixed(self._by_mocap or by_mocap, by_mocap, weight)
-        self._by_px4 = _mixed(self._by_px4 or by_px4, by_px4, weight)
+        self._by_mocap = _mixed(self._by_mocap, by_mocap, weight)
+        self._by_px4 = _mixed(self._by_px4, by_px4, weight)
 
         self.difference_rad = _angle_rad(self._by_mocap, self._by_px4)
         tilt_rad = max(_angle_rad(self._by_mocap, _UP), _angle_rad(self._by_px4, _UP))
@@ -84,12 +87,13 @@ def _body_up(quaternion_wxyz: Wxyz) -> Xyz:
 
 
 def _mixed(old: Xyz, new: Xyz, weight: float) -> Xyz:
-    """Return the mean of two directions, in which the new one has this weight."""
+    """Return the weighted mean of two directions; ``weight`` is that of the new direction."""
     x, y, z = (a + weight * (b - a) for a, b in zip(old, new, strict=True))
     return x, y, z
 
 
 def _angle_rad(one: Xyz, other: Xyz) -> float:
+    """Return the angle between two directions; 0 if one of them has no length."""
     lengths = math.hypot(*one) * math.hypot(*other)
     if not lengths:
         return 0.0

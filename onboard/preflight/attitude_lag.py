@@ -24,7 +24,7 @@ _LEAST_FILTER_RAD_S = 1.0
 
 
 def lag_s(version: Version, px4_params: Mapping[str, float]) -> float:
-    """Return the lag [s] of PX4's attitude control, for the slower one of roll and pitch.
+    """Return the lag [s] of PX4's attitude control: the larger lag of roll and pitch.
 
     Args:
         version: version of PX4.

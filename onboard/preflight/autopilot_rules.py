@@ -141,13 +141,18 @@ def _signing(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Jud
         return NO_PX4
     if vehicle.mavlink_signing:
         words = {"says": "PX4 and this agent sign their messages."}
-        return ("clock behind" if facts.has_signing_clock_behind else OK), words
+        if facts.has_signing_clock_behind:
+            return "clock behind", words
+        return OK, words
     if facts.is_signed:
         return "keyless", {"name": vehicle.name}
 
     version = plausible_version(facts.px4_version)
     takes_keys = version is None or version >= SIGNING_SINCE
-    links = [link for link in (vehicle.autopilot, vehicle.direct) if link and is_on_network(link)]
+    links = []
+    for link in (vehicle.autopilot, vehicle.direct):
+        if link and is_on_network(link):
+            links.append(link)
     if links and takes_keys:
         return "takes any key", {"links": " and ".join(links), "fleet": fleet.path}
     return OK, {"says": "No network is known that could give PX4 a key."}
@@ -202,7 +207,7 @@ def _failsafe(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Ju
 
 
 def _parameters(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
-    # needs the fleet file only, so it is checked before PX4 answers
+    # this check needs only the fleet file, so it comes before PX4 answers
     weak = weakened(fleet, vehicle)
     if weak:
         return "weakened", {"problems": " ".join(weak)}

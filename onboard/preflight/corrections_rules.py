@@ -42,19 +42,23 @@ def _corrections(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) ->
     if status.base.fault is not None:
         return "base wrong", {**words, "fault": status.base.words}
     if not math.isfinite(status.age_s):
-        return "silent" if is_demanded else "silent, not demanded", words
+        if is_demanded:
+            return "silent", words
+        return "silent, not demanded", words
     if status.unsteady_s is not None:
         return "unsteady", {**words, "ago": status.unsteady_s, "steady": STEADY_S}
     if status.base_distance_m > 1000.0 * corrections.max_base_km:
         return "base far", {**words, "most": corrections.max_base_km}
     if status.age_s > corrections.max_age_s:
         words["most"] = corrections.max_age_s
-        return "old" if is_demanded else "old, not demanded", words
+        if is_demanded:
+            return "old", words
+        return "old, not demanded", words
 
     is_enough = facts.fix_type is not None and fix.is_enough(facts.fix_type, corrections.fix)
     if is_demanded and not is_enough:
         return "fix too poor", {**words, "demanded": fix.DEMAND_WORDS[corrections.fix]}
-    # a condition of the failsafe table may still hold here, and would disarm at once
+    # a condition of the failsafe table may still hold, and would disarm the vehicle at once
     if facts.conditions & _CONDITIONS:
         return "settling", words
     if status.too_long_bytes:

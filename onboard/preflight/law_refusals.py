@@ -19,7 +19,7 @@ _cache: dict[str, tuple[Refusal, ...]] = {}
 
 
 class LawRefusals:
-    """Refusals for one vehicle; the fleet file is checked once, when they are first read."""
+    """Refusals for one vehicle; the fleet file is checked only once, at their first use."""
 
     def __init__(self, fleet: FleetConfig, vehicle: str, neighbours: NeighbourTable) -> None:
         self._fleet = fleet
@@ -42,11 +42,10 @@ class LawRefusals:
             position_enu_m: position of the vehicle; None if it is not known.
         """
         self._spot_refusals = ()
-        others = {
-            name: telemetry.position_enu_m
-            for name, telemetry in self._neighbours.telemetries().items()
-            if telemetry.is_position_valid and not telemetry.is_airborne
-        }
+        others = {}  # vehicle on the ground -> its position
+        for name, telemetry in self._neighbours.telemetries().items():
+            if telemetry.is_position_valid and not telemetry.is_airborne:
+                others[name] = telemetry.position_enu_m
         if position_enu_m is None or not others:
             return
 
@@ -58,6 +57,7 @@ class LawRefusals:
 
 
 def _refusals_of_fleet(fleet: FleetConfig) -> tuple[Refusal, ...]:
+    """Return the findings about a fleet file that refuse a take-off."""
     key = fleet.config_hash
     if key not in _cache:
         _cache.clear()  # one entry is enough: the agents of one process fly one fleet
@@ -70,8 +70,9 @@ def _refusals(findings: Iterable[Finding]) -> tuple[Refusal, ...]:
 
     The finding about px4_params is left out: the rule about parameters reports it.
     """
-    return tuple(
-        (finding.name, finding.sentence.removesuffix(f" {finding.remedy}"), finding.remedy)
-        for finding in findings
-        if finding.status == "refused" and finding.name != OWN_FAILSAFES
-    )
+    refusals = []
+    for finding in findings:
+        if finding.status == "refused" and finding.name != OWN_FAILSAFES:
+            sentence = finding.sentence.removesuffix(f" {finding.remedy}")
+            refusals.append((finding.name, sentence, finding.remedy))
+    return tuple(refusals)

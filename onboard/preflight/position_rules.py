@@ -29,7 +29,7 @@ from onboard.safety.failsafe_table import Condition
 from onboard.safety.limits import POSITION_STALE_S
 from onboard.tuples import Xyz
 
-# largest values that no rule finds fault with; preflight.toml says what each rule demands
+# Largest values with which a rule is passed; preflight.toml describes each rule.
 WIDE_CLOCK_S = 0.02
 FAR_FROM_PX4_M = 0.3
 HEADING_MISS_DEG = 25.0
@@ -65,7 +65,9 @@ def _position(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Ju
 def _clock(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if facts.has_wrong_clock:
         assert facts.sample_delay_s is not None
-        direction = "in the future" if facts.sample_delay_s < 0.0 else "in the past"
+        direction = "in the past"
+        if facts.sample_delay_s < 0.0:
+            direction = "in the future"
         return "wrong stamps", {"gap": f"{abs(facts.sample_delay_s):.3g} s {direction}"}
 
     bounds_s = facts.clock_bounds_s
@@ -142,9 +144,11 @@ def _spot(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
     if off_m <= OFF_SPOT_M or facts.has_flown:
         return OK, words
 
-    own_place = facts.place or vehicle.name
+    slot_owner = vehicle.name
+    if facts.stands_in_for:
+        slot_owner = facts.stands_in_for
     for name in fleet.enabled_names:
-        if name == own_place:
+        if name == slot_owner:
             continue
         other_spot_m = fleet.vehicles[name].start_enu_m[:2]
         if math.dist(x_y_m, other_spot_m) < OFF_SPOT_M:
@@ -205,8 +209,8 @@ def _fence(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
 
 def _spot_enu_m(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Xyz:
     """Return the vehicle's take-off spot [m]: its own, or that of the vehicle it replaces."""
-    if facts.place:
-        return fleet.vehicles[facts.place].start_enu_m
+    if facts.stands_in_for:
+        return fleet.vehicles[facts.stands_in_for].start_enu_m
     return vehicle.start_enu_m
 
 

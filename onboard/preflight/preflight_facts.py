@@ -58,7 +58,7 @@ class PreflightFacts:
     px4_nonsense: str = ""  # sentence about impossible numbers of PX4; empty: there are none
     attitude_hz: float | None = None  # rate of PX4's attitude; None in the first second
     refused: Refused = NOTHING_REFUSED  # refused packets at PX4's endpoint
-    refused_age_s: float = math.inf  # age of the newest of them
+    refused_age_s: float = math.inf  # age of the newest refused packet
     is_signed: bool = False  # whether PX4 signs its packets
     # whether this computer's clock is behind that of another sender of signed packets
     has_signing_clock_behind: bool = False
@@ -94,7 +94,7 @@ class PreflightFacts:
     hover_frac: float = math.nan  # hover throttle learned in flight
 
     # bus and computers
-    # person whom the mocap sees -> distance from this vehicle to his circle
+    # person that the mocap sees -> distance from this vehicle to that person's circle
     people_m: Mapping[str, float] = field(default_factory=dict)
     radio: RadioMeasured | None = None  # None until enough states have come
     has_duplicate: bool = False  # whether another agent publishes for this vehicle
@@ -114,7 +114,7 @@ class PreflightFacts:
 
     # vehicle on the ground that has not flown yet -> its seen position [m], ENU
     spots_seen_enu_m: Mapping[str, Xyz] = field(default_factory=dict)
-    place: str = ""  # vehicle that this one stands in for; empty: none
+    stands_in_for: str = ""  # vehicle that this one replaces in the fleet; empty: none
     position_std_m: float = 0.0  # standard deviation of the own position, along one axis
 
     @property

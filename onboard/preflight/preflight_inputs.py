@@ -40,7 +40,7 @@ class MocapSample(NamedTuple):
 
 @dataclass(slots=True)
 class PreflightInputs:
-    """Newest input of each kind; :meth:`hear` every input of the agent."""
+    """Newest input of each kind; pass every input of the agent to :meth:`hear`."""
 
     vehicle: str
     body: str | None  # mocap body of this vehicle
@@ -72,6 +72,7 @@ class PreflightInputs:
         return self._has(EMULATOR)
 
     def _has(self, role: str) -> bool:
+        """Return whether a node whose name begins with this word is on the bus."""
         return any(node.partition("-")[0] == role for node in self._nodes)
 
     def pose_sources(self, now_ns: int) -> int:
@@ -127,7 +128,7 @@ class PreflightInputs:
                 self._duplicate_ns = received_ns
 
     def _take_pose(self, pose: MocapPose, received_ns: int) -> None:
-        """Keep the newest sample, and the programs that have sent one lately."""
+        """Keep the newest sample, and the programs that have sent samples in the last moment."""
         self.sample = MocapSample(
             quaternion_enu_flu_wxyz=pose.quaternion_enu_flu_wxyz,
             received_ns=received_ns,

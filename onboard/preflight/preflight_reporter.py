@@ -74,7 +74,7 @@ class PreflightReporter:
         self.not_ready: tuple[str, ...] = ()  # sentences that refuse a take-off now
         self.is_warm = False  # set by the shell once it has run the pipeline
         self._facts: PreflightFacts | None = None  # newest facts that are not yet reported
-        self._place = vehicle.name  # vehicle whose take-off spot this one uses
+        self._slot_owner = vehicle.name  # vehicle whose take-off spot this one uses
         self._has_flown = False
         self._fastest_m_s = 0.0  # highest speed of the last second
         self._fastest_ns = 0  # time of that speed
@@ -96,7 +96,7 @@ class PreflightReporter:
         conditions: Iterable[Condition] = (),
         corrections: CorrectionsStatus | None = None,
         people_m: Mapping[str, float] | None = None,
-        place: str = "",
+        slot_owner: str = "",
     ) -> tuple[str, ...]:
         """Take one tick on the ground; return the sentences that refuse a take-off.
 
@@ -107,8 +107,8 @@ class PreflightReporter:
             hover_frac: hover throttle learned so far.
             conditions: conditions of the failsafe table that hold.
             corrections: status of the corrections; None: the vehicle uses none.
-            people_m: distance to the circle of each person whom the mocap sees.
-            place: vehicle whose take-off spot this one uses; empty: its own.
+            people_m: distance to the circle of each person that the mocap sees.
+            slot_owner: vehicle whose take-off spot this one uses; empty: itself.
         """
         self._observe(view, dt_s)
         now_ns = view.now_ns
@@ -118,13 +118,17 @@ class PreflightReporter:
 
         self._judged_ns = now_ns
         self._state_ages.update(self._neighbours.followed_ages_s(now_ns))
-        self._place = place or self._vehicle.name
+        self._slot_owner = self._vehicle.name
+        if slot_owner:
+            self._slot_owner = slot_owner
+        if people_m is None:
+            people_m = {}
         facts = self._gather(view, is_airborne, hover_frac)
         self._facts = replace(
             facts,
             conditions=frozenset(conditions),
             corrections=corrections,
-            people_m=people_m or {},
+            people_m=people_m,
         )
         self.not_ready = all_rules.reasons(self._facts, self._fleet, self._vehicle)
         return self.not_ready
@@ -157,7 +161,10 @@ class PreflightReporter:
 
         self._reported_ns = now_ns
         self._sequence += 1
-        self._refusals.judge_spot(facts.position_enu_m if facts.has_position else None)
+        position_enu_m = None
+        if facts.has_position:
+            position_enu_m = facts.position_enu_m
+        self._refusals.judge_spot(position_enu_m)
         facts = replace(facts, law_refusals=self._refusals.current)
         checks = all_rules.checks(facts, self._fleet, self._vehicle)
         return PreflightReport(
@@ -172,6 +179,7 @@ class PreflightReporter:
         )
 
     def _gather(self, view: FlightView, is_airborne: bool, hover_frac: float) -> PreflightFacts:
+        """Return the facts of this tick."""
         now_ns = view.now_ns
         snapshot = view.snapshot
         own = self._own
@@ -195,6 +203,12 @@ class PreflightReporter:
         if inputs.sample is not None:
             sample_delay_s = inputs.sample.delay_s
             sample_age_s = _age_s(now_ns, inputs.sample.received_ns)
+
+        stands_in_for = ""
+        if self._slot_owner != self._vehicle.name:
+            stands_in_for = self._slot_owner
+        if not self._has_flown:  # the hover throttle is learned in flight
+            hover_frac = math.nan
 
         return PreflightFacts(
             # PX4
@@ -228,7 +242,7 @@ class PreflightReporter:
             source_problem=inputs.source_problem,
             pose_sources=inputs.pose_sources(now_ns),
             spots_seen_enu_m=self._spots_seen(view),
-            place="" if self._place == self._vehicle.name else self._place,
+            stands_in_for=stands_in_for,
             position_std_m=own.position_std_m,
             heading_miss_rad=own.heading_offset_rad,
             tilt_miss_rad=self._tilt.difference_rad,
@@ -236,7 +250,7 @@ class PreflightReporter:
             # the flight
             is_airborne=is_airborne,
             has_flown=self._has_flown,
-            hover_frac=hover_frac if self._has_flown else math.nan,  # it is learned in flight
+            hover_frac=hover_frac,
             # bus and other vehicles
             has_duplicate=inputs.has_duplicate(now_ns),
             missing_neighbours=self._missing(now_ns),
@@ -257,24 +271,26 @@ class PreflightReporter:
     def _spots_seen(self, view: FlightView) -> dict[str, Xyz]:
         """Return the positions [m], ENU, of the vehicles that stand where people have put them.
 
-        A vehicle that stands in for another one has that one's name here. Vehicles out of service
-        are left out, because they may have been carried away.
+        A vehicle that stands in for another one has the name of the replaced vehicle here. Vehicles
+        out of service are left out, because they may have been carried away.
         """
         spots: dict[str, Xyz] = {}
         if self._own.age_s < POSITION_STALE_S and not self._has_flown:
-            spots[self._place] = view.position_enu_m
+            spots[self._slot_owner] = view.position_enu_m
         for name, telemetry in self._neighbours.telemetries().items():
             is_put_down = telemetry.state in _BEFORE_FLIGHT and not telemetry.is_airborne
             if not is_put_down or not telemetry.is_position_valid or telemetry.disabled_by:
                 continue
-            place = telemetry.stands_in_for or name
-            if place in self._fleet.vehicles:  # a message may contain any name
-                spots[place] = telemetry.position_enu_m
+            slot_owner = name
+            if telemetry.stands_in_for:
+                slot_owner = telemetry.stands_in_for
+            if slot_owner in self._fleet.vehicles:  # a message may contain any name
+                spots[slot_owner] = telemetry.position_enu_m
         return spots
 
     def _missing(self, now_ns: int) -> tuple[str, ...]:
-        """Return required vehicles that are not heard, except those that others stand in for."""
-        stood_in_for = {self._place}
+        """Return required vehicles that send no messages, and that no other vehicle replaces."""
+        stood_in_for = {self._slot_owner}
         for telemetry in self._neighbours.telemetries().values():
             if not telemetry.disabled_by:
                 stood_in_for.add(telemetry.stands_in_for)
@@ -290,5 +306,7 @@ def _fix_type(snapshot: Snapshot, now_ns: int) -> int | None:
 
 
 def _age_s(now_ns: int, then_ns: int) -> float:
-    """Return the time since ``then_ns`` [s]; infinite if that is 0 (never)."""
-    return (now_ns - then_ns) * 1e-9 if then_ns else math.inf
+    """Return the time since ``then_ns`` [s]; infinite if ``then_ns`` is 0, which means never."""
+    if then_ns == 0:
+        return math.inf
+    return (now_ns - then_ns) * 1e-9

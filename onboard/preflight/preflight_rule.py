@@ -32,9 +32,9 @@ class PreflightCheck:
     """Result of one rule, in words."""
 
     name: str
-    is_ok: bool  # False refuses a take-off
+    is_ok: bool  # False: the result refuses a take-off
     sentence: str
-    remedy: str = ""  # if is_ok is True, a remedy is advice
+    remedy: str = ""  # with is_ok, a remedy is advice
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +64,12 @@ class PreflightRule:
             fleet: the fleet file.
             vehicle: the vehicle, from that file.
         """
-        key, numbers = self.judge(facts, fleet, vehicle)
+        key, values = self.judge(facts, fleet, vehicle)
         words = {
             "name": vehicle.name,
             "autopilot": vehicle.autopilot,
             "body": vehicle.body,
-            **numbers,
+            **values,
         }
         if key == OK:
             return PreflightCheck(self.name, True, self.passes.format(**words))

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 
 from onboard.preflight.preflight_facts import RadioMeasured
 
-# number of samples for each neighbour; there are eleven a second
+# number of samples that are kept for each neighbour; there are eleven a second
 _SAMPLES = 120
-_LEAST_SAMPLES = 60
+_LEAST_SAMPLES = 60  # number of samples from which on delay and loss are known
 _MISSING_S = 1.0  # a neighbour that is silent for longer is missing, and does not count here
-# a state whose age exceeds the delay by this many periods shows that one was lost, or is late
+# an age that exceeds the delay by this many periods shows that a state was lost, or is late
 _LATE_PERIODS = 0.99
 
 

@@ -1,1 +1,1 @@
-"""The agent as a process of its system: priorities, systemd, a background queue."""
+"""The agent as a process: priorities, systemd, deployment, a background queue."""

@@ -16,20 +16,21 @@ log = logging.getLogger("covey.agent")
 class BackgroundQueue:
     """One thread that executes the submitted calls, one after the other.
 
-    :meth:`submit` never blocks. If too many calls wait already, the new one is dropped and counted.
+    :meth:`submit` never blocks. If too many calls wait already, the new call is dropped and
+    counted.
 
     Args:
         name: name of the thread.
-        most: largest number of calls that wait.
+        most: largest number of calls that wait, including the one that runs.
     """
 
     def __init__(self, name: str, most: int = MAX_WAITING) -> None:
-        self.dropped = 0
-        self._room = threading.BoundedSemaphore(most)
+        self.dropped = 0  # number of dropped calls
+        self._room = threading.BoundedSemaphore(most)  # counts the calls that may still be added
         self._worker = ThreadPoolExecutor(1, thread_name_prefix=name)
 
     def submit(self, function: Callable[..., object], *args: Any) -> bool:
-        """Call ``function(*args)`` soon; return False if it is dropped because too many wait."""
+        """Call ``function(*args)`` soon; return False if too many calls wait and it is dropped."""
         if not self._room.acquire(blocking=False):
             self.dropped += 1
             if self.dropped == 1:
@@ -44,6 +45,7 @@ class BackgroundQueue:
         self._worker.shutdown(wait=True)
 
     def _done(self, work: Future[object]) -> None:
+        """Make room after a call, and log its exception."""
         self._room.release()
         error = work.exception()
         if error is not None:

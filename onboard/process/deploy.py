@@ -1,7 +1,7 @@
 """``covey agent deploy``: brings Covey onto each companion computer, with ssh and scp only.
 
-It copies the wheel, the fleet file with the user's own law, and the vehicle's keys. It installs
-the wheel, and starts the agent's service.
+It copies Covey's wheel, the fleet file, the user's own avoidance law if there is one, and the
+vehicle's keys. Then it installs the wheel, and starts the agent's service.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from onboard.exit_status import EXIT_FAILED, EXIT_MIXED, EXIT_OK, EXIT_WRONG_INP
 from onboard.security.credentials import files_of
 from onboard.security.mavlink_key import key_file
 
-_FOLDER = "covey"  # in the home folder of the login on the companion
-_COVEY = ".venv/bin/covey"  # in that folder
+_FOLDER = "covey"  # Covey's folder in the home folder of the user on the companion
+_COVEY = ".venv/bin/covey"  # command in that folder
 
 
 def parser() -> argparse.ArgumentParser:
@@ -86,7 +86,7 @@ def main(words: Sequence[str]) -> int:
 
 
 def _failure_words(fleet: FleetConfig, names: Sequence[str], failed: Sequence[str]) -> str:
-    """Return lines on a deployment that failed for some vehicles, with the command to go on."""
+    """Return the lines that report a deployment that failed for some vehicles."""
     lines = []
     done = [name for name in names if name not in failed]
     if done:
@@ -106,7 +106,7 @@ def _at(fleet: FleetConfig, name: str) -> str:
 
 
 def _check_keys_folder(fleet: FleetConfig) -> None:
-    """Refuse a fleet file whose folder of keys can exist on this computer only."""
+    """Refuse a fleet file whose folder of keys exists only on this computer."""
     if PurePosixPath(fleet.fleet.keys).is_absolute():
         raise ConfigError(
             f"{fleet.path}: 'fleet.keys' is {fleet.fleet.keys!r}, a folder of this computer: no "
@@ -116,9 +116,9 @@ def _check_keys_folder(fleet: FleetConfig) -> None:
 
 
 def _run(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> bool:
-    """Run the command lines for one companion, or print them; return whether all succeeded."""
+    """Run or print the command lines for one companion, and return whether all succeeded."""
     if arguments.status:
-        commands = _status(fleet, name, arguments)
+        commands = _status_commands(fleet, name, arguments)
     else:
         commands = deployment(fleet, name, arguments)
 
@@ -138,19 +138,21 @@ def _ssh(fleet: FleetConfig, name: str, arguments: argparse.Namespace, line: str
 
 
 def _target(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> str:
-    """Return the destination of ssh and scp for one companion: its host, maybe with a user."""
+    """Return the destination of ssh and scp for one companion: HOST or USER@HOST."""
     host = fleet.vehicles[name].host
-    return f"{arguments.login}@{host}" if arguments.login else host
+    if arguments.login:
+        return f"{arguments.login}@{host}"
+    return host
 
 
 def deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> list[list[str]]:
     """Return the command lines that bring one companion up to date.
 
-    Texts of the fleet file must be quoted in lines for the remote shell.
+    Texts from the fleet file are quoted where the remote shell reads them.
     """
     target = _target(fleet, name, arguments)
 
-    keys: list[str] = []
+    keys: list[str] = []  # names of the vehicle's files in the folder of keys
     if fleet.has_keys:
         keys.extend(files_of(name))
     if fleet.vehicles[name].mavlink_signing:
@@ -165,10 +167,10 @@ def deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> 
     commands.append(["scp", "--", fleet.path, f"{target}:{_FOLDER}/fleet.toml"])
     if keys:
         paths = [str(Path(fleet.keys_folder) / file) for file in keys]
-        # the remote folder is quoted, because older versions of scp pass it to a shell, too
+        # the remote folder is quoted, because older versions of scp pass it to a shell
         commands.append(["scp", "-p", "--", *paths, f"{target}:{keys_folder}/"])
 
-    # the companion looks for the module beside its fleet file, in the same folder as here
+    # copy the module of the user's own law to the same folder beside the fleet file as here
     if fleet.own_law is not None and fleet.own_law.file is not None:
         law_folder = shlex.quote(f"{_FOLDER}/{fleet.law.folder}")
         commands.append(["ssh", "--", target, f"mkdir -p {law_folder}"])
@@ -178,8 +180,12 @@ def deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> 
         commands.append(["scp", "--", *arguments.wheel, f"{target}:{_FOLDER}/"])
         commands.append(_ssh(fleet, name, arguments, _installation(arguments.wheel[0])))
 
-    sudo = "" if arguments.user else "sudo "
-    options = " --user" if arguments.user else " --realtime"
+    if arguments.user:
+        sudo = ""
+        options = " --user"
+    else:
+        sudo = "sudo "
+        options = " --realtime"
     vehicle = shlex.quote(name)
     service = f"{sudo}{_COVEY} agent install --fleet fleet.toml --vehicle {vehicle}{options} --now"
     commands.append(_ssh(fleet, name, arguments, service))
@@ -189,17 +195,21 @@ def deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> 
 def _installation(wheel_path: str) -> str:
     """Return the shell line that installs the copied wheel.
 
-    It installs the wheel once with the libraries, and once more by force without them: otherwise
-    pip would not replace an installed wheel of the same version.
+    The first pip installs the wheel with its libraries. The second pip installs only the wheel, by
+    force, because the first one does not replace an installed wheel of the same version.
     """
     wheel = shlex.quote(f"./{Path(wheel_path).name}")
     pip = ".venv/bin/pip install -q --find-links ."
     return f"python3 -m venv .venv && {pip} {wheel} && {pip} --force-reinstall --no-deps {wheel}"
 
 
-def _status(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> list[list[str]]:
+def _status_commands(
+    fleet: FleetConfig, name: str, arguments: argparse.Namespace
+) -> list[list[str]]:
     """Return the command lines that print Covey's version, the fleet file's hash and the status."""
     version = ".venv/bin/pip show covey | grep Version"
-    user = " --user" if arguments.user else ""
+    user = ""
+    if arguments.user:
+        user = " --user"
     agent = f"{_COVEY} agent status --fleet fleet.toml --vehicle {shlex.quote(name)}{user}"
     return [_ssh(fleet, name, arguments, f"{version}; sha256sum fleet.toml | cut -c1-12; {agent}")]

@@ -1,8 +1,8 @@
 """Settings of the process that keep delays out of the control loop.
 
 Garbage is collected only while the vehicle stands on the ground. A separate thread writes the log
-lines, because the program that reads them may hang. Threads get Python's lock quickly. On a drone's
-companion computer the loop's thread may have precedence over everything else.
+lines, because the program that reads them may hang. Python's lock changes threads quickly. On a
+drone's companion computer the control loop's thread may have real-time priority.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from onboard.plain_text import PlainStream
 
 _MAX_LINES = 2000  # lines of the log that may wait for the thread that writes them
 
-# Time after which a thread must hand over Python's lock (GIL) to one that waits for it. It is
-# longer than a tick computes, so that no thread of lower priority interrupts a tick. It is short
-# compared with the period of the ticks, so that the loop soon gets the lock back from another one.
+# Time after which a thread must hand over Python's lock (GIL) to a waiting thread. It is longer
+# than the computation of a tick, so that no other thread interrupts a tick. It is short compared
+# with the period of the ticks, so that the loop soon gets the lock back from another thread.
 _SWITCH_S = 0.002
 
-_REALTIME_PRIORITY = 10  # of the control loop's thread
-_HELPERS_PRIORITY = 5  # of the other threads
-_LEAST_FREE_BYTES = 50_000_000  # a disk with less is full
-_HUNG_US = 1_000_000  # of computing without a pause; the control loop pauses in each tick
+_REALTIME_PRIORITY = 10  # priority of the control loop's thread
+_HELPERS_PRIORITY = 5  # priority of the other threads
+_LEAST_FREE_BYTES = 50_000_000  # a disk with less free space is full
+_HUNG_US = 1_000_000  # longest computation without a pause; the control loop pauses in each tick
 
 
-class _Lines(logging.handlers.QueueHandler):
-    """Passes records on to the writing thread; a full queue drops them, since the writer hangs."""
+class _LinesHandler(logging.handlers.QueueHandler):
+    """Passes records on to the writing thread; drops them while the queue is full."""
 
     def enqueue(self, record: logging.LogRecord) -> None:
         with contextlib.suppress(queue.Full):
@@ -56,9 +56,9 @@ def log_elsewhere(name: str, level: str) -> logging.handlers.QueueListener:
     writer.setFormatter(logging.Formatter(f"%(asctime)s {name} %(levelname)s %(message)s"))
 
     lines: queue.Queue[logging.LogRecord] = queue.Queue(_MAX_LINES)
-    handed_over = _Lines(lines)
-    handed_over.setFormatter(logging.Formatter("%(message)s"))  # the writer adds the rest
-    logging.basicConfig(level=level, handlers=[handed_over], force=True)
+    handler = _LinesHandler(lines)
+    handler.setFormatter(logging.Formatter("%(message)s"))  # the writer adds time, name and level
+    logging.basicConfig(level=level, handlers=[handler], force=True)
 
     listener = logging.handlers.QueueListener(lines, writer)
     listener.start()
@@ -68,10 +68,10 @@ def log_elsewhere(name: str, level: str) -> logging.handlers.QueueListener:
 def settle() -> None:
     """Collect garbage once after everything is loaded, and switch automatic collections off.
 
-    A collection in flight would cost ticks. Without collections only objects that refer to each
-    other in a circle stay in memory, and the agent's ticks do not make such objects. The objects
-    that exist now are frozen: no later collection examines them. :func:`tidy` collects newer ones
-    while the vehicle is on the ground.
+    A collection in flight would delay ticks. Without collections only objects that refer to each
+    other in a circle stay in memory, and the agent's ticks do not make such objects. No later
+    collection examines the objects that exist now. :func:`tidy` collects newer objects while the
+    vehicle is on the ground.
     """
     sys.setswitchinterval(_SWITCH_S)
     gc.collect()
@@ -80,34 +80,36 @@ def settle() -> None:
 
 
 def tidy() -> None:
-    """Collect the garbage that was made since :func:`settle`; only for the ground."""
+    """Collect the garbage since :func:`settle`. To be called only on the ground."""
     gc.collect()
 
 
 def is_disk_full() -> bool:
-    """Return whether the disk with our log file has no room left.
+    """Return whether the disk with the log file (stderr) has no space left.
 
-    If the log is not written to a file, the disk of the working directory counts.
+    If stderr is not a file, the disk of the working directory is checked.
     """
     try:
-        is_file = stat.S_ISREG(os.fstat(2).st_mode)
-        disk = os.statvfs(2 if is_file else ".")
+        if stat.S_ISREG(os.fstat(2).st_mode):
+            disk = os.statvfs(2)
+        else:
+            disk = os.statvfs(".")
     except OSError:
         return False
     return disk.f_bavail * disk.f_frsize < _LEAST_FREE_BYTES
 
 
 def take_precedence() -> str:
-    """Give the calling thread precedence over all programs; return a sentence about the result.
+    """Give the calling thread real-time priority, and return a sentence about the result.
 
-    The other threads of the process get a lower real-time priority. A thread that has Python's lock
-    and waits for a processor holds up the loop, whatever the loop's priority is. Threads that start
-    later get no precedence, since their work may wait.
+    The other threads of the process get a lower real-time priority. Otherwise such a thread could
+    hold Python's lock while it waits for a processor, and delay the loop. Threads that start later
+    get no real-time priority, since their work may wait.
     """
     try:
         threads = {int(name) for name in os.listdir("/proc/self/task")}
         for thread in threads - {threading.get_native_id()}:
-            with contextlib.suppress(ProcessLookupError):  # it has just ended
+            with contextlib.suppress(ProcessLookupError):  # the thread has just ended
                 os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(_HELPERS_PRIORITY))
 
         policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
@@ -121,11 +123,11 @@ def take_precedence() -> str:
 
 
 def end_when_hung() -> None:
-    """Let the kernel end this process when a thread with precedence computes without a pause.
+    """Let the kernel end this process when a real-time thread computes for too long.
 
     A user's avoidance law that never returns would take a processor from all other programs on this
-    computer, for instance from the emulator. After a second the kernel ends the process; the stack
-    of the law is written to stderr.
+    computer, for instance from the emulator. After a second the kernel ends the process, and the
+    stack of the law is written to stderr.
     """
     with contextlib.suppress(OSError, ValueError, AttributeError):  # only Linux has this limit
         faulthandler.register(signal.SIGXCPU, all_threads=False, chain=True)

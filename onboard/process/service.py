@@ -1,4 +1,4 @@
-"""``covey agent install|status|logs``: the agent as a systemd service of a drone's computer."""
+"""``covey agent install|status|logs``: the agent as a systemd service on a drone's computer."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from onboard.config.fleet import ConfigError, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_OK, EXIT_WRONG_INPUT
 
 VERBS = ("install", "status", "logs")
-_MARK = "# Written by covey agent install"  # first line of the unit files that are written here
+_MARK = "# Written by covey agent install"  # first line of the unit files of this module
 _SYSTEM_FOLDER = Path("/etc/systemd/system")
 SYSTEMD_RUNS = Path("/run/systemd/system")  # exists if systemd booted this computer: sd_booted(3)
 
-# properties from which the status is composed: systemctl(1), show
-_SHOWN = (
+# properties that the status needs: systemctl(1), show
+_SHOWN_PROPERTIES = (
     "LoadState",
     "ActiveState",
     "SubState",
@@ -35,8 +35,8 @@ _SHOWN = (
     "ExecMainStatus",
     "MainPID",
 )
-# systemd's property ``SubState`` -> what the service does meanwhile, in words
-_ON_THE_WAY = {
+# systemd's property ``SubState`` -> words, for a service that is neither running nor stopped
+_IN_TRANSITION = {
     "start": "is starting: its first tick has not run yet",
     "stop-sigterm": "is stopping: in flight it lands first",
 }
@@ -68,17 +68,26 @@ class Service:
         if not self.is_user:
             return _SYSTEM_FOLDER / self.unit
 
-        home = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
-        return Path(home) / "systemd" / "user" / self.unit
+        folder = Path.home() / ".config"
+        configured = os.environ.get("XDG_CONFIG_HOME")
+        if configured:
+            folder = Path(configured)
+        return folder / "systemd" / "user" / self.unit
+
+    @property
+    def manager_options(self) -> list[str]:
+        """Options of systemctl and journalctl that select the user's or the system's systemd."""
+        if self.is_user:
+            return ["--user"]
+        return []
 
     def systemctl(self, *words: str) -> list[str]:
-        """Return a command line of systemctl, for the system's or the user's systemd."""
-        manager = ["--user"] if self.is_user else []
-        return ["systemctl", *manager, *words]
+        """Return a command line of systemctl for this service's systemd."""
+        return ["systemctl", *self.manager_options, *words]
 
 
 def unit_text(service: Service, arguments: Sequence[str] = ()) -> str:
-    """Return the unit file: the filled-in template, with ``arguments`` for the agent."""
+    """Return the text of the unit file, with ``arguments`` for the agent."""
     command = [
         sys.executable,
         "-m",
@@ -90,9 +99,12 @@ def unit_text(service: Service, arguments: Sequence[str] = ()) -> str:
         *arguments,
     ]
 
-    for_system = ""
+    # lines that only a unit of the system has, and the target at which the service starts
+    system_lines = ""
+    target = "default"
     if not service.is_user:
-        for_system = _template("agent_system.conf").substitute(user=_user())
+        system_lines = _template("agent_system.conf").substitute(user=_user())
+        target = "multi-user"
 
     return _template("agent.service").substitute(
         vehicle=service.vehicle,
@@ -100,15 +112,16 @@ def unit_text(service: Service, arguments: Sequence[str] = ()) -> str:
         command=" ".join(_quoted(word) for word in command),
         folder=_escaped(str(Path(service.fleet_path).parent)),
         name=service.unit.removesuffix(".service"),
-        system=for_system,
-        target="default" if service.is_user else "multi-user",
+        system=system_lines,
+        target=target,
     )
 
 
 def _user() -> str:
-    """Return the user as whom the agent runs: who calls this command, also by sudo."""
-    if os.geteuid() == 0:
-        return os.environ.get("SUDO_USER") or getpass.getuser()
+    """Return the user as whom the agent runs: the one who calls this command, also with sudo."""
+    caller = os.environ.get("SUDO_USER")
+    if os.geteuid() == 0 and caller:
+        return caller
     return getpass.getuser()
 
 
@@ -135,14 +148,14 @@ def _quoted(word: str) -> str:
 
 
 def install(service: Service, arguments: Sequence[str], *, prints: bool, starts: bool) -> int:
-    """Write the unit file, after systemd has verified it; return the exit status.
+    """Write the unit file after systemd has verified it, and return the exit status.
 
     On a computer without systemd it is written without verification.
 
     Args:
-        service: service that is installed.
+        service: service to install.
         arguments: options for the agent.
-        prints: whether the unit file is only printed.
+        prints: whether to print the unit file instead.
         starts: whether the service starts now and at every boot.
     """
     text = unit_text(service, arguments)
@@ -156,7 +169,7 @@ def install(service: Service, arguments: Sequence[str], *, prints: bool, starts:
     print(f"{service.path} is written.")
 
     start = shlex.join(service.systemctl("enable", "--now", service.unit))
-    failure = _tell_systemd(service, starts=starts)
+    failure = _reload_systemd(service, starts=starts)
     if failure:
         return _fail(f"{failure} The unit stays; when systemd runs, type: {start}")
 
@@ -182,14 +195,17 @@ def _write_problem(service: Service, text: str) -> str:
 
     path = service.path
     try:
-        if path.is_symlink() or (path.exists() and not _is_ours(path)):
+        is_foreign = path.is_symlink() or (path.exists() and not _is_ours(path))
+        if is_foreign:
             return (
                 f"{path} was not written by covey agent install: move it away, or rename the fleet."
             )
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
+        reason: str | None = str(error)
+        if isinstance(error, OSError):
+            reason = error.strerror
         return (
             f"{path} cannot be written ({reason}): use sudo, or --user for a service of your own."
         )
@@ -201,8 +217,12 @@ def _is_ours(path: Path) -> bool:
     return path.read_text(encoding="utf-8").startswith(_MARK)
 
 
-def _tell_systemd(service: Service, *, starts: bool) -> str:
-    """Let systemd read its units again and maybe start this one; return the first failure."""
+def _reload_systemd(service: Service, *, starts: bool) -> str:
+    """Let systemd read its units again, and start this service if ``starts``.
+
+    Returns:
+        the first failure in a sentence; empty if there is none.
+    """
     commands = [service.systemctl("daemon-reload")]
     if starts:
         commands.append(service.systemctl("enable", service.unit))
@@ -219,43 +239,50 @@ def _tell_systemd(service: Service, *, starts: bool) -> str:
 
 
 def status(service: Service) -> int:
-    """Print the state of the service by systemd in a sentence; return the exit status."""
+    """Print the state of the service in a sentence, and return the exit status."""
     if shutil.which("systemctl") is None:
         return _fail(
             "This computer has no systemd (systemctl is not found): "
             "start the agent with covey agent."
         )
 
-    properties = [f"--property={name}" for name in _SHOWN]
+    properties = [f"--property={name}" for name in _SHOWN_PROPERTIES]
     command = [*service.systemctl("show", service.unit), *properties]
     shown = subprocess.run(command, capture_output=True, text=True, check=False)
     if shown.returncode != 0:
-        return _fail(f"systemd does not answer ({_words(shown.stderr) or shown.returncode}).")
+        return _fail(f"systemd does not answer ({_reason(shown)}).")
 
-    values = dict(line.partition("=")[::2] for line in shown.stdout.splitlines())
+    values: dict[str, str] = {}  # property -> value
+    for line in shown.stdout.splitlines():
+        name, _, value = line.partition("=")
+        values[name] = value
     if values.get("LoadState") == "not-found":
         return _fail(
             f"{service.unit} is not installed: type covey agent install with the same options."
         )
 
-    restarts = values.get("NRestarts", "0")
-    again = f", restarted {restarts} times" if restarts not in ("", "0") else ""
+    restart_words = ""
+    restarts = values.get("NRestarts", "")
+    if restarts not in ("", "0"):
+        restart_words = f", restarted {restarts} times"
 
     if values.get("ActiveState") == "active":
-        text = values.get("StatusText") or "no status yet"
-        print(f"{service.unit} runs (process {values.get('MainPID')}{again}): {text}.")
+        text = values.get("StatusText")
+        if not text:
+            text = "no status yet"
+        print(f"{service.unit} runs (process {values.get('MainPID')}{restart_words}): {text}.")
         return EXIT_OK
 
-    on_the_way = _ON_THE_WAY.get(values.get("SubState", ""))
-    if on_the_way is not None:
-        print(f"{service.unit} {on_the_way}.")
+    in_transition = _IN_TRANSITION.get(values.get("SubState", ""))
+    if in_transition is not None:
+        print(f"{service.unit} {in_transition}.")
         return EXIT_FAILED
 
     result = values.get("Result", "")
     unknown = f"{result}, exit status {values.get('ExecMainStatus')}"
     reason = _ENDED_BECAUSE.get(result, unknown)
     print(
-        f"{service.unit} does not run ({values.get('ActiveState')}{again}): {reason}. "
+        f"{service.unit} does not run ({values.get('ActiveState')}{restart_words}): {reason}. "
         "See covey agent logs."
     )
     return EXIT_FAILED
@@ -271,8 +298,8 @@ def logs(service: Service, *, follows: bool, lines: int) -> int:
             "This computer has no journal (journalctl is not found): see the output of covey agent."
         )
 
-    manager = ["--user"] if service.is_user else []
-    command = ["journalctl", *manager, "--unit", service.unit, "--no-pager", "--lines"]
+    command = ["journalctl", *service.manager_options]
+    command += ["--unit", service.unit, "--no-pager", "--lines"]
 
     probe = subprocess.run(
         [*command, "1", "--quiet", "--output=cat"], capture_output=True, text=True, check=False
@@ -306,33 +333,36 @@ def verify(service: Service, text: str) -> str:
         path = Path(folder) / service.unit
         path.write_text(text, encoding="utf-8")
 
-        # verified as a unit of the system even if it is a user's, whose systemd need not run here:
-        # the syntax is the same
+        # A unit of a user is also verified as a unit of the system: the syntax is the same, and the
+        # user's systemd may not be running.
         command = ["systemd-analyze", "verify", "--man=no", "--recursive-errors=no", str(path)]
         verified = subprocess.run(command, capture_output=True, text=True, check=False)
 
-    # other lines are about other units, or about a systemd that does not run
+    # only lines with this unit are kept; other lines are about other units or about systemd itself
     own = [line for line in verified.stderr.splitlines() if service.unit in line]
     return " ".join(own).replace(f"{folder}/", "")
 
 
 def _run(command: Sequence[str]) -> str:
-    """Run a command line; return its failure in a sentence, or an empty text."""
+    """Run a command line, and return its failure in a sentence; empty if it succeeded."""
     if shutil.which(command[0]) is None:
         return f"This computer has no systemd ({command[0]} is not found)."
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     if ended.returncode == 0:
         return ""
-    return f"{shlex.join(command)} failed: {_words(ended.stderr) or ended.returncode}."
+    return f"{shlex.join(command)} failed: {_reason(ended)}."
 
 
-def _words(text: str) -> str:
-    """Return a program's output as part of one line."""
-    return " ".join(text.split()).rstrip(".")
+def _reason(failed: subprocess.CompletedProcess[str]) -> str:
+    """Return what a failed program wrote to stderr, in one line; or else its exit status."""
+    words = " ".join(failed.stderr.split()).rstrip(".")
+    if words:
+        return words
+    return str(failed.returncode)
 
 
 def _fail(sentence: str) -> int:
-    """Print a sentence about wrong input or a missing systemd; return the exit status."""
+    """Print a sentence about wrong input or a missing systemd, and return the exit status."""
     print(f"agent: {sentence}", file=sys.stderr)
     return EXIT_WRONG_INPUT
 
@@ -380,7 +410,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Install, show or read one service; return the exit status."""
+    """Run one of the commands, and return the exit status."""
     options = parser().parse_args(argv)
     try:
         fleet = load_fleet(options.fleet)

@@ -1,7 +1,7 @@
 """Messages to systemd: READY once, WATCHDOG while the control loop ticks, STATUS in a few words.
 
-Only a completed tick may send them: when the loop hangs, no message comes, and systemd ends and
-restarts the process. If systemd has not started the process, nothing is sent: sd_notify(3).
+Only a completed tick sends them. So when the loop hangs, no message comes, and systemd restarts the
+process. If systemd has not started the process, nothing is sent. See sd_notify(3).
 """
 
 from __future__ import annotations
@@ -14,22 +14,23 @@ _LONGEST_NS = 1_000_000_000  # longest time from one message to the next
 
 
 class Notifier:
-    """Sends messages to the socket that ``NOTIFY_SOCKET`` names; without one it does nothing.
+    """Sends messages to systemd's socket.
 
     Args:
-        environ: environment with NOTIFY_SOCKET, and with WATCHDOG_USEC, the longest time between
-            two messages. Tests pass their own.
+        environ: environment. NOTIFY_SOCKET is the path of systemd's socket; without it nothing is
+            sent. WATCHDOG_USEC is the longest time between two messages.
     """
 
     def __init__(self, environ: Mapping[str, str] = os.environ) -> None:
         path = environ.get("NOTIFY_SOCKET", "")
-        is_abstract = path.startswith("@")
-        self._address = "\0" + path[1:] if is_abstract else path
+        self._address = path
+        if path.startswith("@"):  # an abstract socket, which has no file
+            self._address = "\0" + path[1:]
 
-        self._every_ns = _LONGEST_NS
+        self._every_ns = _LONGEST_NS  # time from one message to the next
         watchdog_us = environ.get("WATCHDOG_USEC", "")
         if watchdog_us.isdigit():
-            # a third, so that two messages may be lost
+            # a third of the longest time, so that two messages may be lost
             third_ns = int(watchdog_us) * 1000 // 3
             self._every_ns = min(_LONGEST_NS, third_ns)
 
@@ -38,8 +39,8 @@ class Notifier:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
             self._socket.setblocking(False)
 
-        self._sent_ns: int | None = None
-        self._status = ""
+        self._sent_ns: int | None = None  # time of the last message; None before the first
+        self._status = ""  # status in the last message
 
     def alive(self, now_ns: int, status: str) -> None:
         """Report a completed tick; ``status`` is the state of the flight."""
@@ -57,7 +58,7 @@ class Notifier:
         try:
             self._socket.sendto("\n".join(lines).encode(), self._address)
         except OSError:
-            return  # its queue is full, or systemd is gone: the next tick tries again
+            return  # the socket's queue is full, or systemd is gone: the next tick tries again
 
         self._sent_ns = now_ns
         self._status = status

@@ -80,8 +80,8 @@ _RATES_HZ = {
     _BATTERY_STATUS: 2.0,
     _ESTIMATOR_STATUS: 5.0,
     # The sticks that PX4 has selected, of a radio control or of a joystick. PX4 sends this message
-    # while it hears them, and once more when it has lost them. RC_CHANNELS is no substitute: PX4
-    # sends it with a lost transmitter, too.
+    # while it receives the sticks, and once more when it has lost them. RC_CHANNELS is no
+    # substitute, because PX4 also sends it while the transmitter is lost.
     _MANUAL_CONTROL: 5.0,
 }
 
@@ -97,7 +97,7 @@ _FRAME_LOCAL_NED = 1
 _FRAME_LOCAL_FRD_VELOCITY = 12
 _ESTIMATOR_TYPE_VISION = 2
 _QUALITY_PERCENT = 100
-_ATTITUDE_VARIANCE_RAD2 = 1e-4  # of roll, pitch and yaw each
+_ATTITUDE_VARIANCE_RAD2 = 1e-4  # variance of roll, of pitch and of yaw
 
 _TUNE = "MFT180O4L8CEGO5CP4O4CEGO5C"  # a rising chord, twice; at most 29 characters
 
@@ -177,8 +177,8 @@ class Px4Link:
         self._system: Any = None  # MAVSDK's system; None before PX4 has been heard
         self._param: Param | None = None  # MAVSDK's parameters; None before PX4 has been heard
 
-        # name of a message, and id of the battery monitor or nothing -> newest payload that is not
-        # yet parsed (of a STATUSTEXT: the whole text), and its arrival
+        # (name of a message, id of its battery monitor or empty) -> (newest payload that is not yet
+        # parsed, its arrival); instead of the payload of a STATUSTEXT, its whole text
         self._unread: dict[tuple[str, bytes], tuple[bytes, int]] = {}
         self._batteries = BatteryReports()
         self._texts = StatusTexts()
@@ -409,7 +409,7 @@ class Px4Link:
         self._command(modes.CMD_REQUEST_MESSAGE, float(_HEARTBEAT))
 
     def reboot(self) -> None:
-        """Reboot the autopilot only (PREFLIGHT_REBOOT_SHUTDOWN); an armed PX4 refuses."""
+        """Reboot only the autopilot (PREFLIGHT_REBOOT_SHUTDOWN); an armed PX4 refuses."""
         self._command(modes.CMD_REBOOT, 1.0)
 
     def play_tune(self) -> None:

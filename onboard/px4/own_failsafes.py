@@ -37,13 +37,13 @@ class OwnParameter:
     name: str  # PX4's name of the parameter
     since: Version = FIRST  # first version of PX4 that has it
     before: Version = LAST  # first version of PX4 that does not have it any more
-    demand: Value | None = None  # value that a wrong one is replaced by
+    demand: Value | None = None  # value that replaces a wrong value
     reason: str = ""  # effect of the demanded value
 
     # other values that are as good
     accepts: tuple[Value, ...] = ()  # each of these values
-    least: Value | None = None  # every value from this one on ...
-    most: Value | None = None  # ... to this one
+    least: Value | None = None  # every value between least and most
+    most: Value | None = None
     without_bits: int = 0  # every value that has none of these bits
     bound: str = ""  # name of the vehicle's limit from which least or most follows
 

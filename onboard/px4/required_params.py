@@ -45,10 +45,10 @@ class RequiredParam:
     is_advice: bool = False
 
     # other values that are as good
-    tolerance: float = 0.0  # every value within this of the required one
+    tolerance: float = 0.0  # every value that differs from the required value by at most this
     accepts: tuple[Value, ...] = ()  # each of these values
-    least: Value | None = None  # every value from this one on ...
-    most: Value | None = None  # ... to this one
+    least: Value | None = None  # every value between least and most
+    most: Value | None = None
     without_bits: int = 0  # every value that has none of these bits
 
     is_optional: bool = False  # True: a PX4 without this parameter is all right

@@ -1,1 +1,1 @@
-"""The pipeline over many vehicles at once, interpreted or compiled; pure."""
+"""The control pipeline of many simulated vehicles at once, interpreted or compiled. Pure."""

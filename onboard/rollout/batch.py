@@ -1,10 +1,11 @@
-"""Runs one tick of many vehicles at once, with the drone's own pipeline and filter.
+"""Runs one tick of many vehicles at once, with the drone's own control pipeline and Kalman filter.
 
-Arrays are (F, N): F flights of N vehicles, one row per vehicle (:mod:`onboard.rollout.rows`).
+Arrays are (F, N): F flights of N vehicles. Each vehicle has one row of floats
+(:mod:`onboard.rollout.rows`), and a neighbour of a vehicle has one too: (F, N, K).
 
 Only this module compiles code, with numba. If numba is not installed, or with ``COVEY_NUMBA=0``,
-the same functions are interpreted. The results are the same, but it is some hundred times slower.
-numba keeps compiled code on disk beside the source, or in the user's cache folder if the source is
+the same functions are interpreted: the results are the same, but some hundred times slower. numba
+keeps compiled code on disk beside the source, or in the user's cache folder if the source is
 read-only.
 """
 
@@ -139,13 +140,13 @@ _PUBLISHED_OF_LAW = (
 
 
 class PassRows(NamedTuple):
-    """Inputs of one pass of the pipeline of many vehicles; some neighbours may be absent."""
+    """Inputs of the pipelines of many vehicles for one tick; some neighbours may be absent."""
 
     states: Rows  # (..., N)
     goals: Rows  # (..., N)
     neighbours: Rows  # (..., N, K)
     is_present: BoolArray  # (..., N, K)
-    modes: IntArray  # (..., N), of ControlMode
+    modes: IntArray  # (..., N), values of ControlMode
 
 
 class Controller(Protocol):
@@ -154,7 +155,7 @@ class Controller(Protocol):
     def step(
         self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float
     ) -> Rows:
-        """Return the ticks (F, N) of all vehicles.
+        """Return the outputs (F, N) of all vehicles' pipelines in this tick, as rows of Tick.
 
         Args:
             states, goals: estimates and goals (F, N).
@@ -167,7 +168,7 @@ class Controller(Protocol):
 
 
 class FleetPipeline:
-    """The pipelines of all vehicles: a :class:`Controller`.
+    """The pipelines of all vehicles, which implement :class:`Controller`.
 
     Args:
         params: parameters of the N vehicles.
@@ -194,12 +195,12 @@ class FleetPipeline:
     def step(
         self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float
     ) -> Rows:
-        """Return the ticks of all vehicles in flight, see :class:`Controller`."""
-        legs = self._routes.goals(states, goals, neighbours, is_present, dt_s)
+        """Return the ticks of all vehicles as in :class:`Controller`; all of them fly."""
+        routed_goals = self._routes.goals(states, goals, neighbours, is_present, dt_s)
         modes = np.full(states.shape, int(ControlMode.FLYING))
         inputs = PassRows(
             states=states,
-            goals=legs,
+            goals=routed_goals,
             neighbours=neighbours,
             is_present=is_present,
             modes=modes,
@@ -213,11 +214,11 @@ class FleetPipeline:
 
 
 class FleetEstimator:
-    """The filters of all vehicles, hovering at the start.
+    """The filters of all vehicles. They begin with vehicles that hover.
 
     Args:
         params: parameters of the N filters.
-        start_enu_m: known positions (F, N, 3) [m].
+        start_enu_m: positions (F, N, 3) at which the vehicles hover [m].
     """
 
     def __init__(self, params: Sequence[kalman.KalmanParams], start_enu_m: Array) -> None:
@@ -277,10 +278,10 @@ class FleetEstimator:
 
 
 def step(memories: Rows, inputs: PassRows, obstacles: Rows, params: Rows, dt_s: float) -> Rows:
-    """Return the ticks of many vehicles: ``pipeline.step`` of each.
+    """Return the ticks (..., N) of many vehicles: the result of ``pipeline.step`` for each.
 
     Args:
-        memories: memories (..., N), which are changed in place.
+        memories: memories (..., N) of the pipelines, which are changed in place.
         inputs: inputs of each vehicle.
         obstacles: static obstacles (O,), the same for all.
         params: parameters (N,) of the vehicles.
@@ -288,7 +289,7 @@ def step(memories: Rows, inputs: PassRows, obstacles: Rows, params: Rows, dt_s: 
     """
     ticks = TICK.rows(inputs.states.shape)
     size = ticks.size
-    most = inputs.neighbours.shape[-1]
+    neighbour_count = inputs.neighbours.shape[-1]
 
     # writable arrays, because numba would compile the code once more for read-only ones
     is_present = np.require(inputs.is_present, requirements=["C", "W"])
@@ -296,8 +297,8 @@ def step(memories: Rows, inputs: PassRows, obstacles: Rows, params: Rows, dt_s: 
     flat_inputs = (
         _flat(inputs.states),
         _flat(inputs.goals),
-        floats(inputs.neighbours).reshape(size, most, NEIGHBOUR.width),
-        is_present.reshape(size, most),
+        floats(inputs.neighbours).reshape(size, neighbour_count, NEIGHBOUR.width),
+        is_present.reshape(size, neighbour_count),
         modes.reshape(size),
     )
     _loops().step(
@@ -312,9 +313,10 @@ def step(memories: Rows, inputs: PassRows, obstacles: Rows, params: Rows, dt_s: 
 
 
 def message(states: Rows, ticks: Rows | None) -> Rows:
-    """Return the message of each vehicle, as rows of Neighbour.
+    """Return the state message of each vehicle, as rows of Neighbour.
 
-    Before the first tick a vehicle publishes no command, and its present position as prediction.
+    Before the first tick a vehicle publishes no command, and its present position is its predicted
+    position.
 
     Args:
         states: estimates (F, N).
@@ -336,9 +338,10 @@ def message(states: Rows, ticks: Rows | None) -> Rows:
 
 
 def all_others(count: int) -> IntArray:
-    """Return the senders (N, N - 1) if every vehicle receives from every other one."""
+    """Return the senders (N, N - 1) if every vehicle receives from every other vehicle."""
     all_vehicles = np.arange(count)
-    return np.array([np.delete(all_vehicles, own) for own in range(count)]).reshape(count, -1)
+    senders = [np.delete(all_vehicles, receiver) for receiver in range(count)]
+    return np.array(senders).reshape(count, -1)
 
 
 def received(inbox: Rows, age_s: Array, senders: IntArray, is_cooperative: BoolArray) -> Rows:
@@ -358,14 +361,14 @@ def received(inbox: Rows, age_s: Array, senders: IntArray, is_cooperative: BoolA
     neighbours: Rows = floats(inbox)[index].view(NEIGHBOUR.dtype)[..., 0]
     neighbours["age_s"] = age_s[index]
     neighbours["is_cooperative"] = is_cooperative[index]
-    # by the paper's own law each vehicle avoids one other: the next one, in a ring
+    # by the paper's law each vehicle avoids the next vehicle, and the last vehicle the first
     neighbours["is_paper_obstacle"] = sender == (receiver + 1) % vehicle_count
     neighbours["table_index"] = np.arange(senders.shape[-1])
     return neighbours
 
 
 def is_compiled() -> bool:
-    """Whether batches run compiled: numba is installed, and ``COVEY_NUMBA`` is not 0."""
+    """Whether batches are compiled: numba is installed, and ``COVEY_NUMBA`` is not 0."""
     return _numba() is not None
 
 
@@ -408,14 +411,17 @@ def warm_up() -> bool:
 
 
 def _flat(rows: Rows) -> Array:
-    """Return the numbers (size, width) of rows; to be written to, the rows must be contiguous."""
+    """Return the numbers (size, width) of rows; contiguous rows share their memory with them."""
     return floats(rows).reshape(rows.size, rows.dtype.itemsize // 8)
 
 
 def _step_rows(
     memories: Any, inputs: Any, obstacles: Any, params: Any, ticks: Any, dt_s: float
 ) -> None:
-    """Compute and write the tick of each vehicle, and its memory after that tick."""
+    """Compute and write the tick of each vehicle, and the memory of its pipeline after it.
+
+    All arrays have one row for each of F N vehicles; only ``params`` has N rows.
+    """
     states, goals, neighbours, is_present, modes = inputs
     walls = [_read_obstacle(obstacles[k]) for k in range(obstacles.shape[0])]
 
@@ -443,10 +449,13 @@ def _step_rows(
 def _estimate_rows(
     memories: Any, inputs: Any, params: Any, states: Any, age_s: float, dt_s: float
 ) -> None:
-    """Compute and write the state of each vehicle, and the memory of its filter after that."""
+    """Compute and write the state of each vehicle, and the memory of its filter after it.
+
+    All arrays have one row for each of F N vehicles; only ``params`` has N rows.
+    """
     for m in range(memories.shape[0]):
         own_params = _read_filter_params(params[m % params.shape[0]])
-        row = inputs[m]  # FleetEstimator.step has filled its columns
+        row = inputs[m]  # columns as in FleetEstimator.step
         quaternion = (row[0], row[1], row[2], row[3])
         thrust_frac = row[4]
         hover_frac = row[5]
@@ -501,7 +510,8 @@ def _jit(numba: Any, function: Compiled, version: int) -> Compiled:
 
     def run(*arguments: Any) -> int:
         function(*arguments)
-        return version  # in the closure, because numba's cache depends on the closure's values
+        # numba's cache depends on the values of the closure, so the closure has to use the version
+        return version
 
     options = {"nogil": True, "fastmath": False}
     try:
@@ -528,7 +538,7 @@ def _functions() -> list[FunctionType]:
 def _digest() -> int:
     """Return a number that changes with any function or constant that compiled code uses.
 
-    It is needed because numba's cache notices changes of one file only.
+    It is needed because numba's cache notices only changes of the file of the compiled function.
     """
     constants = []
     for module in _MODULES:
@@ -536,18 +546,21 @@ def _digest() -> int:
             if isinstance(value, (int, float, tuple)):
                 constants.append((name, value))
 
-    code = [_parts(function.__code__) for function in _functions()]
+    code = [_code_parts(function.__code__) for function in _functions()]
     data = repr((code, constants, [layout.dtype for layout in _LAYOUTS]))
     return zlib.crc32(data.encode())
 
 
-def _parts(code: CodeType) -> list[object]:
+def _code_parts(code: CodeType) -> list[object]:
     """Return the content of a function's code, which is equal in every process.
 
-    ``marshal`` is not used: for code from a .pyc file it gives other bytes than for the same code
-    compiled just now, so that the law would be compiled twice on a new machine.
+    ``marshal`` is not used: it gives different bytes for code from a .pyc file and for the same
+    code that was just compiled. So the law would be compiled twice on a new machine.
     """
     parts: list[object] = [code.co_code, code.co_names, code.co_freevars]
     for constant in code.co_consts:
-        parts.append(_parts(constant) if isinstance(constant, CodeType) else constant)
+        if isinstance(constant, CodeType):
+            parts.append(_code_parts(constant))
+        else:
+            parts.append(constant)
     return parts

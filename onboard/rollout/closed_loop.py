@@ -1,8 +1,8 @@
 """Flies the pipeline in a closed loop with vehicle models, for many flights and vehicles at once.
 
 Each vehicle flies by its own estimate from noisy, late mocap samples. It receives the messages of
-the others late and with losses. Flights are repeatable: each one draws its random numbers from its
-own seed, alone as well as in a batch.
+the other vehicles late and with losses. Each flight draws its random numbers from its own seed, so
+it gives the same result alone and in a batch.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from onboard.types import TICK_S
 class Scenario:
     """Legs that F flights of N vehicles fly one after the other.
 
-    A leg ends when all have arrived, or when its time is over.
+    A leg ends when all vehicles have arrived, or when its time is over.
     """
 
     start_enu_m: Array  # (F, N, 3) starts
     legs_enu_m: Array  # (F, L, N, 3) goals of each leg
     duration_s: Array  # (L,) commanded duration of each leg
     timeout_s: float = 40.0  # longest time of a leg
-    is_parked: tuple[bool, ...] = ()  # (N,) whether a vehicle stands all the time; empty: none does
+    is_parked: tuple[bool, ...] = ()  # (N,) whether a vehicle never moves; empty: all move
 
     # a vehicle has arrived when it has been within this distance of its goal for this time
     arrival_m: float = 0.15
@@ -52,7 +52,7 @@ class FleetModel:
     params: Sequence[pipeline.PipelineParams]  # parameters of the N pipelines
     plants: Sequence[Plant]  # dynamics of the N vehicles
     obstacles: tuple[Capsule, ...] = ()
-    height_share: float = 0.0  # metres of separation that one metre of height counts as
+    height_share: float = 0.0  # separation [m] that one metre of height counts as
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,11 +64,11 @@ class RolloutResult:
 
     # (T, F, N, 3) true positions after each tick, until the last flight has ended
     trace_enu_m: Array
-    height_share: float = 0.0
+    height_share: float = 0.0  # as in FleetModel  # as in FleetModel  # as in FleetModel
 
     @property
     def is_success(self) -> BoolArray:
-        """Whether every leg arrived in time (F,)."""
+        """Whether all vehicles arrived in time in every leg (F,)."""
         return np.asarray(np.isfinite(self.arrival_s).all(-1))
 
     @property
@@ -76,7 +76,7 @@ class RolloutResult:
         """Smallest true separation of any two vehicles (F,); infinite for a single vehicle."""
         first, second = np.triu_indices(self.trace_enu_m.shape[2], 1)
 
-        # computed tick by tick, because all pairs of a long flight would fill the memory
+        # computed tick by tick, because the pairs of all ticks would fill the computer's memory
         least_m = []
         for position_enu_m in self.trace_enu_m:
             gap_m = position_enu_m[:, first] - position_enu_m[:, second]
@@ -86,12 +86,12 @@ class RolloutResult:
 
 
 def fleet_model(fleet: FleetConfig, names: Sequence[str], law: str | None = None) -> FleetModel:
-    """Return the named vehicles of a fleet.
+    """Return the model of the named vehicles of a fleet.
 
     Args:
         fleet: the fleet file.
         names: names of the vehicles.
-        law: "covey", "paper" or "off", in place of the fleet file's choice.
+        law: "covey", "paper" or "off"; None: the fleet file's law.
     Raises:
         ValueError: There is no law of that name.
     """
@@ -130,7 +130,7 @@ def fly(
     controller = batch.FleetPipeline(model.params, start_enu_m, model.obstacles)
     legs = _Legs(scenario)
     parked = legs.is_parked
-    radio: Radio | None = None  # it begins with the first estimates
+    radio: Radio | None = None  # None before the first estimates
 
     trace_enu_m: list[Array] = []
     most_ticks = math.ceil(scenario.timeout_s * scenario.legs_enu_m.shape[1] / TICK_S)
@@ -144,7 +144,7 @@ def fly(
 
         ticks = controller.step(states, legs.goals(), neighbours, is_present, TICK_S)
         radio.publish(states, ticks)
-        sensing.sent(ticks)
+        sensing.remember_thrust(ticks)
 
         vehicles.advance(ticks["attitude"], gust_noise, errors, TICK_S)
         vehicles.position[:, parked] = start_enu_m[:, parked]
@@ -197,8 +197,8 @@ class _Sensing:
             dt_s=TICK_S,
         )
 
-    def sent(self, ticks: Rows) -> None:
-        """Take the throttle and the hover thrust of the newest tick, for the next estimate."""
+    def remember_thrust(self, ticks: Rows) -> None:
+        """Remember the throttle and the hover thrust of a tick for the next estimate."""
         self._throttle = ticks["attitude"]["thrust_frac"]
         self._hover = ticks["hover_thrust_frac"]
 
@@ -211,14 +211,15 @@ class _Legs:
         self._scenario = scenario
         self._flights = np.arange(flights)
         self._leg_count = legs
-        self.is_parked = np.array(scenario.is_parked or [False] * vehicles)
+        self.is_parked = np.zeros(vehicles, bool)
+        if scenario.is_parked:
+            self.is_parked = np.array(scenario.is_parked)
         self.arrival_s = np.full((flights, legs), np.inf)
 
-        # of each flight: the index of its present leg (the number of legs after the last one), the
-        # time since that leg began, and whether the flight goes on
+        # index of each flight's present leg; after the last leg it is the number of legs
         self._leg = np.zeros(flights, np.int64)
-        self._time_s = np.zeros(flights)
-        self._is_open = np.ones(flights, bool)
+        self._time_s = np.zeros(flights)  # time since the present leg began
+        self._is_open = np.ones(flights, bool)  # whether a flight has not ended
 
         # time for which each vehicle has been near its goal (F, N)
         self._near_s = np.zeros((flights, vehicles))
@@ -233,7 +234,7 @@ class _Legs:
         return goals
 
     def advance(self, position_enu_m: Array) -> bool:
-        """Take the positions after a tick, and return whether any flight goes on."""
+        """Update the legs by the positions after a tick, and return whether any flight goes on."""
         scenario = self._scenario
         leg = np.minimum(self._leg, self._leg_count - 1)
         goal_enu_m = scenario.legs_enu_m[self._flights, leg]
@@ -246,7 +247,8 @@ class _Legs:
         has_arrived = np.asarray(has_settled[:, ~self.is_parked].all(-1))
         is_late = self._time_s >= scenario.timeout_s
 
-        # The flights whose leg ends at this tick. Vehicles arrived when they began to settle.
+        # For the flights whose leg ends at this tick, record the arrival. A vehicle arrived when it
+        # began to settle.
         ended = np.flatnonzero(self._is_open & (has_arrived | is_late))
         arrival_s = np.where(has_arrived[ended], self._time_s[ended] - scenario.settle_s, np.inf)
         self.arrival_s[ended, self._leg[ended]] = arrival_s

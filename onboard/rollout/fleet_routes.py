@@ -1,4 +1,4 @@
-"""Leads many vehicles around static things at once, as :mod:`onboard.control.router` leads one."""
+"""Routes many vehicles around static obstacles, with :mod:`onboard.control.router` for each one."""
 
 from __future__ import annotations
 
@@ -20,15 +20,16 @@ _NEIGHBOUR = Layout(zero(Neighbour))
 
 
 class FleetRoutes:
-    """The ways of all vehicles of F flights.
+    """The routes of all vehicles of F flights.
 
-    Without obstacles only vehicles that stand, and those that are led around parked ones, are
-    looked at. Otherwise such a batch would be slower than one without ways.
+    To save time, the router does not run for every vehicle at every tick. Without static obstacles
+    it runs at every tick only for vehicles that follow a route around parked vehicles. Now and then
+    it also runs for vehicles that stand away from their goal.
 
     Args:
         flight_count: number of flights.
         params: parameters of the N vehicles.
-        still: static things, the same for all.
+        still: static obstacles, the same for all.
     """
 
     def __init__(
@@ -37,21 +38,23 @@ class FleetRoutes:
         self._memories = [[RouteMemory()] * len(params) for _ in range(flight_count)]
         self._around = _surroundings(params, still)
 
-        # (F, N) whether a vehicle's goal may change at any tick, and whether nothing is remembered
+        # whether the router may change a vehicle's goal at any tick (F, N)
         self._is_led = np.full((flight_count, len(params)), bool(still))
+        # whether a vehicle's route memory is empty (F, N)
         self._is_idle = np.full((flight_count, len(params)), True)
-        self._since_search_s = 0.0
+        self._since_search_s = 0.0  # time since the router ran for standing vehicles
 
     def goals(
         self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float
     ) -> Rows:
-        """Return the goals (F, N) of the trajectories for this tick.
+        """Return the goals (F, N) after routing: a vehicle may first have to fly to a corner.
 
         Args:
             states, goals: estimates and goals (F, N).
             neighbours, is_present: neighbours, and whether each exists (F, N, K).
             dt_s: length of the tick.
         """
+        # choose the vehicles (F, N) for which the router runs at this tick
         chosen = self._is_led.copy()
         self._since_search_s += dt_s
         if self._since_search_s >= router.PERIOD_S - 1e-9:
@@ -60,11 +63,12 @@ class FleetRoutes:
         if not chosen.any():
             return goals
 
-        legs = goals.copy()
+        routed_goals = goals.copy()
         for flight, vehicle in np.argwhere(chosen).tolist():
             memory = self._memories[flight][vehicle]
-            is_led = self._is_led[flight, vehicle]
-            step_s = dt_s if is_led else router.PERIOD_S
+            step_s = router.PERIOD_S  # time since the router ran for this vehicle
+            if self._is_led[flight, vehicle]:
+                step_s = dt_s
             (state,) = _STATE.values(states[flight, vehicle, None])
             (goal,) = _GOAL.values(goals[flight, vehicle, None])
             around = self._around[vehicle]
@@ -72,13 +76,13 @@ class FleetRoutes:
             if router.is_due(memory, goal, step_s) and router.uses_neighbours(memory, around):
                 near = _NEIGHBOUR.values(neighbours[flight, vehicle][is_present[flight, vehicle]])
 
-            memory, leg = router.step(memory, state, goal, near, around, step_s)
+            memory, routed_goal = router.step(memory, state, goal, near, around, step_s)
             self._memories[flight][vehicle] = memory
             self._is_idle[flight, vehicle] = router.is_idle(memory)
             self._is_led[flight, vehicle] = bool(around.still) or router.is_led(memory)
-            if leg is not goal:
-                legs[flight, vehicle] = _GOAL.packed([leg])[0]
-        return legs
+            if routed_goal is not goal:
+                routed_goals[flight, vehicle] = _GOAL.packed([routed_goal])[0]
+        return routed_goals
 
     def keep(self, flights: IntArray) -> None:
         """Keep only these flights of the batch, by index."""
@@ -88,7 +92,7 @@ class FleetRoutes:
 
 
 def _may_be_held(states: Rows, goals: Rows) -> BoolArray:
-    """Return which vehicles (F, N) stand away from their goals."""
+    """Return whether each vehicle (F, N) stands away from its goal."""
     speed_m_s = np.hypot(*np.moveaxis(states["velocity_enu_m_s"][..., :2], -1, 0))
     offset_m = goals["position_enu_m"] - states["position_enu_m"]
     away_m = np.hypot(*np.moveaxis(offset_m[..., :2], -1, 0))

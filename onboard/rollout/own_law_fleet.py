@@ -1,4 +1,4 @@
-"""Runs the pipelines of many vehicles with a user's own law: interpreted, one by one."""
+"""Runs the pipelines of many vehicles with a user's own law: interpreted, vehicle by vehicle."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ from onboard.vectors import Vec3
 
 
 class OwnLawFleet:
-    """The pipelines of all vehicles with that law: a :class:`onboard.rollout.batch.Controller`.
+    """The pipelines of all vehicles with a user's own law.
+
+    It implements :class:`onboard.rollout.batch.Controller`.
 
     Args:
         law: the law that the fleet file names.
@@ -39,7 +41,7 @@ class OwnLawFleet:
         self._obstacles = tuple(obstacles)
         self._routes = FleetRoutes(len(start_enu_m), params, obstacles)
 
-        # law and memory of each vehicle of each flight, and the number of each flight
+        # for each flight: law and pipeline memory of each vehicle
         self._flights = []
         for positions_enu_m in start_enu_m.tolist():
             vehicles = []
@@ -47,18 +49,19 @@ class OwnLawFleet:
                 memory = pipeline.initial(own_params, Vec3(*position))
                 vehicles.append((OwnLawRunner(law), memory))
             self._flights.append(vehicles)
+        # number of each flight in the whole batch, before :meth:`keep` removed flights
         self._numbers = list(range(len(self._flights)))
 
-        # number of a flight -> reason of its first vehicle that changed to Covey's law
+        # number of a flight -> why its first vehicle changed from the own law to Covey's law
         self.refusals: dict[int, str] = {}
 
     def step(
         self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float
     ) -> Rows:
         """Return the ticks of all vehicles, see :class:`onboard.rollout.batch.Controller`."""
-        own_states = batch.STATE.values(states.ravel())
-        legs = self._routes.goals(states, goals, neighbours, is_present, dt_s)
-        own_goals = batch.GOAL.values(legs.ravel())
+        routed_goals = self._routes.goals(states, goals, neighbours, is_present, dt_s)
+        all_states = batch.STATE.values(states.ravel())
+        all_goals = batch.GOAL.values(routed_goals.ravel())
         all_neighbours = neighbours.reshape(states.size, -1)
         all_present = is_present.reshape(states.size, -1)
 
@@ -70,8 +73,8 @@ class OwnLawFleet:
             law, memory = self._flights[flight][vehicle]
             memory, tick = pipeline.step(
                 memory,
-                own_states[m],
-                own_goals[m],
+                all_states[m],
+                all_goals[m],
                 near,
                 self._obstacles,
                 ControlMode.FLYING,

@@ -14,18 +14,18 @@ from onboard.types import TICK_S
 
 
 class Radio:
-    """What each vehicle has last received from each other one, and how old it is.
+    """The newest message that each vehicle has received from each other vehicle, and its age.
 
-    In each tick first :meth:`receive`, then :meth:`publish`: so a message is received in the tick
-    after the one in which it was published at the earliest.
+    In each tick call first :meth:`receive`, and then :meth:`publish`. So a message is received at
+    the earliest one tick after it was published.
     """
 
     def __init__(self, states: Rows, is_parked: BoolArray, errors: Perturbation) -> None:
-        """Begin with a message of each vehicle's first state at every receiver.
+        """Give every receiver a message with each vehicle's first state.
 
         Args:
             states: states (F, N) of the vehicles.
-            is_parked: (N,) whether a vehicle stands all the time and so avoids nobody.
+            is_parked: (N,) whether a vehicle never moves, and so avoids nobody.
             errors: delay and share of lost messages.
         """
         first = batch.message(states, None)
@@ -45,10 +45,11 @@ class Radio:
         self._is_present = np.ones((flights, *self._others.shape), bool)
 
     def receive(self, link_draws: Array) -> tuple[Rows, BoolArray]:
-        """Return the neighbours (F, N, K) of this tick, and whether each is known: all are.
+        """Return the neighbours (F, N, K) of this tick, and whether each is known (always True).
 
         Args:
-            link_draws: random numbers (F, N, N), uniform in [0, 1).
+            link_draws: random numbers (F, receiver, sender), uniform in [0, 1). They decide which
+                messages are lost.
         """
         is_received = link_draws >= self._message_loss
         arriving = floats(self._sent[-1])[:, None]
@@ -59,10 +60,10 @@ class Radio:
         return neighbours, self._is_present
 
     def publish(self, states: Rows, ticks: Rows | None) -> None:
-        """Take the messages of this tick.
+        """Publish the messages of this tick.
 
         Args:
             states: states (F, N) of the vehicles.
-            ticks: what the controllers (F, N) answered to them; None: nothing yet.
+            ticks: outputs (F, N) of the vehicles' pipelines; None: there are none yet.
         """
         self._sent.appendleft(batch.message(states, ticks))

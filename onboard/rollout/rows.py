@@ -1,9 +1,9 @@
 """Packs NamedTuples into rows of floats, and back.
 
 A batch has one row per vehicle. The layout of a row is a numpy dtype, so that
-``rows["law"]["status"]`` is an array over all vehicles. Two functions of a layout convert one row
-to the NamedTuple that a stage takes, and back. Their source text is generated once from the type,
-because compiled code cannot loop over fields.
+``rows["law"]["status"]`` is an array over all vehicles. A layout has two functions: ``read``
+converts one row to a NamedTuple, and ``write`` converts a NamedTuple to a row. Compiled code cannot
+loop over fields, so the source text of both functions is generated once from the type.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ class Layout:
     """Layout of the rows that hold values of one NamedTuple type.
 
     Args:
-        example: a value of the type; the lengths of its lists and tuples are those of all values,
-            and no list is inside another one.
+        example: a value of the type. In all values, lists and tuples must be as long as in the
+            example. No list may be inside another list.
 
     Attributes:
         dtype: names and shapes of the numbers; every number is a float.
@@ -39,9 +39,9 @@ class Layout:
         self.dtype = np.dtype(_dtype(example))
         self.width = self.dtype.itemsize // 8
 
-        types: dict[str, Any] = {}  # name -> type, for all types that the text names
-        expression, _ = _expression(example, 0, "", types)
-        lines, _ = _written(example, "value", 0, "")
+        types: dict[str, Any] = {}  # name -> type, for all types that the text uses
+        expression, _ = _read_expression(example, 0, "", types)
+        lines, _ = _write_lines(example, "value", 0, "")
         text = "\n".join(
             [
                 "def read(row):",
@@ -53,7 +53,7 @@ class Layout:
             ]
         )
 
-        # the types are the globals of the functions
+        # the types are the globals of the two functions, which exec adds to the same dict
         exec(compile(text, f"<rows of {type(example).__name__}>", "exec"), types)
         self.read: Callable[[Sequence[float]], Any] = types["read"]
         self.write: Callable[[Any, Any], None] = types["write"]
@@ -85,7 +85,10 @@ def floats(rows: Rows) -> Array:
 
 
 def zero(kind: Any) -> Any:
-    """Return the value of a NamedTuple type, of fixed length, with zero for all numbers."""
+    """Return the value of a NamedTuple type in which all numbers are zero.
+
+    The type must have a fixed length.
+    """
     if get_origin(kind) is tuple:
         return tuple(zero(part) for part in get_args(kind))
     if not issubclass(kind, tuple):
@@ -127,36 +130,39 @@ def _width(example: Any) -> int:
     return int(np.dtype(_dtype(example)).itemsize) // 8
 
 
-def _expression(example: Any, at: int, offset: str, types: dict[str, Any]) -> tuple[str, int]:
-    """Return the expression that makes a value from a row, beginning at ``row[at + offset]``.
+def _read_expression(
+    example: Any, start: int, offset: str, types: dict[str, Any]
+) -> tuple[str, int]:
+    """Return the expression that makes a value from a row, beginning at ``row[start + offset]``.
 
     Args:
         example: a value of the same type.
-        at: index in the row at which the value begins.
-        offset: text that is added to each index inside a loop.
-        types: all types that the text names are added to it.
+        start: index in the row at which the value begins.
+        offset: inside a loop, text that is added to each index, like " + k"; else empty.
+        types: name -> type; all types that the text uses are added.
     Returns:
         The text, and the index after the value's last number.
     """
     if _is_number(example):
-        return _number_expression(example, f"row[{at}{offset}]"), at + 1
+        return _number_expression(example, f"row[{start}{offset}]"), start + 1
 
     if isinstance(example, list):
-        text, end = _expression(example[0], at, " + k", types)
-        width = end - at
+        text, end = _read_expression(example[0], start, " + k", types)
+        width = end - start
         total = len(example) * width
-        return f"[{text} for k in range(0, {total}, {width})]", at + total
+        return f"[{text} for k in range(0, {total}, {width})]", start + total
 
     texts = []
+    end = start
     for part in _parts(example).values():
-        text, at = _expression(part, at, offset, types)
+        text, end = _read_expression(part, end, offset, types)
         texts.append(text)
 
     kind = type(example)
     if kind is tuple:
-        return f"({', '.join(texts)},)", at
+        return f"({', '.join(texts)},)", end
     types[kind.__name__] = kind
-    return f"{kind.__name__}({', '.join(texts)})", at
+    return f"{kind.__name__}({', '.join(texts)})", end
 
 
 def _number_expression(example: bool | int | float, number: str) -> str:
@@ -168,28 +174,29 @@ def _number_expression(example: bool | int | float, number: str) -> str:
     return number
 
 
-def _written(example: Any, value: str, at: int, offset: str) -> tuple[list[str], int]:
-    """Return the lines that write ``value`` to a row, beginning at ``row[at + offset]``.
+def _write_lines(example: Any, value: str, start: int, offset: str) -> tuple[list[str], int]:
+    """Return the lines that write ``value`` to a row, beginning at ``row[start + offset]``.
 
     Args:
         example: a value of the same type.
-        value: text that accesses the value.
-        at: index in the row at which the value begins.
-        offset: text that is added to each index inside a loop.
+        value: text that accesses the value, like "value.law".
+        start: index in the row at which the value begins.
+        offset: inside a loop, text that is added to each index, like " + 3 * k"; else empty.
     Returns:
         The lines, and the index after the value's last number.
     """
     if _is_number(example):
-        return [f"row[{at}{offset}] = {value}"], at + 1
+        return [f"row[{start}{offset}] = {value}"], start + 1
 
     if _is_plain_sequence(example) and len(example) > _UNROLLED:
         width = _width(example[0])
-        inner, _ = _written(example[0], f"{value}[k]", at, f" + {width} * k")
+        inner, _ = _write_lines(example[0], f"{value}[k]", start, f" + {width} * k")
         loop = [f"for k in range({len(example)}):", *(f"    {line}" for line in inner)]
-        return loop, at + len(example) * width
+        return loop, start + len(example) * width
 
     lines: list[str] = []
-    for name, part in _parts(example).items():
-        part_lines, at = _written(part, value + name, at, offset)
+    end = start
+    for access, part in _parts(example).items():
+        part_lines, end = _write_lines(part, value + access, end, offset)
         lines.extend(part_lines)
-    return lines, at
+    return lines, end

@@ -1,8 +1,8 @@
 """Model of the vehicles' motion in rollouts, with errors drawn at random from a seed.
 
 Each vehicle is a point mass that its thrust moves. The direction of the thrust follows the
-attitude setpoint through dead time and a second-order lag, with a static gain and a bias that the
-control does not know. The size of the thrust follows the throttle through the motors' lag.
+attitude setpoint through a dead time and a second-order lag, with a static gain and a bias that the
+control does not know. The magnitude of the thrust follows the throttle through the motors' lag.
 """
 
 from __future__ import annotations
@@ -25,26 +25,23 @@ _NOISE_BLOCK_TICKS = 100  # ticks for which random numbers are drawn at once
 
 @dataclass(frozen=True, slots=True)
 class Plant:
-    """Properties of a vehicle as they really are.
-
-    The control knows at best those that the fleet file configures.
-    """
+    """True properties of a vehicle. The control knows only those in the fleet file."""
 
     # response of the tilt to its setpoint: natural frequency, damping ratio, dead time
     wn_rad_s: float
     zeta: float
     delay_s: float
 
-    drag_1_s: float  # deceleration per speed
+    drag_1_s: float  # deceleration divided by speed
     hover_thrust_frac: float
-    static_gain: float = 1.0  # slope in the steady state over the slope of the setpoint
+    static_gain: float = 1.0  # slope of the thrust in the steady state, divided by its setpoint
     tilt_bias_deg: float = 0.0
-    motor_lag_s: float = 0.05  # time constant
+    motor_lag_s: float = 0.05  # time constant of the motors
 
 
 @dataclass(frozen=True, slots=True)
 class Perturbation:
-    """Sizes of the errors in a flight, as a lab has them."""
+    """Sizes of the errors in a flight; the defaults are those of a lab."""
 
     # half widths of uniform errors, as shares of the plant's values
     lag_share: float = 0.10
@@ -65,7 +62,7 @@ class Perturbation:
 
 
 def plant_of(vehicle: Vehicle) -> Plant:
-    """Return the plant that the fleet file describes for a vehicle, its table ``sitl`` included."""
+    """Return the plant that the fleet file describes for a vehicle, with its table ``sitl``."""
     return Plant(
         wn_rad_s=vehicle.attitude_wn_rad_s,
         zeta=vehicle.attitude_zeta,
@@ -85,12 +82,15 @@ class Noise:
         self.generators = [np.random.default_rng(seed) for seed in seeds]
         self.count = count
 
-        # Eight properties of each vehicle, of which `VehicleModels` uses the first six. To draw
-        # fewer would change all further numbers of a seed.
+        # Eight properties of each vehicle. `VehicleModels` uses the first six, but drawing fewer
+        # would change all later numbers of a seed.
         constants = [rng.uniform(-1.0, 1.0, (8, count)) for rng in self.generators]
         self.constants = np.stack(constants, axis=1)
-        self.starts = np.stack([rng.normal(size=(count, 2)) for rng in self.generators])
-        self.tick = _NOISE_BLOCK_TICKS  # index in the block; at its end the next block is drawn
+        self.starts = np.stack(
+            [rng.normal(size=(count, 2)) for rng in self.generators]
+        )  # (F, N, 2)
+        # index of the next tick in the block of drawn numbers; at its end a new block is drawn
+        self.tick = _NOISE_BLOCK_TICKS
 
     def constant(self, index: int) -> Array:
         """Return the uniform numbers (F, N) in [-1, 1) of the property with this index."""
@@ -116,12 +116,12 @@ class Noise:
         n = self.count
         normal = [rng.standard_normal((ticks, 2, n, 3)) for rng in self.generators]
         uniform = [rng.random((ticks, n, n)) for rng in self.generators]
-        self.normal = np.stack(normal, axis=2)
-        self.uniform = np.stack(uniform, axis=1)
+        self.normal = np.stack(normal, axis=2)  # (ticks, mocap or gusts, F, N, 3)
+        self.uniform = np.stack(uniform, axis=1)  # (ticks, F, N, N)
 
 
 class VehicleModels:
-    """True motion of F x N vehicles, changed in place by :meth:`advance`."""
+    """True motion of F x N vehicles. :meth:`advance` changes it in place."""
 
     def __init__(
         self, start: Array, plants: Sequence[Plant], noise: Noise, perturbation: Perturbation
@@ -139,8 +139,8 @@ class VehicleModels:
         self.drag = values("drag_1_s") * (1.0 + p.drag_share * noise.constant(2))
         self.gust = np.zeros_like(start)
 
-        # horizontal response: the slopes (tangents of the tilt) to east and north follow those of
-        # the attitude setpoint
+        # horizontal response: the slopes of the thrust to east and north (tangents of the tilt)
+        # follow the slopes of the attitude setpoint
         self.wn = values("wn_rad_s") * (1.0 + p.lag_share * noise.constant(0))
         self.zeta = values("zeta")
         self.gain = values("static_gain") * (1.0 + p.gain_share * noise.constant(1))
@@ -166,7 +166,7 @@ class VehicleModels:
     @property
     def quaternion_wxyz(self) -> Array:
         """Attitudes (F, N, 4), FLU to ENU, with the heading to the east."""
-        # the shortest turn from the vertical to the direction (slope_x, slope_y, 1) of the thrust
+        # the shortest rotation from the vertical to the thrust's direction (slope_x, slope_y, 1)
         q = np.zeros((*self.thrust.shape, 4))
         q[..., 0] = 1.0 + np.sqrt(1.0 + np.einsum("...c,...c->...", self.slope, self.slope))
         q[..., 1] = -self.slope[..., 1]
@@ -179,10 +179,10 @@ class VehicleModels:
         Args:
             attitude: attitude setpoints (F, N).
             gust_noise: standard normal numbers (F, N, 3).
-            p: gives the gusts' size and correlation time.
+            p: size and correlation time of the gusts.
             dt_s: length of the tick.
         """
-        # slopes of the body's up axis, and throttle
+        # slopes of the setpoint's up axis, and throttle
         q = attitude["quaternion_wxyz"]
         up_x = 2.0 * (q[..., 1] * q[..., 3] + q[..., 0] * q[..., 2])
         up_y = 2.0 * (q[..., 2] * q[..., 3] - q[..., 0] * q[..., 1])
@@ -220,7 +220,7 @@ class VehicleModels:
         commanded = delayed[..., 2] / self.hover * GRAVITY_M_S2
         self.thrust = self.thrust + blend * (commanded - self.thrust)
 
-        # the thrust along the body's axis (slope_x, slope_y, 1) / length
+        # the thrust acts along the body's up axis (slope_x, slope_y, 1) / length
         length = np.sqrt(1.0 + np.einsum("...c,...c->...", self.slope, self.slope))
         vertical = (self.thrust / length)[..., None]
         force = np.concatenate([vertical * self.slope, vertical], axis=-1)

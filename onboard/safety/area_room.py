@@ -32,16 +32,18 @@ def rooms_m(area: Area, positions_enu_m: Array) -> Array:
     """
     x = positions_enu_m[..., 0]
     y = positions_enu_m[..., 1]
-    sign = 1.0 if area.keeps_in else -1.0
+    inside_sign = 1.0 if area.keeps_in else -1.0  # sign of the distances inside the outline
     if not area.corners_enu_m:
         center_x, center_y = area.center_enu_m
-        return np.asarray(sign * (area.radius_m - np.hypot(x - center_x, y - center_y)))
+        from_center_m = np.hypot(x - center_x, y - center_y)
+        return np.asarray(inside_sign * (area.radius_m - from_center_m))
 
     least_m = np.full(x.shape, np.inf)
     is_within = np.zeros(x.shape, dtype=bool)
     for (x1, y1), (x2, y2) in areas.edges_of(area.corners_enu_m):
         along_x = x2 - x1
         along_y = y2 - y1
+        # the nearest point of the edge, as a share of the way from its begin to its end
         share = ((x - x1) * along_x + (y - y1) * along_y) / (along_x**2 + along_y**2)
         share = np.clip(share, 0.0, 1.0)
         distance_m = np.hypot(x - x1 - share * along_x, y - y1 - share * along_y)
@@ -53,7 +55,7 @@ def rooms_m(area: Area, positions_enu_m: Array) -> Array:
             is_west_of_edge = x < x1 + (y - y1) / (y2 - y1) * along_x
             is_within ^= is_level & is_west_of_edge
 
-    return np.asarray(np.where(is_within, sign, -sign) * least_m)
+    return np.asarray(np.where(is_within, inside_sign, -inside_sign) * least_m)
 
 
 def clearances_m(fleet_areas: Sequence[Area], positions_enu_m: Array) -> Array:
@@ -107,8 +109,9 @@ def way_beyond_m(fleet_areas: Sequence[Area], begin_enu_m: Xyz, end_enu_m: Xyz) 
 def _clearance_m(area: Area, positions_enu_m: Array, buffer_m: float) -> Array:
     """Return the distance [m] of each position to the space that an area and its buffer take.
 
-    It is negative inside that space. An area to stay in has its buffer at its edge only, not at its
-    floor, where vehicles stand, and its ceiling. One to stay out of also has it above and below.
+    It is negative inside that space. An area to stay in has a buffer only at its edge, and none at
+    its ceiling and its floor, where vehicles stand. An area to stay out of also has a buffer above
+    and below.
     """
     beside_m = rooms_m(area, positions_enu_m) - buffer_m
     z = positions_enu_m[..., 2]

@@ -1,8 +1,8 @@
 """Detects a PX4 that is silent, frozen, rebooted, or running again after a standstill. Pure.
 
-It judges by the ages of messages and by PX4's own clock. If the link repeats old messages, or if
-PX4's scheduler stands still, packets come but their clock does not advance. A PX4 that stood still
-and runs again has a clock that has lost time against ours.
+The monitor compares the ages of messages and PX4's own clock. If the link repeats old messages, or
+if PX4's scheduler stands still, packets come but their clock does not advance. A PX4 that stood
+still and runs again has a clock that has lost time against ours.
 """
 
 from __future__ import annotations
@@ -48,7 +48,8 @@ class AutopilotMonitor:
     # our times until which the last reboot and the last end of a standstill are reported; 0: none
     _rebooted_until_ns: int = 0
     _back_until_ns: int = 0
-    _shifted: Held = field(default_factory=Held)  # counts attitudes in a row with another offset
+    # counts attitudes in a row whose clock offset differs from _offset_ns
+    _shifted: Held = field(default_factory=Held)
 
     def update(
         self, now_ns: int, *, packet_ns: int, attitude_ns: int, heartbeat_ns: int, boot_ms: int
@@ -87,12 +88,12 @@ class AutopilotMonitor:
     def _compare_clocks(self, now_ns: int, offset_ns: float) -> None:
         """Compare both clocks, to detect a PX4 that has lost time.
 
-        A delay of the link shifts the offset for a moment; time that PX4 has lost shifts it for
-        good. Delays only ever add to an offset, so the smallest one is nearest to the truth.
+        A delay of the link shifts the offset for a moment. Time that PX4 has lost shifts the offset
+        permanently. A delay makes an offset larger, so the smallest offset is nearest to the truth.
         """
         if not self._offset_ns:
             self._offset_ns = offset_ns
-        if self._moved_ns:
+        if self._moved_ns:  # a slow clock of PX4 makes the offset grow
             self._offset_ns += _CREEP * (now_ns - self._moved_ns)
 
         shift_ns = offset_ns - self._offset_ns

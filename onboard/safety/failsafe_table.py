@@ -5,13 +5,13 @@ conditions that hold, the one with the strongest action counts. The action is ke
 one or an operator's order replaces it (:func:`latched`).
 
 The rank of an action says how much of the flight it takes away from this agent: first the speed,
-then the goal, then the flight itself, then the controls. A higher rank is safer when something is
-in doubt that a lower rank relies on. The table uses a higher rank only in such cases.
+then the goal, then the flight itself, then the controls. A lower rank relies on more parts of the
+agent. The table uses a higher rank only if one of these parts may fail.
 
 A higher rank is not gentler. PX4's landing does not avoid the others, and after silence PX4's own
-failsafe lands. Both rank above the landing under the law, for cases in which that landing cannot be
-trusted. LEVEL is a hold for ticks whose result cannot be used: the setpoints are level for as long
-as that lasts, and afterwards the vehicle holds.
+failsafe lands. Both rank above the landing under the avoidance law, for cases in which that landing
+cannot be trusted. LEVEL is a hold for ticks whose result cannot be used: the setpoints are level
+for as long as that lasts, and afterwards the vehicle holds.
 """
 
 from __future__ import annotations
@@ -209,14 +209,14 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     # the agent does not command it again.
     C.LEFT_OFFBOARD:           (GO_ON,   DISARM, STOP,     STOP,     STOP,     STOP,  GO_ON),
     C.PX4_FAILSAFE:            (GO_ON,   DISARM, STOP,     STOP,     STOP,     GO_ON, GO_ON),
-    # The kill switch was used: the agent does not arm again. A landing ends in this way anyway.
+    # The kill switch was used: the agent does not arm again. At the end of a landing PX4 disarms.
     C.DISARMED:                (GO_ON,   GO_ON,  STOP,     STOP,     GO_ON,    GO_ON, GO_ON),
     # PX4 has forgotten its mode, parameters that were not saved, and its local origin.
     C.REBOOTED:                (REFUSE,  DISARM, STOP,     STOP,     STOP,     STOP,  GO_ON),
     C.AUTOPILOT_SILENT:        (REFUSE,  STOP,   STOP,     STOP,     STOP,     STOP,  GO_ON),
     # The agent cannot fly by such numbers. PX4's own failsafe has to act, as for a silent PX4.
     C.AUTOPILOT_IMPOSSIBLE:    (REFUSE,  STOP,   STOP,     STOP,     STOP,     STOP,  GO_ON),
-    # PX4 would obey the setpoints of now late, all at once.
+    # PX4 would execute the present setpoints later, all at once.
     C.AUTOPILOT_FROZEN:        (REFUSE,  STOP,   STOP,     STOP,     STOP,     STOP,  GO_ON),
     # PX4 has flown on its last setpoint meanwhile. Its own failsafe has not acted, because PX4's
     # clock stood still.
@@ -291,8 +291,8 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     C.NEIGHBOUR_BLIND:         (REFUSE,  GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
     # This vehicle alone avoids, and it cannot predict the neighbour's next motion.
     C.NEIGHBOUR_UNCOOPERATIVE: (REFUSE,  GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
-    # The same. The neighbour is avoided at the position that it reports or at the one that the
-    # mocap measures, whichever is nearer.
+    # This vehicle alone avoids, too. It avoids the position that the neighbour reports or the one
+    # that the mocap measures, whichever is nearer.
     C.NEIGHBOUR_IMPLAUSIBLE:   (REFUSE,  DISARM, GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
     C.NEIGHBOUR_STALE:         (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
     # The neighbour's newest message gives its position, which is used at once.
@@ -307,7 +307,7 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     # If the landing waited for the landing level, the battery would be empty before the vehicle is
     # down.
     C.BATTERY_FALLING:         (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
-    # No flight goes on whose end nobody can foresee.
+    # Nobody knows for how long the battery lasts, so the flight does not go on.
     C.BATTERY_UNKNOWN:         (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
     C.FENCE_NEAR:              (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
     # The vehicle holds at a point inside.
@@ -334,10 +334,10 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
     for situation, action in zip(Situation, actions, strict=True)
 }
 
-_PLACE = {condition: place for place, condition in enumerate(Condition)}
-# What stays of an action at the next tick, where that is not the action itself. After LEVEL the
-# order has failed, so the vehicle holds. REFUSE lasts only as long as its condition.
-_STAYS = {Action.REFUSE: Action.GO_ON, Action.LEVEL: Action.HOLD}
+_INDEX = {condition: index for index, condition in enumerate(Condition)}
+# An action lasts until an order, except these two. After LEVEL the order has failed, so the vehicle
+# holds at the next tick. REFUSE lasts only as long as its condition.
+_NEXT_TICK = {Action.REFUSE: Action.GO_ON, Action.LEVEL: Action.HOLD}
 
 
 def decide(
@@ -376,16 +376,16 @@ def needs_level(situation: Situation, conditions: Iterable[Condition]) -> bool:
 
 
 def latched(before: Action, demanded: Action) -> Action:
-    """Return the action of this tick, if there was no order since the last one.
+    """Return the action of this tick, if no order has come since the last tick.
 
-    It is never weaker than what stays of the last action.
+    It is never weaker than the last action, except after REFUSE and LEVEL.
 
     Args:
         before: action of the last tick.
         demanded: action that the present conditions demand.
     """
-    staying = _STAYS.get(before, before)
-    return max(staying, demanded)
+    lasting = _NEXT_TICK.get(before, before)
+    return max(lasting, demanded)
 
 
 def in_order(conditions: Iterable[Condition]) -> list[Condition]:
@@ -394,4 +394,4 @@ def in_order(conditions: Iterable[Condition]) -> list[Condition]:
     Args:
         conditions: any.
     """
-    return sorted(conditions, key=_PLACE.__getitem__)
+    return sorted(conditions, key=_INDEX.__getitem__)

@@ -1,8 +1,8 @@
 """Geofence: whether a vehicle is outside of it, above it, or about to leave it. Pure.
 
-It is evaluated at every tick, in plain floats. The fence is a box in fleet ENU. Its floor does not
+The fence is evaluated at every tick, in plain floats. It is a box in fleet ENU. Its floor does not
 count as a wall, since vehicles stand there. Areas to stay in or out of are further fences inside
-the box. A vehicle is about to leave an area if its stopping distance crosses an edge.
+the box. A vehicle is about to leave an area if it would cross an edge before it stops.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ class FenceBox:
         return speed_m_s * self._equivalent_s(speed_m_s, brake_m_s2)
 
     def farthest_m(self, speed_m_s: float) -> tuple[float, float]:
-        """Return how far from any point inside a vehicle ends at most, if it brakes at the fence.
+        """Return how far a vehicle that brakes at the fence can be from any point inside.
 
         Args:
             speed_m_s: speed at which it crosses the fence.

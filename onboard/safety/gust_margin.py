@@ -21,10 +21,10 @@ def gust_margin_m(gust_m_s2: float, lag_s: float, law: LawConfig) -> float:
     Args:
         gust_m_s2: standard deviation of the gusts per axis, as an acceleration.
         lag_s: lag of both vehicles, from a command to its acceleration.
-        law: the fleet's ``[law]``; its margin and its kappas count.
+        law: the fleet's ``[law]``; its margin and its factors kappa count.
     """
     beyond_m_s2 = max(0.0, gust_m_s2 - COVERED_M_S2)
     velocity_std_m_s = kalman.gust_time_s(lag_s) * beyond_m_s2
     spacing = params_of(law, VehicleLimits(lag_s=lag_s)).spacing
-    both_m2 = 2.0 * margin_2(0.0, velocity_std_m_s, spacing)
+    both_m2 = 2.0 * margin_2(0.0, velocity_std_m_s, spacing)  # squares of both vehicles' margins
     return max(spacing.margin_m, spacing.margin_floor_m + math.sqrt(both_m2))

@@ -4,12 +4,12 @@ The disturbance observer has a model that applies the own commands after the con
 gives the acceleration that the vehicle should have now. The acceleration that follows from the
 measured attitude is regressed on it:
 
-    measured = gain (response - late rate) + bias        for x and y, with one gain and one late
+    measured = gain (response - delay rate) + bias        for x and y, with a common gain and delay
 
-Here ``response`` is the model's acceleration, ``rate`` its derivative, and ``late`` the time by
+Here ``response`` is the model's acceleration, ``rate`` its derivative, and ``delay`` the time by
 which the vehicle is slower than configured. The equation is linear in the unknowns theta = (gain,
-gain late, bias_x, bias_y). They come from least squares over the last half minute. Ten samples a
-second are enough. ``covey identify`` measures the same more accurately.
+gain delay, bias_x, bias_y). They come from least squares over the last half minute. Ten samples a
+second are enough. ``covey identify`` measures the delay and the hover throttle more accurately.
 
 In the code a is the response, r the rate and s the measured acceleration, each along x and y.
 """
@@ -137,7 +137,7 @@ def lag_difference(memory: ResponseMemory) -> LagDifference:
     inverse = np.linalg.inv(normal) / scales
     theta = inverse @ memory.right
     gain = theta[0]
-    gain_late = theta[1]
+    gain_delay = theta[1]
     if gain < _LEAST_GAIN:
         return _UNKNOWN
 
@@ -150,7 +150,7 @@ def lag_difference(memory: ResponseMemory) -> LagDifference:
     # the samples within one correlation time carry the information of one sample
     correlated_count = max(1.0, _CORRELATED_S * sample_count / memory.time_s)
     return LagDifference(
-        slower_s=float(gain_late / gain) - _ATTITUDE_AGE_S,
+        slower_s=float(gain_delay / gain) - _ATTITUDE_AGE_S,
         std_s=math.sqrt(correlated_count * variance * inverse[1, 1]) / gain,
     )
 

@@ -2,9 +2,9 @@
 
 MAVLink does not authenticate a sender: anybody who reaches the agent's port and knows the system id
 can pretend to be its PX4. Therefore a single datagram must not decide anything that cannot be
-undone. A surprising report waits for the next report of its kind, and meanwhile the report before
-it counts. If the next report does not agree with the waiting one, that is a contradiction. A
-contradiction is reported; no majority decides it.
+undone. A surprising report waits for the next report of its kind, and meanwhile the earlier report
+counts. If the next report does not agree with the waiting report, that is a contradiction. A
+contradiction is reported, and not decided by the number of reports.
 
 :data:`KINDS` lists the three kinds of reports. For each it says which fields belong together, which
 report is a surprise, and how many reports have to agree over which time.
@@ -192,7 +192,9 @@ class ReportConfirmation:
         if expected.mode and origin is not None and snapshot.global_origin != origin:
             withheld["global_origin"] = origin
 
-        self._believed = replace(snapshot, **withheld) if withheld else snapshot
+        self._believed = snapshot
+        if withheld:
+            self._believed = replace(snapshot, **withheld)
         return self._believed
 
     def drop(self, sentence: str, now_ns: int) -> None:
@@ -206,21 +208,22 @@ class ReportConfirmation:
         self._dropped_ns = now_ns
 
     def impossible(self, now_ns: int) -> str:
-        """Return in a sentence what is wrong with PX4's newest numbers.
+        """Return a sentence that says what is wrong with PX4's newest numbers.
 
-        It is empty if no snapshot was dropped within the last second.
+        The sentence is empty if no snapshot was dropped within the last second.
 
         Args:
             now_ns: our clock.
         """
-        is_recent = now_ns - self._dropped_ns < _IMPOSSIBLE_NS
-        return self._dropped_sentence if is_recent else ""
+        if now_ns - self._dropped_ns < _IMPOSSIBLE_NS:
+            return self._dropped_sentence
+        return ""
 
     def is_heartbeat_due(self, now_ns: int) -> bool:
-        """Return whether to ask PX4 for a heartbeat now; called at each tick.
+        """Return whether to request a heartbeat from PX4 now; called at each tick.
 
-        A heartbeat is due while a surprising one waits for confirmation, and while the flight has
-        to know the present mode; but not if one was requested just before.
+        A heartbeat is due while a surprising heartbeat waits for confirmation, and while the flight
+        has to know the present mode. Two requests are at least ``_ASK_EVERY_NS`` apart.
 
         Args:
             now_ns: our clock.
@@ -232,14 +235,14 @@ class ReportConfirmation:
         return True
 
     def contradicted_s(self, now_ns: int) -> float:
-        """Return for how long reports have contradicted each other [s]; 0 if none did lately.
+        """Return for how long reports have contradicted each other [s]; 0 without contradictions.
 
         Args:
             now_ns: our clock.
         """
         if not self._contradicted_ns or now_ns - self._contradicted_ns > 1e9 * CONTRADICTED_S:
             return 0.0
-        # a single contradiction has no duration, but must not count as none
+        # a single contradiction has no duration, and must differ from the 0 for no contradiction
         return max(1e-9, (self._contradicted_ns - self._run_begin_ns) * 1e-9)
 
     def _is_withheld(
@@ -255,7 +258,7 @@ class ReportConfirmation:
 
         is_first_ever = not getattr(self._believed, kind.stamp)
         if is_first_ever or not kind.surprises(self._believed, new, expected):
-            # the new report repeats what is believed, so nothing confirms the one that waited
+            # the new report repeats what is believed, so it does not confirm the waiting report
             if is_new and unconfirmed is not None and not kind.agrees(unconfirmed, new):
                 self._contradict(kind.name, stamp_ns)
             waiting.report = None
@@ -279,6 +282,7 @@ class ReportConfirmation:
         return False
 
     def _contradict(self, kind: str, now_ns: int) -> None:
+        """Remember a contradiction between two reports of a kind."""
         if not self._contradicted_ns or now_ns - self._contradicted_ns > 1e9 * _ONE_RUN_S:
             self._run_begin_ns = now_ns
         self._contradicted_ns = now_ns

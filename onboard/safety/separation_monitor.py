@@ -11,7 +11,7 @@ from dataclasses import dataclass
 Xy = tuple[float, float]
 
 _HORIZON_S = 2.0  # how far ahead the passing of two vehicles is predicted
-_COMPARE_WITHIN_S = 0.25  # longest time from a predicted time to the state that is compared
+_COMPARE_WITHIN_S = 0.25  # longest time from the predicted time to the state that is compared
 _MISS_SHARE = 0.35  # weight of the newest comparison in the low-passed miss
 _MISS_M_S = 0.55  # predictions count as wrong from this low-passed miss on
 _LONGEST_LEAD_S = 1.0  # a prediction for a later time is not compared
@@ -55,11 +55,11 @@ def smallest_distance_m(
 
 @dataclass(slots=True)
 class PredictionMonitor:
-    """Compares a neighbour's velocity with the one that it had predicted for now.
+    """Compares a neighbour's velocity with the velocity that it had predicted for this time.
 
-    A vehicle predicts its motion from the commands that it has already sent. So the prediction
-    comes true, except for noise and gusts, unless the vehicle does not follow its own commands. The
-    difference is low-passed over about a second.
+    A vehicle predicts its motion from the commands that it has already sent. So except for noise
+    and gusts the prediction is right, if the vehicle follows its own commands. The difference is
+    low-passed over about a second.
     """
 
     miss_m_s: float = 0.0  # difference of velocity and prediction, low-passed

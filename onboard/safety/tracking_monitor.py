@@ -1,8 +1,8 @@
 """Detects an attitude that does not follow its setpoints, and thrust at its limit. Pure.
 
-The commanded tilt passes a first-order lag with the vehicle's own time constant. The difference of
-the measured tilt to it is low-passed. It stays small if the vehicle responds late or with a static
-error, and it grows if the vehicle does not respond.
+The commanded tilt passes a first-order lag with the vehicle's own time constant. The difference
+between the measured tilt and this lagged tilt is low-passed. This difference stays small if the
+vehicle responds late or with a static error. It grows if the vehicle does not respond.
 """
 
 from __future__ import annotations
@@ -92,11 +92,11 @@ class TrackingMonitor:
             commanded_wxyz: attitude setpoint sent last, FLU to ENU.
             measured_wxyz: attitude measured, FLU to ENU.
             thrust_frac: throttle sent last.
-            below_m: height of the trajectory above the vehicle.
+            below_m: how far the vehicle is below its trajectory.
             climb_m_s: vertical velocity, up.
             dt_s: time since the last call.
         """
-        # the body's up in ENU is the last column of the rotation
+        # the commanded direction of thrust, after the lag; it is the last column of the rotation
         w, x, y, z = commanded_wxyz
         up_x = 2.0 * (x * z + w * y)
         up_y = 2.0 * (y * z - w * x)
@@ -104,6 +104,7 @@ class TrackingMonitor:
         self._commanded_x = up_x + keep * (self._commanded_x - up_x)
         self._commanded_y = up_y + keep * (self._commanded_y - up_y)
 
+        # its difference from the measured direction, low-passed
         w, x, y, z = measured_wxyz
         miss_x = 2.0 * (x * z + w * y) - self._commanded_x
         miss_y = 2.0 * (y * z - w * x) - self._commanded_y

@@ -37,7 +37,10 @@ def flight_s(vehicle: Vehicle) -> float:
 
 
 def longest_flight_s(fleet: FleetConfig) -> float:
-    """Return the longest :func:`flight_s` of a fleet; links are closed so long after the end."""
+    """Return the longest :func:`flight_s` of a fleet.
+
+    Links are closed this long after the end of a certificate.
+    """
     return max((flight_s(vehicle) for vehicle in fleet.vehicles.values()), default=0.0)
 
 

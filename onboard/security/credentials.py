@@ -32,7 +32,8 @@ class Credentials:
     key: str  # path of the node's private key
     # zenoh's ``access_control``: the messages accepted from the holder of each certificate
     access: dict[str, object]
-    longest_flight_s: float = 0.0  # links and orders are valid so long after a certificate's end
+    # time after a certificate's end for which links stay open and orders in flight stay valid
+    longest_flight_s: float = 0.0
 
     def order_signatures(self) -> OrderSignatures:
         """Return the object that signs orders of this node, and checks those that it receives."""

@@ -1,15 +1,16 @@
-"""Signatures of orders, end to end: a vehicle knows by whose key an order was signed.
+"""Signatures of orders: a vehicle knows which node signed an order, even behind a router.
 
-Behind a router a vehicle sees the router's certificate, not the ground's. So the ground signs each
-order with the key of its certificate (Ed25519), and sends the certificate beside the order.
+Behind a router a vehicle's link shows the router's certificate, and not the ground's. So the ground
+signs each order with the key of its certificate (Ed25519). It sends the signature and the
+certificate beside the order: the order's seal.
 
-The signature covers the key of the bus, which contains the fleet and the vehicle: an order for one
-vehicle is not valid for another.
+The signature also covers the order's key on the bus, which contains the fleet and the vehicle. So
+an order for one vehicle is not valid for another.
 
-To verify an order costs time, and somebody could send a flood of false ones. So within a second
-only a limited number of false orders is verified: the same number for each ground that has sent a
-valid order before, and for all other senders together. A flood under other names therefore cannot
-keep a ground that has ordered before from ordering again.
+To verify an order costs time, and somebody could send a flood of false orders. So within a second
+only a limited number of false orders is verified. This limit holds for each ground that has sent a
+valid order before, and for all other senders together. So a flood from other senders does not block
+such a ground.
 """
 
 from __future__ import annotations
@@ -29,24 +30,25 @@ from onboard.security.certificates import common_name, issued_by, read_certifica
 from onboard.security.node_roles import NodeRole
 
 _CONTEXT = b"covey order 1\0"  # signed too, so that no signature for another purpose fits an order
-# false orders that are verified within a second, of each known ground and of all other senders
+# number of false orders that are verified within a second: of each ground that has sent a valid
+# order before, and of all other senders together
 MOST_FALSE_PER_S = 200
 _BEGIN_FLIGHTS = ("arm", "takeoff")  # orders that are refused after the end of a certificate
-_MAX_KNOWN = 16  # certificates, and grounds with valid orders, that are remembered
-_UNKNOWN_NODE = ""  # name under which the false orders of all unknown nodes are counted
+_MAX_KNOWN = 16  # number of certificates, and of grounds with valid orders, that are remembered
+_UNKNOWN_NODE = ""  # name under which the false orders of all other senders are counted
 
-_Fault = tuple[RefusalCode, str]  # fault of an order, and the end of a sentence about it
+_Fault = tuple[RefusalCode, str]  # code, and the end of a sentence that begins with the order
 
 
 class OrderSeal(Message, frozen=True, array_like=True, kw_only=True):
     """Certificate and signature, which are sent beside an order."""
 
-    certificate: bytes  # of the signer, DER
-    signature: bytes  # over the key of the bus and the order's bytes
+    certificate: bytes  # signer's certificate, DER
+    signature: bytes  # over the order's key on the bus and the order's bytes
 
 
 class NodeSignatures:
-    """Signs the orders that a node sends, and verifies those that it receives.
+    """Signs the orders that a node sends, and verifies the orders that it receives.
 
     Args:
         authority: path of the certificate of the fleet's certificate authority.
@@ -90,7 +92,7 @@ class OrderSigner:
             key_expression: key of the bus to which the order is sent.
             order: bytes of the order.
         Returns:
-            bytes of an :class:`OrderSeal`; empty for a node whose kind of key signs no orders.
+            bytes of an :class:`OrderSeal`; empty if the node's key is not an Ed25519 key.
         """
         if not isinstance(self._key, Ed25519PrivateKey):
             return b""
@@ -103,19 +105,19 @@ class SealCheck:
 
     Args:
         authority: path of the certificate of the fleet's certificate authority.
-        longest_flight_s: time [s] after the end of a ground's certificate for which its orders to
-            vehicles in flight are still valid; those that begin a flight are not.
+        longest_flight_s: time [s] after the end of a ground's certificate in which its orders are
+            still valid, except those that begin a flight.
     """
 
     def __init__(self, authority: str, longest_flight_s: float = 0.0) -> None:
         self._authority = read_certificate(authority)
         self._longest_flight = datetime.timedelta(seconds=longest_flight_s)
 
-        # DER bytes -> certificate, for those that the authority has issued
+        # DER bytes -> certificate that the authority has issued
         self._issued_certificates: dict[bytes, x509.Certificate] = {}
 
-        # nodes that have sent valid orders, the one that is silent longest first; a dict, because a
-        # set has no order
+        # nodes that have sent valid orders, sorted by their last valid order, the oldest first; a
+        # dict instead of a set, because a set has no order
         self._true_nodes: dict[str, None] = {}
 
         # node -> number of its false orders within the present second
@@ -130,11 +132,11 @@ class SealCheck:
         Args:
             key_expression: key of the bus at which the order arrived.
             order: bytes of the order.
-            seal: bytes that were sent beside it; empty if there were none.
+            seal: bytes of the seal; empty if the order came without a seal.
             now: time at which the signer's certificate must be valid.
         Returns:
-            None if a ground of this fleet has signed exactly these bytes for this vehicle;
-            otherwise the fault.
+            None if a ground of this fleet has signed exactly this order for this vehicle; otherwise
+            the refusal.
         """
         read_order = decode(order, Order)
 
@@ -154,10 +156,11 @@ class SealCheck:
         return UntrustedOrder(code, f"Order {read_order.text} {sentence}", read_order.order_id)
 
     def _remember_true_node(self, node: str) -> None:
+        """Add a node that has sent a valid order; forget the oldest if there are too many."""
         self._true_nodes.pop(node, None)
         if len(self._true_nodes) >= _MAX_KNOWN:
-            longest_silent = next(iter(self._true_nodes))
-            del self._true_nodes[longest_silent]
+            oldest = next(iter(self._true_nodes))
+            del self._true_nodes[oldest]
         self._true_nodes[node] = None
 
     def _fault_unless_flood(
@@ -168,7 +171,7 @@ class SealCheck:
         seal: bytes,
         now: datetime.datetime,
     ) -> _Fault | None:
-        """Return the fault of an order; do not verify it after too many false ones."""
+        """Return the fault of an order; do not verify it after too many false orders."""
         second = int(now.timestamp())
         if second != self._second:
             self._second = second
@@ -189,7 +192,7 @@ class SealCheck:
     def _fault(
         self, key_expression: str, order: bytes, seal: bytes, now: datetime.datetime
     ) -> _Fault | None:
-        """Return the fault of an order; the checks begin with the cheapest one."""
+        """Return the fault of an order, or None. The cheapest checks come first."""
         if not seal:
             return "unsigned", "is not signed: in a fleet with keys it is not obeyed."
 
@@ -250,7 +253,7 @@ class SealCheck:
 
 
 def _begins_flight(order: bytes) -> bool:
-    """Return whether an order arms or takes off; one that cannot be read counts as such."""
+    """Return whether an order arms or takes off; also True if it cannot be read."""
     read_order = decode(order, Order)
     return isinstance(read_order, Malformed) or read_order.kind in _BEGIN_FLIGHTS
 

@@ -1,4 +1,4 @@
-"""Check of the files of private keys: one that other users may read is refused."""
+"""Refuses files of private keys that other users may read."""
 
 from __future__ import annotations
 

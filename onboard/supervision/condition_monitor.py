@@ -18,7 +18,11 @@ ANY_TIME_S = -math.inf  # limit of a cause that counts at once: any duration is 
 
 
 class _Watched:
-    """One fact of the table, how long it has held, and the causes that depend on it."""
+    """One fact of the table, how long it has held, and the causes that depend on it.
+
+    The fact holds if its value is above ``above`` or equals ``equals``; if both are None, the value
+    itself is True or False.
+    """
 
     __slots__ = ("above", "causes", "equals", "fact", "held")
 
@@ -40,9 +44,14 @@ class ConditionMonitor:
     """
 
     def __init__(self, limits: FleetSection, rows: Iterable[ConditionRow] = ROWS) -> None:
-        causes = [(row.condition, cause) for row in rows for cause in row.causes]
-        at_each_tick = [(condition, cause) for condition, cause in causes if not cause.is_slow]
-        at_slow_ticks = [(condition, cause) for condition, cause in causes if cause.is_slow]
+        at_each_tick: list[tuple[Condition, Cause]] = []
+        at_slow_ticks: list[tuple[Condition, Cause]] = []
+        for row in rows:
+            for cause in row.causes:
+                if cause.is_slow:
+                    at_slow_ticks.append((row.condition, cause))
+                else:
+                    at_each_tick.append((row.condition, cause))
         self._at_each_tick = _watched(at_each_tick, limits)
         self._at_slow_ticks = _watched(at_slow_ticks, limits)
         self._slow: dict[Condition, str] = {}  # slow conditions that held at the last slow tick
@@ -86,15 +95,17 @@ def _holding(all_watched: Iterable[_Watched], facts: TickFacts) -> dict[Conditio
     """Return the conditions that hold, each with its detail."""
     active: dict[Condition, str] = {}
     for watched in all_watched:
-        holds = watched.fact(facts)
+        value = watched.fact(facts)
         if watched.above is not None:
-            holds = holds > watched.above
+            holds = value > watched.above
         elif watched.equals is not None:
-            holds = holds == watched.equals
+            holds = value == watched.equals
+        else:
+            holds = value
 
         held = watched.held
         if not holds:
-            held.checks = 0  # what Held.end does, without the call: this is the usual case
+            held.checks = 0  # as Held.end does; written out because most facts do not hold
             continue
 
         held.see(facts.now_ns)

@@ -52,17 +52,18 @@ CLOCK_JUMP_REPORTED_S = 5.0
 BUS_LOST_S = 1.0
 
 # space
-CLEARLY_UP_M = 0.5
+CLEARLY_UP_M = 0.5  # above this height PX4's report of the ground is wrong
 LANDED_WRONG_S = 0.5
-UNFIT_M = 0.18  # localization/motion_fit.py says how small the value of correct positions is
+UNFIT_M = 0.18  # correct positions stay far below this; see localization/motion_fit.py
 UNFIT_S = 0.3
-DOWN_HEIGHT_M = 0.12
+DOWN_HEIGHT_M = 0.12  # a flying vehicle this low for DOWN_LONG_S has fallen
 DOWN_LONG_S = 1.0
-# by PX4's own height; above it, only rising air can look like the ground
+# Without a mocap, a vehicle below this height that does not sink may have fallen. Above it, only
+# rising air has the same signs.
 MAY_BE_DOWN_M = 2.0
 FENCE_LONG_S = 2.0
 
-# air: the estimate is a mean over two seconds already
+# air; these times are short, because the estimate itself is a mean over two seconds
 WIND_S = 0.5
 PUSHED_ABOUT_S = 0.5
 DISTURBANCE_BOUND_S = 0.5
@@ -72,9 +73,10 @@ INFEASIBLE_S = 0.1
 NEIGHBOUR_BLIND_OVER_S = 0.15
 BATTERY_UNKNOWN_S = 5.0  # on top of the 5 s after which a report counts as old
 
-LIVE_CHECKS = 5  # checks in a row after which the process itself cannot have slept
-# the same for the silence of a neighbour, which takes fewer checks: the states of the others, which
-# come at 50 Hz, show that the process has not slept
+# A silence that lasts for this number of checks in a row does not come from a process that slept.
+LIVE_CHECKS = 5
+# For the silence of a neighbour, fewer checks are enough: the states of other neighbours, which
+# come at 50 Hz, show that the process has not slept.
 NEIGHBOUR_CHECKS = 2
 STALE_CHECKS = 5
 PREDICTED_CHECKS = 2
@@ -89,9 +91,10 @@ class Cause:
     above: float | None = None  # the cause holds if the fact is greater than this
     equals: object = None  # the cause holds if the fact has this value
 
-    checks: int = 1  # it has to hold at this number of checks in a row
-    over_s: float | str | None = None  # and for longer than this; a string is a key of [fleet]
-    given: Callable[[TickFacts], object] | None = None  # after that, this has to be true as well
+    checks: int = 1  # number of checks in a row at which the cause has to hold
+    # time that it has to last longer than: seconds, or a key of [fleet]; None: no time
+    over_s: float | str | None = None
+    given: Callable[[TickFacts], object] | None = None  # further predicate that has to be true
     is_slow: bool = False  # True: checked ten times a second, instead of at every tick
     detail: str | Callable[[TickFacts], str] = ""  # words in brackets after the condition
 
@@ -113,17 +116,17 @@ def _row(
 
 
 def _names(field: str) -> Callable[[TickFacts], str]:
-    """Return a detail that lists the vehicles of a fact."""
+    """Return a function that lists the names of vehicles in a fact, as the detail of a cause."""
     names_of = attrgetter(field)
     return lambda facts: ", ".join(names_of(facts))
 
 
 def _is_lost(facts: TickFacts) -> bool:
-    # LIVE_CHECKS adds a tenth of a second: a vehicle whose poses are back and confirmed after 0.6 s
-    # does not land
+    # LIVE_CHECKS adds a tenth of a second, so that a vehicle does not land if its poses are back
+    # and confirmed after 0.6 s
     if facts.position_age_s > POSITION_LOST_S or facts.position_stale_s > STALE_FOR_S:
         return True
-    # poses that come and go: each time without them the vehicle drifts and sinks a little
+    # if poses come and go, the vehicle drifts and sinks a little in each gap
     return facts.position_age_s > POSITION_STALE_S and facts.position_flicker_s > FLICKER_S
 
 

@@ -1,4 +1,4 @@
-"""The failsafe part of a tick: from the tick's facts to the decision what is done and reported.
+"""The failsafe part of a tick: decides from the facts what the vehicle does and what is reported.
 
 The observer collects the facts, the monitor finds the conditions that hold, and the failsafe table
 gives the action. The core passes the decision to the flight, which carries it out.
@@ -30,7 +30,8 @@ from onboard.supervision.condition_table import ROWS
 from onboard.supervision.tick_context import TickContext
 from onboard.supervision.tick_observer import TickObserver
 
-_QUIET = frozenset(row.condition for row in ROWS if row.is_quiet)
+_QUIET = frozenset(row.condition for row in ROWS if row.is_quiet)  # never reported
+# reported again if their detail names other vehicles than before
 _NAMING = frozenset(row.condition for row in ROWS if row.names_vehicles)
 # a condition that holds again within this time is not reported again
 _PAUSE_NS = 3_000_000_000
@@ -48,7 +49,7 @@ class FailsafeDecision(NamedTuple):
     """Consequence of the conditions of one tick."""
 
     action: Action = Action.GO_ON
-    cause: str = ""  # sentence about the condition that demands the action; empty without one
+    cause: str = ""  # sentence about the condition that demands the action; empty if none does
     outcome: OrderOutcome = "failed"  # outcome of the order in progress, if the action ends it
     reports: tuple[ConditionReport, ...] = ()
 
@@ -158,7 +159,9 @@ class FailsafeSupervisor:
 
         due = []
         for condition in in_order(self.conditions - _QUIET):
-            detail = self._details[condition] if condition in _NAMING else ""
+            detail = ""
+            if condition in _NAMING:
+                detail = self._details[condition]
             action = TABLE[situation, condition]
             previous = reported.get(condition)
             if previous is None:
@@ -178,8 +181,11 @@ class FailsafeSupervisor:
         return tuple(due)
 
     def _report(self, condition: Condition, action: Action) -> ConditionReport:
+        severity: Severity = "warning"
+        if action >= Action.LEVEL:
+            severity = "critical"
         return ConditionReport(
-            severity="critical" if action >= Action.LEVEL else "warning",
+            severity=severity,
             code=condition.name.lower().replace("_", "-"),
             sentence=self._sentence(condition, action),
         )

@@ -29,7 +29,8 @@ from onboard.tuples import Xyz
 _BACK_NS = 2_000_000_000  # time for which a neighbour is reported as heard again
 _NEAR_M = 5.0  # a neighbour farther away along an axis is not checked
 _CLIMB_S = 0.5  # a climb or descent towards a neighbour is expected to go on for this time
-_BRAKE_SHARE = 0.8  # braking in the check of distances, as a share of that at the largest tilt
+# deceleration that the check of distances expects, as a share of that at the largest tilt
+_BRAKE_SHARE = 0.8
 _PREDICTED_SLACK_M = 0.03  # a predicted distance may be below the safety distance by this
 # a neighbour is reported if the law avoided it in more than this share of a leg's ticks
 _KEPT_OFF_SHARE = 0.3
@@ -42,8 +43,8 @@ _FASTEST_FACTOR = 3.0  # times its max_speed_m_s
 class Silence(NamedTuple):
     """Names of neighbours that became silent, or that are heard again."""
 
-    silent: tuple[str, ...]  # were heard in the air, and are silent at this tick
-    unseen: tuple[str, ...]  # have been silent for several ticks, and without mocap poses
+    silent: tuple[str, ...]  # were in the air when last heard, and are silent at this tick
+    unseen: tuple[str, ...]  # silent for several ticks, and not seen by the mocap either
     heard_again: tuple[str, ...]  # heard again within the last seconds
 
 
@@ -76,7 +77,7 @@ class NeighbourMonitor:
         self._own_hash = fleet.config_hash
         tilt_rad = math.radians(vehicle.max_tilt_deg)
         self._braking_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(tilt_rad)
-        # without a vertical separation the distance is kept at all heights
+        # vertical distance from which on no horizontal distance is needed; infinite: there is none
         self._vertical_m = math.inf
         if fleet.fleet.vertical_separation_m is not None:
             self._vertical_m = fleet.fleet.vertical_separation_m
@@ -89,7 +90,7 @@ class NeighbourMonitor:
             for name in table.names
         }
 
-        self._silence = Held()  # in how many ticks in a row any neighbour was silent
+        self._silence = Held()  # counts the ticks in a row in which any neighbour was silent
         self._confirmed_silent: tuple[str, ...] = ()  # silent in enough ticks in a row
         self._heard_again: tuple[str, ...] = ()
         self._heard_again_ns = 0
@@ -117,19 +118,21 @@ class NeighbourMonitor:
 
         if before:
             self._find_heard_again(before, now_ns)
-        is_recent = self._heard_again_ns != 0 and now_ns - self._heard_again_ns < _BACK_NS
-        return Silence(silent, unseen, self._heard_again if is_recent else ())
+        heard_again: tuple[str, ...] = ()
+        if self._heard_again_ns != 0 and now_ns - self._heard_again_ns < _BACK_NS:
+            heard_again = self._heard_again
+        return Silence(silent, unseen, heard_again)
 
     def _find_heard_again(self, before: Iterable[str], now_ns: int) -> None:
+        """Find the neighbours that were silent before and are heard now."""
         table = self._table
         ages_s = dict(zip(table.names, table.heard_ages_s(now_ns).tolist(), strict=True))
-        heard_again = tuple(
-            name
-            for name in before
-            if name not in self._confirmed_silent and ages_s[name] <= table.silent_s
-        )
+        heard_again = []
+        for name in before:
+            if name not in self._confirmed_silent and ages_s[name] <= table.silent_s:
+                heard_again.append(name)
         if heard_again:
-            self._heard_again = heard_again
+            self._heard_again = tuple(heard_again)
             self._heard_again_ns = now_ns
 
     def count_avoided(self, active_neighbour: int) -> None:
@@ -202,17 +205,17 @@ class NeighbourMonitor:
     def _blind(self, rows: Iterable[NeighbourRow], view: FlightView) -> tuple[str, ...]:
         """Return which neighbours fly by dead reckoning.
 
-        The result is empty while this vehicle does so as well: vehicles that have all lost their
-        poses brake and sink together.
+        The result is empty while this vehicle itself flies by dead reckoning: vehicles that have
+        all lost their poses brake and sink together.
         """
         if view.is_blind:
             return ()
 
-        return tuple(
-            telemetry.vehicle
-            for telemetry in self._heard_telemetries(rows)
-            if telemetry.is_airborne and telemetry.state_age_s > NEIGHBOUR_BLIND_S
-        )
+        blind = []
+        for telemetry in self._heard_telemetries(rows):
+            if telemetry.is_airborne and telemetry.state_age_s > NEIGHBOUR_BLIND_S:
+                blind.append(telemetry.vehicle)
+        return tuple(blind)
 
     def _wind_above(self, rows: Iterable[NeighbourRow]) -> tuple[str, ...]:
         """Return which neighbours report that the wind is above their limit."""
@@ -237,9 +240,10 @@ class NeighbourMonitor:
         reasons = {}
         for row in rows:
             monitor = self._plausibilities[row.name]
-            claim, seen = self._table.claim(row.name)
+            # motion in the neighbour's newest message, and position of its body from the mocap
+            claim, mocap_position = self._table.claim(row.name)
             if claim is not None:
-                monitor.look(claim, seen, now_ns)
+                monitor.look(claim, mocap_position, now_ns)
 
             index = self._table.indices[row.name]
             is_contradicted = bool(monitor.reason)
@@ -254,7 +258,7 @@ class NeighbourMonitor:
     ) -> tuple[str, ...]:
         """Return which neighbours do not fly as they predict, and mark those in the table.
 
-        Neighbours that are distrusted already are marked as well, whatever they predict.
+        Neighbours in ``distrusted`` are marked as well, whatever they predict.
         """
         wrong = []
         for row in rows:
@@ -281,6 +285,7 @@ class NeighbourMonitor:
         return tuple(row.name for row in known if self._is_endangered(row, view))
 
     def _is_endangered(self, row: NeighbourRow, view: FlightView) -> bool:
+        """Return whether the distance to a neighbour will be too small although both brake."""
         x, y, z = view.position_enu_m
         vx, vy, vz = view.velocity_enu_m_s
         other_x, other_y, other_z = row.vector("position_enu_m")
@@ -307,5 +312,5 @@ class NeighbourMonitor:
             deceleration_m_s2=self._braking_m_s2 * braking_count,
         )
         limit_m = self._limits.safety_distance_m
-        # a neighbour that is too near already is a breach, and no predicted one
+        # a neighbour that is too near already counts as SEPARATION_BREACHED
         return left_m < limit_m - _PREDICTED_SLACK_M and math.hypot(*apart_m) > limit_m

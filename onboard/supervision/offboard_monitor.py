@@ -1,6 +1,6 @@
 """Detects that PX4 has left the mode that the flight needs: OFFBOARD, or LAND while PX4 lands.
 
-A pilot whose sticks PX4 hears is distinguished from other reasons for as long as the pilot flies.
+A pilot who flies with the sticks is distinguished from all other reasons.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from onboard.flight.types import MUST_BE_ARMED, MUST_BE_OFFBOARD, FlightStep
 from onboard.safety.failsafe_table import Situation
 from onboard.supervision.tick_facts import ModeLoss
 
-# In these steps, on the ground, the agent requests OFFBOARD of PX4, unless a pilot flies it.
+# In these steps, on the ground, the agent requests OFFBOARD from PX4, unless a pilot flies.
 _STARTING = (FlightStep.ARM_OFFBOARD, FlightStep.TAKEOFF_OFFBOARD)
 
 
@@ -49,13 +49,16 @@ class OffboardMonitor:
         if flight.step.situation is Situation.SILENT:
             self._has_landing_mode = False
             self._not_needed_ns = now_ns
-            return ModeLoss.BY_HAND if is_flown_by_hand else ModeLoss.NONE
+            if is_flown_by_hand:
+                return ModeLoss.BY_HAND
+            return ModeLoss.NONE
 
         self._has_landing_mode = False
         if flight.step not in MUST_BE_OFFBOARD:
             self._not_needed_ns = now_ns
-            is_starting = flight.step in _STARTING
-            return ModeLoss.BY_HAND if is_starting and is_flown_by_hand else ModeLoss.NONE
+            if is_flown_by_hand and flight.step in _STARTING:
+                return ModeLoss.BY_HAND
+            return ModeLoss.NONE
 
         if snapshot.heartbeat_ns <= self._not_needed_ns:
             return ModeLoss.NONE
@@ -74,8 +77,9 @@ class OffboardMonitor:
         was_landing = self._has_landing_mode
         self._has_landing_mode = was_landing or is_landing
 
-        # PX4's own failsafes land the vehicle as well, and on the ground nobody takes it over
-        is_taken = was_landing and not is_landing
-        if is_taken and not is_on_ground and not snapshot.is_failsafe:
+        # A mode other than LAND is no loss in PX4's own failsafe, which lands the vehicle as well,
+        # and on the ground.
+        has_left_landing = was_landing and not is_landing
+        if has_left_landing and not is_on_ground and not snapshot.is_failsafe:
             return ModeLoss.LEFT
         return ModeLoss.NONE

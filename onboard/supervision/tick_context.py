@@ -24,7 +24,7 @@ class TickContext(Struct, frozen=True, kw_only=True):
     is_stopping: bool = False  # a shutdown of the agent was requested
     has_duplicate: bool = False  # another agent publishes for this vehicle
     is_disk_full: bool = False
-    clock_jump_ns: int = 0  # time of the last jump of our clock; 0 never
+    clock_jump_ns: int = 0  # time of the last jump of our clock; 0: none yet
 
     corrections: CorrectionsStatus | None = None  # None: the vehicle uses no corrections
 
@@ -44,7 +44,8 @@ class TickContext(Struct, frozen=True, kw_only=True):
     active_neighbour: int = -1  # index of the neighbour that the law avoids most; -1: none
     commanded_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)  # attitude setpoint sent last, in the fleet frame
     thrust_frac: float = 0.0  # throttle sent last
-    below_m: float = 0.0  # height of the trajectory above the vehicle
+    below_m: float = 0.0  # how far the vehicle is below its trajectory
     is_law_active: bool = False  # whether the law changes the thrust
-    setpoint_miss_m: float = 0.0  # horizontal distance of the predicted position to the setpoint
+    # horizontal distance of the position that the law predicts from the setpoint
+    setpoint_miss_m: float = 0.0
     disturbance_enu_m_s2: Xyz = (0.0, 0.0, 0.0)  # disturbance that the observer has learned

@@ -21,8 +21,8 @@ class ModeLoss(Enum):
     """The way in which PX4 has left the mode that the flight needs."""
 
     NONE = "none"
-    BY_HAND = "a pilot's mode, and his sticks are heard"
-    LEFT = "another mode"  # a pilot's, or out of PX4's landing
+    BY_HAND = "a pilot's mode, and sticks are received"
+    LEFT = "another mode"  # for instance after a command of another ground station
     FAILSAFE = "PX4's own failsafe"
     DISARMED = "disarmed"
 
@@ -31,7 +31,8 @@ class SlowFacts(Struct, frozen=True, kw_only=True):
     """Facts that are observed ten times a second."""
 
     # own position
-    px4_accuracy_m: float = 0.0  # std that PX4 reports, of two axes together; 0 or NaN: none
+    # standard deviation that PX4 reports, of two axes together; 0 or NaN: not reported
+    px4_accuracy_m: float = 0.0
     has_lost_satellites: bool = False
     is_position_late: bool = False  # whether PX4's velocity follows attitude and throttle late
     position_miss_m: float = 0.0  # by how much PX4's positions contradict the own motion
@@ -48,7 +49,7 @@ class SlowFacts(Struct, frozen=True, kw_only=True):
 
     wind: WindFacts = WindFacts()
 
-    # time of the last jump of our clock, or of the mocap's clock against ours; 0 never
+    # time of the last jump of our clock, or of the mocap's clock against ours; 0: none yet
     clock_jump_ns: int = 0
 
     # names of other vehicles
@@ -74,15 +75,15 @@ class TickFacts(Struct, frozen=True, kw_only=True):
     is_flying: bool = False  # whether the situation is FLYING
     is_under_law: bool = False  # whether the vehicle flies the output of the avoidance law
     is_airborne: bool = False  # whether the others have to expect this vehicle in the air
-    is_in_contact: bool = False  # it stands after a landing, and PX4 has not confirmed it yet
-    # why a move or a landing counts as overdue; None: it does not
+    is_in_contact: bool = False  # it stands after a landing that PX4 has not confirmed yet
+    # why the move or the landing is overdue; None: it is not overdue
     overdue: str | None = None
 
     # own motion
     has_position: bool = True  # known from poses or by dead reckoning
     position_age_s: float = 0.0  # age of the newest sample that was used
     position_stale_s: float = 0.0  # for how long the position has been stale
-    # sum of the times for which it was stale lately; see onboard/safety/held.py
+    # time for which it was stale recently, summed over all gaps (onboard/safety/held.py)
     position_flicker_s: float = 0.0
     height_above_floor_m: float = 0.0  # above the lowest ground that the fleet file knows
     height_m: float = 0.0  # above the ground where it took off
@@ -98,12 +99,12 @@ class TickFacts(Struct, frozen=True, kw_only=True):
     px4_nonsense: str = ""  # sentence about impossible numbers; empty: there are none
     is_px4_frozen: bool = False  # packets come, but PX4's clock does not advance
     is_heartbeat_late: bool = False
-    is_px4_rebooted: bool = False  # within the last seconds
-    is_px4_back: bool = False  # after a standstill, within the last seconds
+    is_px4_rebooted: bool = False  # PX4 rebooted within the last seconds
+    is_px4_back: bool = False  # PX4's clock advanced again within the last seconds
     contradicted_s: float = 0.0  # for how long PX4's reports have contradicted each other
     contradicted: str = ""  # kind of those reports
     has_landed_report: bool = True  # whether the last report of the landed state is recent
-    is_on_ground: bool = False  # whether that recent report says so
+    is_on_ground: bool = False  # whether a recent report says that it is on the ground
     mode_loss: ModeLoss = ModeLoss.NONE
     px4_mode: str = ""
     is_attitude_lost: bool = False  # the attitude does not follow its setpoints
@@ -131,6 +132,6 @@ class TickFacts(Struct, frozen=True, kw_only=True):
     nearest_m: float = math.inf  # separation from the nearest other vehicle
     touched: str = ""  # vehicle that is nearer than one body diameter; empty: none
     is_law_infeasible: bool = False
-    silent: tuple[str, ...] = ()  # were heard in the air, and are not heard any more
+    silent: tuple[str, ...] = ()  # were in the air when last heard, and are silent now
     unseen: tuple[str, ...] = ()  # silent vehicles and persons of whom no mocap poses come
     heard_again: tuple[str, ...] = ()  # heard again within the last seconds

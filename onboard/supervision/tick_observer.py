@@ -36,8 +36,8 @@ from onboard.supervision.wind_monitor import WindMonitor
 from onboard.types import LawStatus
 
 _SLOW_TICKS = 5  # number of ticks between two collections of the slow facts
-# the mocap has swapped two bodies if this number of impossible samples in a row lie this near to
-# another vehicle
+# The mocap has swapped two bodies if _SWAP_JUMPS impossible samples in a row lie within
+# _SWAP_RADIUS_M of another vehicle.
 _SWAP_JUMPS = 2
 _SWAP_RADIUS_M = 0.3
 
@@ -159,7 +159,7 @@ class TickObserver:
 
         # the order, and the other vehicles
         overdue = flight.overdue(view)
-        if overdue == "":  # late without a reason of its own
+        if overdue == "":  # the deadline has passed, without a known reason
             overdue = neighbours.kept_off_by(flight.goal_position_enu_m, view)
         if step is FlightStep.LEG:
             neighbours.count_avoided(context.active_neighbour)
@@ -243,17 +243,19 @@ class TickObserver:
         )
 
     def _is_attitude_lost(self, now_ns: int, heartbeat_ns: int) -> bool:
-        """Whether the attitude does not follow, for another reason than a pilot.
+        """Return whether the attitude does not follow its setpoints, and no pilot is the reason.
 
-        A pilot who takes the vehicle tilts it at will, and PX4 reports its mode only once a second.
-        So a heartbeat is requested. The attitude counts as lost only if a heartbeat has come since
-        it stopped to follow, or if no heartbeat comes at all. If that heartbeat reports another
-        mode, `OffboardMonitor` finds that the vehicle was taken over. For an upset vehicle no
-        heartbeat is awaited.
+        A pilot who takes the vehicle over tilts it at will, and PX4 reports its mode only once a
+        second. So a heartbeat is requested. The attitude counts as lost only if a heartbeat has
+        come since it stopped following, or if no heartbeat comes at all. If that heartbeat reports
+        another mode, `OffboardMonitor` finds that the vehicle was taken over. For an upset vehicle,
+        which tilts far more than commanded, no heartbeat is awaited.
         """
         self.reports.is_heartbeat_wanted = False
-        if self._tracking.is_upset or not self._tracking.is_attitude_lost:
-            return self._tracking.is_upset
+        if self._tracking.is_upset:
+            return True
+        if not self._tracking.is_attitude_lost:
+            return False
 
         began_ns = now_ns - int(1e9 * self._tracking.missed_s)
         is_mode_known = heartbeat_ns >= began_ns
@@ -284,7 +286,7 @@ class TickObserver:
         return _TRACKED_ABOVE_M
 
     def _look_at_corrections(self, view: FlightView, context: TickContext) -> dict[str, Any]:
-        """Return the facts about satellites, by their names; none without corrections."""
+        """Return the facts about satellites by their names; empty without corrections."""
         corrections = self._own.corrections
         status = context.corrections
         if corrections is None or status is None:

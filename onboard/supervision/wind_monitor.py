@@ -3,12 +3,12 @@
 There are three separate signs: the estimated wind, a disturbance observer at its bound, and gusts
 that push the vehicle about. The first sign needs a known drag; the other two do not.
 
-The limit is one of the mean wind. The estimate is a mean over two seconds only, and gusts move it.
-So the wind counts as above its limit only if the estimate is higher than gusts explain.
+The limit is for the mean wind. The estimate is a mean over two seconds only, so gusts change it.
+The wind counts as above its limit only if the estimate is higher than gusts explain.
 
-A wind that rises is expected to rise for ten more seconds: the estimate lags three seconds behind,
-a landing takes three more, and the rise itself is seen late. If the expected wind needs nearly all
-of the tilt, it counts as above its limit now.
+A rising wind is expected to rise for ten more seconds: the estimate lags three seconds behind, a
+landing takes three more, and the rise itself is detected late. If the expected wind needs nearly
+all of the tilt, the wind counts as above its limit now.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ _GOES_ON_S = 10.0  # time for which a rise is expected to go on
 # From this share of its limit on, a wind counts as strong. A vehicle in a strong wind lands when
 # another one lands because of the wind.
 _STRONG_SHARE = 0.75
-_SPENT_SHARE = 0.9  # largest share of the wind that takes all of the tilt
+_SPENT_SHARE = 0.9  # "nearly all of the tilt": this share of the wind that takes all of it
 _SCATTER_TIME_S = 2.0  # averaging time of the squared scatter
-_RETURN_S = 3.0  # longest way back to the setpoint, after the law has moved the vehicle
-_AT_BOUND_SHARE = 0.99  # the observer is at its bound from this share of it on
+_RETURN_S = 3.0  # longest time of the return to the setpoint, after the law has moved the vehicle
+_AT_BOUND_SHARE = 0.99  # the observer is at its bound from this share of the bound on
 
-# Gusts of this share of the horizontal acceleration push a vehicle through its margin, and push two
-# vehicles together that hover 1.5 m apart.
+# Gusts of this share of the largest horizontal acceleration push a vehicle beyond its margin. They
+# push two vehicles that hover 1.5 m apart together.
 _LARGEST_GUST_SHARE = 0.15
 
 
@@ -97,7 +97,7 @@ class WindMonitor:
             self._too_much_m_s = _SPENT_SHARE * full_tilt_wind_m_s
 
         self._mean_square_m2 = 0.0  # mean squared distance from the setpoint in hover
-        # remaining time of the way back to the setpoint, after the law has moved the vehicle
+        # longest remaining time of the return to the setpoint, after the law moved the vehicle
         self._return_s = 0.0
         self._earlier_enu_m_s = (0.0, 0.0)  # the wind about _RISE_S ago
         self._looks = 0  # number of looks in a row at which the wind was known
@@ -110,8 +110,8 @@ class WindMonitor:
     def update(self, context: TickContext, dt_s: float) -> None:
         """Take one tick of a hover.
 
-        While the law moves the vehicle, and on the way back, the distance from the setpoint is not
-        caused by gusts and does not count. The way back ends where the vehicle is as near to its
+        While the law moves the vehicle, and during its return, the distance from the setpoint is
+        not caused by gusts and does not count. The return ends when the vehicle is as near to its
         setpoint as it was before, and after ``_RETURN_S`` at the latest.
         """
         square_m2 = context.setpoint_miss_m * context.setpoint_miss_m
@@ -132,7 +132,7 @@ class WindMonitor:
         self._mean_square_m2 += blend * (square_m2 - self._mean_square_m2)
 
     def look(self, own: OwnState, context: TickContext) -> WindFacts:
-        """Return the facts of now."""
+        """Return the wind facts at this time."""
         speed_m_s = math.hypot(*own.wind_enu_m_s)
         self._remember(own.wind_enu_m_s)
         is_rising = self._soon_m_s(own.wind_enu_m_s) > self._too_much_m_s

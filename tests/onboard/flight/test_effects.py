@@ -373,8 +373,8 @@ def test_what_it_says_of_its_step_its_order_and_its_place() -> None:
     assert not _flight(order=_order("hold")).lands_for_a_person
     assert not _flight().lands_for_a_person
 
-    assert _flight().place == "mav0"
-    assert _flight(stands_in_for="mav1").place == "mav1"
+    assert _flight().slot_owner == "mav0"
+    assert _flight(stands_in_for="mav1").slot_owner == "mav1"
 
 
 def test_how_long_a_step_has_lasted_and_been_steady() -> None:

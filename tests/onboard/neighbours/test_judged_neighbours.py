@@ -56,7 +56,7 @@ def _hear_for_half_a_second(table: NeighbourTable, seen_enu_m: Xyz) -> tuple[int
         if "mav1" in watched_bodies:
             table.hear_pose(_pose(sequence, now_ns, seen_enu_m), now_ns)
 
-        table.place_contradicted(OWN_ENU_M, now_ns)
+        table.reposition_contradicted(OWN_ENU_M, now_ns)
         bodies = table.bodies_to_watch(now_ns, 0.02)
         if bodies is not None:
             watched_bodies = set(bodies)
@@ -134,7 +134,7 @@ def test_a_contradicted_neighbour_that_falls_silent_counts_where_the_mocap_sees_
     for sequence in range(26, 36):
         now_ns += TICK_NS
         table.hear_pose(_pose(sequence, now_ns, (farther_m, 0.0, 1.0)), now_ns)
-        table.place_contradicted(OWN_ENU_M, now_ns)
+        table.reposition_contradicted(OWN_ENU_M, now_ns)
     assert table.snapshot(now_ns)[0].position_enu_m.x == pytest.approx(farther_m, abs=0.02)
 
 
@@ -147,7 +147,7 @@ def test_a_contradicted_neighbour_counts_as_airborne_also_when_it_says_that_it_s
     assert table.silent(13 * S) == ()
 
     table.judged.set_contradicted(table.indices["mav1"], True)
-    table.place_contradicted(OWN_ENU_M, 10 * S)
+    table.reposition_contradicted(OWN_ENU_M, 10 * S)
     assert table.silent(13 * S) == ("mav1",), "only who is in the air is missed"
 
 
@@ -160,7 +160,7 @@ def test_a_neighbour_that_is_contradicted_no_more_counts_where_it_says_again() -
 
     table.judged.set_contradicted(index, False)
     table.hear(_says(99, now_ns + TICK_NS), now_ns + TICK_NS)
-    table.place_contradicted(OWN_ENU_M, now_ns + TICK_NS)
+    table.reposition_contradicted(OWN_ENU_M, now_ns + TICK_NS)
     neighbour = table.snapshot(now_ns + TICK_NS)[0]
     assert neighbour.position_enu_m == SAID_ENU_M
     assert neighbour.is_cooperative

@@ -41,7 +41,7 @@ def nobody(now_ns: int):
 
 
 def test_who_was_never_seen_is_no_neighbour():
-    assert not list(people().beside(nobody(S), S))
+    assert not list(people().added_to(nobody(S), S))
     assert people().unseen(S) == ()
 
 
@@ -50,7 +50,7 @@ def test_a_person_is_a_neighbour_with_a_circle_as_high_as_the_fence():
     assert seen.hear_pose(pose("cap1", S, 2.0), S)
     assert seen.hear_pose(pose("ben", S, 3.0), S)
 
-    anna, ben = seen.beside(nobody(S), S + FRAME_NS)
+    anna, ben = seen.added_to(nobody(S), S + FRAME_NS)
     assert (anna.radius_m, ben.radius_m) == (0.4, 0.7)
     assert (anna.table_index, ben.table_index) == (2, 3)
     assert not anna.is_cooperative
@@ -64,7 +64,7 @@ def test_poses_of_others_and_lost_markers_change_nothing():
     seen = people()
     assert not seen.hear_pose(pose("mav1", S, 2.0), S)
     assert not seen.hear_pose(pose("cap1", S, 2.0, is_tracked=False), S)
-    assert not list(seen.beside(nobody(S), S))
+    assert not list(seen.added_to(nobody(S), S))
 
 
 def test_the_distance_is_that_to_the_circle_of_where_the_person_is_now():
@@ -87,7 +87,7 @@ def test_a_person_is_unseen_after_a_gap_and_gone_after_a_long_one():
     gone_ns = S + round((GONE_S + 0.01) * S)
     assert seen.unseen(soon_ns) == ()
     assert seen.unseen(late_ns) == ("ben",)
-    assert len(seen.beside(nobody(late_ns), late_ns)) == 1
+    assert len(seen.added_to(nobody(late_ns), late_ns)) == 1
     assert seen.unseen(gone_ns) == ()
-    assert not list(seen.beside(nobody(gone_ns), gone_ns))
+    assert not list(seen.added_to(nobody(gone_ns), gone_ns))
     assert seen.distances_m((0.0, 0.0, 0.0), gone_ns) == {}

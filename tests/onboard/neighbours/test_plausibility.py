@@ -15,8 +15,8 @@ from onboard.bus.schema import MocapPose
 from onboard.config.fleet import load_fleet
 from onboard.neighbours.plausibility import (
     Claim,
+    MocapPosition,
     PlausibilityMonitor,
-    Seen,
     mocap_contradiction,
     physical_contradiction,
 )
@@ -99,7 +99,7 @@ def test_whoever_accelerates_as_hard_as_a_vehicle_can_contradicts_nothing(
         position_std_m=0.01,
     )
     assert physical_contradiction(before, after, 15.0) == ""
-    assert mocap_contradiction(before, Seen(after.stamp_ns, after.position_enu_m)) == ""
+    assert mocap_contradiction(before, MocapPosition(after.stamp_ns, after.position_enu_m)) == ""
 
 
 def test_one_jump_is_an_estimator_that_began_anew_and_two_are_none() -> None:
@@ -122,7 +122,9 @@ def test_one_jump_is_an_estimator_that_began_anew_and_two_are_none() -> None:
 
 
 def test_three_poses_in_a_row_elsewhere_are_believed_and_the_accuracy_it_says_is_granted() -> None:
-    poses = [Seen(_CLAIM.stamp_ns + 250 * MS * n, (2.2 + 0.25 * n, 2.0, 1.0)) for n in range(3)]
+    poses = [
+        MocapPosition(_CLAIM.stamp_ns + 250 * MS * n, (2.2 + 0.25 * n, 2.0, 1.0)) for n in range(3)
+    ]
     reasons = []
     for std_m in (0.01, 0.5):
         monitor = PlausibilityMonitor(15.0)

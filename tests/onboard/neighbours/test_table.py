@@ -50,7 +50,7 @@ def test_a_state_ages_until_the_next_one_comes() -> None:
 
 
 def _replaced_at(table: NeighbourTable, own_place: str, now_s: int) -> list[str]:
-    table.forget_carried_away(own_place, now_s * S)
+    table.forget_replaced(own_place, now_s * S)
     return [table.names[one.table_index] for one in table.snapshot(now_s * S)]
 
 
