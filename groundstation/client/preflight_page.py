@@ -95,15 +95,15 @@ def page_of(view: VehicleView, fleet: FleetConfig, now_ns: int) -> VehiclePage:
         return VehiclePage(view.name, True, (line,))
 
     lines = [
-        *_of_place(view.name, telemetry.stands_in_for),
-        *_of_files(view.name, telemetry, fleet),
-        *_of_report(view, telemetry, now_ns),
-        _of_direct_path(view.name, fleet),
+        *_place_lines(view.name, telemetry.stands_in_for),
+        *_file_lines(view.name, telemetry, fleet),
+        *_report_lines(view, telemetry, now_ns),
+        _direct_path_line(view.name, fleet),
     ]
     return VehiclePage(view.name, True, tuple(lines))
 
 
-def _of_place(name: str, place: str) -> list[PageLine]:
+def _place_lines(name: str, place: str) -> list[PageLine]:
     """Return a line about a vehicle that stands in for another one; otherwise none."""
     if not place:
         return []
@@ -111,7 +111,7 @@ def _of_place(name: str, place: str) -> list[PageLine]:
     return [PageLine("place", True, sentence, "")]
 
 
-def _of_files(name: str, telemetry: Telemetry, fleet: FleetConfig) -> list[PageLine]:
+def _file_lines(name: str, telemetry: Telemetry, fleet: FleetConfig) -> list[PageLine]:
     """Return a line if a vehicle flies with another fleet file or another law; otherwise none."""
     # The hash of a fleet file covers its law. For a vehicle that flies another built-in law, the
     # hash of this file with that law is compared. A user's own law is not loaded here, because a
@@ -144,7 +144,7 @@ def _of_files(name: str, telemetry: Telemetry, fleet: FleetConfig) -> list[PageL
     return []
 
 
-def _of_report(view: VehicleView, telemetry: Telemetry, now_ns: int) -> list[PageLine]:
+def _report_lines(view: VehicleView, telemetry: Telemetry, now_ns: int) -> list[PageLine]:
     """Return the agent's own checks, or a line about why there are none."""
     report = view.preflight
     if report is not None and view.has_preflight(now_ns) and report.boot_id == telemetry.boot_id:
@@ -163,7 +163,7 @@ def _of_report(view: VehicleView, telemetry: Telemetry, now_ns: int) -> list[Pag
     ]
 
 
-def _of_direct_path(name: str, fleet: FleetConfig) -> PageLine:
+def _direct_path_line(name: str, fleet: FleetConfig) -> PageLine:
     """Return the line about the direct path, on which kill and land reach PX4 without the agent."""
     direct = fleet.vehicles[name].direct
     if direct is None:
@@ -191,9 +191,9 @@ def pages_of(
         The page of each vehicle, with the lines that are the same for the whole fleet.
     """
     fleet_lines = [
-        *_versions(state, fleet, names),
-        *_of_ground_key(fleet),
-        *_of_this_computer(state),
+        *_version_lines(state, fleet, names),
+        *_ground_key_lines(fleet),
+        *_computer_lines(state),
     ]
 
     pages = []
@@ -205,7 +205,7 @@ def pages_of(
     return tuple(pages)
 
 
-def _versions(state: FleetState, fleet: FleetConfig, names: Sequence[str]) -> list[PageLine]:
+def _version_lines(state: FleetState, fleet: FleetConfig, names: Sequence[str]) -> list[PageLine]:
     """Return a line if the vehicles have reported different versions of PX4; otherwise none."""
     vehicles: dict[tuple[int, int], list[str]] = {}  # version -> vehicles
     for name in names:
@@ -235,7 +235,7 @@ def _dotted(version: tuple[int, int]) -> str:
     return f"{major}.{minor}"
 
 
-def _of_this_computer(state: FleetState) -> list[PageLine]:
+def _computer_lines(state: FleetState) -> list[PageLine]:
     """Return a line if this ground's computer is too busy; otherwise none."""
     late_s = state.loop_late_s
     if late_s < _LATE_ADVICE_S:
@@ -253,9 +253,9 @@ def _of_this_computer(state: FleetState) -> list[PageLine]:
     return [PageLine("this computer", late_s < _LATE_NO_GO_S, sentence, remedy)]
 
 
-def _of_ground_key(fleet: FleetConfig) -> list[PageLine]:
+def _ground_key_lines(fleet: FleetConfig) -> list[PageLine]:
     """Return a line if this ground's certificate ends soon; otherwise none."""
-    end_s = _ground_end_s(os.path.join(fleet.keys_folder, files_of(NodeRole.GROUND)[1]))
+    end_s = _certificate_end_s(os.path.join(fleet.keys_folder, files_of(NodeRole.GROUND)[1]))
     if not fleet.has_keys or end_s is None:
         return []
 
@@ -277,7 +277,7 @@ def _of_ground_key(fleet: FleetConfig) -> list[PageLine]:
 
 
 @cache
-def _ground_end_s(path: str) -> float | None:
+def _certificate_end_s(path: str) -> float | None:
     """Return the end of the certificate with which this process has opened its links [s, Unix].
 
     The result is kept, because a later file does not change the links.
@@ -333,7 +333,7 @@ def advice_of(
             if is_ok and remedy and not skipped.get(check):
                 advice.setdefault(f"{sentence} {remedy}", []).append(name)
 
-    for line in _of_this_computer(state):
+    for line in _computer_lines(state):
         advice[f"{line.sentence} {line.remedy}"] = list(names)
     return advice
 

@@ -36,7 +36,7 @@ def import_(
 ) -> int:
     """Make a mission of a show: a fleet file, a mission file, and a path for each drone.
 
-    If the show cannot be flown as it is, it is made slower or wider where that suffices.
+    If the show cannot be flown as it is, it is slowed down, or some vehicles begin later.
 
     Args:
         show: a .skyc of Skybrush, or a folder or a zip of CSVs

@@ -185,8 +185,9 @@ def _select(
     marked = fleet.emulated_names
     names = fleet.select(vehicles or marked, exclude)
 
-    # If some vehicles are marked as emulated, all others are real.
-    real = [name for name in names if marked and name not in marked]
+    real = []
+    if marked:  # then all vehicles without the mark are real
+        real = [name for name in names if name not in marked]
     if real and has_poses:
         raise ConfigError(
             f"{', '.join(real)}: real by {fleet.path}, which marks {', '.join(marked)} with"

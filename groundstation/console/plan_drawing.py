@@ -185,7 +185,8 @@ def _draw_obstacle(canvas: Canvas, window: Window, obstacle: Obstacle) -> None:
         else:
             _draw_clipped_line(canvas, window.dot(x1_m, y1_m), window.dot(x2_m, y2_m), WARN)
 
-    # The part of the box around the obstacle that lies in the picture, in dots.
+    # The part of the box around the obstacle that lies in the picture, in dots. The first ends of
+    # the capsules are enough, because each corner of a polygon is the first end of one capsule.
     ends = np.array([(x_m, y_m, radius_m) for x_m, y_m, _, _, radius_m in obstacle.capsules_enu_m])
     low = window.dots(ends[:, :2] - ends[:, 2:])
     high = window.dots(ends[:, :2] + ends[:, 2:])
@@ -333,10 +334,10 @@ def _draw_goal(
     canvas: Canvas, window: Window, view: VehicleView, position: PointEnu | None, colour: str
 ) -> None:
     """Draw ✛ at the goal, × at the trajectory's setpoint, and a dashed line to the goal."""
-    last = view.telemetry
-    if last is None or not view.is_airborne:
+    telemetry = view.telemetry
+    if telemetry is None or not view.is_airborne:
         return
-    goal = last.goal_position_enu_m
+    goal = telemetry.goal_position_enu_m
     if not _is_plausible(goal):
         return
 
@@ -344,7 +345,7 @@ def _draw_goal(
         if math.dist(goal[:2], position[:2]) > _NEAR_M:
             canvas.line(window.dot(*position[:2]), window.dot(*goal[:2]), colour, gap=5)
 
-        setpoint = last.setpoint_position_enu_m
+        setpoint = telemetry.setpoint_position_enu_m
         is_finite = all(map(math.isfinite, setpoint))
         if is_finite and math.dist(setpoint[:2], position[:2]) > _NEAR_M:
             canvas.text(*window.cell(*setpoint[:2]), "×", colour)
@@ -410,14 +411,19 @@ def _draw_avoidance(canvas: Canvas, scene: PlanScene) -> None:
     bright: list[tuple[PointEnu, PointEnu]] = []
     faint: list[tuple[PointEnu, PointEnu]] = []
     for view in scene.views:
-        last = view.telemetry
+        telemetry = view.telemetry
         position = scene.positions_enu_m.get(view.name)
-        if last is None or position is None or not last.is_airborne or scene.is_stale(view):
+        if (
+            telemetry is None
+            or position is None
+            or not telemetry.is_airborne
+            or scene.is_stale(view)
+        ):
             continue
 
         # `avoids` names no vehicle if an obstacle, the fence or the tilt limit holds it back.
-        other = places.get(last.avoids)
-        is_held_back = last.law_status.lower() not in ("", "inactive")
+        other = places.get(telemetry.avoids)
+        is_held_back = telemetry.law_status.lower() not in ("", "inactive")
         if other is not None and is_held_back:
             if scene.is_emphasised(view.name):
                 bright.append((position, other))

@@ -1,4 +1,4 @@
-"""Makes one checked message per vehicle of an intent, or a refusal in words. Pure.
+"""Turns an intent into one checked message per vehicle, or into a refusal in words. Pure.
 
 An order is planned once. Before it is sent, :func:`check_again` checks the planned goals against
 the fleet at that time. The goals themselves do not change after they were shown.

@@ -66,7 +66,7 @@ class AgentLogLink:
         send_to_autopilot(self._codec, self._vehicle.system_id, name, values)
 
     def write(self, packet: bytes) -> None:
-        """Publish a packet that the codec has encoded. The codec calls it as it would a port's."""
+        """Publish an encoded packet. The codec calls this method as if the link were its port."""
         self._bus.publish(Topic.LOG_REQUEST, self._vehicle.name, LogRequest(packet=bytes(packet)))
 
     def next_message(self, names: Iterable[str], timeout_s: float) -> Any | None:

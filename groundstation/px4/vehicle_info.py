@@ -70,10 +70,11 @@ class _Traffic:
 
 
 class _Battery:
-    """The battery, as an agent makes it of the reports of all monitors."""
+    """The battery, combined from the reports of all monitors as an agent combines them."""
 
     def __init__(self) -> None:
-        self.fields: dict[str, Any] = {}  # of a snapshot; empty before the first report
+        # fields of a snapshot that describe the battery; empty before the first report
+        self.fields: dict[str, Any] = {}
         self._reports = BatteryReports()
 
     def take(self, message: Any) -> None:
@@ -188,15 +189,15 @@ def _snapshot(heard: _Messages, *names: str) -> Snapshot:
 
 
 def _state(heard: _Messages, battery: Mapping[str, Any]) -> str:
-    known = replace(_snapshot(heard, "HEARTBEAT", "EXTENDED_SYS_STATE"), **battery)
-    words = ["armed" if known.is_armed else "disarmed", known.mode or "mode not said"]
-    if known.landed is not Landed.UNKNOWN:
-        words.append(known.landed.name.lower().replace("_", " "))
-    if known.battery_ns:
+    snapshot = replace(_snapshot(heard, "HEARTBEAT", "EXTENDED_SYS_STATE"), **battery)
+    words = ["armed" if snapshot.is_armed else "disarmed", snapshot.mode or "mode not said"]
+    if snapshot.landed is not Landed.UNKNOWN:
+        words.append(snapshot.landed.name.lower().replace("_", " "))
+    if snapshot.battery_ns:
         charge = "charge not said"
-        if not math.isnan(known.battery_frac):
-            charge = f"{known.battery_frac:.0%}"
-        words.append(f"battery {charge}, {known.battery_voltage_v:.1f} V")
+        if not math.isnan(snapshot.battery_frac):
+            charge = f"{snapshot.battery_frac:.0%}"
+        words.append(f"battery {charge}, {snapshot.battery_voltage_v:.1f} V")
     if "HEARTBEAT" in heard and heard["HEARTBEAT"].system_status in modes.FAILSAFE_STATUSES:
         words.append("in a failsafe")
     return ", ".join(words)
@@ -205,9 +206,9 @@ def _state(heard: _Messages, battery: Mapping[str, Any]) -> str:
 def _sensors(heard: _Messages) -> str:
     if "SYS_STATUS" not in heard:
         return "not said"
-    known = sensors(_snapshot(heard, "SYS_STATUS"))
-    healthy = ", ".join(name for name, is_healthy in known if is_healthy)
-    unhealthy = ", ".join(name for name, is_healthy in known if not is_healthy)
+    reported = sensors(_snapshot(heard, "SYS_STATUS"))
+    healthy = ", ".join(name for name, is_healthy in reported if is_healthy)
+    unhealthy = ", ".join(name for name, is_healthy in reported if not is_healthy)
     return f"healthy: {healthy or 'none'}; unhealthy: {unhealthy or 'none'}"
 
 
@@ -244,17 +245,17 @@ def _direct_link(vehicle: Vehicle, key: bytes | None) -> str:
         ground.stop()
 
 
-def exit_status(found: Sequence[VehicleInfo]) -> int:
+def exit_status(infos: Sequence[VehicleInfo]) -> int:
     """Return 0 if all vehicles answered, 10 if none did, 50 if some did."""
-    if all(vehicle.trouble for vehicle in found):
+    if all(vehicle.trouble for vehicle in infos):
         return EXIT_NO_ANSWER
-    return status_of([not vehicle.trouble for vehicle in found])
+    return status_of([not vehicle.trouble for vehicle in infos])
 
 
-def as_text(found: Sequence[VehicleInfo]) -> str:
+def as_text(infos: Sequence[VehicleInfo]) -> str:
     """Return the list for people."""
     lines: list[str] = []
-    for vehicle in found:
+    for vehicle in infos:
         if vehicle.trouble:
             text = f"{vehicle.name}: no answer. {vehicle.trouble}"
             lines += textwrap.wrap(text, _WIDTH, subsequent_indent="  ")
@@ -268,7 +269,7 @@ def as_text(found: Sequence[VehicleInfo]) -> str:
     return "\n".join(lines)
 
 
-def as_mapping(found: Sequence[VehicleInfo]) -> dict[str, Any]:
+def as_mapping(infos: Sequence[VehicleInfo]) -> dict[str, Any]:
     """Return the answers of vehicles as data for programs."""
     return {
         vehicle.name: {
@@ -276,5 +277,5 @@ def as_mapping(found: Sequence[VehicleInfo]) -> dict[str, Any]:
             "trouble": vehicle.trouble,
             **vehicle.facts,
         }
-        for vehicle in found
+        for vehicle in infos
     }

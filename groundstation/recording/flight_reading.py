@@ -147,10 +147,10 @@ _TRUTH_FIELDS = _number_fields(_TruthRow)
 _STATE_FIELDS = _number_fields(_StateRow)
 
 _Row = TypeVar("_Row", bound=msgspec.Struct)
-_TICKS = msgspec.json.Decoder(_TickRow)
-_TELEMETRY = msgspec.json.Decoder(_TelemetryRow)
-_TRUTHS = msgspec.json.Decoder(_TruthRow)
-_STATES = msgspec.json.Decoder(_StateRow)
+_TICK_DECODER = msgspec.json.Decoder(_TickRow)
+_TELEMETRY_DECODER = msgspec.json.Decoder(_TelemetryRow)
+_TRUTH_DECODER = msgspec.json.Decoder(_TruthRow)
+_STATE_DECODER = msgspec.json.Decoder(_StateRow)
 _UNDECODABLE = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 
 
@@ -207,8 +207,8 @@ class _Rows:
     def columns(self, kept: IntArray) -> dict[str, Array]:
         """Return each field's values in the rows with these indexes."""
         values = np.concatenate([np.empty((0, self._width)), *self._blocks])[kept]
-        is_plain = np.abs(values) <= LARGEST  # False for NaN and infinity, too
-        values[~is_plain] = np.nan
+        is_plausible = np.abs(values) <= LARGEST  # False for NaN and infinity, too
+        values[~is_plausible] = np.nan
 
         columns = {}
         begin = 0
@@ -276,8 +276,8 @@ class _Ages:
                     by_name[name] = np.full(ticks, np.nan)
                 by_name[name][block.first_tick : end_tick] = ages_s[:, column]
         for neighbour_ages_s in by_name.values():
-            is_plain = np.abs(neighbour_ages_s) <= LARGEST
-            neighbour_ages_s[~is_plain] = np.nan
+            is_plausible = np.abs(neighbour_ages_s) <= LARGEST
+            neighbour_ages_s[~is_plausible] = np.nan
         return by_name
 
 
@@ -311,7 +311,7 @@ class _VehicleRows:
 
     def add_ticks(self, stamps_ns: list[int], datas: list[bytes]) -> int:
         """Add ticks."""
-        stamps_ns, rows = _decoded(_TICKS, stamps_ns, datas)
+        stamps_ns, rows = _decoded(_TICK_DECODER, stamps_ns, datas)
         self.ticks.add(stamps_ns, rows)
         self.ages.add(len(self.avoided), [row.neighbour_ages_s for row in rows])
         self.avoided += [row.active_neighbour for row in rows]
@@ -319,7 +319,7 @@ class _VehicleRows:
 
     def add_telemetry(self, stamps_ns: list[int], datas: list[bytes]) -> int:
         """Add telemetry."""
-        stamps_ns, rows = _decoded(_TELEMETRY, stamps_ns, datas)
+        stamps_ns, rows = _decoded(_TELEMETRY_DECODER, stamps_ns, datas)
         self.telemetry.add(stamps_ns, rows)
         for row in rows:
             texts = _TelemetryTexts(row.state, row.mode, row.order_kind, row.fix)
@@ -335,13 +335,13 @@ class _VehicleRows:
 
     def add_truths(self, stamps_ns: list[int], datas: list[bytes]) -> int:
         """Add samples of the truth."""
-        stamps_ns, rows = _decoded(_TRUTHS, stamps_ns, datas)
+        stamps_ns, rows = _decoded(_TRUTH_DECODER, stamps_ns, datas)
         self.truth.add(stamps_ns, rows)
         return len(rows)
 
     def add_states(self, stamps_ns: list[int], datas: list[bytes]) -> int:
         """Add states."""
-        stamps_ns, rows = _decoded(_STATES, stamps_ns, datas)
+        stamps_ns, rows = _decoded(_STATE_DECODER, stamps_ns, datas)
         self.states.add(stamps_ns, rows)
         return len(rows)
 

@@ -383,6 +383,7 @@ class Timeline:
         """
         chunk = self._chunks[number]
         channels = self._channels_of(topics)
+        # id of a channel -> stamps [ns] and JSON texts of its messages
         contents: dict[int, tuple[list[int], list[bytes]]] = {}
         unpack = partial(chunk_messages, channel_ids=channels)
         for channel_id, log_time_ns, data in self._unpacked(chunk, unpack):
@@ -392,14 +393,14 @@ class Timeline:
             log_times_ns.append(log_time_ns)
             datas.append(data)
 
-        found = []
+        raw_channels = []
         for channel_id, (log_times_ns, datas) in contents.items():
             channel = channels[channel_id]
             shift_ns = chunk.shifts_ns.get(channel.clock, 0)
             stamps_ns = log_times_ns
             if shift_ns:
                 stamps_ns = [log_time_ns - shift_ns for log_time_ns in log_times_ns]
-            found.append(
+            raw_channels.append(
                 RawChannel(
                     topic=channel.topic,
                     name=channel.name,
@@ -408,7 +409,7 @@ class Timeline:
                     datas=datas,
                 )
             )
-        return found
+        return raw_channels
 
     def _channels_of(self, topics: frozenset[str]) -> dict[int, _RecordChannel]:
         return {

@@ -49,7 +49,7 @@ def is_allowed(packet: Packet, system_id: int) -> bool:
         packet: the request of a ground station.
         system_id: MAVLink id of the vehicle.
     """
-    if packet.number not in LOG_REQUESTS or not packet.is_right:  # is_right: the checksum is right
+    if packet.number not in LOG_REQUESTS or not packet.has_right_checksum:
         return False
 
     payload = packet.payload.ljust(_MOST_BYTES, b"\0")

@@ -181,14 +181,14 @@ class MavlinkRelay:
         # packets of another vehicle, or of another component of this one
         if packet.component_id != AUTOPILOT_COMPONENT or packet.system_id != self._ids.system:
             is_autopilot = packet.component_id == AUTOPILOT_COMPONENT
-            if packet.number == _HEARTBEAT and is_autopilot and packet.is_right:
+            if packet.number == _HEARTBEAT and is_autopilot and packet.has_right_checksum:
                 self.other_system_id = packet.system_id
             self.refused = replace(self.refused, others=self.refused.others + 1)
             return
 
         now_ns = time.monotonic_ns()
         is_peer = address == self._peer or now_ns - self._peer_ns > _ANOTHER_NS
-        if not packet.is_right:
+        if not packet.has_right_checksum:
             self._refuse("malformed", address)
         elif not is_peer:
             self._refuse("other_address", address)

@@ -116,6 +116,7 @@ _ATTEMPTS = 2  # number of attempts to set a parameter
 
 def _pose_covariance(std_m: float) -> list[float]:
     """Return the upper triangle of the covariance of north, east, down, roll, pitch and yaw."""
+    # index in the upper triangle of 6 x 6 -> variance; all covariances are 0
     variance_m2 = std_m**2
     # index in the triangle, which is written row by row -> variance
     diagonal = {
@@ -195,7 +196,7 @@ class Px4Link:
         # time of the last pose that was sent to PX4; at first the start, because another program
         # may have sent poses before
         self._poses_ns = 0
-        # True: a disarmed PX4 gets no poses, see settle_global_origin
+        # whether a disarmed PX4 gets no poses, see settle_global_origin
         self.withholds_poses = False
         # called on the relay's thread with PX4's replies to requests for its logs
         self.on_log_answer: Callable[[Packet], object] = _ignored

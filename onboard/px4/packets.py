@@ -162,7 +162,7 @@ class Packet(NamedTuple):
     data: bytes  # all of the packet
 
     @property
-    def is_right(self) -> bool:
+    def has_right_checksum(self) -> bool:
         """Whether the checksum is right; False for a kind that is neither read nor sent here."""
         seed = _SEEDS.get(self.number)
         if seed is None:

@@ -113,7 +113,9 @@ class EmulatedPx4:
             return False
         if now_s - self.setpoint.time_s > self.params["COM_OF_LOSS_T"]:
             return False
-        return not self.setpoint.needs_position or self._has_local_position
+        if self.setpoint.needs_position:
+            return self._has_local_position
+        return True
 
     def arming_obstacles(self, now_s: float) -> list[str]:
         """Return the reasons against arming now; empty when there are none."""
@@ -461,9 +463,11 @@ class EmulatedPx4:
 
     def _step_failsafe(self, now_s: float) -> None:
         """Advance the failsafes with the present inputs, and announce a new action."""
-        needs_setpoints = self.intent is Mode.OFFBOARD
+        has_offboard_signal = True  # no other mode needs one
+        if self.intent is Mode.OFFBOARD:
+            has_offboard_signal = self.has_fresh_setpoint(now_s)
         inputs = FailsafeInputs(
-            has_offboard_signal=not needs_setpoints or self.has_fresh_setpoint(now_s),
+            has_offboard_signal=has_offboard_signal,
             battery=self.charge_state,
             attitude_failed=self._has_attitude_failed,
             from_home_m=self._from_home_m(),

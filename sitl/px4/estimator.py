@@ -58,8 +58,8 @@ _HEIGHT_REFUSAL_S = 5.0  # time for which a jump in height is refused
 
 # Dead reckoning, measured on PX4 v1.16 that had lost its vision in flight. Pairs are the limits of
 # a uniform draw. With these values an agent that reckons by PX4's attitude has an error of 0.09 m
-# two seconds later (median, worst 0.22 m), as with 27 real ones (0.09 m, worst 0.23 m). The error
-# of its height is -0.25 to 0.32 m; that of 33 real ones was -0.24 to 0.21 m at contact.
+# two seconds later (median, worst 0.22 m), as in 27 flights with PX4 (0.09 m, worst 0.23 m). The
+# error of its height is -0.25 to 0.32 m; in 33 flights with PX4 it was -0.24 to 0.21 m at contact.
 _DRIFT_M = (0.9, 2.0)  # displacement after 3.5 s
 # Error of the attitude after that time. By this power of the draw small errors are more frequent.
 _TILT_ERROR_DEG = (0.7, 3.5)

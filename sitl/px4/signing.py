@@ -70,7 +70,7 @@ class LinkSigning:
 
     def sign(self, frame: bytes) -> bytes:
         """Return a frame with its signature; the flags of the frame have to announce it."""
-        self._follow()
+        self._restart_after_change()
 
         timestamp = self._timestamp & _LOWEST_48_BITS
         self._timestamp += 1
@@ -82,7 +82,7 @@ class LinkSigning:
         self, frame: bytes, message_id: int, sender: tuple[int, int], *, is_signed: bool
     ) -> bool:
         """Return whether PX4 accepts a frame; with a right signature, store its timestamp."""
-        self._follow()
+        self._restart_after_change()
         if is_signed and self._is_fresh(frame, sender):
             return True
         return message_id in _ACCEPTED_UNSIGNED
@@ -107,7 +107,7 @@ class LinkSigning:
         self._timestamp = max(self._timestamp, timestamp)
         return True
 
-    def _follow(self) -> None:
+    def _restart_after_change(self) -> None:
         """Restart the timestamps at that of the store after a new key or a restart of PX4."""
         if self._changes != self.store.changes:
             self._timestamp = self.store.timestamp

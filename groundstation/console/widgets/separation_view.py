@@ -78,9 +78,9 @@ class SeparationView(Lines, can_focus=True):
         if height >= _LEAST_WITH_TIMING:
             timing = self._timing(width)
 
-        # Of the rows that a chart with its axis does not need, every other one is for a pair.
-        left_rows = height - 2 - len(timing)
-        further_count = max(0, (left_rows - _CHART_ROWS) // 2)
+        # Half of the rows that a chart with its axis does not need are for further pairs.
+        remaining_rows = height - 2 - len(timing)
+        further_count = max(0, (remaining_rows - _CHART_ROWS) // 2)
         further_pairs = self.history.pairs[1 : 1 + further_count]
         lines = [
             self._line("now", self.history.closest_now, width),
@@ -89,7 +89,7 @@ class SeparationView(Lines, can_focus=True):
         lines += [self._line("", pair, width) for pair in further_pairs]
         strips = [Strip(line).adjust_cell_length(width) for line in lines[:height]]
 
-        chart_rows = left_rows - len(further_pairs)
+        chart_rows = remaining_rows - len(further_pairs)
         if chart_rows > 0:
             strips += self._strip_chart(width, chart_rows)
         return strips + [Strip(line).adjust_cell_length(width) for line in timing]

@@ -83,14 +83,14 @@ def test_pymavlink_reads_what_is_written_and_what_it_writes_is_read() -> None:
     )
     (packet,) = cut(bytes(battery.pack(mavlink.MAVLink(None, 3, 1))))
     assert isinstance(packet, Packet)
-    assert packet.is_right
+    assert packet.has_right_checksum
     fields = fields_of("BATTERY_STATUS", packet.payload)
     assert (fields["voltages"][:2], fields["battery_remaining"]) == ((16000, 65535), 77)
     old = mavlink.MAVLink_attitude_quaternion_message(9, 1.0, 0.0, 0.0, 0.0, 0, 0, 0)
     (packet,) = cut(bytes(old.pack(mavlink.MAVLink(None, 3, 1), force_mavlink1=True)))
     assert isinstance(packet, Packet)
     assert (
-        packet.is_right,
+        packet.has_right_checksum,
         packet.system_id,
         fields_of("ATTITUDE_QUATERNION", packet.payload)["time_boot_ms"],
     ) == (

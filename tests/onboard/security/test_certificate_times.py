@@ -13,7 +13,7 @@ import pytest
 from msgspec.structs import replace
 
 from groundstation.cli import main
-from groundstation.client.preflight_page import _of_ground_key
+from groundstation.client.preflight_page import _ground_key_lines
 from groundstation.keys.authority import NODE_DAYS, issue, load_authority
 from groundstation.keys.secured_fleet import secure_fleet
 from onboard.agent.loop import AgentProcess
@@ -181,7 +181,7 @@ def test_less_than_two_days_are_said_in_hours(
 
 
 def test_the_ground_s_own_certificate_has_a_line_on_the_preflight_page(fleet: FleetConfig) -> None:
-    assert _of_ground_key(fleet) == []
+    assert _ground_key_lines(fleet) == []
 
 
 @pytest.mark.parametrize(("hours", "status"), [(0.5, "no-go"), (5.0, "advice"), (-1.0, "no-go")])
@@ -189,7 +189,7 @@ def test_a_ground_whose_certificate_ends_soon_is_no_go_or_gets_advice(
     fleet: FleetConfig, hours: float, status: str
 ) -> None:
     _issue_that_ends(fleet, "ground", NOW + datetime.timedelta(hours=hours))
-    (line,) = _of_ground_key(fleet)
+    (line,) = _ground_key_lines(fleet)
     assert line.status == status
     assert "has ended" in line.sentence or " h" in line.sentence
 
