@@ -205,6 +205,8 @@ def _print_table(
         if not reason:
             depth_m = values["violation_depth_m"]
             reason = f"{depth_m:.3f} m too near for {values['violation_s']:.2f} s"
+        if "contact_m_s" in values:
+            reason += f", touched with {values['contact_m_s']:.2f} m/s"
         console.print(f"{values['scenario']} seed {values['seed']}: {reason}")
     if len(failed) > _MOST_FAILURES:
         console.print(f"... and {len(failed) - _MOST_FAILURES} more")

@@ -56,6 +56,9 @@ class FlightOutcome:
     violation_s: float
     violation_depth_m: float
     is_collision: bool
+    # Speed with which two bodies, or a body and a person's circle, approached each other when they
+    # touched first; NaN: none touched. A body that touches an obstacle has none.
+    contact_m_s: float
     makespan_s: float  # time at which all had arrived; inf if they did not arrive in time
     duration_s: float
     # Why not all arrived in time: "blocked" (a lost vehicle is so near to the goals of the missing
@@ -178,6 +181,8 @@ class FlightMetrics:
         }
         self._nearest = np.full(flights, np.inf)
         self._has_touched = np.zeros(flights, bool)
+        self._contact_m_s = np.full(flights, np.nan)  # closing speed at the first touch
+        self._apart_m = np.full((flights, len(self._pairs[0])), np.inf)  # at the last tick
         self._clearance = np.full(flights, np.inf)
 
         self._measure_separation(start_enu_m)
@@ -261,10 +266,18 @@ class FlightMetrics:
         # no distance from a liar is promised, so only the others are judged
         distance = np.where(self._is_judged, distance, np.inf)
         touches = distance < self._touching_m
+        before_m = self._apart_m
+        self._apart_m = distance
         if self._height_share > 0.0:
             height = np.abs(offset[..., 2])
             distance = np.maximum(distance, self._height_share * height)
             touches &= height < HEIGHT_OF_DIAMETER * self._body_m
+
+        has_touched_now = touches.any(-1) & np.isnan(self._contact_m_s)
+        if has_touched_now.any():
+            closing_m_s = np.full_like(before_m, -np.inf)
+            np.divide(before_m - self._apart_m, TICK_S, out=closing_m_s, where=touches)
+            self._contact_m_s[has_touched_now] = closing_m_s.max(-1)[has_touched_now]
 
         nearest_gap_m = self._outlines.gaps_m(position_enu_m[..., :2]).min(-1)
         self._clearance = np.minimum(self._clearance, nearest_gap_m - 0.5 * self._body_m)
@@ -364,6 +377,7 @@ class FlightMetrics:
             violation_s=sums["violation"],
             violation_depth_m=max(0.0, self._limit_m - nearest_m),
             is_collision=bool(self._has_touched[row]),
+            contact_m_s=float(self._contact_m_s[row]),
             makespan_s=makespan_s,
             duration_s=self.time_s,
             reason=reason,
@@ -432,6 +446,8 @@ class FlightMetrics:
         self._sums = {name: values[flights] for name, values in self._sums.items()}
         self._nearest = self._nearest[flights]
         self._has_touched = self._has_touched[flights]
+        self._contact_m_s = self._contact_m_s[flights]
+        self._apart_m = self._apart_m[flights]
         self._clearance = self._clearance[flights]
 
 

@@ -45,6 +45,8 @@ def record(flown: Flown, setup: Setup) -> FlightRecord:
         "path_ratio": _number(outcome.path_ratio),
         "min_clearance_m": _number(outcome.min_clearance_m),
     }
+    if math.isfinite(outcome.contact_m_s):
+        values["contact_m_s"] = _number(outcome.contact_m_s)
     if flown.law_refusal:
         values["law_refused"] = flown.law_refusal
     return values

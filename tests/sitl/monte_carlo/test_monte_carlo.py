@@ -197,6 +197,7 @@ def test_messages_that_never_arrive_let_the_vehicles_fly_into_each_other(changes
         0
     ].outcome
     assert outcome.is_collision
+    assert 0.1 < outcome.contact_m_s < 2.0 * 1.6  # both fly with less than 1.6 m/s
 
 
 def test_poses_of_the_mocap_keep_vehicles_apart_that_hear_nobody():
