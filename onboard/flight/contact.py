@@ -2,7 +2,7 @@
 
 A vehicle stands on the ground if both are true:
 
-    it is low, or its thrust is much less than its weight;
+    it is low and its thrust is less than its weight, or its thrust is much less;
     it does not move vertically, or PX4 reports the ground with a recent report.
 
 Little thrust and no vertical motion together need neither a height nor PX4. In the air a vehicle
@@ -26,6 +26,9 @@ _LIGHT_SHARE = 0.8  # less than this share of the hover thrust is little thrust
 _STILL_M = 0.02  # a vehicle is still if its height changes by less within AGREED_S
 _STILL_PX4_M_S = 0.15  # without a mocap, whose height has more noise, the vertical speed counts
 LOW_M = 0.06  # height above the ground below which a vehicle is low
+# A vehicle with more of the hover thrust than this hovers. For instance, the law may keep a landing
+# vehicle a few centimetres above the ground.
+_HOVERS_SHARE = 0.97
 
 # Without a mocap PX4's velocity may err by more than _STILL_PX4_M_S. After _LIGHT_LONG_S with
 # little thrust, a vehicle in the air would sink at 3 m/s. A vehicle slower than _LIGHT_SLOW_M_S
@@ -108,7 +111,8 @@ def is_agreed(signs: ContactSigns, view: FlightView, ground_z_m: float, is_late:
     is_reported = signs.reported_ns < since_ns
 
     height_m = view.position_enu_m[2] - ground_z_m
-    if (is_light or height_m < LOW_M) and (is_still or is_reported):
+    is_low = height_m < LOW_M and view.thrust_share < _HOVERS_SHARE
+    if (is_light or is_low) and (is_still or is_reported):
         return True
 
     has_stalled = view.now_ns - signs.still_ns > 1e9 * _STALLED_S

@@ -133,9 +133,17 @@ def test_the_report_of_the_ground_begins_anew_when_px4_stops_reporting_it() -> N
 def test_a_vehicle_with_a_mocap_is_down_by_two_signs_that_agree_for_a_moment(
     height_m: float, signs: ContactSigns, is_down: bool
 ) -> None:
-    assert contact.is_agreed(signs, _view(height_m), 0.0, is_late=False) is is_down
+    view = _view(height_m, thrust_share=0.96)
+    assert contact.is_agreed(signs, view, 0.0, is_late=False) is is_down
     # and so it is above ground of another height
-    assert contact.is_agreed(signs, _view(height_m - 0.5), -0.5, is_late=False) is is_down
+    lower = _view(height_m - 0.5, thrust_share=0.96)
+    assert contact.is_agreed(signs, lower, -0.5, is_late=False) is is_down
+
+
+def test_a_vehicle_whose_thrust_carries_it_hovers_however_low() -> None:
+    assert not contact.is_agreed(
+        _lasted(still=351), _view(0.05, thrust_share=0.97), 0.0, is_late=False
+    )
 
 
 @pytest.mark.parametrize(
