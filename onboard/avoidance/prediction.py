@@ -18,8 +18,9 @@ from onboard.vectors import ZERO_3, Vec2, Vec3, horizontal_within, is_finite
 
 SLOTS = 40  # number of past commands that are kept
 MAX_MESSAGE_AGE_S = 0.30  # extrapolating a silent neighbour for longer than this gains nothing
-# This limit for a neighbour that cooperates, because it publishes its prediction. The neighbour
-# table counts it as silent earlier if its messages are older than the radio explains.
+# The same limit for a neighbour that cooperates. It is longer, because such a neighbour publishes
+# its prediction. The neighbour table counts a neighbour as silent earlier if its messages are older
+# than the radio explains.
 MAX_PREDICTION_AGE_S = 0.80
 # For how long an acceleration of a neighbour counts. Two vehicles react to each other's commands.
 # If a command counts for long, two vehicles with old messages swing against each other: with 0.25 s

@@ -70,7 +70,7 @@ def latitude_longitude_deg(origin: Origin, east_m: float, north_m: float) -> tup
     origin_latitude = math.radians(origin.latitude_deg)
     distance_m = math.hypot(east_m, north_m)
     angle = distance_m / EARTH_RADIUS_M
-    if angle < 1e-12:
+    if angle < 1e-12:  # the point is the origin, and has no direction from it
         return origin.latitude_deg, origin.longitude_deg
 
     north_share = north_m / distance_m

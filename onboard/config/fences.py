@@ -286,7 +286,8 @@ def _corners(fence: Fence, origin: Origin | None) -> tuple[Point, ...]:
     if fence.polygon_enu_m is not None:
         return tuple((float(x), float(y)) for x, y in fence.polygon_enu_m)
     assert origin is not None  # checked
-    return tuple(east_north_m(origin, *corner) for corner in fence.polygon_deg or ())
+    assert fence.polygon_deg is not None
+    return tuple(east_north_m(origin, *corner) for corner in fence.polygon_deg)
 
 
 def _center(circle: FenceCircle, origin: Origin | None) -> Point:

@@ -421,7 +421,9 @@ class FleetConfig(msgspec.Struct, frozen=True):
             )
 
         first = int(span[1])
-        last = int(span[2] or span[1])
+        last = first
+        if span[2]:
+            last = int(span[2])
         if first > last or last >= len(order):
             raise ConfigError(
                 f"'{part}' selects no vehicle: vehicles are counted from 0 to {len(order) - 1}, "

@@ -131,13 +131,15 @@ def outlines_of(fleet: FleetConfig) -> tuple[Outline, ...]:
     floor_m, top_m = fleet.fleet.geofence_m.z
     obstacles = []
     for obstacle in fleet.obstacles:
-        corners = obstacle.polygon_enu_m
-        if corners is None and obstacle.circle is not None:
+        corners: tuple[Point, ...] = ()
+        if obstacle.polygon_enu_m is not None:
+            corners = obstacle.polygon_enu_m
+        elif obstacle.circle is not None:
             corners = _on_circle(obstacle.circle.center_enu_m, obstacle.circle.radius_m)
         outline = Outline(
             name=obstacle.name,
             keeps_in=False,
-            corners_enu_m=corners or (),
+            corners_enu_m=corners,
             low_m=floor_m,
             high_m=top_m,
         )

@@ -184,7 +184,10 @@ def _spec_of(full_name: str, path: Sequence[str] | None) -> ModuleSpec | None:
             spec = finder.find_spec(full_name, path)
         except KeyError:
             # a folder without __init__.py in another such folder, which was not imported yet
-            spec = _folder_spec(full_name, path or ())
+            parent_folders: Sequence[str] = ()
+            if path is not None:
+                parent_folders = path
+            spec = _folder_spec(full_name, parent_folders)
         if spec is not None:
             return spec
     return None

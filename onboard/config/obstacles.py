@@ -33,7 +33,9 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             x, y = self.circle.center_enu_m
             return ((x, y, x, y, self.circle.radius_m),)
 
-        corners = self.polygon_enu_m or ()
+        corners: tuple[tuple[float, float], ...] = ()
+        if self.polygon_enu_m is not None:
+            corners = self.polygon_enu_m
         ends = (*corners[1:], *corners[:1])
         return tuple((*begin, *end, 0.0) for begin, end in zip(corners, ends, strict=True))
 

@@ -29,7 +29,9 @@ class Person(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def body_of(name: str, person: Person) -> str:
     """Return the name of a person's body in the motion capture."""
-    return person.mocap_body or name
+    if person.mocap_body:
+        return person.mocap_body
+    return name
 
 
 def problems(

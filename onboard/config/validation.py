@@ -302,7 +302,9 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
             f"'vehicles.{name}.direct' is {vehicle.direct!r}; write it as udpout://127.0.0.1:18570."
         )
     for key in ("agent", "autopilot", "direct"):
-        yield from _port_problems(f"vehicles.{name}.{key}", getattr(vehicle, key) or "")
+        endpoint = getattr(vehicle, key)
+        if endpoint is not None:
+            yield from _port_problems(f"vehicles.{name}.{key}", endpoint)
     if vehicle.mavlink_signing and vehicle.px4_version in _WITHOUT_SIGNING:
         yield (
             f"'vehicles.{name}.mavlink_signing' is true, but PX4 v{vehicle.px4_version} "

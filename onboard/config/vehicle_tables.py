@@ -55,9 +55,12 @@ def vehicle_from_tables(
     if not isinstance(type_name, str):
         raise ConfigError(f"{path}: '{key}.type' must be the name of a [types.NAME].")
     if type_name and type_name not in types:
+        type_names = "none"
+        if types:
+            type_names = ", ".join(types)
         raise ConfigError(
             f"{path}: '{key}.type' is {type_name!r}, but there is no [types.{type_name}]. "
-            f"Types of this file: {', '.join(types) or 'none'}."
+            f"Types of this file: {type_names}."
         )
     type_table = types.get(type_name, {})
 

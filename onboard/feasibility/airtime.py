@@ -199,13 +199,13 @@ def airtime_finding(fleet: FleetConfig, radio: RadioConfig, near: int) -> Findin
     if radio.link == "access point":
         hops_between_vehicles = 2
         turns_for_a_state = 2
-        means = "an access point"
-        twice = ", which sends what goes between vehicles twice,"
+        link_words = "an access point"
+        twice_words = ", which sends what goes between vehicles twice,"
     else:
         hops_between_vehicles = 1
         turns_for_a_state = near
-        means = "direct links"
-        twice = ""
+        link_words = "direct links"
+        twice_words = ""
 
     packets_1_s = 0.0
     bits_1_s = 0.0
@@ -238,7 +238,8 @@ def airtime_finding(fleet: FleetConfig, radio: RadioConfig, near: int) -> Findin
         sentence=(
             f"The radio carries up to {packets_1_s / count:.0f} packets/s for each vehicle (states "
             f"at {radio.states_hz} Hz to {near} near ones, the record included), "
-            f"{packets_1_s:.0f} in all. Over {means} at {radio.rate_mbit_s:g} Mbit/s{twice} they "
+            f"{packets_1_s:.0f} in all. Over {link_words} at {radio.rate_mbit_s:g} Mbit/s"
+            f"{twice_words} they "
             "take {value} of one channel's time, of which the fleet may take {bound}"
         ),
         remedy=(

@@ -115,6 +115,8 @@ def braking_m_s2(
     dt_s = _BRAKING_STEP_S
     largest_m_s2 = 0.0
     for _ in range(_BRAKING_STEPS):
+        # The row requires gap * acceleration >= bound. So (gap^2 - d^2) / 2 decays with the rates
+        # kappa_1 and kappa_2.
         bound = (
             -gap_rate_m_s * gap_rate_m_s
             - s * gap_m * gap_rate_m_s

@@ -1,8 +1,8 @@
 """Settings of the process that keep delays out of the control loop.
 
 Garbage is collected only while the vehicle stands on the ground. A separate thread writes the log
-lines, because the program that reads them may hang. Python's lock changes threads quickly. On a
-drone's companion computer the control loop's thread may have real-time priority.
+lines, because the program that reads them may hang. Python's lock passes quickly from one thread to
+the next. On a drone's companion computer the control loop's thread may have real-time priority.
 """
 
 from __future__ import annotations

@@ -163,7 +163,7 @@ def install(service: Service, arguments: Sequence[str], *, prints: bool, starts:
         print(text, end="")
         return EXIT_OK
 
-    problem = _write_problem(service, text)
+    problem = _write_unit(service, text)
     if problem:
         return _fail(problem)
     print(f"{service.path} is written.")
@@ -185,7 +185,7 @@ def install(service: Service, arguments: Sequence[str], *, prints: bool, starts:
     return EXIT_OK
 
 
-def _write_problem(service: Service, text: str) -> str:
+def _write_unit(service: Service, text: str) -> str:
     """Write the unit file; return why that is not possible, or an empty text."""
     problems = verify(service, text)
     if problems:

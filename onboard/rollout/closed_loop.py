@@ -64,7 +64,7 @@ class RolloutResult:
 
     # (T, F, N, 3) true positions after each tick, until the last flight has ended
     trace_enu_m: Array
-    height_share: float = 0.0  # as in FleetModel  # as in FleetModel  # as in FleetModel
+    height_share: float = 0.0  # as in FleetModel
 
     @property
     def is_success(self) -> BoolArray:

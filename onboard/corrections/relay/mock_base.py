@@ -63,9 +63,10 @@ class MockBase:
         frames: list[bytes] = []
         if second % BASE_EVERY_S == 0:
             frames.append(self._position())
-        last = _SYSTEMS[-1][0]
+        last_number = _SYSTEMS[-1][0]
         for number, satellites in _SYSTEMS:
-            frames.append(_observations(number, satellites, second, has_more=number != last))
+            has_more = number != last_number
+            frames.append(_observations(number, satellites, second, has_more=has_more))
         return frames
 
     def _position(self) -> bytes:

@@ -225,11 +225,11 @@ class _Body:
         while True:
             line, end, rest = self._buffer.partition(b"\r\n")
             if not line.rstrip(b"\r").isascii() or len(line) > _MOST_HEAD_BYTES:
-                break
+                break  # a frame has begun
             if end:
                 self._buffer = rest
                 if not line:
-                    break
+                    break  # a blank line ends the head
                 continue
             before = len(self._buffer)
             await self._fill()
