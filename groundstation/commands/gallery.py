@@ -59,8 +59,8 @@ def gallery(
     if name in ACCIDENTS:
         if record is not None or law is not None:
             raise ConfigError(
-                f"'{name}' is an accident: it is flown twice with the laws of its own, and leaves"
-                " no record. Leave --record and --law out."
+                f"'{name}' is an accident: it is flown twice, with its own laws, and"
+                " leaves no record. Leave --record and --law out."
             )
         refuse_wrong_seed(seed)
         return fly_accident(load_mission(name), seed=seed)

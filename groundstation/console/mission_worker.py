@@ -76,7 +76,7 @@ class MissionWorker:
             connecting = _awaited(self._connect)
             self._connect_worker = self._app.run_worker(connecting, exit_on_error=False)
         if self._mission is not None:
-            self._begin(self._mission)
+            self._run_in_worker(self._mission)
 
     def begin(self, mission: MissionCall, progress: Callable[[], str]) -> bool:
         """Fly a mission that the operator has started here, unless one flies already.
@@ -91,10 +91,10 @@ class MissionWorker:
         if self.is_running:
             return False
         self._progress = progress
-        self._begin(mission)
+        self._run_in_worker(mission)
         return True
 
-    def _begin(self, mission: MissionCall) -> None:
+    def _run_in_worker(self, mission: MissionCall) -> None:
         self._line = _FLIES
         self._mission_worker = self._app.run_worker(self._fly(mission), exit_on_error=False)
 
@@ -105,9 +105,11 @@ class MissionWorker:
 
     @property
     def text(self) -> str:
-        """The mission's line for the title."""
+        """The mission's line for the title: its progress while it flies, then its outcome."""
         if self.is_running and self._progress is not None:
-            return self._progress() or self._line
+            progress = self._progress()
+            if progress:
+                return progress
         return self._line
 
     def worker_changed(self, event: Worker.StateChanged) -> None:
@@ -132,17 +134,20 @@ class MissionWorker:
 
         screen = self._app.screen_stack[0]
         if not self._panels.verdict.display:
-            self._open(True)
+            self._show_box(True)
         elif not screen.has_class(_ALONE):
             screen.add_class(_ALONE)
             self._panels.verdict.border_subtitle = "v hides · q quits"
             self._panels.verdict.post_message(Lines.Alone("verdict"))
         else:
-            self._open(False)
+            self._show_box(False)
 
     async def _fly(self, mission: MissionCall) -> object:
         verdict = await mission()
-        sentences = getattr(verdict, "sentences", None) or str(verdict).splitlines()
+        sentences = getattr(verdict, "sentences", None)
+        if not sentences:
+            sentences = str(verdict).splitlines()
+
         status = _exit_status(verdict)
         # If several missions were flown, the first one that has failed decides.
         if self.status == 0:
@@ -175,19 +180,19 @@ class MissionWorker:
         box.border_title = self._line
         box.set_class(not is_passed, "bad")
         box.update("\n".join(lines))
-        self._open(True)
+        self._show_box(True)
 
         sign = SEVERITY_SIGNS["info" if is_passed else "warning"]
         for sentence in sentences:
             self._panels.events.add(sentence, sign)
 
-    def _open(self, is_open: bool) -> None:
+    def _show_box(self, is_shown: bool) -> None:
         """Show or hide the verdict's box below plan and events."""
-        self._panels.verdict.display = is_open
+        self._panels.verdict.display = is_shown
         self._panels.verdict.border_subtitle = "v enlarges · q quits"
 
         screen = self._app.screen_stack[0]
-        screen.set_class(is_open, "judged")
+        screen.set_class(is_shown, "judged")
         screen.remove_class(_ALONE)
         self._panels.verdict.post_message(Lines.Alone(""))
 
