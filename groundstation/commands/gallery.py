@@ -15,6 +15,9 @@ interrupted.
 
 from __future__ import annotations
 
+import shutil
+import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -34,6 +37,9 @@ from groundstation.shows.gallery import ACCIDENTS, GALLERY, gallery_mission, sen
 from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_OK
 from sitl.lockstep.accidents import fly_both as fly_accident
+
+_NARROWEST = 60
+_WIDEST = 120
 
 
 def gallery(
@@ -77,13 +83,31 @@ def gallery(
 
 
 def _print_list() -> None:
-    width = max(len(name) for name in (*GALLERY, *ACCIDENTS))
-    for name in GALLERY:
-        print(f"  {name:<{width}}  {sentence_of(name)}")
-    print("Accidents that happened, flown without the defence against them and with it:")
-    for name in ACCIDENTS:
-        print(f"  {name:<{width}}  {sentence_of(name)}")
+    columns = shutil.get_terminal_size((_WIDEST, 24)).columns
+    width = max(_NARROWEST, min(columns, _WIDEST))
+    print(_listed(GALLERY, width))
     print(
-        "Fly one in simulated time: covey demo gallery NAME."
-        " With console and real processes: covey fly NAME --sitl."
+        textwrap.fill(
+            "Accidents that happened, flown without the defence against them and with it:", width
+        )
     )
+    print(_listed(ACCIDENTS, width))
+    print("Fly one in simulated time: covey demo gallery NAME.")
+    print("With console and real processes: covey fly NAME --sitl.")
+
+
+def _listed(names: Sequence[str], width: int) -> str:
+    """Return the names with what they show, in lines of this width."""
+    name_width = max(len(name) for name in (*GALLERY, *ACCIDENTS))
+    indent = " " * (name_width + 4)
+    lines = []
+    for name in names:
+        head = f"  {name:<{name_width}}  "
+        lines += textwrap.wrap(
+            sentence_of(name),
+            width,
+            initial_indent=head,
+            subsequent_indent=indent,
+            break_on_hyphens=False,
+        )
+    return "\n".join(lines)

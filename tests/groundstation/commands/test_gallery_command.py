@@ -5,13 +5,24 @@ from __future__ import annotations
 import pytest
 
 from groundstation.cli import main
-from groundstation.shows.gallery import GALLERY
+from groundstation.shows.gallery import ACCIDENTS, GALLERY, sentence_of
 
 
 def test_all_are_listed_with_what_they_show(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["gallery"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines[: len(GALLERY)]] == list(GALLERY)
+    names = [line.split()[0] for line in lines if line.startswith("  ") and line[2] != " "]
+    assert names == [*GALLERY, *ACCIDENTS]
+
+
+def test_the_list_breaks_its_lines_between_words_at_the_width_of_the_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(["gallery"]) == 0
+    printed = capsys.readouterr().out
+    assert max(len(line) for line in printed.splitlines()) <= 80
+    assert sentence_of("paper") in " ".join(printed.split())
 
 
 def test_a_name_that_is_none_is_refused_with_those_that_are(
