@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import shlex
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from pathlib import Path
@@ -148,15 +149,9 @@ class MissionFlight:
         for earlier in self._verdicts[:-1]:
             self._print(plain_lines(f"Before it: {earlier.summary}"))
 
-        folder = self.settings.folder
-        mission = folder / f"mission{Path(self.settings.mission.path).suffix}"
-        self._print(f"Record, events, logs and verdict: {folder}")
-        for command, purpose in (
-            (f"covey replay {folder}", "see it again"),
-            (f"covey plot {folder}", "draw it"),
-            (f"covey check {mission} --fleet {folder}/fleet.toml", "how closely this can be flown"),
-        ):
-            self._print(f"  {command:<50} {purpose}")
+        mission_name = f"mission{Path(self.settings.mission.path).suffix}"
+        for line in next_commands(self.settings.folder, mission_name):
+            self._print(line)
 
     @contextlib.asynccontextmanager
     async def _open(self) -> AsyncIterator[FleetClient]:
@@ -283,6 +278,28 @@ class MissionFlight:
     def _print_event(self, event: Event) -> None:
         if event.severity in ("warning", "critical"):
             self._print(f"  [{event.vehicle}] {event.severity}: {plain_line(event.sentence)}")
+
+
+def next_commands(folder: Path, mission_name: str) -> list[str]:
+    """Return where a flight has been recorded, and commands that look at it, a line each.
+
+    Args:
+        folder: the flight folder. In the current folder it is named by its relative path.
+        mission_name: file name of the mission in it.
+    """
+    shown = folder
+    if folder.absolute().is_relative_to(Path.cwd()):
+        shown = folder.absolute().relative_to(Path.cwd())
+
+    flight = shlex.quote(str(shown))
+    files = f"{flight}/{mission_name} --fleet {flight}/fleet.toml"
+    return [
+        f"Record, events, logs and verdict: {shown}",
+        f"  see it again:    covey replay {flight}",
+        f"  in a browser:    covey report {flight}",
+        f"  draw it:         covey plot {flight}",
+        f"  how closely this can be flown: covey check {files}",
+    ]
 
 
 def clock_say() -> Say:

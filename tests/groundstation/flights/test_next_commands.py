@@ -1,0 +1,41 @@
+"""The commands that are printed after a flight with the console."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from groundstation.flights.mission_flight import next_commands
+
+
+def test_a_flight_below_the_current_folder_is_named_by_its_relative_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    lines = next_commands(tmp_path / "flights" / "first", "mission.toml")
+    assert lines == [
+        "Record, events, logs and verdict: flights/first",
+        "  see it again:    covey replay flights/first",
+        "  in a browser:    covey report flights/first",
+        "  draw it:         covey plot flights/first",
+        "  how closely this can be flown: covey check flights/first/mission.toml"
+        " --fleet flights/first/fleet.toml",
+    ]
+
+
+def test_a_flight_elsewhere_is_named_by_its_whole_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    lines = next_commands(tmp_path / "there", "mission.toml")
+    assert lines[1].endswith(f" covey replay {tmp_path / 'there'}")
+
+
+def test_a_path_with_a_space_can_be_copied_into_a_shell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    lines = next_commands(tmp_path / "my flights" / "first", "mission.toml")
+    assert lines[3].endswith(" covey plot 'my flights/first'")
