@@ -81,7 +81,7 @@ def _print_what_would_have_helped(folder: Path, config: FleetConfig) -> None:
     try:
         flown = open_recorded(folder)
     except ConfigError as error:
-        print(f"What would have helped is not known. {error}")
+        print(f"It is not flown again with one thing otherwise. {error}")
         return
 
     count = len(candidates_of(flown.origin))
