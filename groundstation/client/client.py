@@ -517,7 +517,8 @@ class FleetClient:
     def notice_own_stall(self) -> None:
         """If this ground itself stood still, publish an event and excuse silent vehicles.
 
-        Call it several times a second.
+        A stall before the first word of a vehicle leaves no gap, so that there is no event: a
+        ground that starts often has one. Call it several times a second.
         """
         now_ns = self._clock_ns()
         if self._short_stall.look():
@@ -530,12 +531,15 @@ class FleetClient:
         if not gap_s:
             return
 
+        self._excuse_silence(now_ns)
+        if all(view.telemetry is None for view in self._state.vehicles.values()):
+            return
+
         sentence = (
             f"This ground itself stood still for {gap_s:.1f} s: the record has a gap, and the "
             "smallest distance of that time is not known. Silent vehicles are waited for, "
             f"{AFTER_STALL_S:g} s."
         )
-        self._excuse_silence(now_ns)
         self.publish_event("warning", GROUND_STALLED, sentence)
 
     def _notice_lateness(self) -> None:

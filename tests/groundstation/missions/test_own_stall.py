@@ -58,6 +58,21 @@ async def test_a_ground_that_was_stopped_marks_the_gap_and_waits_before_it_calls
     await client.stop()
 
 
+async def test_a_stall_before_the_first_word_of_a_vehicle_is_no_event(
+    fleet: FleetConfig, bus: Any
+) -> None:
+    clock = Clock()
+    client = FleetClient(fleet, bus=bus, clock_ns=clock)
+    await client.start()
+    client.notice_own_stall()
+    clock.now_ns += STALL_NS
+    client.notice_own_stall()
+    bus.tell("mav1")
+    assert await client.wait_for(lambda state: state.vehicles["mav1"].telemetry is not None, 5.0)
+    assert not [one for one in client.state.events if one.event.code == "ground_stalled"]
+    await client.stop()
+
+
 async def test_a_landing_whose_reply_a_stall_swallowed_goes_to_px4_only_when_the_agent_stays_silent(
     fleet: FleetConfig, bus: Any
 ) -> None:
