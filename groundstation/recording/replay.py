@@ -46,7 +46,6 @@ _MAX_ELAPSED_S = 1.0  # one call of Replay.play makes up for no longer pause tha
 # an event the replay passes that event at once, so the next jump would lead to it again.
 _BACK_NS = 1_000_000_000
 _FOLDED = frozenset(("telemetry", "truth", "event", "preflight"))  # topics of the fleet's state
-_WITH_TICKS = _FOLDED | {"tick"}
 REFUSAL = (
     "This is a recorded flight: nothing can be ordered. Attach to a flying fleet with covey tui."
 )
@@ -258,11 +257,13 @@ class Replay:
     def _read_on(self) -> Reading:
         """Return a reading of the messages after this time.
 
-        It contains ticks only if a vehicle is followed.
+        It contains ticks only if a vehicle is followed, and poses only if the fleet has persons.
         """
         topics = _FOLDED
+        if self.fleet.people:
+            topics |= {"poses"}
         if self.tick_stream.vehicle is not None:
-            topics = _WITH_TICKS
+            topics |= {"tick"}
         return self.timeline.read(self._now_ns, topics)
 
     def _steps(self, until_ns: int) -> Iterator[None]:

@@ -21,7 +21,7 @@ from groundstation.recording.channels import KINDS, from_json, rows
 from groundstation.recording.replay import REFUSAL, Replay, open_flight
 from groundstation.recording.timeline import Timeline
 from groundstation.recording.writer import RecordFiles
-from onboard.bus.schema import Event, Message, MocapPose, Order, Telemetry
+from onboard.bus.schema import Event, Message, MocapPose, MocapPoses, Order, Telemetry
 from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError
 from tests.groundstation.console.fake import telemetry
@@ -295,6 +295,38 @@ def test_a_late_message_with_an_old_stamp_shifts_nothing_else(
     assert stamps_ns == sorted(at_ns for at_ns, topic, _, _ in told if topic != Topic.EVENT)
     assert timeline.length_s == pytest.approx(39.9, abs=35.1)  # no flight of an hour
     timeline.close()
+
+
+async def test_a_person_is_where_the_motion_capture_saw_him_at_that_time(tmp_path: Path) -> None:
+    folder = tmp_path / "visited"
+    folder.mkdir()
+    people = "\n[people.anna]\nmocap_body = 'cap3'\n"
+    (folder / "fleet.toml").write_text(FLEET.read_text("utf-8") + people, encoding="utf-8")
+    stream = (folder / "flight.mcap").open("wb")
+    files = RecordFiles(folder, stream, begin_ns=5 * SECOND, begin="a test")
+    for at_ns, topic, name, message in messages(6.0, {}):
+        files.write(topic, name, message, at_ns)
+    for step in range(12):
+        at_ns = 5 * SECOND + step * SECOND // 4
+        pose = MocapPose(
+            body="cap3",
+            boot_id=1,
+            sequence=step + 1,
+            stamp_ns=at_ns,
+            is_tracked=True,
+            position_enu_m=(0.25 * step, 2.0, 1.7),
+            quaternion_enu_flu_wxyz=LEVEL,
+        )
+        files.write(Topic.ALL_POSES, "all", MocapPoses(poses=(pose,)), at_ns)
+    files.finish()
+    files.close()
+
+    replay = opened(folder)
+    for time_s, east_m, is_fresh in ((1.6, 1.5, True), (5.5, 2.75, False), (0.6, 0.5, True)):
+        await replay.seek(time_s)
+        [person] = replay.state.people
+        assert person.position_enu_m == (east_m, 2.0, 1.7)
+        assert person.is_fresh(replay.now_ns()) == is_fresh
 
 
 async def test_ticks_are_read_for_the_followed_vehicle_only(tmp_path: Path) -> None:
