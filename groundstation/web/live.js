@@ -121,6 +121,7 @@
       areTextsDirty = true;
       isTableDirty = true;
       showTop(state);
+      showPeople(state);
     }
 
     // A button that is replaced between press and release is never clicked.
@@ -167,6 +168,19 @@
     byId("stop_countdown").hidden = !state.mission.counts_down;
     byId("stop_mission").hidden = state.mission.counts_down;
     byId("clock").textContent = back_s ? `${clock(back_s, 0)} ago` : "";
+  }
+
+  /* Shows who is a person in the scene: the circle's colour, name and radius. */
+  function showPeople(state) {
+    const people = state.people.map((person, index) => {
+      const swatch = element("i", { className: "swatch dot" });
+      swatch.style.color = Covey.personColour(person);
+      const radius = number(fleet.people[index].radius_m, 1, "m");
+      const words = ` ${Covey.personWords(person)}: a person, circle of ${radius}`;
+      return element("span", { className: "person soft" }, swatch, words);
+    });
+    byId("people").hidden = people.length === 0;
+    replace(byId("people"), people);
   }
 
   function showVehicles(state) {

@@ -14,7 +14,13 @@ from groundstation.alarms.alarm_table import without_implied
 from groundstation.alarms.alarms import AlarmLine
 from groundstation.fleet.operator_control import Control
 from groundstation.fleet.satellite_words import satellite_words
-from groundstation.fleet.state import FleetState, LoggedEvent, Separation, VehicleView
+from groundstation.fleet.state import (
+    FleetState,
+    LoggedEvent,
+    PersonView,
+    Separation,
+    VehicleView,
+)
 from groundstation.scene.ground_tiles import GroundTiles, ground_message
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
@@ -60,6 +66,9 @@ def fleet_message(
         "areas": [
             {**area._asdict(), "name": area.name[:_MOST_TEXT]} for area in outlines_of(fleet)
         ],
+        "people": [
+            {"name": name, "radius_m": person.radius_m} for name, person in fleet.people.items()
+        ],
         "ground": ground_message(ground, is_inside_page=False),
         "formations": sorted({*fleet.formations, *fleet.shapes}),
     }
@@ -90,6 +99,7 @@ def state_message(
         "kind": "state",
         "time_s": now_ns * 1e-9,
         "vehicles": [_vehicle(view, fleet, now_ns) for view in views],
+        "people": [_person(person, now_ns) for person in state.people],
         "closest": _separation(state.closest(now_ns)),
         "smallest": _separation(state.smallest_truth or state.smallest),
         "alarms": [_alarm(line, now_ns) for line in alarms],
@@ -159,6 +169,18 @@ def _vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> PageMessage:
         neighbour_age_s=_known(telemetry.neighbour_age_s),
     )
     return message
+
+
+def _person(person: PersonView, now_ns: int) -> PageMessage:
+    """Return a person of the fleet file; without a position if he was never seen."""
+    position_enu_m = person.position_enu_m
+    if position_enu_m is not None and not all(map(math.isfinite, position_enu_m)):
+        position_enu_m = None
+    return {
+        "name": person.name,
+        "position_enu_m": position_enu_m,
+        "is_fresh": person.is_fresh(now_ns),
+    }
 
 
 def _show_words(telemetry: Telemetry) -> str:

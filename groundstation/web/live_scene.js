@@ -1,6 +1,6 @@
 /*
- * The scene of a fleet that flies: vehicles, trails, goals, the ways of the next ten seconds, who
- * avoids whom, and how far apart the nearest two are.
+ * The scene of a fleet that flies: vehicles, trails, goals, the ways of the next ten seconds, people,
+ * who avoids whom, and how far apart the nearest two are.
  */
 "use strict";
 
@@ -62,6 +62,7 @@ globalThis.Covey ??= {};
       for (const area of this._fleet.areas) {
         scene.area(area, Covey.rgb(Covey.colour(area.keeps_in ? "ground" : "warn")));
       }
+      state.people.forEach((person, index) => this._person(person, index));
       state.vehicles.forEach((vehicle, index) => this._vehicle(vehicle, index, aimed));
       this._avoidances(state);
       this._closest(state);
@@ -94,6 +95,20 @@ globalThis.Covey ??= {};
       scene.label(position, vehicle.name, { colour: text, isStrong: isAimed });
     }
 
+    /* Draws a person's circle on the ground and at the head, where he was seen last. */
+    _person(person, index) {
+      const head = person.position_enu_m;
+      if (!head) return;
+      const text = personColour(person);
+      const colour = Covey.rgb(text);
+      const { radius_m } = this._fleet.people[index];
+      const feet = [head[0], head[1], 0];
+
+      for (const middle of [feet, head]) this.scene.ring(middle, radius_m, colour, { width: 2 });
+      this.scene.line(feet, head, colour, { width: 2 });
+      this.scene.label(head, personWords(person), { colour: text });
+    }
+
     /* Draws a trail, and from its last point to where the vehicle is. */
     _trail(name, position, colour) {
       const trail = this._trails.get(name) ?? [];
@@ -106,7 +121,8 @@ globalThis.Covey ??= {};
 
     /* Draws from each vehicle that avoids to the one that it avoids. */
     _avoidances(state) {
-      const positions = new Map(state.vehicles.map((one) => [one.name, one.position_enu_m]));
+      const others = [...state.people, ...state.vehicles];
+      const positions = new Map(others.map((one) => [one.name, one.position_enu_m]));
       const colour = Covey.rgb(Covey.colour("warn"));
       for (const vehicle of state.vehicles) {
         const other = vehicle.avoids ? positions.get(vehicle.avoids) : null;
@@ -161,5 +177,15 @@ globalThis.Covey ??= {};
     return [Math.cos(half), 0, 0, Math.sin(half)];
   }
 
-  Object.assign(Covey, { LiveScene });
+  function personColour(person) {
+    return Covey.colour(person.is_fresh ? "warn" : "soft");
+  }
+
+  /* Returns a person's name, and whether the motion capture sees him. */
+  function personWords(person) {
+    if (!person.position_enu_m) return `${person.name}, never seen`;
+    return person.is_fresh ? person.name : `${person.name}, not seen`;
+  }
+
+  Object.assign(Covey, { LiveScene, personColour, personWords });
 })();
