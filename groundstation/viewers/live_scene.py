@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Container, Mapping
 from typing import Any
 
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
@@ -13,11 +14,13 @@ from groundstation.viewers.scene_messages import (
     LEVEL,
     TRAIL_S,
     TRAIL_STEP_S,
+    PersonLook,
     PointEnu,
     Quaternion,
     VehicleLook,
     cloud_of,
     location_fix,
+    person_entity,
     transforms_of,
     vehicle_entity,
 )
@@ -27,7 +30,7 @@ _NO_INTERVENTION = ("", "inactive")  # words of the law's status while it change
 
 
 class LiveScene:
-    """Makes the moving part of a flying fleet's scene; keeps the vehicles' trails.
+    """Makes the moving part of a flying fleet's scene; keeps the trails of vehicles and persons.
 
     Args:
         fleet: the fleet file.
@@ -37,7 +40,7 @@ class LiveScene:
         self._fleet = fleet
         points = round(TRAIL_S / TRAIL_STEP_S)
         self._trails: dict[str, deque[PointEnu]] = {
-            name: deque(maxlen=points) for name in fleet.enabled_names
+            name: deque(maxlen=points) for name in (*fleet.enabled_names, *fleet.people)
         }
         self._trailed_ns = 0  # time at which the trails were last extended
 
@@ -57,7 +60,13 @@ class LiveScene:
             position = view.position_enu_m(now_ns)
             if position is not None and all(map(math.isfinite, position)):
                 known[name] = position
-        self._extend_trails(known, now_ns)
+        people = _known_people(state)
+        seen = {
+            person.name: people[person.name]
+            for person in state.people
+            if person.name in people and person.is_fresh(now_ns)
+        }
+        self._extend_trails({**known, **seen}, now_ns)
 
         numbers = {name: number for number, name in enumerate(self._fleet.enabled_names)}
         poses = {
@@ -67,6 +76,7 @@ class LiveScene:
 
         scene = SceneUpdate()
         section = self._fleet.fleet
+        places = {**people, **known}
         for name, (position, quaternion) in poses.items():
             look = VehicleLook(
                 number=numbers[name],
@@ -75,7 +85,7 @@ class LiveScene:
                 quaternion=quaternion,
                 trail_enu_m=list(self._trails[name]),
                 goal_enu_m=_goal(state.vehicles[name]),
-                avoided_enu_m=known.get(_avoided(state.vehicles[name])),
+                avoided_enu_m=places.get(_avoided(state.vehicles[name])),
             )
             entity = vehicle_entity(
                 look, section.safety_distance_m / 2.0, section.body_diameter_m, stamp_ns
@@ -88,11 +98,35 @@ class LiveScene:
             ("/scene", scene),
             ("/positions", cloud_of(points, stamp_ns)),
         ]
+        if self._fleet.people:
+            messages.append(("/scene/people", self._people_scene(people, seen, stamp_ns)))
         if section.global_origin is not None:
             for name, position in known.items():
                 fix = location_fix(position, section.global_origin, stamp_ns)
                 messages.append((f"/fix/{name}", fix))
         return messages
+
+    def _people_scene(
+        self, people: Mapping[str, PointEnu], seen: Container[str], stamp_ns: int
+    ) -> SceneUpdate:
+        """Return the scene of the persons.
+
+        Args:
+            people: where each one was seen last, by name.
+            seen: names of those who are seen now.
+            stamp_ns: timestamp of the scene.
+        """
+        scene = SceneUpdate()
+        for name, position in people.items():
+            look = PersonLook(
+                name=name,
+                radius_m=self._fleet.people[name].radius_m,
+                position_enu_m=position,
+                is_seen=name in seen,
+                trail_enu_m=list(self._trails[name]),
+            )
+            scene.entities.append(person_entity(look, stamp_ns))
+        return scene
 
     def _extend_trails(self, known: dict[str, PointEnu], now_ns: int) -> None:
         if now_ns - self._trailed_ns < TRAIL_STEP_S * 1e9:
@@ -100,6 +134,16 @@ class LiveScene:
         self._trailed_ns = now_ns
         for name, position in known.items():
             self._trails[name].append(position)
+
+
+def _known_people(state: FleetState) -> dict[str, PointEnu]:
+    """Return where each person was seen last, by name; without those who were never seen."""
+    places: dict[str, PointEnu] = {}
+    for person in state.people:
+        position = person.position_enu_m
+        if position is not None and all(map(math.isfinite, position)):
+            places[person.name] = position
+    return places
 
 
 def _attitude(view: VehicleView, now_ns: int) -> Quaternion:
@@ -123,7 +167,7 @@ def _goal(view: VehicleView) -> PointEnu | None:
 
 
 def _avoided(view: VehicleView) -> str:
-    """Return the name of the vehicle that the law avoids; empty if it avoids none.
+    """Return the name of the vehicle or person that the law avoids; empty if it avoids none.
 
     An obstacle, the fence or the tilt limit can be the reason of an intervention, too.
     """

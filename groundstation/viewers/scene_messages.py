@@ -4,8 +4,8 @@ All positions are in one frame, ``fleet`` (east, north, up), the parent of a fra
 So the scene needs no transform. A viewer that follows a vehicle finds a transform at or before each
 message, because the first transforms have the earliest stamp of the record.
 
-A scene has an entity for each vehicle, which the next entity with the same id replaces. Fence and
-obstacles are sent once and stay (a lifetime of 0).
+A scene has an entity for each vehicle, and one for each person on a topic of its own. The next
+entity with the same id replaces it. Fence and obstacles are sent once and stay (a lifetime of 0).
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.timestamp_pb2 import Timestamp
 
+from groundstation.fleet.state import PERSON_STALE_NS
 from groundstation.recording.law_rows import RecordedLaw
 from groundstation.recording.recorded_flight import Flight, VehicleFlight, at_times, between_times
 from onboard.arrays import Array
@@ -64,6 +65,9 @@ _COLOURS = (
     (0.55, 0.58, 0.61),
 )
 _GREY = (0.5, 0.55, 0.6)
+_PERSON = (0.54, 0.35, 0.0)  # as on the pages
+_PERSON_STALE_S = PERSON_STALE_NS * 1e-9
+_LEAST_PERSON_M = 0.1  # a person whose markers lie on the ground is drawn with this height
 _LEVELS = {
     "debug": Log.DEBUG,
     "info": Log.INFO,
@@ -264,7 +268,7 @@ class VehicleLook(NamedTuple):
     quaternion: Quaternion
     trail_enu_m: Sequence[PointEnu]
     goal_enu_m: PointEnu | None  # None if it is not known
-    avoided_enu_m: PointEnu | None  # position of the vehicle that the law avoids
+    avoided_enu_m: PointEnu | None  # position of the vehicle or person that the law avoids
 
 
 def vehicle_entity(look: VehicleLook, ring_m: float, body_m: float, stamp_ns: int) -> SceneEntity:
@@ -374,22 +378,12 @@ class VehicleScenes:
                 name=name,
                 position_enu_m=position,
                 quaternion=self._motion.quaternion(name, index),
-                trail_enu_m=self._trail(name, index),
+                trail_enu_m=_trail(self._motion.positions_enu_m[name], self._motion.times_s, index),
                 goal_enu_m=self._goal(name, index),
                 avoided_enu_m=self._avoided_position(name, index),
             )
             update.entities.append(vehicle_entity(look, self._ring_m, self._body_m, stamp_ns))
         return update
-
-    def _trail(self, name: str, index: int) -> list[PointEnu]:
-        step_s = TRAIL_STEP_S  # at the first time the trail is one point, whatever the step is
-        if index:
-            step_s = self._motion.times_s[1] - self._motion.times_s[0]
-        stride = max(1, round(TRAIL_STEP_S / step_s))
-        begin = max(0, index - round(TRAIL_S / step_s))
-        path_enu_m = self._motion.positions_enu_m[name][begin : index + 1 : stride]
-        path_enu_m = path_enu_m[np.isfinite(path_enu_m).all(-1)]
-        return [(float(x), float(y), float(z)) for x, y, z in path_enu_m]
 
     def _goal(self, name: str, index: int) -> PointEnu | None:
         x, y, z = self._goals_enu_m[name][index]
@@ -403,6 +397,119 @@ class VehicleScenes:
         if not number >= 0.0:  # also true for NaN
             return None
         return self._motion.position(self._names[int(number)], index)
+
+
+def _trail(path_enu_m: Array, times_s: Array, index: int) -> list[PointEnu]:
+    """Return the points of the last TRAIL_S of a path, up to one of its times.
+
+    Args:
+        path_enu_m: positions (m, 3); NaN where they are not known.
+        times_s: times (m,), evenly spaced.
+        index: number of the trail's last time.
+    """
+    step_s = TRAIL_STEP_S  # at the first time the trail is one point, whatever the step is
+    if index:
+        step_s = times_s[1] - times_s[0]
+    stride = max(1, round(TRAIL_STEP_S / step_s))
+    begin = max(0, index - round(TRAIL_S / step_s))
+    points_enu_m = path_enu_m[begin : index + 1 : stride]
+    points_enu_m = points_enu_m[np.isfinite(points_enu_m).all(-1)]
+    return [(float(x), float(y), float(z)) for x, y, z in points_enu_m]
+
+
+class PersonLook(NamedTuple):
+    """Everything that is drawn of a person at one time."""
+
+    name: str
+    radius_m: float  # of the circle that the vehicles keep clear of
+    position_enu_m: PointEnu  # where the motion capture saw the markers last
+    is_seen: bool  # whether it sees them now
+    trail_enu_m: Sequence[PointEnu]
+
+
+def person_entity(look: PersonLook, stamp_ns: int) -> SceneEntity:
+    """Return a person of the scene: a cylinder from the ground to the markers, and the path.
+
+    Args:
+        look: everything that is drawn of the person.
+        stamp_ns: timestamp of the entity.
+    """
+    colour = _PERSON
+    words = plain_line(look.name)
+    if not look.is_seen:
+        colour = _GREY
+        words += ", not seen"
+    x, y, z = look.position_enu_m
+    height_m = max(z, _LEAST_PERSON_M)
+    entity = _entity(look.name, stamp_ns)
+
+    body = entity.cylinders.add(bottom_scale=1.0, top_scale=1.0)
+    body.pose.position.x, body.pose.position.y, body.pose.position.z = x, y, height_m / 2.0
+    body.pose.orientation.w = 1.0
+    body.size.x = body.size.y = 2.0 * look.radius_m
+    body.size.z = height_m
+    body.color.CopyFrom(_colour(colour, 0.4))
+
+    if len(look.trail_enu_m) > 1:
+        trail = entity.lines.add(type=LinePrimitive.LINE_STRIP, thickness=2.5, scale_invariant=True)
+        trail.color.CopyFrom(_colour(colour, 0.8))
+        for east_m, north_m, _ in look.trail_enu_m:
+            trail.points.add(x=round(east_m, 3), y=round(north_m, 3), z=0.0)
+
+    label = entity.texts.add(billboard=True, font_size=14.0, scale_invariant=True, text=words)
+    label.pose.position.x, label.pose.position.y = x, y
+    label.pose.position.z = height_m + 0.25
+    label.color.CopyFrom(_colour(colour, 1.0))
+    return entity
+
+
+class PeopleScenes:
+    """Draws the persons of a recorded flight: an entity for each one who was seen.
+
+    Args:
+        flight: the flight.
+        times_s: times (m,) of the scenes, evenly spaced.
+    """
+
+    def __init__(self, flight: Flight, times_s: Array) -> None:
+        self._times_s = times_s
+        self._radii_m: dict[str, float] = {}
+        self._seen_enu_m: dict[str, Array] = {}  # (m, 3); NaN while he is not seen
+        self._last_enu_m: dict[str, Array] = {}  # (m, 3), where he was seen last; NaN: never
+        if flight.fleet is None:
+            return
+
+        for name, track in flight.people.items():
+            self._radii_m[name] = flight.fleet.people[name].radius_m
+            path = (track.time_s, track.position_enu_m, times_s)
+            last_enu_m = at_times(*path, max_gap_s=math.inf)
+            seen_enu_m = at_times(*path, max_gap_s=_PERSON_STALE_S)
+            between_enu_m = between_times(*path, max_gap_s=_PERSON_STALE_S)
+            seen_enu_m = np.where(np.isfinite(between_enu_m), between_enu_m, seen_enu_m)
+            self._seen_enu_m[name] = seen_enu_m
+            self._last_enu_m[name] = np.where(np.isfinite(seen_enu_m), seen_enu_m, last_enu_m)
+
+    @property
+    def has_people(self) -> bool:
+        """Whether somebody was seen in the flight."""
+        return bool(self._radii_m)
+
+    def at(self, index: int, stamp_ns: int) -> SceneUpdate:
+        """Return the scene at one of the times."""
+        update = SceneUpdate()
+        for name, radius_m in self._radii_m.items():
+            x, y, z = self._last_enu_m[name][index]
+            if math.isnan(x):
+                continue
+            look = PersonLook(
+                name=name,
+                radius_m=radius_m,
+                position_enu_m=(float(x), float(y), float(z)),
+                is_seen=bool(np.isfinite(self._seen_enu_m[name][index]).all()),
+                trail_enu_m=_trail(self._seen_enu_m[name], self._times_s, index),
+            )
+            update.entities.append(person_entity(look, stamp_ns))
+        return update
 
 
 class LawScenes:

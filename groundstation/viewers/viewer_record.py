@@ -2,8 +2,9 @@
 
 The file begins with the fleet file, the mission and the verdict as attachments. Then come the
 record's own messages unchanged, on its common clock, together with channels of Foxglove's schemas:
-``/tf``, ``/scene/static``, ``/scene``, ``/scene/law``, ``/positions``, ``/log`` and, outdoors,
-``/fix/NAME``. The file is made after a flight, so that the flight pays nothing for it.
+``/tf``, ``/scene/static``, ``/scene``, ``/scene/law``, ``/positions``, ``/log``, where persons were
+seen ``/scene/people`` and, outdoors, ``/fix/NAME``. The file is made after a flight, so that the
+flight pays nothing for it.
 """
 
 from __future__ import annotations
@@ -24,7 +25,12 @@ from groundstation.recording.flight_reading import read_flight
 from groundstation.recording.recorded_flight import Flight
 from groundstation.recording.timeline import Timeline
 from groundstation.viewers import scene_messages
-from groundstation.viewers.scene_messages import FleetMotion, LawScenes, VehicleScenes
+from groundstation.viewers.scene_messages import (
+    FleetMotion,
+    LawScenes,
+    PeopleScenes,
+    VehicleScenes,
+)
 from onboard.config.file_reading import FLEET_FILE, MISSION_FILE, RESULTS_FILE, FileKind, read_bytes
 from onboard.config.fleet import ConfigError
 
@@ -182,6 +188,7 @@ def _scenes(flight: Flight) -> Iterator[_Message]:
     motion = _motion(flight, SCENE_S)
     scenes = VehicleScenes(flight, motion)
     law = LawScenes(flight, motion)
+    people = PeopleScenes(flight, motion.times_s)
     origin = None
     if flight.fleet is not None:
         origin = flight.fleet.fleet.global_origin
@@ -189,6 +196,8 @@ def _scenes(flight: Flight) -> Iterator[_Message]:
     for index, stamp_ns in enumerate(_stamps_ns(flight, motion)):
         yield _Message(stamp_ns, "/scene", scenes.at(index, stamp_ns))
         yield _Message(stamp_ns, "/scene/law", law.at(index, stamp_ns))
+        if people.has_people:
+            yield _Message(stamp_ns, "/scene/people", people.at(index, stamp_ns))
         yield _Message(stamp_ns, "/positions", scene_messages.positions(motion, index, stamp_ns))
         if origin is None:
             continue

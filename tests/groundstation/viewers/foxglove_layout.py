@@ -28,6 +28,7 @@ def layout() -> str:
             topics={
                 "/scene": fl.BaseRendererSceneUpdateTopicSettings(visible=True),
                 "/scene/law": fl.BaseRendererSceneUpdateTopicSettings(visible=False),
+                "/scene/people": fl.BaseRendererSceneUpdateTopicSettings(visible=True),
                 "/scene/static": fl.BaseRendererSceneUpdateTopicSettings(visible=True),
                 "/positions": fl.BaseRendererPointCloudTopicSettings(visible=False),
             },

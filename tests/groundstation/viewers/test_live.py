@@ -8,9 +8,12 @@ import contextlib
 import json
 import math
 import struct
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import aiohttp
+import msgspec
 import pytest
 
 pytest.importorskip("foxglove")
@@ -19,18 +22,21 @@ pytest.importorskip("mcap_protobuf")
 from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
 
+from groundstation.fleet.state import PERSON_STALE_NS, fold
 from groundstation.viewers.live_scene import LiveScene
 from groundstation.viewers.live_server import LiveServer
 from groundstation.viewers.scene_messages import static_scene
-from onboard.bus.schema import Telemetry
+from onboard.bus.schema import MocapPose, MocapPoses, Telemetry
 from onboard.config.fleet import ConfigError
+from onboard.config.people import Person
 from tests.groundstation.console.scenes import SteadyClient, crowd, fly
 
 NOW_NS = 1_700_000_000_000_000_000
 
 
-def flying(count: int = 3) -> SteadyClient:
-    client = SteadyClient(crowd(count, "mav{}", 8.0))
+def flying(people: Mapping[str, Person] = MappingProxyType({})) -> SteadyClient:
+    fleet = msgspec.structs.replace(crowd(3, "mav{}", 8.0), people=dict(people))
+    client = SteadyClient(fleet)
     fly(client, 1.0)
     return client
 
@@ -68,11 +74,10 @@ def test_a_trail_follows_and_a_vehicle_that_is_not_known_is_left_out() -> None:
     assert trails
 
 
-@pytest.mark.parametrize(("avoids", "lines"), [("mav1", 1), ("", 0)])
-def test_a_line_goes_to_the_vehicle_that_the_law_avoids_and_to_no_other_one(
-    avoids: str, lines: int
-) -> None:
-    client = flying()
+@pytest.mark.parametrize(("avoids", "lines"), [("mav1", 1), ("anna", 1), ("", 0)])
+def test_a_line_goes_to_whom_the_law_avoids_and_to_no_other_one(avoids: str, lines: int) -> None:
+    client = flying({"anna": Person()})
+    see(client, (0.0, 2.0, 1.7))
     client.hear("mav0", law_status="saturated", avoids=avoids, nearest_vehicle="mav2")
     found = scene_of(client, LiveScene(client.fleet))
 
@@ -86,6 +91,39 @@ def lines_without_avoidance() -> int:
     client.hear("mav0", law_status="inactive")
     found = scene_of(client, LiveScene(client.fleet))
     return len(next(one for one in found["/scene"].entities if one.id == "mav0").lines)
+
+
+def see(client: SteadyClient, position_enu_m: tuple[float, float, float]) -> None:
+    pose = MocapPose(
+        body="anna",
+        boot_id=1,
+        sequence=1,
+        stamp_ns=client.now_ns(),
+        is_tracked=True,
+        position_enu_m=position_enu_m,
+        quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
+    )
+    client.state = fold(client.state, MocapPoses(poses=(pose,)), client.now_ns())
+
+
+def test_a_person_is_in_the_scene_from_the_first_pose_on_and_marked_while_he_is_not_seen() -> None:
+    client = flying({"anna": Person(radius_m=0.5)})
+    scene = LiveScene(client.fleet)
+    assert not scene_of(client, scene)["/scene/people"].entities
+
+    for east_m in (1.0, 1.5):
+        client.clock_ns += 300_000_000
+        see(client, (east_m, 2.0, 1.7))
+        [anna] = scene_of(client, scene)["/scene/people"].entities
+    assert anna.texts[0].text == "anna"
+    assert anna.cylinders[0].size.z == pytest.approx(1.7)
+    assert [(point.x, point.y) for point in anna.lines[0].points] == [(1.0, 2.0), (1.5, 2.0)]
+
+    client.clock_ns += PERSON_STALE_NS
+    [lost] = scene_of(client, scene)["/scene/people"].entities
+    assert lost.texts[0].text == "anna, not seen"
+    assert lost.cylinders[0].pose == anna.cylinders[0].pose
+    assert lost.cylinders[0].color != anna.cylinders[0].color
 
 
 async def served(server: LiveServer, port: int, topic: str) -> tuple[dict[str, Any], bytes]:

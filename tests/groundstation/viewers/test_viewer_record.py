@@ -21,9 +21,13 @@ from groundstation.recording.flight_reading import read_flight
 from groundstation.recording.law_rows import RecordedLaw
 from groundstation.recording.reader import count_messages
 from groundstation.viewers.viewer_record import write_viewer_record
+from onboard.bus.schema import MocapPose
+from onboard.bus.topics import Topic
+from tests.groundstation.recorded import FLEET, SECOND
 from tests.groundstation.report.made_up import (
     APART_M,
     BEGIN_NS,
+    Row,
     head_on,
     position,
     rows,
@@ -36,10 +40,42 @@ SCHEMAS = {
     "/scene": "foxglove.SceneUpdate",
     "/scene/static": "foxglove.SceneUpdate",
     "/scene/law": "foxglove.SceneUpdate",
+    "/scene/people": "foxglove.SceneUpdate",
     "/positions": "foxglove.PointCloud",
     "/log": "foxglove.Log",
 }
+PEOPLE = """
+[people.anna]
+mocap_body = "cap3"
+radius_m = 0.5
+
+[people.ben]
+"""
+SEEN_S = 6.0  # anna is seen for so long
 Message = tuple[int, str, Any]  # log time, name of the schema, content
+
+
+def walk(time_s: float) -> tuple[float, float, float]:
+    """Where anna's markers are."""
+    return (0.5 * time_s - 2.0, -2.0, 1.7)
+
+
+def poses() -> list[Row]:
+    """The motion capture's messages about anna."""
+    told: list[Row] = []
+    for step in range(round(50 * SEEN_S)):
+        at_ns = BEGIN_NS + step * SECOND // 50
+        pose = MocapPose(
+            body="cap3",
+            boot_id=1,
+            sequence=step + 1,
+            stamp_ns=at_ns,
+            is_tracked=True,
+            position_enu_m=walk(step / 50),
+            quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
+        )
+        told.append((at_ns, Topic.MOCAP, "cap3", pose))
+    return told
 
 
 def read(path: Path) -> dict[str, list[Message]]:
@@ -61,7 +97,11 @@ def read(path: Path) -> dict[str, list[Message]]:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = write(tmp_path_factory.mktemp("viewers") / "flight", [*rows(), *story("mav0")])
+    folder = write(
+        tmp_path_factory.mktemp("viewers") / "flight",
+        [*rows(), *story("mav0"), *poses()],
+        fleet=FLEET.read_text(encoding="utf-8") + PEOPLE,
+    )
     (folder / "mission.toml").write_text("schema = 1\n")
     (folder / "verdict.json").write_text('{"passed": true}')
     return folder
@@ -108,6 +148,51 @@ def test_a_vehicle_is_where_the_record_has_it(found: dict[str, list[Message]]) -
     assert mav1.translation.z == pytest.approx(expected[2], abs=0.001)
     entity_ids = {one.id for _, _, content in found["/scene"] for one in content.entities}
     assert entity_ids == {"mav0", "mav1"}
+
+
+def test_a_person_is_a_cylinder_as_high_as_the_markers_with_the_path_of_the_last_seconds(
+    found: dict[str, list[Message]],
+) -> None:
+    [anna] = _people_at(found, 5.0)  # ben was never seen
+    assert anna.id == anna.texts[0].text == "anna"
+    [body] = anna.cylinders
+    east_m, north_m, head_m = walk(5.0)
+    centre = body.pose.position
+    assert (centre.x, centre.y) == pytest.approx((east_m, north_m), abs=0.01)
+    assert centre.z == pytest.approx(head_m / 2.0, abs=0.01)
+    assert (body.size.x, body.size.y) == (1.0, 1.0)
+    assert body.size.z == pytest.approx(head_m, abs=0.01)
+
+    [path] = anna.lines
+    ends = [(path.points[number].x, path.points[number].y) for number in (0, -1)]
+    assert ends[0] == pytest.approx(walk(0.0)[:2], abs=0.11)
+    assert ends[1] == pytest.approx(walk(5.0)[:2], abs=0.11)
+
+
+def test_a_person_who_is_not_seen_is_grey_and_marked_where_he_was_seen_last(
+    found: dict[str, list[Message]],
+) -> None:
+    [seen] = _people_at(found, SEEN_S + 0.8)
+    [lost] = _people_at(found, SEEN_S + 1.2)
+    assert seen.texts[0].text == "anna"
+    assert lost.texts[0].text == "anna, not seen"
+    assert lost.cylinders[0].pose.position == seen.cylinders[0].pose.position
+    colour = lost.cylinders[0].color
+    assert max(colour.r, colour.g, colour.b) - min(colour.r, colour.g, colour.b) < 0.15
+    assert colour != seen.cylinders[0].color
+
+
+def test_a_flight_without_persons_has_no_topic_of_theirs(tmp_path: Path) -> None:
+    found = read(write_viewer_record(write(tmp_path, rows(length_s=1.0))))
+    assert "/scene" in found
+    assert "/scene/people" not in found
+
+
+def _people_at(found: dict[str, list[Message]], time_s: float) -> list[Any]:
+    """The persons' entities at a time of the flight."""
+    wanted_ns = BEGIN_NS + round(time_s * SECOND)
+    _, _, update = min(found["/scene/people"], key=lambda one: abs(one[0] - wanted_ns))
+    return list(update.entities)
 
 
 def test_the_half_plane_of_who_is_held_back_stands_before_it(tmp_path: Path) -> None:
