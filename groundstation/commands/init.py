@@ -29,6 +29,7 @@ from groundstation.starter.starter_files import (
     NOT_POSITIONS,
     Answers,
     Position,
+    refuse_wrong_answer,
     starter,
     type_names,
 )
@@ -207,7 +208,7 @@ def _ask(
     *,
     shown: str = "",
 ) -> None:
-    """Ask until there is an answer of this kind, unless an option has given it.
+    """Ask until there is a right answer of this kind, unless an option has given one.
 
     Args:
         answers: the answers so far, to which this one is added.
@@ -223,9 +224,17 @@ def _ask(
             answers[key] = default
             return
         try:
-            answers[key] = kind(word)
+            answer = kind(word)
         except ValueError:
             print(f"'{word}' is no number.")
+            continue
+
+        try:
+            refuse_wrong_answer(key, Answers(**{**answers, key: answer}))
+        except ConfigError as error:
+            print(error)
+            continue
+        answers[key] = answer
 
 
 def _ask_for_position(answers: dict[str, Any], question: str) -> None:

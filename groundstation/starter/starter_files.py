@@ -10,7 +10,7 @@ import math
 import re
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from json import dumps
 from typing import Literal, get_args
 
@@ -82,6 +82,33 @@ class Starter:
     mission: Mission
 
 
+def refuse_wrong_answer(key: str, answers: Answers) -> None:
+    """Refuse one answer by itself; whether the law can fly such a fleet is not asked here.
+
+    Args:
+        key: name of the answer, a field of Answers.
+        answers: the answers so far. The number of vehicles counts for their companions.
+
+    Raises:
+        ConfigError: the answer is wrong.
+    """
+    if key == "vehicles" and not 1 <= answers.vehicles <= MOST:
+        raise ConfigError(f"--vehicles is {answers.vehicles}; it must lie between 1 and {MOST}.")
+
+    spacing_m = answers.spacing_m
+    if key == "spacing_m" and spacing_m is not None and not 0.1 <= spacing_m <= 100.0:
+        raise ConfigError(f"--spacing is {spacing_m:g}; it must lie between 0.1 and 100 m.")
+
+    if key == "type" and not re.fullmatch(r"[A-Za-z0-9_-]{1,40}", answers.type):
+        raise ConfigError(
+            f"--type is {answers.type!r}; a type has 1 to 40 of A-Z a-z 0-9 _ - as its name."
+        )
+    if key == "companions":
+        companion_addresses(answers.companions, answers.vehicles)
+    if key == "origin":
+        _origin_of(answers.origin)
+
+
 def starter(answers: Answers) -> Starter:
     """Write fleet file and mission, and check both as if they were flown now.
 
@@ -94,14 +121,8 @@ def starter(answers: Answers) -> Starter:
     Raises:
         ConfigError: an answer is wrong, or the law cannot fly such a fleet.
     """
-    if not 1 <= answers.vehicles <= MOST:
-        raise ConfigError(f"--vehicles is {answers.vehicles}; it must lie between 1 and {MOST}.")
-    if answers.spacing_m is not None and not 0.1 <= answers.spacing_m <= 100.0:
-        raise ConfigError(f"--spacing is {answers.spacing_m:g}; it must lie between 0.1 and 100 m.")
-    if not re.fullmatch(r"[A-Za-z0-9_-]{1,40}", answers.type):
-        raise ConfigError(
-            f"--type is {answers.type!r}; a type has 1 to 40 of A-Z a-z 0-9 _ - as its name."
-        )
+    for field in fields(answers):
+        refuse_wrong_answer(field.name, answers)
 
     # positions by satellites are wrong by metres, those of a motion capture by millimetres
     default_spacing_m = 1.6
@@ -216,19 +237,29 @@ def _corrections(answers: Answers) -> list[str]:
 def _origin(answers: Answers) -> list[str]:
     if not answers.is_outdoors:
         return ['origin = "mocap"  # the fleet frame is the motion capture\'s']
-    try:
-        latitude, longitude, altitude = (float(part) for part in answers.origin.split(","))
-    except ValueError:
-        raise ConfigError(
-            f"--origin is '{answers.origin}'; write LATITUDE,LONGITUDE,ALTITUDE in degrees and "
-            "metres, such as 47.397742,8.545594,489.4."
-        ) from None
+    latitude, longitude, altitude = _origin_of(answers.origin)
     return [
         "# the point of the Earth that is 0, 0, 0 of the fleet frame: the same in every vehicle's "
         "file",
         f"origin = {{ latitude_deg = {latitude}, longitude_deg = {longitude}, "
         f"altitude_m = {altitude} }}",
     ]
+
+
+def _origin_of(words: str) -> tuple[float, float, float]:
+    """Return latitude, longitude [deg] and altitude [m].
+
+    Raises:
+        ConfigError: these are not three numbers.
+    """
+    try:
+        latitude, longitude, altitude = (float(part) for part in words.split(","))
+    except ValueError:
+        raise ConfigError(
+            f"--origin is '{words}'; write LATITUDE,LONGITUDE,ALTITUDE in degrees and "
+            "metres, such as 47.397742,8.545594,489.4."
+        ) from None
+    return latitude, longitude, altitude
 
 
 def law_lines(answers: Answers) -> list[str]:

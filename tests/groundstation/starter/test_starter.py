@@ -162,6 +162,33 @@ def test_a_spacing_that_is_no_number_is_asked_for_again(
     assert next(spacings, None) is None
 
 
+def test_an_answer_that_is_wrong_is_asked_for_again_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = {
+        "many": ["0", "2"],
+        "positions": ["gps"],
+        "Latitude": ["Paris", "48.8, 2.3, 35"],
+        "first companion": ["10.0.0.1,10.0.0.2,10.0.0.3", "10.0.0.300", "10.0.0.1"],
+        "Type": ["my quad", "quad4"],
+        "spots": ["0.01", ""],
+    }
+
+    def answer(question: str) -> str:
+        for word, given in words.items():
+            if word in question:
+                return given.pop(0)
+        return ""
+
+    _in_terminal(monkeypatch, answer)
+    assert cli.main(["init", str(tmp_path), "--name", "lab"]) == 0
+    assert not any(words.values())
+    told = capsys.readouterr().out
+    for wrong in ("0", "'Paris'", "'10.0.0.1,10.0.0.2,10.0.0.3'", "'10.0.0.300'", "'my quad'"):
+        assert f" is {wrong};" in told
+    assert "0.01; it must lie" in told
+
+
 def test_the_first_mission_flies() -> None:
     made = starter(Answers(vehicles=1, position="optitrack", companions="10.0.0.11"))
     with Lockstep(made.fleet, seed=1) as flight:
