@@ -60,7 +60,9 @@ def other_ends(orders: Mapping[str, LastOrder], state: FleetState) -> dict[str, 
         cause = _cause(name, order, state)
         if not cause:
             cause = "it has not said why."
-        sentences[name] = f"{name} {end}, though its last order was '{order.words}': {cause}"
+        sentences[name] = (
+            f"{name} {end}, though its last finished order was '{order.words}': {cause}"
+        )
     return sentences
 
 

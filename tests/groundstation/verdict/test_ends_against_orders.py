@@ -22,7 +22,7 @@ def event(severity: Severity, sentence: str, vehicle: str = "mav1") -> Event:
 
 def named_cause(state: FleetState) -> str:
     (sentence,) = other_ends({"mav1": ORDER}, state).values()
-    return sentence.removeprefix("mav1 is down, though its last order was 'hold mav1': ")
+    return sentence.removeprefix("mav1 is down, though its last finished order was 'hold mav1': ")
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_a_vehicle_that_has_failed_or_lands_without_an_order_is_named_in_the_air
         assert not sentences
     else:
         assert sentences == {
-            "mav1": f"mav1 {end}, though its last order was 'hold mav1': PX4 silent."
+            "mav1": f"mav1 {end}, though its last finished order was 'hold mav1': PX4 silent."
         }
         landing = msgspec.structs.replace(ORDER, leaves_flying=False)
         assert not other_ends({"mav1": landing}, state)

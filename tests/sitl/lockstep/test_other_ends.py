@@ -35,7 +35,7 @@ def test_a_vehicle_that_its_battery_lands_in_a_wait_is_named_with_the_cause(
     verdict = flight.fly(mission)
 
     assert not verdict.passed
-    assert "mav1 is down, though its last order was 'takeoff" in verdict.summary
+    assert "mav1 is down, though its last finished order was 'takeoff" in verdict.summary
     assert "Battery falling fast: landing." in verdict.summary
 
 
@@ -51,7 +51,7 @@ def test_a_mission_that_goes_on_without_a_vehicle_names_it_and_passes(
 
     assert verdict.exit_status == 0, verdict.summary
     said = [event.sentence for event in flight.events if event.code == "mission"]
-    assert any("mav1 is down, though its last order was" in sentence for sentence in said)
+    assert any("mav1 is down, though its last finished order was" in sentence for sentence in said)
 
 
 @pytest.mark.long
@@ -62,4 +62,4 @@ def test_a_vehicle_that_is_killed_in_a_wait_is_named(lockstep: Any, paper: Fleet
     verdict = flight.fly(waiting(paper, OTHERS_DOWN))
 
     assert verdict.exit_status == 1, verdict.summary
-    assert "mav1 is down, though its last order was 'takeoff" in verdict.summary
+    assert "mav1 is down, though its last finished order was 'takeoff" in verdict.summary
