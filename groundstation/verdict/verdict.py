@@ -33,6 +33,7 @@ from onboard.exit_status import (
     EXIT_WRONG_INPUT,
 )
 
+_MOST_LOOPS = 4  # vehicles whose loop periods are all told; of more, the longest one
 _LAW_REFUSED = "own-law-refused"  # code of the event of an agent that flies Covey's law instead
 
 
@@ -209,12 +210,19 @@ def describe(verdict: Verdict) -> list[str]:
         )
 
     if verdict.loop:
-        periods = [f"{name} {loop.period_p99_ms:.1f} ms" for name, loop in verdict.loop.items()]
-        lines.append(
-            f"Loop period, 99th percentile (nominal {PERIOD_NOMINAL_MS:.0f} ms): "
-            f"{', '.join(periods)}."
-        )
+        lines.append(_loop_sentence(verdict.loop))
     return lines
+
+
+def _loop_sentence(loops: Mapping[str, LoopTiming]) -> str:
+    """Return the loop period of each vehicle in words; of many vehicles the longest one."""
+    periods_ms = {name: loop.period_p99_ms for name, loop in loops.items()}
+    words = [f"{name} {period_ms:.1f} ms" for name, period_ms in periods_ms.items()]
+    if len(words) > _MOST_LOOPS:
+        slowest = max(periods_ms, key=lambda name: periods_ms[name])
+        words = [f"at most {periods_ms[slowest]:.1f} ms, {slowest}"]
+    nominal = f"nominal {PERIOD_NOMINAL_MS:.0f} ms"
+    return f"Loop period, 99th percentile ({nominal}): {', '.join(words)}."
 
 
 def _closest_sentence(closest: SmallestSeparation, verdict: Verdict) -> str:
