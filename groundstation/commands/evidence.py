@@ -165,9 +165,9 @@ class _Progress:
 
     def say(self, line: str) -> None:
         """Print a line that begins with ``DONE of TOTAL``."""
-        done_word, _, rest = line.partition(" of ")
+        done_word, _, after_done = line.partition(" of ")
         done = int(done_word)
-        total = int(rest.partition(" ")[0])
+        total = int(after_done.partition(" ")[0])
         if self._kept_count is None:
             self._kept_count = done - 1
 

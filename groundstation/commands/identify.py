@@ -159,8 +159,8 @@ def _identify_record(
     return EXIT_OK
 
 
-def _as_mapping(one: IdentifiedVehicle) -> dict[str, object]:
-    return {"vehicle": one.vehicle.name, **asdict(one.identified), "rows": rows(one)}
+def _as_mapping(result: IdentifiedVehicle) -> dict[str, object]:
+    return {"vehicle": result.vehicle.name, **asdict(result.identified), "rows": rows(result)}
 
 
 def _write(target: Path, vehicles: Sequence[IdentifiedVehicle]) -> None:

@@ -120,16 +120,17 @@ def init(
             _ask_for_rest(answers)
         except EOFError:  # Ctrl-D
             raise KeyboardInterrupt from None
-    made = starter(Answers(**answers))
+    starter_files = starter(Answers(**answers))
 
-    fleet_text = made.fleet_text
+    fleet_text = starter_files.fleet_text
     if law is not None:
         fleet_text = with_own_law(fleet_text, law)
 
     folder.mkdir(parents=True, exist_ok=True)
     fleet_path.write_text(fleet_text, encoding="utf-8")
-    mission_path.write_text(made.mission_text, encoding="utf-8")
-    print(f"Written: {fleet_path} for {len(made.fleet.vehicles)} vehicles, and {mission_path}.")
+    mission_path.write_text(starter_files.mission_text, encoding="utf-8")
+    count = len(starter_files.fleet.vehicles)
+    print(f"Written: {fleet_path} for {count} vehicles, and {mission_path}.")
 
     if law_path is not None and law_test_path is not None:
         law_text, law_test_text = own_law_texts()

@@ -183,10 +183,10 @@ def list_(fleet: FleetArgument, /, *, running: bool = False) -> int:
             print(f"{node:12s} {error}")
 
     try:
-        where = "is on this computer: it makes new nodes"
+        key_place = "is on this computer: it makes new nodes"
         if not has_authority_key(folder_of(config)):
-            where = "is not on this computer"
-        print(f"{AUTHORITY_KEY:12s} {where}")
+            key_place = "is not on this computer"
+        print(f"{AUTHORITY_KEY:12s} {key_place}")
     except ConfigError as error:
         is_right = False
         print(f"{AUTHORITY_KEY:12s} {error}")

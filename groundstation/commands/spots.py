@@ -64,11 +64,11 @@ def spots(
     config = load_fleet(fleet)
     names = config.select(vehicles)
     print(f"{seconds:g} s: {', '.join(names)} ...", flush=True)
-    found = surveyed(asyncio.run(_collect(config, names, seconds)), config)
-    print("\n".join(spot_lines(found)))
+    measured_spots = surveyed(asyncio.run(_collect(config, names, seconds)), config)
+    print("\n".join(spot_lines(measured_spots)))
 
-    refuse_poor_spots(found, config, spread)
-    text = checked_edit(Path(fleet), changes_of(found, config))
+    refuse_poor_spots(measured_spots, config, spread)
+    text = checked_edit(Path(fleet), changes_of(measured_spots, config))
     if not write:
         print(f"{fleet} is as it was. With --write these spots go into it.")
         return EXIT_OK

@@ -164,21 +164,24 @@ def present_offsets(client: FleetClient, leader: str, names: Sequence[str]) -> d
     """
     client.fleet.select([leader])
 
-    spots: dict[str, Xyz] = {}
+    positions: dict[str, Xyz] = {}
     unknown = []
     for name in dict.fromkeys((leader, *names)):
         position_enu_m = client.state.vehicles[name].position_enu_m(client.now_ns())
         if position_enu_m is None:
             unknown.append(name)
         else:
-            spots[name] = position_enu_m
+            positions[name] = position_enu_m
     if unknown:
         raise ConfigError(
             f"{', '.join(unknown)} does not report where it is, so nobody can follow."
         )
 
-    x, y, z = spots.pop(leader)
-    return {name: (spot[0] - x, spot[1] - y, spot[2] - z) for name, spot in spots.items()}
+    x, y, z = positions.pop(leader)
+    return {
+        name: (position[0] - x, position[1] - y, position[2] - z)
+        for name, position in positions.items()
+    }
 
 
 def _have_moved(goals: Mapping[str, Xyz], last_goals: Mapping[str, Xyz]) -> bool:

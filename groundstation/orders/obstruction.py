@@ -107,10 +107,10 @@ def _neighbours(
 
         away_m = math.dist(other_position[:2], position[:2])
         from_goal_m = math.dist(other_position[:2], goal[:2])
-        where = "" if view.is_airborne else " on the ground"
+        ground_words = "" if view.is_airborne else " on the ground"
         yield (
             away_m,
-            f"{other}{where}, {away_m:.2f} m from it and {from_goal_m:.2f} m from the goal",
+            f"{other}{ground_words}, {away_m:.2f} m from it and {from_goal_m:.2f} m from the goal",
         )
 
 

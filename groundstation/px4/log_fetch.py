@@ -231,7 +231,7 @@ def _listed_in(transfer: FileTransfer, root: str, newest: int) -> list[VehicleLo
     folders = [entry.name for entry in transfer.folder(root) if entry.is_folder]
     folders.sort(key=_folder_age_key, reverse=True)
 
-    found: list[VehicleLog] = []
+    logs: list[VehicleLog] = []
     for folder in folders:
         files = [
             entry
@@ -242,10 +242,10 @@ def _listed_in(transfer: FileTransfer, root: str, newest: int) -> list[VehicleLo
         for entry in files:
             stem = entry.name.removesuffix(SUFFIX)
             path = f"{root}/{folder}/{entry.name}"
-            found.append(VehicleLog(name=f"{folder}_{stem}", size=entry.size, path=path))
-        if len(found) >= newest:
+            logs.append(VehicleLog(name=f"{folder}_{stem}", size=entry.size, path=path))
+        if len(logs) >= newest:
             break
-    return found[:newest]
+    return logs[:newest]
 
 
 def _folder_age_key(folder: str) -> tuple[bool, str]:

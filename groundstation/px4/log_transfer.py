@@ -280,7 +280,7 @@ class LogData:
 
     def entries(self) -> list[LogEntry]:
         """Return the logs that PX4 has; an empty list if it has none or does not answer."""
-        found: dict[int, LogEntry] = {}
+        entry_by_id: dict[int, LogEntry] = {}
         has_all = False
 
         for _ in range(_ATTEMPTS):
@@ -291,11 +291,11 @@ class LogData:
                 if message is None or message.num_logs == 0:
                     break
 
-                found[message.id] = LogEntry(message.id, message.size, message.time_utc)
-                has_all = len(found) >= min(message.num_logs, _MOST_LOGS)
+                entry_by_id[message.id] = LogEntry(message.id, message.size, message.time_utc)
+                has_all = len(entry_by_id) >= min(message.num_logs, _MOST_LOGS)
             if has_all:
                 break
-        return list(found.values())
+        return list(entry_by_id.values())
 
     def read(self, number: int, offset: int, size: int) -> Iterator[Piece]:
         """Yield pieces of a log until all requested bytes have come, or PX4 falls silent.

@@ -135,18 +135,18 @@ def _compared(
         headline = f"there is nothing to compare with: {other}"
         return VehicleReport(name, False, headline, answers=is_heard)
 
-    found = differences(values, other)
+    compared = differences(values, other)
     more = ""
-    if found.left_out:
-        more = f"; {found.left_out} more that are each vehicle's own ({', '.join(OWN[:3])}, ...)"
-    headline = f"{len(found.rows)} of {len(values)} differ from {reference}{more}."
-    return VehicleReport(name, not found.rows, headline, tuple(found.rows))
+    if compared.left_out:
+        more = f"; {compared.left_out} more that are each vehicle's own ({', '.join(OWN[:3])}, ...)"
+    headline = f"{len(compared.rows)} of {len(values)} differ from {reference}{more}."
+    return VehicleReport(name, not compared.rows, headline, tuple(compared.rows))
 
 
 def _file_parameters(sets: Mapping[int, Mapping[str, Value]], link: VehicleLink) -> _Parameters:
     """Return a vehicle's parameters in a file.
 
-    If the file does not contain this vehicle, but a single other one, return those of the other.
+    If the file contains a single vehicle, its parameters stand for those of every vehicle.
     """
     system_id = link.vehicle.system_id
     if system_id in sets:

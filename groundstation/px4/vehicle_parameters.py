@@ -119,7 +119,7 @@ def set_all(
     Raises:
         ConfigError: the backup cannot be written; nothing was changed.
     """
-    state_of = {state.name: state for state in states}
+    state_by_name = {state.name: state for state in states}
     required = {state.name: _to_be_set(state) for state in states}
 
     to_set = []
@@ -129,7 +129,7 @@ def set_all(
     troubles, _ = save(to_set, backup)
 
     def set_one(link: VehicleLink) -> VehicleParams:
-        state = state_of[link.vehicle.name]
+        state = state_by_name[link.vehicle.name]
         if state.is_armed and required[state.name]:
             return replace(state, trouble=ARMED)
         if link not in to_set:
@@ -158,10 +158,10 @@ def _set(
     before = {row.demand.name: row.value for row in state.rows}
     changes, trouble = write_all(link.link, required, before)
 
-    change_of = {change.name: change for change in changes}
+    change_by_name = {change.name: change for change in changes}
     rows = []
     for row in state.rows:
-        change = change_of.get(row.demand.name)
+        change = change_by_name.get(row.demand.name)
         if change is None:
             rows.append(row)
         else:

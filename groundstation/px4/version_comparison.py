@@ -315,21 +315,21 @@ def _shown(expected: str) -> str:
     return "nothing" if expected.startswith("nan") else expected
 
 
-def as_text(found: Comparison) -> str:
+def as_text(comparison: Comparison) -> str:
     """Return the comparison for people."""
-    old = found.old.removeprefix("v")
-    new = found.new.removeprefix("v")
-    lines = [f"PX4 v{old} to v{new}, for {', '.join(found.vehicles)}."]
-    lines += _wrapped(found.notes, "  ! ")
+    old = comparison.old.removeprefix("v")
+    new = comparison.new.removeprefix("v")
+    lines = [f"PX4 v{old} to v{new}, for {', '.join(comparison.vehicles)}."]
+    lines += _wrapped(comparison.notes, "  ! ")
 
     lines.append("Parameters")
-    lines += _wrapped(found.parameters or ("nothing changes.",), "  ")
+    lines += _wrapped(comparison.parameters or ("nothing changes.",), "  ")
 
     for group, title in _GROUPS.items():
         lines.append(title)
-        facts = [fact for fact in found.facts if fact.group == group]
+        facts = [fact for fact in comparison.facts if fact.group == group]
         if facts:
-            lines += _fact_lines(facts, found.vehicles)
+            lines += _fact_lines(facts, comparison.vehicles)
         else:
             lines.append("  nothing changes.")
     return "\n".join(lines)
@@ -366,12 +366,12 @@ def _wrapped(sentences: Iterable[str], indent: str) -> list[str]:
     return lines
 
 
-def as_mapping(found: Comparison) -> dict[str, Any]:
+def as_mapping(comparison: Comparison) -> dict[str, Any]:
     """Return the comparison for programs."""
     return {
-        "old": found.old,
-        "new": found.new,
-        "notes": list(found.notes),
-        "parameters": list(found.parameters),
-        "facts": [{**asdict(fact), "concerns": list(fact.concerns)} for fact in found.facts],
+        "old": comparison.old,
+        "new": comparison.new,
+        "notes": list(comparison.notes),
+        "parameters": list(comparison.parameters),
+        "facts": [{**asdict(fact), "concerns": list(fact.concerns)} for fact in comparison.facts],
     }

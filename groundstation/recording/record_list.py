@@ -24,9 +24,9 @@ def flight_folders(folder: Path) -> list[Path]:
     Args:
         folder: folder of flight folders; it may be a flight folder itself.
     """
-    found = [path for path in (folder, *folder.iterdir()) if _has_record(path)]
-    found.sort(key=lambda path: (path / RECORD_NAME).stat().st_mtime, reverse=True)
-    return found[:MAX_FOLDERS]
+    folders = [path for path in (folder, *folder.iterdir()) if _has_record(path)]
+    folders.sort(key=lambda path: (path / RECORD_NAME).stat().st_mtime, reverse=True)
+    return folders[:MAX_FOLDERS]
 
 
 def _has_record(folder: Path) -> bool:

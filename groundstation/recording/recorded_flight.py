@@ -211,9 +211,9 @@ def at_times(times_s: Array, values: Array, wanted_s: Array, max_gap_s: float) -
     before = np.clip(before, 0, None)
     is_known &= wanted_s - times_s[before] <= max_gap_s
 
-    found = np.full(shape, np.nan)
-    found[is_known] = values[before[is_known]]
-    return found
+    result = np.full(shape, np.nan)
+    result[is_known] = values[before[is_known]]
+    return result
 
 
 def between_times(times_s: Array, values: Array, wanted_s: Array, max_gap_s: float) -> Array:
@@ -228,17 +228,17 @@ def between_times(times_s: Array, values: Array, wanted_s: Array, max_gap_s: flo
     Returns:
         Values (m, k).
     """
-    found = np.full((wanted_s.size, values.shape[1]), np.nan)
+    result = np.full((wanted_s.size, values.shape[1]), np.nan)
     if times_s.size < 2:
-        return found
+        return result
 
     after = np.clip(np.searchsorted(times_s, wanted_s, side="left"), 1, times_s.size - 1)
     gap_s = times_s[after] - times_s[after - 1]
     is_inside = (wanted_s >= times_s[0]) & (wanted_s <= times_s[-1]) & (gap_s <= max_gap_s)
     for column in range(values.shape[1]):
         on_lines = np.interp(wanted_s, times_s, values[:, column])
-        found[is_inside, column] = on_lines[is_inside]
-    return found
+        result[is_inside, column] = on_lines[is_inside]
+    return result
 
 
 def largest_in_cells(times_s: Array, values: Array, edges_s: Array) -> Array:
@@ -252,13 +252,13 @@ def largest_in_cells(times_s: Array, values: Array, edges_s: Array) -> Array:
     Returns:
         Values (m,).
     """
-    found = np.full(edges_s.size - 1, np.nan)
+    result = np.full(edges_s.size - 1, np.nan)
     is_known = np.isfinite(values)
     cells = np.searchsorted(edges_s, times_s[is_known], side="right") - 1
-    is_inside = (cells >= 0) & (cells < found.size)
+    is_inside = (cells >= 0) & (cells < result.size)
 
-    largest = np.full(found.size, -np.inf)
+    largest = np.full(result.size, -np.inf)
     np.maximum.at(largest, cells[is_inside], values[is_known][is_inside])
     has_any = largest > -np.inf
-    found[has_any] = largest[has_any]
-    return found
+    result[has_any] = largest[has_any]
+    return result

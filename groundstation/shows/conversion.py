@@ -196,17 +196,17 @@ def _flown_part(drone: Drone, takeoff_m: float) -> tuple[float, Array]:
 
     first_part = []
     if begins_in_motion:
-        rest = np.zeros((3, 4))
-        rest[0] = at_begin[0]
-        first_part.append([quintic(2.0 * _JOIN_S, rest, after_join)])
+        standstill = np.zeros((3, 4))
+        standstill[0] = at_begin[0]
+        first_part.append([quintic(2.0 * _JOIN_S, standstill, after_join)])
         show_begin_s -= _JOIN_S
         begin_s += _JOIN_S
 
     last_part = []
     if ends_in_motion:
-        rest = np.zeros((3, 4))
-        rest[0] = at_end[0]
-        last_part.append([quintic(2.0 * _JOIN_S, before_join, rest)])
+        standstill = np.zeros((3, 4))
+        standstill[0] = at_end[0]
+        last_part.append([quintic(2.0 * _JOIN_S, before_join, standstill)])
         end_s -= _JOIN_S
 
     return show_begin_s, np.concatenate([*first_part, cut(drone.path, begin_s, end_s), *last_part])

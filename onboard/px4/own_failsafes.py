@@ -40,7 +40,7 @@ class OwnParameter:
     demand: Value | None = None  # value that replaces a wrong value
     reason: str = ""  # effect of the demanded value
 
-    # other values that are as good
+    # other values that are accepted instead
     accepts: tuple[Value, ...] = ()  # each of these values
     least: Value | None = None  # every value between least and most
     most: Value | None = None
@@ -50,7 +50,7 @@ class OwnParameter:
     # range of values that a fleet file may demand instead
     file_least: Value | None = None
     file_most: Value | None = None
-    is_optional: bool = False  # True: not every PX4 of a version has it
+    is_optional: bool = False  # whether a PX4 of these versions may lack it
 
 
 @dataclass(frozen=True, slots=True)
