@@ -183,24 +183,24 @@ class History:
         period_ms = math.nan  # largest period so far; NaN: no vehicle has reported one
         age_ms = math.nan
         for name, view in state.vehicles.items():
-            last = view.telemetry
-            if last is None or not view.is_fresh(now_ns):
+            telemetry = view.telemetry
+            if telemetry is None or not view.is_fresh(now_ns):
                 continue
 
-            own_period_ms = last.loop_period_p99_ms
+            own_period_ms = telemetry.loop_period_p99_ms
             is_slowest = math.isnan(period_ms) or own_period_ms > period_ms
             if math.isfinite(own_period_ms) and is_slowest:
                 period_ms = own_period_ms
                 self.slowest = name
 
-            own_age_ms = last.neighbour_age_s * 1e3
+            own_age_ms = telemetry.neighbour_age_s * 1e3
             is_oldest = math.isnan(age_ms) or own_age_ms > age_ms
             if math.isfinite(own_age_ms) and is_oldest:
                 age_ms = own_age_ms
                 self.oldest = name
 
-            if math.isfinite(last.battery_frac) and last.battery_frac >= 0.0:
-                self._add_charge(name, last.boot_id, now_ns * 1e-9, last.battery_frac)
+            if math.isfinite(telemetry.battery_frac) and telemetry.battery_frac >= 0.0:
+                self._add_charge(name, telemetry.boot_id, now_ns * 1e-9, telemetry.battery_frac)
 
         self.periods_ms.append(period_ms)
         self.ages_ms.append(age_ms)

@@ -99,49 +99,54 @@ def _wrapped(head: Text, text: str, width: int, colour: str) -> Block:
 
 
 def _state(subject: VehicleSubject, width: int) -> Block:
-    last = subject.telemetry
-    if last is None:
+    telemetry = subject.telemetry
+    if telemetry is None:
         return [[(" Is its agent running? covey agent status says more.", FAINT)]]
 
     lines = _alarms(subject, width)
 
-    action = clean(last.action, 80)
+    action = clean(telemetry.action, 80)
     if action and action != WORDS[Action.GO_ON]:
         lines.append([(" failsafe   ", FAINT), (action, WARN)])
-    if last.reason:
-        lines += _wrapped([(" because    ", FAINT)], last.reason, width, TEXT)
+    if telemetry.reason:
+        lines += _wrapped([(" because    ", FAINT)], telemetry.reason, width, TEXT)
 
     is_old = not subject.view.is_fresh(subject.now_ns)
     tint = FAINT if is_old else TEXT
-    lines.append(_position(last, is_old=is_old, tint=tint))
+    lines.append(_position(telemetry, is_old=is_old, tint=tint))
 
     goal = "·"
     if subject.view.is_airborne:
-        axes = " ".join(number(axis, 2, sign=True) for axis in last.goal_position_enu_m)
+        axes = " ".join(number(axis, 2, sign=True) for axis in telemetry.goal_position_enu_m)
         goal = f"{axes} m"
     lines.append([(" goes to    ", FAINT), (goal, tint)])
 
-    speed_m_s = math.sqrt(sum(axis * axis for axis in last.velocity_enu_m_s))
+    speed_m_s = math.sqrt(sum(axis * axis for axis in telemetry.velocity_enu_m_s))
     lines.append([(" speed      ", FAINT), (f"{number(speed_m_s, 2)} m/s", tint)])
 
-    lines.append([(" wind       ", FAINT), (_wind(last), tint)])
-    satellites = satellite_words(last)
+    lines.append([(" wind       ", FAINT), (_wind(telemetry), tint)])
+    satellites = satellite_words(telemetry)
     if satellites:
         lines += _wrapped([(" satellites ", FAINT)], satellites, width, tint)
 
-    charge_pct = last.battery_frac * 100.0
+    charge_pct = telemetry.battery_frac * 100.0
     is_low = charge_pct <= subject.fleet.fleet.battery_warning_pct
     charge = number(charge_pct, 0, limit=999)
-    voltage = number(last.battery_voltage_v, 1, limit=999)
+    voltage = number(telemetry.battery_voltage_v, 1, limit=999)
     lines.append([(" battery    ", FAINT), (f"{charge} %  {voltage} V", WARN if is_low else tint)])
 
-    lines.append([(" ages, ms   ", FAINT), (_message_ages(last), tint)])
+    lines.append([(" ages, ms   ", FAINT), (_message_ages(telemetry), tint)])
 
-    periods_ms = (last.loop_period_p50_ms, last.loop_period_p99_ms, last.loop_period_max_ms)
+    periods_ms = (
+        telemetry.loop_period_p50_ms,
+        telemetry.loop_period_p99_ms,
+        telemetry.loop_period_max_ms,
+    )
     loop = "/".join(number(period_ms, 0, limit=1e6) for period_ms in periods_ms)
-    lines.append([(" loop, ms   ", FAINT), (f"p50/p99/max {loop}  late {last.late_ticks}", tint)])
+    words = f"p50/p99/max {loop}  late {telemetry.late_ticks}"
+    lines.append([(" loop, ms   ", FAINT), (words, tint)])
 
-    return lines + _counts(last, subject.state, tint)
+    return lines + _counts(telemetry, subject.state, tint)
 
 
 def _alarms(subject: VehicleSubject, width: int) -> Block:
@@ -157,48 +162,48 @@ def _alarms(subject: VehicleSubject, width: int) -> Block:
     return lines
 
 
-def _wind(last: Telemetry) -> str:
+def _wind(telemetry: Telemetry) -> str:
     """Return the wind that the vehicle feels, its direction, the gusts and the limit."""
-    east_m_s, north_m_s = last.wind_enu_m_s
+    east_m_s, north_m_s = telemetry.wind_enu_m_s
     speed_m_s = math.hypot(east_m_s, north_m_s)
     if math.isnan(speed_m_s):
         return "not known"
 
     from_deg = math.degrees(math.atan2(-east_m_s, -north_m_s)) % 360.0
     speed = number(speed_m_s, 1)
-    gusts = number(last.gust_m_s, 1)
-    limit = number(last.max_wind_m_s, 1)
+    gusts = number(telemetry.gust_m_s, 1)
+    limit = number(telemetry.max_wind_m_s, 1)
     return f"{speed} m/s from {from_deg:.0f}°, gusts {gusts}, limit {limit}"
 
 
-def _position(last: Telemetry, *, is_old: bool, tint: str) -> Text:
-    if not last.is_position_valid:
+def _position(telemetry: Telemetry, *, is_old: bool, tint: str) -> Text:
+    if not telemetry.is_position_valid:
         return [(" at         ", FAINT), ("no valid position", WARN)]
 
     label = " was at     " if is_old else " at         "
-    x, y, z = (number(axis, 2, sign=True) for axis in last.position_enu_m)
-    yaw = number(last.yaw_deg, 0)
+    x, y, z = (number(axis, 2, sign=True) for axis in telemetry.position_enu_m)
+    yaw = number(telemetry.yaw_deg, 0)
     return [(label, FAINT), (f"{x} {y} {z} m", tint), (f"   yaw {yaw}°", tint)]
 
 
-def _message_ages(last: Telemetry) -> str:
+def _message_ages(telemetry: Telemetry) -> str:
     ages_s = {
-        "own": last.state_age_s,
-        "PX4": last.autopilot_age_s,
-        "neighbours": last.neighbour_age_s,
+        "own": telemetry.state_age_s,
+        "PX4": telemetry.autopilot_age_s,
+        "neighbours": telemetry.neighbour_age_s,
     }
     words = [f"{label} {number(1e3 * age_s, 0, limit=1e6)}" for label, age_s in ages_s.items()]
     return "  ".join(words)
 
 
-def _counts(last: Telemetry, ground: FleetState, tint: str) -> Block:
+def _counts(telemetry: Telemetry, ground: FleetState, tint: str) -> Block:
     """Return the numbers of messages that the vehicle and this ground did not use.
 
     A side that has used all messages has no line.
     """
-    refused = last.refused_messages + sum(last.refused_orders.values())
+    refused = telemetry.refused_messages + sum(telemetry.refused_orders.values())
     agent_counts = in_words(
-        last.malformed_messages, refused, last.dropped_messages, last.late_messages
+        telemetry.malformed_messages, refused, telemetry.dropped_messages, telemetry.late_messages
     )
     ground_counts = in_words(ground.malformed, ground.refused, ground.dropped, ground.late)
 

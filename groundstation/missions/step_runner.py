@@ -113,7 +113,7 @@ class StepRunner:
         elif isinstance(step, FollowPathStep):
             await self._follow(step, self._mission.paths_of(step), self._mission.lights_of(step))
         elif isinstance(step, FlyFormationStep):
-            paths = formation_paths(step, self._fleet.config, self._spots_of_places())
+            paths = formation_paths(step, self._fleet.config, self._positions_of_places())
             await self._follow(step, paths, {})
         elif isinstance(step, RepeatStep):
             for _ in range(step.times):
@@ -136,7 +136,7 @@ class StepRunner:
             for name, order in fleet.client.plan(intent).orders.items():
                 if order.position_enu_m is not None:
                     goals[name] = order.position_enu_m
-            intent = with_speed(intent, fleet.config, goals, self._spots())
+            intent = with_speed(intent, fleet.config, goals, self._positions())
 
         await fleet.order(intent, step.timeout_s)
 
@@ -216,23 +216,23 @@ class StepRunner:
         own_paths = by_vehicle(paths, self._fleet.state)
         return {name: path for name, path in own_paths.items() if name not in left_out}
 
-    def _spots_of_places(self) -> dict[str, Xyz]:
+    def _positions_of_places(self) -> dict[str, Xyz]:
         """Return the reported positions, by the names that the mission file uses.
 
         A spare that was swapped in has the name of the vehicle that it replaces.
         """
         state = self._fleet.state
-        return {place_of(name, state): spot for name, spot in self._spots().items()}
+        return {place_of(name, state): position for name, position in self._positions().items()}
 
-    def _spots(self) -> dict[str, Xyz]:
+    def _positions(self) -> dict[str, Xyz]:
         """Return the positions of the vehicles that report one [m], ENU."""
         now_ns = self._fleet.client.now_ns()
-        spots = {}
+        positions = {}
         for name in self._fleet.names:
             position_enu_m = self._fleet.state.vehicles[name].position_enu_m(now_ns)
             if position_enu_m is not None:
-                spots[name] = position_enu_m
-        return spots
+                positions[name] = position_enu_m
+        return positions
 
 
 def condition(until: Until, fleet: Fleet) -> WaitCondition:

@@ -39,9 +39,9 @@ class RequiredParam:
     name: str  # PX4's name of the parameter
     value: Value  # required value
     reason: str  # effect of the value
-    needs_restart: bool = False  # True: PX4 reads it only at its start
-    # True: another value affects quality, not safety. It does not refuse a take-off, and only
-    # `covey px4 params --apply` sets it.
+    needs_restart: bool = False  # whether PX4 reads it only at its start
+    # whether another value affects quality, not safety: it does not refuse a take-off, and only
+    # `covey px4 params --apply` sets it
     is_advice: bool = False
 
     # other values that are as good
@@ -51,7 +51,7 @@ class RequiredParam:
     most: Value | None = None
     without_bits: int = 0  # every value that has none of these bits
 
-    is_optional: bool = False  # True: a PX4 without this parameter is all right
+    is_optional: bool = False  # whether a PX4 may lack this parameter
     since: Version = FIRST  # first version of PX4 that has it
     before: Version = LAST  # first version of PX4 that does not have it any more
 

@@ -333,7 +333,7 @@ class Estimator:
         periods_back = min(_HISTORY - 1, max(0, round(delay_s / PERIOD_S)))
         estimated = self._history[(self._history_index - periods_back) % _HISTORY, index].tolist()
         if self.sees_satellites(index, time_s):
-            self._steady_by_vision(index, time_s, (x, y, z), estimated, is_first=is_first)
+            self._fuse_beside_satellites(index, time_s, (x, y, z), estimated, is_first=is_first)
         else:
             # PX4 reads the height as one above the sea, so that its local height differs by the
             # altitude of its origin.
@@ -348,7 +348,7 @@ class Estimator:
             difference_rad = math.remainder(yaw_error_rad - vision_yaw[index], 2.0 * math.pi)
             vision_yaw[index] += _YAW_FUSE_GAIN * difference_rad
 
-    def _steady_by_vision(
+    def _fuse_beside_satellites(
         self,
         index: int,
         time_s: float,
@@ -386,7 +386,7 @@ class Estimator:
         )
         self._correct(index, correction)
 
-    def _follow_vision(
+    def _fuse_as_only_source(
         self,
         index: int,
         time_s: float,
