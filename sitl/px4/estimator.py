@@ -338,7 +338,7 @@ class Estimator:
             # PX4 reads the height as one above the sea, so that its local height differs by the
             # altitude of its origin.
             z += self._known_origin_m(index)
-            self._follow_vision(index, time_s, (x, y, z), estimated, is_first=is_first)
+            self._fuse_as_only_source(index, time_s, (x, y, z), estimated, is_first=is_first)
 
     def _fuse_vision_yaw(self, index: int, yaw_error_rad: float, *, is_first: bool) -> None:
         vision_yaw = self._errors["vision_yaw"]
