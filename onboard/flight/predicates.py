@@ -33,7 +33,7 @@ _PATIENCE = 3.0  # a climb may also take this many times its planned duration
 # wind carries it along: with 0.12 m here, by up to 1.4 m in 3 m/s of wind with a drag of 1/s.
 _LIFTED_M = 0.05
 _ARRIVED_S = 0.5  # time at the goal after which a vehicle has arrived
-_MOVED_BY_GUSTS_S = 3.0  # the same for a vehicle that gusts keep farther away than in calm air
+_MOVED_BY_GUSTS_S = 8.0  # the same for a vehicle that gusts keep farther away than in calm air
 _SEEN_S = 0.6  # a descent without poses ends when poses have come for this time
 _REST_S = 0.3  # time at rest after which a hold is complete
 
