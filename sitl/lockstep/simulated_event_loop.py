@@ -12,8 +12,8 @@ import inspect
 from collections.abc import Callable
 from typing import Any
 
-# simulated time without any callback after which the loop raises: no flight waits so long, so a
-# coroutine waits for something that never happens
+# The loop raises an error after this simulated time without a callback. No flight waits for so
+# long: a coroutine must be waiting for something that never happens.
 _LONGEST_WAIT_S = 3600.0
 
 
@@ -76,10 +76,10 @@ class VirtualLoop(asyncio.BaseEventLoop):
     def run_in_executor(  # type: ignore[override]
         self, executor: Any, func: Callable[..., Any], *args: Any
     ) -> asyncio.Future[Any]:
-        """Run a function now.
+        """Run a function now, or start it as a task if it is a coroutine function.
 
-        A function that would block until the simulation has advanced is passed as a coroutine
-        function, which becomes a task.
+        The simulation cannot advance while a function runs. So one that waits for it has to be a
+        coroutine function.
         """
         result = func(*args)
         if inspect.iscoroutine(result):

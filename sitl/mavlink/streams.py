@@ -57,16 +57,16 @@ _FIRST_S: dict[int, float] = {
     # early for that (facts.toml).
     ID_BY_NAME["HOME_POSITION"]: BOOT_S,
 }
-# The begins of the streams of a link are distributed over this number of steps of the physics.
-_STEP_S = 0.004
+_STEP_S = 0.004  # step of the physics
+# The first messages of a link's streams are distributed over this number of steps. The next message
+# and the next vehicle are so many steps later.
 _SPREAD_STEPS = 25
-# Factors of message and vehicle in that distribution, which have no common factor with the number.
 _SPREAD_PER_MESSAGE = 7
 _SPREAD_PER_VEHICLE = 3
 
 _LARGEST_INTERVAL_US = 2**31 - 1
 _FIRST_INTERVAL_S = 1.0  # longest time before the first message at a new rate
-_LATE_S = 0.1  # messages that are later than this are left out of the schedule
+_LATE_S = 0.1  # a stream that is later than this skips messages
 _TIME_TOLERANCE_S = 1e-6  # a message is due this much earlier
 
 

@@ -91,7 +91,7 @@ class PositionControl:
             dt_s: time since the last step.
             hover_thrust_frac: thrust that carries the weight.
             limits: limits of speed and tilt.
-            yaw_rad: heading of the attitude.
+            yaw_rad: heading of the returned attitude; that of the goal is not used here.
 
         Returns:
             attitude NED <- FRD (4,) and collective thrust in [0, 1].
@@ -185,8 +185,7 @@ def attitude_for(down: Array, yaw_rad: float) -> Array:
     """Return the attitude (4,) whose body z points along `down` (3,), at a heading."""
     unit = down / np.linalg.norm(down)
 
-    # The direction turned into the horizontal axes of the vehicle, where the tilt is about body x
-    # and y.
+    # `unit` in axes that are turned by the heading
     c = math.cos(yaw_rad)
     s = math.sin(yaw_rad)
     from_heading = np.array([c * unit[0] + s * unit[1], -s * unit[0] + c * unit[1], unit[2]])

@@ -162,7 +162,7 @@ class SatelliteReceiver:
         if gap_s > LOST_WITHOUT_S:
             self._corrected_from_s = time_s
         elif gap_s > FLOAT_WITHOUT_S:
-            # The receiver still has RTK float, for which FLOAT_AFTER_S of corrections suffice.
+            # The receiver falls back to RTK float, as after FLOAT_AFTER_S of corrections.
             self._corrected_from_s = time_s - FLOAT_AFTER_S
         self._newest_s = time_s
 
