@@ -29,7 +29,7 @@ PAIRS = 40  # number of closest pairs that are kept
 FAR_M = 1e6  # a coordinate beyond this is not plausible
 # Squares of the relative speeds below which two vehicles count as still, and beyond which the speed
 # is not plausible.
-_STILL_M2_S2 = 1e-4
+_STILL_M2_S2 = 0.05**2  # two that hover move with less relative to each other
 _LARGEST_M2_S2 = 1e6
 
 _PACE_NS = 150_000_000  # time between two comparisons of all pairs
@@ -47,7 +47,8 @@ class ClosePair:
     first: str
     second: str
     distance_m: float
-    approach_s: float  # time until they are closest at their velocities; inf if they move apart
+    # time until they are closest at their velocities; inf if they move apart, NaN if they hover
+    approach_s: float
     approach_m: float  # their distance at that time
     is_flying: bool  # whether at least one of them flies
 
@@ -269,7 +270,7 @@ def closest_pairs(
         closest_gap_m = gaps_m[index]
         if approach_s > 0.0:
             closest_gap_m = closest_gap_m + approach_s * relative_m_s
-        else:
+        elif approach_s <= 0.0:
             approach_s = math.inf  # they move apart
 
         pair = ClosePair(
@@ -297,12 +298,12 @@ def _approach_s(gap_m: NDArray[np.float64], relative_m_s: NDArray[np.float64]) -
     |p + t v|^2. It is smallest at t = -p . v / |v|^2.
 
     Returns:
-        The time [s]; negative if they move apart, and -1 if their relative speed is 0 or not
+        The time [s]; negative if they move apart, NaN if their relative speed is nearly 0 or not
         plausible.
     """
     squared_speed_m2_s2 = float(relative_m_s[:2] @ relative_m_s[:2])
     if not _STILL_M2_S2 < squared_speed_m2_s2 < _LARGEST_M2_S2:
-        return -1.0
+        return math.nan
     return -float(gap_m[:2] @ relative_m_s[:2]) / squared_speed_m2_s2
 
 

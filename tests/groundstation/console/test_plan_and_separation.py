@@ -62,6 +62,25 @@ def test_the_closest_pairs_are_those_of_a_plain_search_and_say_when_they_meet() 
             assert distances.argmin() == 0
 
 
+@pytest.mark.parametrize(
+    ("speed_m_s", "expected_s"), [(0.04, math.nan), (0.06, math.inf), (-0.5, 4.0)]
+)
+def test_two_that_hover_are_neither_parting_nor_approaching(
+    speed_m_s: float, expected_s: float
+) -> None:
+    at_rest = (0.0, 0.0, 0.0)
+    still = telemetry("a", position_enu_m=(0.0, 0.0, 1.0), velocity_enu_m_s=at_rest)
+    other = telemetry(
+        "b",
+        is_airborne=True,
+        position_enu_m=(2.0, 0.0, 1.0),
+        velocity_enu_m_s=(speed_m_s, 0.0, 0.0),
+    )
+    known = [(VehicleView(one.vehicle, one, 0), one.position_enu_m) for one in (still, other)]
+    (pair,) = closest_pairs(known)
+    assert pair.approach_s == pytest.approx(expected_s, nan_ok=True)
+
+
 async def test_separation_shows_pairs_the_time_to_the_closest_approach_and_the_timing(
     fleet: FleetConfig,
 ) -> None:
