@@ -118,7 +118,7 @@ def default_formation(fleet: FleetConfig) -> str | None:
 
 def _verb_of(words: list[str]) -> type[Intent]:
     """Return the class of the verb that a line begins with."""
-    verbs = ", ".join(INTENTS)
+    verbs = ", ".join(INTENTS).replace("_", " ")
     if not words:
         raise OrderError(f"Nothing was ordered. Orders are: {verbs}.")
 

@@ -409,6 +409,16 @@ def test_the_former_name_of_locate_is_answered_with_the_new_one(fleet: FleetConf
         parse("identify mav1", fleet)
 
 
+def test_a_word_that_is_no_order_is_answered_with_the_orders_as_one_writes_them(
+    fleet: FleetConfig,
+) -> None:
+    with pytest.raises(OrderError) as caught:
+        parse("takof all", fleet)
+    _, _, orders = str(caught.value).rstrip(".").partition("Orders are: ")
+    assert "bring home" in orders.split(", ")
+    assert "_" not in orders
+
+
 @pytest.mark.parametrize("text", ["formation triangle -1.6 0 0 1", "formation triangle 0.0 0 0 1"])
 def test_a_spacing_that_is_none_is_refused(fleet: FleetConfig, text: str) -> None:
     planned = plan_order(
