@@ -1,4 +1,4 @@
-"""Evaluation of a record: separations by ground truth, and the timing of the agents' loops.
+"""Evaluation of a record: separations by ground truth, distances to persons, timing of the loops.
 
 The verdict of a mission is computed from these figures.
 """
@@ -8,8 +8,10 @@ from __future__ import annotations
 import itertools
 import math
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import msgspec
@@ -19,6 +21,7 @@ from numpy.typing import NDArray
 from groundstation.fleet.state import Separation
 from groundstation.recording.reader import Sample, is_vector, of_one_flight, read
 from onboard.config.pair_separation import separations_m
+from onboard.config.people import Person, body_of
 
 MAX_GAP_S = 0.25  # no distance is evaluated in a longer gap between two samples of truth
 PERIOD_NOMINAL_MS = 20.0
@@ -43,6 +46,15 @@ class TrueMotion:
     is_collided: bool  # whether it collided at any time
 
 
+class PersonDistance(msgspec.Struct, frozen=True):
+    """The smallest distance of a vehicle to the circle of a person."""
+
+    vehicle: str
+    person: str
+    distance_m: float  # horizontal, to the circle; negative inside it
+    stamp_ns: int
+
+
 @dataclass(frozen=True, slots=True)
 class FlightReport:
     """Figures of one flight."""
@@ -54,15 +66,24 @@ class FlightReport:
     loops: dict[str, LoopTiming]
     begin_ns: int  # first stamp of truth
     duration_s: float
+    # of the vehicles that flew, by truth, else by their telemetry; None if no person was seen
+    nearest_person: PersonDistance | None = None
 
 
-def report(folder: Path, height_share: float = 0.0, from_ns: int = 0) -> FlightReport:
+def report(
+    folder: Path,
+    height_share: float = 0.0,
+    from_ns: int = 0,
+    *,
+    people: Mapping[str, Person] = MappingProxyType({}),
+) -> FlightReport:
     """Evaluate a record.
 
     Args:
         folder: flight folder.
         height_share: factor of height differences in separations, ``FleetSection.height_share``.
-        from_ns: stamp [ns] at which the mission began; older ground truth is left out.
+        from_ns: stamp [ns] at which the mission began; older positions are left out.
+        people: the persons of the fleet file, by name.
 
     Returns:
         The figures of the flight.
@@ -71,8 +92,14 @@ def report(folder: Path, height_share: float = 0.0, from_ns: int = 0) -> FlightR
         ConfigError: there is no record.
     """
     truths: dict[str, list[Sample]] = defaultdict(list)
+    telemetry: dict[str, list[Sample]] = defaultdict(list)
+    poses: dict[str, list[Sample]] = defaultdict(list)
+    samples_of = {"truth": truths, "telemetry": telemetry, "mocap": poses}
+    topics = ["truth", "tick"]
+    if people:
+        topics += ["telemetry", "mocap"]
     periods_ms: dict[str, list[float]] = defaultdict(list)
-    for sample in read(folder, ("truth", "tick")):
+    for sample in read(folder, topics):
         if sample.topic == "tick":
             period_s = sample.values.get("period_s")
             if isinstance(period_s, float) and 0.0 < period_s < math.inf:
@@ -80,11 +107,9 @@ def report(folder: Path, height_share: float = 0.0, from_ns: int = 0) -> FlightR
         elif sample.stamp_ns < from_ns:
             continue
         elif is_vector(sample.values.get("position_enu_m"), 3):
-            truths[sample.name].append(sample)
+            samples_of[sample.topic][sample.name].append(sample)
 
-    tracks = {}
-    for name, samples in truths.items():
-        tracks[name] = track([_row(sample) for sample in of_one_flight(samples)])
+    tracks = _tracks(truths)
     begin_ns = min((int(motion.stamp_ns[0]) for motion in tracks.values()), default=0)
     end_ns = max((int(motion.stamp_ns[-1]) for motion in tracks.values()), default=0)
 
@@ -97,11 +122,61 @@ def report(folder: Path, height_share: float = 0.0, from_ns: int = 0) -> FlightR
         loops={name: loop_timing(values) for name, values in sorted(periods_ms.items())},
         begin_ns=begin_ns,
         duration_s=(end_ns - begin_ns) * 1e-9,
+        nearest_person=_nearest_person({**_tracks(telemetry), **tracks}, poses, people),
     )
 
 
-class _TruthRow(NamedTuple):
-    """One sample of a vehicle's ground truth."""
+def _tracks(samples: Mapping[str, list[Sample]]) -> dict[str, TrueMotion]:
+    """Return the motion of each vehicle."""
+    return {name: track([_row(one) for one in of_one_flight(own)]) for name, own in samples.items()}
+
+
+def _nearest_person(
+    vehicles: Mapping[str, TrueMotion],
+    poses: Mapping[str, list[Sample]],
+    people: Mapping[str, Person],
+) -> PersonDistance | None:
+    """Return the smallest distance of a vehicle that flies to the circle of a person who is seen.
+
+    Args:
+        vehicles: motion of each vehicle.
+        poses: the motion capture's poses, by body.
+        people: the persons of the fleet file, by name.
+    """
+    nearest = None
+    for person, settings in people.items():
+        seen = [pose for pose in poses.get(body_of(person, settings), ()) if _is_tracked(pose)]
+        if not seen:
+            continue
+        walk = track([_row(pose) for pose in of_one_flight(seen)])
+
+        for vehicle, motion in vehicles.items():
+            stamps = _common_stamps(motion, walk)
+            own = _sampled(motion, stamps)
+            other = _sampled(walk, stamps)
+            is_counted = own.is_covered & other.is_covered & ~own.is_on_ground
+            if not is_counted.any():
+                continue
+
+            offsets_enu_m = own.position_enu_m[is_counted] - other.position_enu_m[is_counted]
+            distances_m = np.hypot(offsets_enu_m[:, 0], offsets_enu_m[:, 1]) - settings.radius_m
+            index = int(np.argmin(distances_m))
+            if nearest is None or distances_m[index] < nearest.distance_m:
+                nearest = PersonDistance(
+                    vehicle=vehicle,
+                    person=person,
+                    distance_m=float(distances_m[index]),
+                    stamp_ns=int(stamps[is_counted][index]),
+                )
+    return nearest
+
+
+def _is_tracked(pose: Sample) -> bool:
+    return bool(pose.values.get("is_tracked"))
+
+
+class _Row(NamedTuple):
+    """One sample of a vehicle's ground truth or telemetry, or a pose of a person."""
 
     stamp_ns: int
     position_enu_m: list[float]
@@ -109,17 +184,17 @@ class _TruthRow(NamedTuple):
     is_collided: bool
 
 
-def _row(truth: Sample) -> _TruthRow:
-    values = truth.values
-    return _TruthRow(
-        stamp_ns=truth.stamp_ns,
+def _row(sample: Sample) -> _Row:
+    values = sample.values
+    return _Row(
+        stamp_ns=sample.stamp_ns,
         position_enu_m=values["position_enu_m"],
-        is_on_ground=bool(values.get("is_on_ground")),
+        is_on_ground=bool(values.get("is_on_ground", not values.get("is_airborne", True))),
         is_collided=bool(values.get("is_collided")),
     )
 
 
-def track(rows: list[_TruthRow]) -> TrueMotion:
+def track(rows: list[_Row]) -> TrueMotion:
     """Return the motion of one vehicle from its rows, sorted, and each stamp once."""
     all_stamps_ns = np.array([row.stamp_ns for row in rows], dtype=np.int64)
     stamps_ns, first = np.unique(all_stamps_ns, return_index=True)

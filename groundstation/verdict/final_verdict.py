@@ -47,7 +47,8 @@ def final_verdict(
     record_name = ""
     failures = [record_end.failure]
     try:
-        record = report(folder, flown.fleet.fleet.height_share, flown.begin_ns)
+        fleet = flown.fleet
+        record = report(folder, fleet.fleet.height_share, flown.begin_ns, people=fleet.people)
         record_name = str(folder)
         if record_end.failure is None:
             failures.append(_missing_sentence(folder, record_end.written))

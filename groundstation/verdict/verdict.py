@@ -47,6 +47,16 @@ class SmallestSeparation(msgspec.Struct, frozen=True):
     source: str  # truth or telemetry
 
 
+class NearestPerson(msgspec.Struct, frozen=True):
+    """The smallest distance of a vehicle that flew to the circle of a person who was seen."""
+
+    vehicle: str
+    person: str
+    distance_m: float  # horizontal, to the circle; negative inside it
+    time_s: float  # since the flight's begin
+    safety_distance_m: float  # what the law keeps to the circle
+
+
 class LandingSpeed(msgspec.Struct, frozen=True):
     """Vertical speed at a first contact with the ground, by the emulator's physics."""
 
@@ -84,6 +94,7 @@ class Verdict(msgspec.Struct, frozen=True):
     unknown_times: list[UnknownTime] = []
     touchdowns: list[LandingSpeed] = []  # contacts of simulated vehicles, oldest first
     collided: list[str] = []  # simulated vehicles that have touched another one
+    nearest_person: NearestPerson | None = None  # None: the motion capture saw no person
 
     @property
     def sentences(self) -> list[str]:
@@ -164,6 +175,22 @@ def judge(
         unknown_times=unknown_times,
         touchdowns=_landing_speeds(flown, begin_ns),
         collided=collided,
+        nearest_person=_nearest_person(fleet, report, begin_ns),
+    )
+
+
+def _nearest_person(
+    fleet: FleetConfig, report: FlightReport | None, begin_ns: int
+) -> NearestPerson | None:
+    if report is None or report.nearest_person is None:
+        return None
+    nearest = report.nearest_person
+    return NearestPerson(
+        vehicle=nearest.vehicle,
+        person=nearest.person,
+        distance_m=round(nearest.distance_m, 4),
+        time_s=round((nearest.stamp_ns - begin_ns) * 1e-9, 2),
+        safety_distance_m=fleet.fleet.safety_distance_m,
     )
 
 
@@ -184,6 +211,8 @@ def describe(verdict: Verdict) -> list[str]:
     lines = []
     if verdict.closest is not None:
         lines.append(_closest_sentence(verdict.closest, verdict))
+    if verdict.nearest_person is not None:
+        lines.append(_person_sentence(verdict.nearest_person))
     if verdict.collided and not _has_closest_collided(verdict):
         lines.append(f"Collided: {', '.join(verdict.collided)}.")
 
@@ -212,6 +241,18 @@ def describe(verdict: Verdict) -> list[str]:
     if verdict.loop:
         lines.append(_loop_sentence(verdict.loop))
     return lines
+
+
+def _person_sentence(nearest: NearestPerson) -> str:
+    """Return in words how near a vehicle came to a person."""
+    words = f"{nearest.distance_m:.2f} m from the circle of {nearest.person}"
+    if nearest.distance_m < 0.0:
+        words = f"{-nearest.distance_m:.2f} m inside the circle of {nearest.person}"
+
+    below = ""
+    if nearest.distance_m < nearest.safety_distance_m:
+        below = f": LESS THAN {nearest.safety_distance_m:.2f} m"
+    return f"Nearest to a person: {nearest.vehicle}, {words}, at {nearest.time_s:.1f} s{below}."
 
 
 def _loop_sentence(loops: Mapping[str, LoopTiming]) -> str:
