@@ -6,8 +6,9 @@ Time 0 is when the first vehicle leaves the ground.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -21,8 +22,10 @@ from groundstation.recording.reader import (
 from onboard.arrays import Array
 from onboard.config.flight_space import Outline
 from onboard.config.pair_separation import separations_m
+from onboard.config.people import Person, body_of
 
 TOPICS = ("truth", "tick", "telemetry")
+POSES = "mocap"  # the topic that is read, too, where the fleet has persons
 GRID_S = 0.02
 _AIRBORNE_Z_M = 0.12
 _LONGEST_START_NS = 600_000_000_000  # longest time from a record's begin to its first vehicle
@@ -58,6 +61,24 @@ class Track:
 
 
 @dataclass(frozen=True, slots=True)
+class Walk:
+    """Where the motion capture saw a person."""
+
+    name: str
+    radius_m: float  # of the circle that the vehicles keep clear of
+    time_s: Array  # (n,)
+    position_enu_m: Array  # (n, 3), while he was tracked
+
+    def place_at(self, time_s: float) -> Array:
+        """Return where he was seen last before this time, or else first (3,)."""
+        is_seen = np.isfinite(self.position_enu_m).all(-1)
+        times_s = self.time_s[is_seen]
+        before = int(np.searchsorted(times_s, time_s, side="right")) - 1
+        place: Array = self.position_enu_m[is_seen][max(before, 0)]
+        return place
+
+
+@dataclass(frozen=True, slots=True)
 class PairSeparation:
     """The distance of two vehicles over time."""
 
@@ -79,6 +100,7 @@ class FlightData:
     take_off_s: float
     height_share: float = 0.0  # factor of height differences in separations
     outlines: tuple[Outline, ...] = ()  # of the fleet's fences and obstacles
+    walks: tuple[Walk, ...] = ()  # of the persons who were seen
 
     @property
     def source(self) -> str:
@@ -106,16 +128,18 @@ def from_samples(
     safety_distance_m: float,
     height_share: float = 0.0,
     outlines: tuple[Outline, ...] = (),
+    people: Mapping[str, Person] = MappingProxyType({}),
     record_begin_ns: int | None = None,
 ) -> FlightData | None:
     """Convert the samples of a record.
 
     Args:
-        samples: samples of the topics in TOPICS.
+        samples: samples of the topics in TOPICS, and of POSES if there are persons.
         title: title of the flight.
         safety_distance_m: limit of the distance between two vehicles [m].
         height_share: factor of height differences in separations.
         outlines: outlines of the fleet's fences and obstacles.
+        people: the persons of the fleet file, by name.
         record_begin_ns: stamp from which verdict and replay count the seconds of the record; None:
             the stamp of the first sample.
 
@@ -142,7 +166,7 @@ def from_samples(
     grid_s = _grid(tracks)
 
     first_stamps_ns = [
-        own[0].stamp_ns for by_name in by_topic.values() for own in by_name.values() if own
+        own[0].stamp_ns for topic in TOPICS for own in by_topic[topic].values() if own
     ]
     begin_ns = min(first_stamps_ns)
     if record_begin_ns is not None and 0 <= begin_ns - record_begin_ns <= _LONGEST_START_NS:
@@ -157,12 +181,13 @@ def from_samples(
         take_off_s=take_off_s,
         height_share=height_share,
         outlines=outlines,
+        walks=_walks(by_topic[POSES], people, start_ns),
     )
 
 
 def _sorted_samples(samples: Iterable[Sample]) -> dict[str, dict[str, list[Sample]]]:
-    """Return the samples of one flight by topic and vehicle, sorted by stamp."""
-    by_topic: dict[str, dict[str, list[Sample]]] = {topic: {} for topic in TOPICS}
+    """Return the samples of one flight by topic and vehicle or body, sorted by stamp."""
+    by_topic: dict[str, dict[str, list[Sample]]] = {topic: {} for topic in (*TOPICS, POSES)}
     for sample in samples:
         if sample.topic in by_topic:
             by_topic[sample.topic].setdefault(sample.name, []).append(sample)
@@ -234,6 +259,20 @@ def _track(
         is_truth=has_truth,
         slots_enu_m=_slots(telemetry),
     )
+
+
+def _walks(
+    poses: Mapping[str, list[Sample]], people: Mapping[str, Person], start_ns: int
+) -> tuple[Walk, ...]:
+    """Return the walks of the persons who were seen; ``poses`` are by body."""
+    walks = []
+    for name, person in people.items():
+        own = poses.get(body_of(name, person), [])
+        seen = [pose for pose in own if pose.values.get("is_tracked")]
+        positions_enu_m = _vectors(seen, "position_enu_m", 3)
+        if np.isfinite(positions_enu_m).all(-1).any():
+            walks.append(Walk(name, person.radius_m, _times(seen, start_ns), positions_enu_m))
+    return tuple(walks)
 
 
 def _times(samples: list[Sample], start_ns: int) -> Array:

@@ -1,4 +1,4 @@
-"""Fig. 4: trajectories from above, with time marks, starts, slots, and the closest approach."""
+"""Fig. 4: trajectories from above, with time marks, starts, slots, persons, closest approach."""
 
 from __future__ import annotations
 
@@ -53,6 +53,7 @@ def draw(flight: FlightData) -> Any:
             labels.append(_SlotLabel(slot_m[:2], orders, tint))
 
     draw_outlines(ax, flight)
+    _draw_walks(ax, flight)
     _draw_closest(ax, flight)
     _draw_frame(ax, step_s, vehicles=len(flight.tracks))
     _write_slot_labels(figure, ax, labels, np.concatenate([np.zeros((0, 2)), *marks_m]))
@@ -149,6 +150,29 @@ def draw_outlines(ax: Any, flight: FlightData) -> None:
             textcoords="offset points",
             fontsize=8,
             color=edge,
+        )
+
+
+def _draw_walks(ax: Any, flight: FlightData) -> None:
+    """Draw the walk of each person, and the circle where he was when two vehicles were closest."""
+    time_s = 0.0
+    closest = flight.closest()
+    if closest is not None:
+        time_s = float(flight.grid_s[closest[1]])
+
+    for walk in flight.walks:
+        path_m = walk.position_enu_m
+        ax.plot(path_m[:, 0], path_m[:, 1], color=LIMIT, linewidth=0.9, alpha=0.6)
+        east_m, north_m, _ = walk.place_at(time_s)
+        ax.add_patch(Circle((east_m, north_m), walk.radius_m, fill=False, color=LIMIT, lw=1.2))
+        ax.annotate(
+            walk.name,
+            (east_m, north_m + walk.radius_m),
+            (0, 3),
+            textcoords="offset points",
+            fontsize=9,
+            color=LIMIT,
+            ha="center",
         )
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from groundstation.figures import attitude, avoidance, plan_figure, tracking
-from groundstation.figures.data import TOPICS, from_samples
+from groundstation.figures.data import POSES, TOPICS, from_samples
 from groundstation.figures.style import save, styled
 from groundstation.recording.reader import read, record_path
 from groundstation.recording.timeline import Timeline
@@ -42,11 +42,15 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], bool
         flight_folder = folder.parent
 
     title = flight_folder.resolve().name
+    limits = _limits(flight_folder)
+    topics = list(TOPICS)
+    if limits.get("people"):
+        topics.append(POSES)
     flight = from_samples(
-        read(path, TOPICS),
+        read(path, topics),
         title=title,
         record_begin_ns=_begin_ns(path),
-        **_limits(flight_folder),
+        **limits,
     )
     if flight is None:
         raise ConfigError(
@@ -86,7 +90,7 @@ def is_complete(path: Path) -> bool:
 
 
 def _limits(flight_folder: Path) -> dict[str, Any]:
-    """Return distances and fences of the fleet file in the flight folder, or the paper's."""
+    """Return distances, fences and persons of the fleet file in the folder, or the paper's."""
     for path in sorted(flight_folder.glob("*.toml")):
         try:
             is_fleet = "vehicles" in read_toml(path, "fleet or mission file")[0]
@@ -99,5 +103,6 @@ def _limits(flight_folder: Path) -> dict[str, Any]:
             "safety_distance_m": config.fleet.safety_distance_m,
             "height_share": config.fleet.height_share,
             "outlines": outlines_of(config),
+            "people": config.people,
         }
     return {"safety_distance_m": _DEFAULT_SAFETY_DISTANCE_M}

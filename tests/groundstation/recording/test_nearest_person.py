@@ -7,37 +7,21 @@ from pathlib import Path
 import pytest
 
 from groundstation.recording.flight_report import report
-from onboard.bus.schema import MocapPose
-from onboard.bus.topics import Topic
 from onboard.config.people import Person
-from tests.groundstation.recorded import LEVEL, SECOND
-from tests.groundstation.report.made_up import BEGIN_NS, Row, rows, write
+from tests.groundstation.report.made_up import BEGIN_NS, Row, poses, rows, write
 
 PEOPLE = {"anna": Person(mocap_body="cap3", radius_m=0.5), "ben": Person()}
 PLACE = (1.0, -1.5, 1.7)  # beside the way of mav0, which passes it after seven seconds
 
 
-def poses(begin_s: float, end_s: float, *, is_tracked: bool = True) -> list[Row]:
+def stand(begin_s: float, end_s: float, *, is_tracked: bool = True) -> list[Row]:
     """Anna stands at her place and is seen, or not, between these times."""
-    told: list[Row] = []
-    for step in range(round(50 * begin_s), round(50 * end_s)):
-        at_ns = BEGIN_NS + step * SECOND // 50
-        pose = MocapPose(
-            body="cap3",
-            boot_id=1,
-            sequence=step + 1,
-            stamp_ns=at_ns,
-            is_tracked=is_tracked,
-            position_enu_m=PLACE,
-            quaternion_enu_flu_wxyz=LEVEL,
-        )
-        told.append((at_ns, Topic.MOCAP, "cap3", pose))
-    return told
+    return poses("cap3", lambda _: PLACE, begin_s, end_s, is_tracked=is_tracked)
 
 
 @pytest.mark.parametrize("has_truth", [True, False])
 def test_the_distance_is_horizontal_and_to_the_circle(tmp_path: Path, has_truth: bool) -> None:
-    folder = write(tmp_path / "flight", [*rows(has_truth=has_truth), *poses(0.0, 10.0)])
+    folder = write(tmp_path / "flight", [*rows(has_truth=has_truth), *stand(0.0, 10.0)])
 
     nearest = report(folder, people=PEOPLE).nearest_person
     assert nearest is not None
@@ -47,7 +31,7 @@ def test_the_distance_is_horizontal_and_to_the_circle(tmp_path: Path, has_truth:
 
 
 def test_only_the_time_counts_in_which_the_person_is_seen(tmp_path: Path) -> None:
-    seen = [*poses(0.0, 3.0), *poses(3.0, 10.0, is_tracked=False)]
+    seen = [*stand(0.0, 3.0), *stand(3.0, 10.0, is_tracked=False)]
     nearest = report(write(tmp_path / "flight", [*rows(), *seen]), people=PEOPLE).nearest_person
 
     assert nearest is not None
@@ -55,7 +39,7 @@ def test_only_the_time_counts_in_which_the_person_is_seen(tmp_path: Path) -> Non
 
 
 def test_without_persons_there_is_no_distance(tmp_path: Path) -> None:
-    lost = poses(0.0, 10.0, is_tracked=False)
+    lost = stand(0.0, 10.0, is_tracked=False)
     folder = write(tmp_path / "flight", [*rows(), *lost])
     assert report(folder).nearest_person is None
     assert report(folder, people=PEOPLE).nearest_person is None

@@ -6,6 +6,7 @@ import json
 import math
 import struct
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import msgspec
 from groundstation.recording.writer import RecordFiles
 from groundstation.report.columns import Column, unpacked
 from onboard.arrays import Array
-from onboard.bus.schema import Event, Message, Order, OrderReply, Truth
+from onboard.bus.schema import Event, Message, MocapPose, Order, OrderReply, Truth
 from onboard.bus.topics import Topic
 from tests.groundstation.console.fake import telemetry
 from tests.groundstation.recorded import FLEET, LEVEL, SECOND, ZERO, tick
@@ -137,6 +138,31 @@ def story(vehicle: str, author: str = "anna", sentence: str = "At 1.00 m.") -> l
         (BEGIN_NS + SECOND + 1, Topic.ORDER, vehicle, reply),
         (BEGIN_NS + 3 * SECOND, Topic.EVENT, vehicle, event),
     ]
+
+
+def poses(
+    body: str,
+    place_at: Callable[[float], tuple[float, float, float]],
+    begin_s: float,
+    end_s: float,
+    *,
+    is_tracked: bool = True,
+) -> list[Row]:
+    """The motion capture's messages about a body, 50 times a second."""
+    told: list[Row] = []
+    for step in range(round(50 * begin_s), round(50 * end_s)):
+        at_ns = BEGIN_NS + step * SECOND // 50
+        pose = MocapPose(
+            body=body,
+            boot_id=1,
+            sequence=step + 1,
+            stamp_ns=at_ns,
+            is_tracked=is_tracked,
+            position_enu_m=place_at(step / 50),
+            quaternion_enu_flu_wxyz=LEVEL,
+        )
+        told.append((at_ns, Topic.MOCAP, body, pose))
+    return told
 
 
 def write(folder: Path, told: list[Row], *, fleet: str | None = None) -> Path:

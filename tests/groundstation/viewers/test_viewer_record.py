@@ -21,14 +21,12 @@ from groundstation.recording.flight_reading import read_flight
 from groundstation.recording.law_rows import RecordedLaw
 from groundstation.recording.reader import count_messages
 from groundstation.viewers.viewer_record import write_viewer_record
-from onboard.bus.schema import MocapPose
-from onboard.bus.topics import Topic
 from tests.groundstation.recorded import FLEET, SECOND
 from tests.groundstation.report.made_up import (
     APART_M,
     BEGIN_NS,
-    Row,
     head_on,
+    poses,
     position,
     rows,
     story,
@@ -60,24 +58,6 @@ def walk(time_s: float) -> tuple[float, float, float]:
     return (0.5 * time_s - 2.0, -2.0, 1.7)
 
 
-def poses() -> list[Row]:
-    """The motion capture's messages about anna."""
-    told: list[Row] = []
-    for step in range(round(50 * SEEN_S)):
-        at_ns = BEGIN_NS + step * SECOND // 50
-        pose = MocapPose(
-            body="cap3",
-            boot_id=1,
-            sequence=step + 1,
-            stamp_ns=at_ns,
-            is_tracked=True,
-            position_enu_m=walk(step / 50),
-            quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
-        )
-        told.append((at_ns, Topic.MOCAP, "cap3", pose))
-    return told
-
-
 def read(path: Path) -> dict[str, list[Message]]:
     """Every message of the file by its topic; those of protobuf decoded by the file's schemas."""
     found: dict[str, list[Message]] = defaultdict(list)
@@ -99,7 +79,7 @@ def read(path: Path) -> dict[str, list[Message]]:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = write(
         tmp_path_factory.mktemp("viewers") / "flight",
-        [*rows(), *story("mav0"), *poses()],
+        [*rows(), *story("mav0"), *poses("cap3", walk, 0.0, SEEN_S)],
         fleet=FLEET.read_text(encoding="utf-8") + PEOPLE,
     )
     (folder / "mission.toml").write_text("schema = 1\n")
