@@ -19,7 +19,7 @@ from groundstation.console.pipeline_drawing import attitude_block, thrust_block
 from groundstation.console.theme import BAD, CALM, FAINT, GOOD, RULE, TEXT, WARN, clean, number
 from groundstation.console.vehicle_subject import Text, VehicleSubject
 from groundstation.fleet.satellite_words import satellite_words
-from groundstation.fleet.state import FleetState
+from groundstation.fleet.state import FleetState, PersonView
 from onboard.bus.schema import Telemetry
 from onboard.config.pair_separation import separation_m
 from onboard.message_counts import in_words
@@ -276,7 +276,7 @@ def _check_lines(check: _Check, sign: str, colour: str, width: int) -> Block:
 
 
 class _Neighbour(NamedTuple):
-    """A neighbour; neighbours are sorted by distance, then by name."""
+    """A neighbour or a person, to whose circle distances are; sorted by distance, then by name."""
 
     # distance by the ground's telemetry, or else by the vehicle itself; inf if neither is known
     sorting_m: float
@@ -287,7 +287,13 @@ class _Neighbour(NamedTuple):
 
 def _neighbours(subject: VehicleSubject, width: int) -> Block:
     neighbours = [
-        _neighbour(subject, name) for name in subject.state.vehicles if name != subject.view.name
+        _neighbour(subject, name, _reported_m(subject, name))
+        for name in subject.state.vehicles
+        if name != subject.view.name
+    ]
+    neighbours += [
+        _neighbour(subject, person.name, _reported_person_m(subject, person))
+        for person in subject.state.people
     ]
     if not neighbours:
         return [[(" none in this fleet", FAINT)]]
@@ -302,18 +308,32 @@ def _neighbours(subject: VehicleSubject, width: int) -> Block:
     return lines
 
 
-def _neighbour(subject: VehicleSubject, name: str) -> _Neighbour:
+def _reported_m(subject: VehicleSubject, name: str) -> float:
+    """Return the distance of another vehicle by the ground's telemetry; NaN if it is not known."""
+    subject_enu_m = subject.view.position_enu_m(subject.now_ns)
+    other_enu_m = subject.state.vehicles[name].position_enu_m(subject.now_ns)
+    if subject_enu_m is None or other_enu_m is None:
+        return math.nan
+    return separation_m(subject_enu_m, other_enu_m, subject.state.height_share)
+
+
+def _reported_person_m(subject: VehicleSubject, person: PersonView) -> float:
+    """Return the horizontal distance to a person's circle; NaN while he is not seen."""
+    subject_enu_m = subject.view.position_enu_m(subject.now_ns)
+    place_enu_m = person.position_enu_m
+    if subject_enu_m is None or place_enu_m is None or not person.is_fresh(subject.now_ns):
+        return math.nan
+    radius_m = subject.fleet.people[person.name].radius_m
+    return math.dist(subject_enu_m[:2], place_enu_m[:2]) - radius_m
+
+
+def _neighbour(subject: VehicleSubject, name: str, reported_m: float) -> _Neighbour:
+    """Return a neighbour; `reported_m` is its distance by the ground's own knowledge."""
     own_view_m = math.nan
     age_s = math.nan
     if subject.tick is not None:
         own_view_m = subject.tick.neighbour_distances_m.get(name, math.nan)
         age_s = subject.tick.neighbour_ages_s.get(name, math.nan)
-
-    reported_m = math.nan
-    subject_enu_m = subject.view.position_enu_m(subject.now_ns)
-    other_enu_m = subject.state.vehicles[name].position_enu_m(subject.now_ns)
-    if subject_enu_m is not None and other_enu_m is not None:
-        reported_m = separation_m(subject_enu_m, other_enu_m, subject.state.height_share)
 
     if math.isfinite(reported_m):
         sorting_m = reported_m
