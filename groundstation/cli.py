@@ -294,7 +294,7 @@ def _run(words: list[str]) -> int:
     try:
         status = app(words)
     except CycloptsError as error:
-        called = " ".join(["covey", *command_words(words)])
+        called = " ".join(["covey", *(error.command_chain or command_words(words))])
         return _refuse(f"{error} '{called} --help' says more.")
 
     if status is None:  # a page of help, or a command without its part

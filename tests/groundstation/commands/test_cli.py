@@ -86,6 +86,8 @@ def test_a_wrong_command_line_is_a_sentence_that_names_the_page_of_help(
         (["check", "vehicles"], "covey check vehicles", "--fleet"),
         (["tui"], "covey tui", "--fleet"),
         (["px4", "parms"], "covey px4", "params"),
+        (["px4", "params"], "covey px4 params", "--fleet"),
+        (["log", "export"], "covey log export", "DIR"),
         (["simulate", "--jobs", "two", "form3"], "covey simulate", "two"),
     ):
         assert cli.main(words) == 2, words
